@@ -1,0 +1,81 @@
+"""Joins the verbs, and turns exceptions into one line and an exit code."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from typing import Annotated
+
+import typer
+
+from ..errors import ClbvhError, DeviceError
+from . import devices, doctor, fetch, render
+
+EXIT_FAILED = 1
+EXIT_USAGE = 2
+EXIT_NO_DEVICE = 3
+
+app = typer.Typer(
+    name="clbvh",
+    help="Cast rays at triangle meshes: a parallel BVH build on the host, OpenCL traversal on any device.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command(name="render")(render.render)
+app.command(name="fetch")(fetch.fetch)
+app.command(name="devices")(devices.devices)
+app.command(name="doctor")(doctor.doctor)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"clbvh {version('clbvh')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    context: typer.Context,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    context.obj = {"debug": debug}
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Return the exit code for an exception: 2 bad input, 3 no usable device, 1 anything else that failed."""
+    if isinstance(error, DeviceError):
+        return EXIT_NO_DEVICE
+    if isinstance(error, ClbvhError) and isinstance(error, ValueError):
+        return EXIT_USAGE
+    return EXIT_FAILED
+
+
+def run(arguments: list[str] | None = None) -> None:
+    """Run one command and leave the process with its exit code.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        What stands behind `clbvh`; `sys.argv` without it.
+    """
+    words = sys.argv[1:] if arguments is None else arguments
+    # `--debug` may stand anywhere: who adds it to a failed command adds it at the end.
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
+    try:
+        app(words)
+    except (ClbvhError, OSError) as error:
+        if debug:
+            traceback.print_exc()
+        print(f"clbvh: {error}", file=sys.stderr)
+        sys.exit(exit_code_of(error))
+    except KeyboardInterrupt:
+        print("clbvh: interrupted", file=sys.stderr)
+        sys.exit(130)

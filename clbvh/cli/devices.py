@@ -1,0 +1,7 @@
+"""`clbvh devices`: (being written)."""
+
+from __future__ import annotations
+
+
+def devices() -> None:
+    """Do it."""

@@ -1,0 +1,7 @@
+"""`clbvh fetch`: (being written)."""
+
+from __future__ import annotations
+
+
+def fetch() -> None:
+    """Do it."""

@@ -1,0 +1,7 @@
+"""`clbvh render`: (being written)."""
+
+from __future__ import annotations
+
+
+def render() -> None:
+    """Do it."""
