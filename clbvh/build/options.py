@@ -1,0 +1,50 @@
+"""The options of a build: one plain struct, every field with its effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import ConfigError
+
+MIN_BINS = 2
+MAX_BINS = 64
+MAX_LEAF_SIZE = 255
+
+# A leaf never lies deeper. The builder keeps the promise by construction: as soon as a node's primitives need all
+# levels that are left, it splits by halves. Spatial splits of real meshes stay below 40.
+MAX_DEPTH = 64
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """How to build a tree.
+
+    Attributes
+    ----------
+    bins : int
+        Bins per axis in which the surface area heuristic looks for a split, 2 to 64. More find slightly better
+        splits and take longer.
+    leaf_size : int
+        Largest number of primitives in a leaf, 1 to 255. Smaller leaves mean more nodes and fewer triangle tests.
+    traversal_cost : float
+        Cost of one node step in units of one triangle test, above 0. Higher values make fuller leaves.
+    task_threshold : int or None
+        Ranges of at most this many primitives become one worker's task; larger ones are split by all workers
+        together. None chooses from the mesh size and the worker count. The tree does not depend on it.
+    """
+
+    bins: int = 16
+    leaf_size: int = 4
+    traversal_cost: float = 1.0
+    task_threshold: int | None = None
+
+    def __post_init__(self) -> None:
+        if not MIN_BINS <= self.bins <= MAX_BINS:
+            raise ConfigError(f"bins must be {MIN_BINS} to {MAX_BINS}, not {self.bins}")
+        if not 1 <= self.leaf_size <= MAX_LEAF_SIZE:
+            raise ConfigError(f"leaf_size must be 1 to {MAX_LEAF_SIZE}, not {self.leaf_size}")
+        # Written so that NaN fails.
+        if not 0 < self.traversal_cost < float("inf"):
+            raise ConfigError(f"traversal_cost must be a finite number above 0, not {self.traversal_cost}")
+        if self.task_threshold is not None and self.task_threshold < 1:
+            raise ConfigError(f"task_threshold must be at least 1, not {self.task_threshold}")
