@@ -128,7 +128,11 @@ def c_declarations() -> str:
     """
     lines = [f"#define {name} ({value})" for name, value in DEVICE_CONSTANTS.items()]
     for name, dtype in DEVICE_STRUCTS.items():
-        lines += ["typedef struct {", *(f"    {_c_field(dtype, field)};" for field in dtype.names or ()), f"}} {name};"]
+        lines += [
+            "typedef struct {",
+            *(f"    {_c_field(dtype, field)};" for field in dtype.names or ()),
+            f"}} {name};",
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -1,0 +1,7 @@
+"""A mesh becomes a tree on the host, by worker processes or in the calling process."""
+
+from .builder import build
+from .options import BuildOptions
+from .pool import SubtreePool
+
+__all__ = ["BuildOptions", "SubtreePool", "build"]

@@ -11,7 +11,18 @@ from .splits import bin_of, bin_scale
 
 @njit(cache=True, nogil=True)
 def partition(  # type: ignore[no-untyped-def]
-    source, begin, end, centroid_bounds, row, bin_count, axis, last_left_bin, target, left, right, child_bounds
+    source,
+    begin,
+    end,
+    centroid_bounds,
+    row,
+    bin_count,
+    axis,
+    last_left_bin,
+    target,
+    left,
+    right,
+    child_bounds,
 ):
     """Copy the records of one slice of a node to both sides, in their order.
 

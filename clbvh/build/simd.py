@@ -63,9 +63,7 @@ def merge_centroid(typing_context, into, into_row, source, source_row):  # type:
         pointer = _row_pointer(context, builder, signature.args[2], arguments[2], arguments[3])
         value = builder.load(pointer, align=_BYTES_PER_LANE)
         # value - swapped is (min + max) in the lower half and its negative in the upper half.
-        swap = ir.Constant(
-            ir.VectorType(_INDEX, LANES), [(lane + _HALF) % LANES for lane in range(LANES)]
-        )
+        swap = ir.Constant(ir.VectorType(_INDEX, LANES), [(lane + _HALF) % LANES for lane in range(LANES)])
         swapped = builder.shuffle_vector(value, ir.Constant(_ROW, ir.Undefined), swap)
         _merge_into(builder, target, builder.fsub(value, swapped))
         return context.get_dummy_value()

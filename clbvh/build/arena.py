@@ -1,0 +1,134 @@
+"""Shared memory with one owner.
+
+The coordinator creates every array and frees it; workers attach by a handle. On Linux the memory is anonymous
+(`memfd_create`): it has no name that could be left behind, whatever kills the process, and it does not count
+against a container's small `/dev/shm`. When the machine's memory does not suffice, and on other systems, a mapped
+temporary file takes its place.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..errors import PoolError
+
+_MEMINFO = Path("/proc/meminfo")
+_OWN_FILES = Path("/proc/self/fd")
+
+
+@dataclass(frozen=True)
+class ArrayHandle:
+    """What a worker needs to attach to a shared array."""
+
+    path: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+    def attach(self) -> NDArray[Any]:
+        """Map the array into this process; the mapping ends with the last reference to the array."""
+        with open(self.path, "r+b", buffering=0) as file:  # noqa: PTH123 - Path.open adds nothing here
+            memory = mmap.mmap(file.fileno(), prod(self.shape) * self.dtype.itemsize)
+        return np.frombuffer(memory, self.dtype).reshape(self.shape)
+
+
+class Arena:
+    """Owner of the shared arrays of one build; a context manager that frees them all.
+
+    An array that `create` returned stays valid after the arena is closed, for as long as it is referenced: what
+    the arena frees is the way for others to attach, and its own hold on the memory.
+    """
+
+    def __init__(self) -> None:
+        self._files: dict[str, int] = {}
+        self._names: list[Path] = []
+
+    def create(self, shape: tuple[int, ...], dtype: DTypeLike) -> tuple[ArrayHandle, NDArray[Any]]:
+        """Create an array of zeros, and the handle that attaches workers to it.
+
+        Raises
+        ------
+        PoolError
+            Neither memory nor the disk of the temporary folder has enough free space.
+        """
+        dtype = np.dtype(dtype)
+        size = prod(shape) * dtype.itemsize
+        descriptor, path = self._create_file(size)
+        self._files[path] = descriptor
+        handle = ArrayHandle(path, shape, dtype)
+        return handle, handle.attach()
+
+    def share(self, array: NDArray[Any]) -> ArrayHandle:
+        """Copy an array into shared memory and return the handle of the copy."""
+        handle, copy = self.create(array.shape, array.dtype)
+        copy[...] = array
+        return handle
+
+    def free(self, handle: ArrayHandle) -> None:
+        """Give up one array; its memory goes back when the last process that attached lets go of it."""
+        os.close(self._files.pop(handle.path))
+
+    def close(self) -> None:
+        """Give up all arrays. Closing twice is allowed."""
+        while self._files:
+            os.close(self._files.popitem()[1])
+        while self._names:
+            self._names.pop().unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _create_file(self, size: int) -> tuple[int, str]:
+        """Return an open file of `size` bytes and a path by which workers can open it."""
+        if hasattr(os, "memfd_create") and _OWN_FILES.is_dir() and size <= free_memory_bytes():
+            descriptor = os.memfd_create("clbvh")
+            os.ftruncate(descriptor, size)
+            return descriptor, f"/proc/{os.getpid()}/fd/{descriptor}"
+
+        folder = tempfile.gettempdir()
+        free = shutil.disk_usage(folder).free
+        if size > free:
+            raise PoolError(
+                f"the build needs {size / 1e6:,.0f} MB to share with its workers, but there are "
+                f"{free_memory_bytes() / 1e6:,.0f} MB of memory and {free / 1e6:,.0f} MB in {folder}: "
+                "free some, set TMPDIR to a larger disk, or build without a pool"
+            )
+        descriptor, name = tempfile.mkstemp(prefix="clbvh-", dir=folder)
+        # Reserve the blocks now: a disk that fills up later would kill the process at a plain store (SIGBUS).
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(descriptor, 0, size)
+        else:
+            os.ftruncate(descriptor, size)
+        if _OWN_FILES.is_dir():
+            os.unlink(name)  # the open file is enough, and now nothing can be left behind  # noqa: PTH108
+            return descriptor, f"/proc/{os.getpid()}/fd/{descriptor}"
+        self._names.append(Path(name))
+        return descriptor, name
+
+
+def free_memory_bytes() -> int:
+    """Return how many bytes the system can hand out without swapping; 0 where it does not say."""
+    if not _MEMINFO.exists():
+        return 0
+    for line in _MEMINFO.read_text().splitlines():
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) * 1024
+    return 0

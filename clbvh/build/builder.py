@@ -1,0 +1,179 @@
+"""A mesh becomes a tree: in this process, or by the workers of a pool.
+
+Owns the order of the steps and the arrays they share. The tree is the same, byte for byte, for any number of
+workers and any task threshold.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConfigError
+from ..geometry import Mesh
+from ..layout import NODE
+from ..stopwatch import Stopwatch
+from ..tree import Bvh
+from . import steps
+from .arena import Arena
+from .compact import plan_rows, write_top
+from .options import BuildOptions
+from .pool import SubtreePool
+from .ranges import Range, cut_slices
+from .simd import LANES
+from .top import split_top
+
+# Below this many primitives the calling process is faster than handing over.
+SMALL_MESH = 20_000
+
+# Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees.
+_RANGES_PER_WORKER = 8
+
+BUILDERS = ("sah",)
+
+
+def build(
+    mesh: Mesh,
+    *,
+    pool: SubtreePool | None = None,
+    builder: str = "sah",
+    bins: int = BuildOptions.bins,
+    leaf_size: int = BuildOptions.leaf_size,
+    traversal_cost: float = BuildOptions.traversal_cost,
+    task_threshold: int | None = None,
+) -> Bvh:
+    """Build a bounding volume hierarchy over a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    pool : SubtreePool, optional
+        Worker processes that share the work. Without one, and for small meshes, the calling process builds.
+    builder : str, optional
+        ``"sah"``: binned surface area heuristic on three axes.
+    bins, leaf_size, traversal_cost, task_threshold : optional
+        See `clbvh.build.options.BuildOptions`.
+
+    Returns
+    -------
+    Bvh
+        The same bytes for any pool and any threshold. No leaf lies deeper than 64.
+
+    Raises
+    ------
+    ConfigError
+        An option outside its range, or an unknown builder.
+    PoolError
+        A worker failed or died, or there is not enough memory to share.
+
+    Notes
+    -----
+    O(n log n) in the number of triangles. A pool needs at most 64 bytes per triangle besides the mesh and the
+    result.
+    """
+    if builder not in BUILDERS:
+        raise ConfigError(f"builder must be one of {', '.join(BUILDERS)}, not '{builder}'")
+    options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold)
+    if pool is None or (mesh.face_count < SMALL_MESH and task_threshold is None):
+        return _build_here(mesh, options)
+    return _build_in_pool(mesh, pool, options)
+
+
+def _build_here(mesh: Mesh, options: BuildOptions) -> Bvh:
+    """Build in the calling process: the whole tree is one subtree."""
+    watch = Stopwatch()
+    count = mesh.face_count
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": mesh.vertices,
+        "faces": mesh.faces,
+        "records": np.empty((2, count, LANES), np.float32),
+        "scratch_nodes": np.empty((2 * count, LANES), np.float32),
+        "prim_ids": np.empty(count, np.int32),
+    }
+    bounds = steps.record_slice(arrays, 0, count)
+    watch.lap("metadata")
+
+    whole = (0, count, 0, 0, bounds)
+    (row_count,) = steps.build_subtrees(arrays, [whole], options.bins, options.leaf_size, options.traversal_cost)
+    watch.lap("subtrees")
+
+    nodes = arrays["scratch_nodes"][:row_count].copy()
+    watch.lap("compact")
+    return Bvh(_as_nodes(nodes), arrays["prim_ids"], mesh, watch.laps_ms)
+
+
+def _build_in_pool(mesh: Mesh, pool: SubtreePool, options: BuildOptions) -> Bvh:
+    """Build with all workers of a pool."""
+    pool.wait_ready()
+    watch = Stopwatch()
+    count = mesh.face_count
+    with Arena() as arena:
+        # Share the mesh, and the memory that workers write to.
+        shared = {"vertices": arena.share(mesh.vertices), "faces": arena.share(mesh.faces)}
+        shared["records"], records = arena.create((2, count, LANES), np.float32)
+        shared["scratch_nodes"] = arena.create((2 * count, LANES), np.float32)[0]
+        shared["prim_ids"], prim_ids = arena.create((count,), np.int32)
+        pool.attach(shared)
+        watch.lap("share")
+
+        # One record per primitive; the workers need the mesh no longer.
+        bounds = pool.map(steps.record_slice, cut_slices(0, count, pool.workers))
+        root = Range(0, count, 0, 0, np.minimum.reduce(bounds))
+        arena.free(shared.pop("vertices"))
+        arena.free(shared.pop("faces"))
+        pool.attach(shared)
+        watch.lap("metadata")
+
+        # All workers together, until there are enough subtrees for all.
+        threshold = options.task_threshold or max(1, count // (pool.workers * _RANGES_PER_WORKER))
+        split_top(pool, root, records, threshold, options)
+        watch.lap("top")
+
+        # Each worker on its own: subtrees, largest first.
+        _build_subtrees(pool, root, options)
+        del records
+        arena.free(shared.pop("records"))
+        watch.lap("subtrees")
+
+        # Into depth-first order, without gaps.
+        plan = plan_rows(root)
+        shared["nodes"], nodes = arena.create((plan.row_count, LANES), np.float32)
+        pool.attach(shared)
+        write_top(plan, nodes)
+        shares = [plan.subtrees[number :: pool.workers] for number in range(pool.workers)]
+        pool.map(steps.place_subtrees, [(share,) for share in shares])
+        pool.attach({})
+        watch.lap("compact")
+    return Bvh(_as_nodes(nodes), prim_ids, mesh, watch.laps_ms)
+
+
+def _build_subtrees(pool: SubtreePool, root: Range, options: BuildOptions) -> None:
+    """Build the subtree of every range that the top left, and note its row count."""
+    ranges = sorted(root.leaves(), key=len, reverse=True)
+    # Many small ranges travel together, so that messages do not outweigh the work.
+    smallest_batch = len(root) // (pool.workers * _RANGES_PER_WORKER)
+    batches: list[list[Range]] = [[]]
+    for node in ranges:
+        if sum(len(other) for other in batches[-1]) >= smallest_batch:
+            batches.append([])
+        batches[-1].append(node)
+
+    tasks = [
+        (
+            [(node.begin, node.end, node.buffer, node.depth, node.bounds) for node in batch],
+            options.bins,
+            options.leaf_size,
+            options.traversal_cost,
+        )
+        for batch in batches
+    ]
+    for batch, row_counts in zip(batches, pool.map(steps.build_subtrees, tasks), strict=True):
+        for node, row_count in zip(batch, row_counts, strict=True):
+            node.row_count = row_count
+
+
+def _as_nodes(rows: NDArray[np.float32]) -> NDArray[np.void]:
+    """Return (N, 8) lanes as (N,) records of `layout.NODE`, the same memory."""
+    return rows.view(NODE).reshape(-1)

@@ -1,0 +1,246 @@
+"""Worker processes that outlive builds.
+
+Owns the processes and their pipes: start, hand out steps, collect results, notice death and silence. Knows nothing
+of trees: what a worker does is a function from `steps`.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from types import TracebackType
+from typing import Any, Self, cast
+
+from ..errors import ConfigError, PoolError
+from .arena import ArrayHandle
+from .worker import ATTACH, RUN, STOP, serve
+
+# Exit code of a worker that finds itself creating a pool while it imports the main script.
+_UNGUARDED = 73
+
+# A worker that needs longer than this for one step is taken for dead.
+DEFAULT_TIMEOUT_S = 600.0
+
+_STOP_PATIENCE_S = 2.0
+
+
+def default_worker_count() -> int:
+    """Return the number of processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class SubtreePool:
+    """Worker processes that build subtrees.
+
+    The workers start in the background at once, by a fork server (or by spawning where there is none): never by
+    forking this process, whose OpenCL driver may run threads that a fork would cut off. Use it as a context
+    manager, for as many builds as you like.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes; the number of usable processors without it.
+    timeout_s : float, optional
+        Seconds after which a worker that does not answer counts as dead.
+
+    Raises
+    ------
+    ConfigError
+        A number below 1.
+    PoolError
+        From `wait_ready` and from any use: the workers did not start, one of them failed or died. The pool is
+        closed then, and cannot be used again.
+
+    Notes
+    -----
+    Workers import the main script, as all of `multiprocessing` does, so a script that creates a pool must do it
+    under ``if __name__ == "__main__":``.
+    """
+
+    def __init__(self, workers: int | None = None, *, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        if workers is not None and workers < 1:
+            raise ConfigError(f"workers must be at least 1, not {workers}")
+        if not timeout_s > 0:
+            raise ConfigError(f"timeout_s must be above 0, not {timeout_s}")
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            # This is a worker that imports the main script, and the script has no guard: leave without a word.
+            # The parent sees the exit code and raises the one error.
+            os._exit(_UNGUARDED)
+        self.workers = workers or default_worker_count()
+        self.start_ms = 0.0
+        self._timeout_s = timeout_s
+        self._processes: list[Any] = []
+        self._connections: list[Connection] = []
+        self._start_error: BaseException | None = None
+        self._closed = False
+        # Starting the fork server blocks until it has imported the builder, so a thread does it.
+        self._starter = threading.Thread(target=self._start, name="clbvh-pool-start", daemon=True)
+        self._starter.start()
+
+    def wait_ready(self) -> None:
+        """Return when every worker has started and loaded its compiled code."""
+        self._starter.join()
+        if self._start_error is not None:
+            self.close()
+            raise self._start_error
+        if self._closed:
+            raise PoolError("the pool is closed: create another one")
+
+    def attach(self, handles: Mapping[str, ArrayHandle]) -> None:
+        """Let every worker hold exactly these shared arrays, by these names; it lets go of all others."""
+        self.wait_ready()
+        with _ClosedOnError(self):
+            for connection in self._connections:
+                connection.send((ATTACH, dict(handles)))
+            waiting = dict.fromkeys(range(self.workers))
+            while waiting:
+                worker, _ = self._receive(waiting)
+                del waiting[worker]
+
+    def map(self, step: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Run ``step(arrays, *task)`` for every task, on whichever worker is free, in the order given.
+
+        Parameters
+        ----------
+        step : function
+            A function at the top level of a module. Its first argument is the worker's attached arrays, by name.
+        tasks : sequence of tuples
+
+        Returns
+        -------
+        list
+            The results, in the order of the tasks.
+
+        Raises
+        ------
+        PoolError
+            A step raised (the message holds the worker's traceback), or a worker died or fell silent.
+        """
+        self.wait_ready()
+        results: list[Any] = [None] * len(tasks)
+        idle = list(range(self.workers))
+        busy: dict[int, int] = {}  # worker -> task
+        next_task = 0
+        with _ClosedOnError(self):
+            while busy or next_task < len(tasks):
+                while idle and next_task < len(tasks):
+                    worker = idle.pop(0)
+                    self._connections[worker].send((RUN, step, tasks[next_task]))
+                    busy[worker] = next_task
+                    next_task += 1
+                worker, result = self._receive(busy)
+                results[busy.pop(worker)] = result
+                idle.append(worker)
+        return results
+
+    def close(self) -> None:
+        """Stop the workers. Closing twice is allowed."""
+        self._starter.join()
+        if self._closed:
+            return
+        self._closed = True
+        for connection in self._connections:
+            with suppress(OSError):  # it may be gone already
+                connection.send((STOP,))
+            connection.close()
+        deadline = time.monotonic() + _STOP_PATIENCE_S
+        for process in self._processes:
+            process.join(max(0.0, deadline - time.monotonic()))
+            if process.is_alive():
+                process.kill()
+                process.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"SubtreePool(workers={self.workers}{', closed' if self._closed else ''})"
+
+    def _start(self) -> None:
+        """Start all workers and wait until each says that it is ready; keep an error for `wait_ready`."""
+        begin = time.perf_counter()
+        try:
+            # Windows has no fork server. Elsewhere it imports the builder once, and every worker inherits it.
+            if sys.platform == "win32":
+                context: Any = multiprocessing.get_context("spawn")
+            else:
+                context = multiprocessing.get_context("forkserver")
+                context.set_forkserver_preload(["clbvh.build.preload"])
+            for number in range(self.workers):
+                ours, theirs = context.Pipe()
+                process = context.Process(target=serve, args=(theirs,), name=f"clbvh-worker-{number}", daemon=True)
+                process.start()
+                theirs.close()
+                self._processes.append(process)
+                self._connections.append(ours)
+            waiting = dict.fromkeys(range(self.workers))
+            while waiting:
+                worker, _ = self._receive(waiting)
+                del waiting[worker]
+        except PoolError as error:
+            self._start_error = error
+        except Exception as error:
+            self._start_error = PoolError(f"the worker processes do not start: {error}")
+            self._start_error.__cause__ = error
+        self.start_ms = (time.perf_counter() - begin) * 1e3
+
+    def _receive(self, workers: Mapping[int, Any]) -> tuple[int, Any]:
+        """Return the next answer of any of these workers, and whose it is."""
+        connections = {self._connections[worker]: worker for worker in workers}
+        ready = wait(list(connections), timeout=self._timeout_s)
+        if not ready:
+            numbers = ", ".join(str(worker) for worker in workers)
+            raise PoolError(f"worker {numbers} has not answered for {self._timeout_s:g} s and was stopped")
+        connection = cast(Connection, ready[0])
+        worker = connections[connection]
+        try:
+            succeeded, value = connection.recv()
+        except (EOFError, OSError):
+            raise self._explain_death(worker) from None
+        if not succeeded:
+            raise PoolError(f"worker {worker} failed:\n{value}")
+        return worker, value
+
+    def _explain_death(self, worker: int) -> PoolError:
+        """Return the error for a worker whose pipe broke."""
+        process = self._processes[worker]
+        process.join(_STOP_PATIENCE_S)
+        if process.exitcode == _UNGUARDED:
+            return PoolError(
+                "this script creates a SubtreePool while its workers import it: put the code that runs under "
+                'if __name__ == "__main__":'
+            )
+        return PoolError(
+            f"worker {worker} died (exit code {process.exitcode}); a negative code is the signal that killed it, "
+            "and -9 often means that the system ran out of memory"
+        )
+
+
+class _ClosedOnError:
+    """Close the pool when the block fails: its workers may still write to arrays that are about to go."""
+
+    def __init__(self, pool: SubtreePool) -> None:
+        self._pool = pool
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, error: Any, trace: Any) -> None:
+        if kind is not None:
+            self._pool.close()

@@ -1,0 +1,124 @@
+"""The top of the tree, by all workers at once.
+
+A range too large for one worker is split level by level: every worker bins its slice of each large node, the
+coordinator unites the bins and picks the splits, every worker moves its slices. The report's builder is serial
+here; after Wald, "On fast construction of SAH-based bounding volume hierarchies" (2007), it need not be.
+
+The splits and the order of the records are those of `subtree.build_subtree`, so the tree does not depend on where
+the top ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import steps
+from .options import BuildOptions
+from .partition import bound_halves
+from .pool import SubtreePool
+from .ranges import Boxes, Range, cut_slices
+from .simd import LANES
+from .splits import bin_count_for, find_split, unite_sides
+from .subtree import needs_halving
+
+
+@dataclass(frozen=True)
+class Split:
+    """A plane between two bins of one axis."""
+
+    bin_count: int
+    axis: int
+    last_left_bin: int
+    left_count: int
+
+
+def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: int, options: BuildOptions) -> None:
+    """Split the root, and all ranges below it, until none has more than `threshold` primitives.
+
+    Parameters
+    ----------
+    records : (2, n, 8) float32
+        The shared records, as the coordinator sees them.
+    """
+    level = [root]
+    while level := [node for node in level if len(node) > max(threshold, options.leaf_size)]:
+        chosen = _choose_splits(pool, level, options)
+        planes = [(node, *pair) for node, pair in zip(level, chosen, strict=True) if pair is not None]
+        _apply_splits(pool, planes)
+        for node, pair in zip(level, chosen, strict=True):
+            if pair is None:
+                _halve(node, records)
+        level = [child for node in level for child in node.children or ()]
+
+
+def _choose_splits(
+    pool: SubtreePool, level: list[Range], options: BuildOptions
+) -> list[tuple[Split, Boxes, list[Any]] | None]:
+    """Return each node's split, the boxes of its sides and the bin counts of its slices; None where no plane splits."""
+    bin_counts = [bin_count_for(len(node), options.bins) for node in level]
+    tasks = [
+        [
+            (*cut_slices(node.begin, node.end, pool.workers)[number], node.buffer, node.bounds, bin_count)
+            for node, bin_count in zip(level, bin_counts, strict=True)
+        ]
+        for number in range(pool.workers)
+    ]
+    slices = pool.map(steps.bin_slices, [(task,) for task in tasks])
+
+    sweep = np.empty((1, LANES), np.float32)
+    right_costs = np.empty(options.bins, np.float64)
+    chosen: list[tuple[Split, Boxes, list[Any]] | None] = []
+    for index, (node, bin_count) in enumerate(zip(level, bin_counts, strict=True)):
+        boxes = np.minimum.reduce([part[index][0] for part in slices])
+        slice_counts = [part[index][1] for part in slices]
+        counts = np.add.reduce(slice_counts, dtype=np.int32)
+        cost, axis, last_left_bin, left_count = find_split(boxes, counts, bin_count, len(node), sweep, right_costs)
+        if needs_halving(len(node), node.depth) or not cost < np.inf:
+            chosen.append(None)
+            continue
+        sides = np.empty((2, LANES), np.float32)
+        unite_sides(boxes, counts, bin_count, axis, last_left_bin, sides)
+        chosen.append((Split(bin_count, axis, last_left_bin, left_count), sides, slice_counts))
+    return chosen
+
+
+def _apply_splits(pool: SubtreePool, planes: list[tuple[Range, Split, Boxes, list[Any]]]) -> None:
+    """Move the records of all nodes to their sides, and give the nodes their children."""
+    tasks: list[list[steps.PartitionTask]] = [[] for _ in range(pool.workers)]
+    for node, split, _, slice_counts in planes:
+        left, right = node.begin, node.begin + split.left_count
+        first_bin = split.axis * split.bin_count
+        for number, (begin, end) in enumerate(cut_slices(node.begin, node.end, pool.workers)):
+            plane = (split.bin_count, split.axis, split.last_left_bin)
+            tasks[number].append((begin, end, node.buffer, node.bounds, *plane, left, right))
+            # The slice's own bins say how many of its records go left.
+            to_left = int(slice_counts[number][first_bin : first_bin + split.last_left_bin + 1].sum())
+            left += to_left
+            right += end - begin - to_left
+    slices = pool.map(steps.partition_slices, [(task,) for task in tasks])
+
+    for index, (node, split, sides, _) in enumerate(planes):
+        centroid_bounds = np.minimum.reduce([part[index] for part in slices])
+        middle = node.begin + split.left_count
+        node.children = _make_children(node, middle, 1 - node.buffer, sides, centroid_bounds)
+
+
+def _halve(node: Range, records: NDArray[Any]) -> None:
+    """Cut a node that no plane splits in the middle of its range; nothing moves."""
+    middle = node.begin + len(node) // 2
+    sides = np.empty((2, LANES), np.float32)
+    centroid_bounds = np.empty((2, LANES), np.float32)
+    bound_halves(records[node.buffer], node.begin, middle, node.end, sides, centroid_bounds)
+    node.children = _make_children(node, middle, node.buffer, sides, centroid_bounds)
+
+
+def _make_children(node: Range, middle: int, buffer: int, sides: Boxes, centroid_bounds: Boxes) -> tuple[Range, Range]:
+    bounds = [np.stack([sides[side], centroid_bounds[side]]) for side in range(2)]
+    return (
+        Range(node.begin, middle, buffer, node.depth + 1, bounds[0]),
+        Range(middle, node.end, buffer, node.depth + 1, bounds[1]),
+    )

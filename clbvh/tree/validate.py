@@ -1,0 +1,114 @@
+"""Whether a tree is right: the invariants that every builder must keep and every traversal relies on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ValidationError
+from ..layout import NODE
+from .bvh import Bvh
+
+
+def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int | None = None) -> None:
+    """Check a tree against its mesh.
+
+    Parameters
+    ----------
+    bvh : Bvh
+    max_depth, max_leaf_size : int, optional
+        Limits that the builder promised.
+
+    Raises
+    ------
+    ValidationError
+        An invariant does not hold; the message names the first node that breaks it. The invariants: rows and
+        primitives have the right types and counts; siblings stand behind their parent; each node is reached once;
+        each primitive lies in exactly one leaf; each leaf's box is exactly the box of its triangles, each interior
+        box exactly the union of its children's.
+
+    Notes
+    -----
+    O(n) in nodes and primitives, numpy only: it shares no code with the builders.
+    """
+    nodes, prim_ids, faces = bvh.nodes, bvh.prim_ids, bvh.mesh.faces
+    if nodes.dtype != NODE or prim_ids.dtype != np.int32:
+        raise ValidationError(f"the tree's arrays have the wrong dtypes: {nodes.dtype}, {prim_ids.dtype}")
+    if len(nodes) == 0 or len(nodes) > 2 * len(faces) - 1:
+        raise ValidationError(f"a tree over {len(faces)} triangles cannot have {len(nodes)} nodes")
+    first, count = nodes["first"].astype(np.int64), nodes["count"].astype(np.int64)
+
+    _check_links(first, count)
+    _check_leaves(first, count, prim_ids, len(faces))
+    _check_boxes(bvh)
+    if max_depth is not None and bvh.depth > max_depth:
+        raise ValidationError(f"the tree is {bvh.depth} levels deep; the limit is {max_depth}")
+    if max_leaf_size is not None and count.max() > max_leaf_size:
+        row = int(count.argmax())
+        raise ValidationError(f"leaf {row} holds {count[row]} primitives; the limit is {max_leaf_size}")
+
+
+def _check_links(first: NDArray[np.int64], count: NDArray[np.int64]) -> None:
+    """Check that every row but the root is the child of exactly one interior node above it."""
+    _refuse(count < 0, "node {} has a negative count")
+    rows = np.arange(len(first))
+    interior = count == 0
+    bad = interior & ((first <= rows) | (first + 1 >= len(first)))
+    _refuse(bad, "interior node {} does not have both its children behind it, inside the tree")
+    children = np.concatenate([first[interior], first[interior] + 1])
+    references = np.bincount(children, minlength=len(first))
+    references[0] += 1
+    _refuse(references != 1, "node {} is not reached exactly once")
+
+
+def _check_leaves(
+    first: NDArray[np.int64], count: NDArray[np.int64], prim_ids: NDArray[np.int32], face_count: int
+) -> None:
+    """Check that the leaves' ranges cover prim_ids once, and that it is a permutation of the faces."""
+    if len(prim_ids) != face_count:
+        raise ValidationError(f"the tree lists {len(prim_ids)} primitives; the mesh has {face_count} triangles")
+    leaf = count > 0
+    _refuse(leaf & ((first < 0) | (first + count > face_count)), "leaf {} lists primitives outside the mesh")
+    starts = np.zeros(face_count + 1, np.int64)
+    np.add.at(starts, first[leaf], 1)
+    np.add.at(starts, first[leaf] + count[leaf], -1)
+    covered = np.cumsum(starts)[:-1]
+    if (covered != 1).any():
+        place = int(np.flatnonzero(covered != 1)[0])
+        raise ValidationError(f"prim_ids[{place}] lies in {covered[place]} leaves instead of one")
+    if prim_ids.min() < 0 or prim_ids.max() >= face_count:
+        raise ValidationError("prim_ids names a triangle that the mesh does not have")
+    uses = np.bincount(prim_ids, minlength=face_count)
+    if (uses != 1).any():
+        prim = int(np.flatnonzero(uses != 1)[0])
+        raise ValidationError(f"triangle {prim} is listed {uses[prim]} times instead of once")
+
+
+def _check_boxes(bvh: Bvh) -> None:
+    """Check that every box is exactly the union of what lies below it."""
+    nodes = bvh.nodes
+    leaf_rows = np.flatnonzero(nodes["count"] > 0)
+    leaf_rows = leaf_rows[np.argsort(nodes["first"][leaf_rows], kind="stable")]
+    corners = bvh.mesh.vertices[bvh.mesh.faces[bvh.prim_ids]]
+    starts = nodes["first"][leaf_rows]
+    expected_min = np.minimum.reduceat(corners.min(axis=1), starts)
+    expected_max = np.maximum.reduceat(corners.max(axis=1), starts)
+
+    interior_rows = np.flatnonzero(nodes["count"] == 0)
+    left = nodes["first"][interior_rows]
+    wrong = np.zeros(len(nodes), bool)
+    for field, expected, unite in (
+        ("aabb_min", expected_min, np.minimum),
+        ("aabb_max", expected_max, np.maximum),
+    ):
+        boxes = nodes[field]
+        # Written so that NaN fails.
+        wrong[leaf_rows] |= ~(boxes[leaf_rows] == expected).all(axis=1)
+        wrong[interior_rows] |= ~(boxes[interior_rows] == unite(boxes[left], boxes[left + 1])).all(axis=1)
+    _refuse(wrong, "the box of node {} is not exactly the union of what lies below it")
+
+
+def _refuse(bad: NDArray[np.bool_], message: str) -> None:
+    """Raise for the first row that is marked."""
+    if bad.any():
+        raise ValidationError(message.format(int(np.flatnonzero(bad)[0])))
