@@ -1,0 +1,172 @@
+"""What to do about it: the words and commands that `diagnose.py` puts under its findings.
+
+Each function takes what was found and returns lines; one that begins with ``$`` is a command that can be pasted
+into a shell. Nothing here starts a driver.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from .drivers import SYSTEM_VENDORS, DeviceFile, FoundLibrary, IcdFile, LoaderRule
+from .select import DeviceInfo
+
+Advice = tuple[str, ...]
+
+# PoCL of the PyPI package `pocl-binary-distribution`, whose last release it is.
+_PYPI_POCL_MAJOR = 3
+
+_USER_VENDORS = "~/.config/OpenCL/vendors"
+
+ADVICE_FOR_LISTING: Advice = (
+    "one of the drivers does this: try them one at a time to find it",
+    "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices",
+)
+
+ADVICE_FOR_GPU: dict[str, Advice] = {
+    "NVIDIA": (
+        "its driver brings OpenCL; if `nvidia-smi` works, only the part for OpenCL is missing:",
+        "$ sudo apt install libnvidia-compute-VERSION    # VERSION: that of the driver",
+        "in a container: start it with `--gpus all -e NVIDIA_DRIVER_CAPABILITIES=compute,utility`",
+    ),
+    "AMD": (
+        "install OpenCL from ROCm, or Mesa's rusticl for cards that ROCm does not support",
+        "$ sudo apt install rocm-opencl-runtime    # from AMD's repository",
+        "in a container: pass /dev/kfd and /dev/dri on with `--device`",
+    ),
+    "Intel": (
+        "install Intel's compute runtime",
+        "$ sudo apt install intel-opencl-icd",
+        "in a container: pass /dev/dri on with `--device`",
+    ),
+}
+
+
+def advise_pyopencl(failure: str, has_bundled_loader: bool) -> Advice:
+    """Return what to do when pyopencl cannot be imported."""
+    reinstall = "$ pip install --force-reinstall --only-binary :all: pyopencl"
+    if "libOpenCL" in failure and not has_bundled_loader:
+        return (
+            "this pyopencl has no loader of its own: install the system's, or the wheel, which brings one",
+            "$ sudo apt install ocl-icd-libopencl1",
+            reinstall,
+        )
+    return (reinstall,)
+
+
+def advise_icd(library: FoundLibrary) -> Advice:
+    """Return the commands that register a driver, for an administrator and for anyone."""
+    quoted = shlex.quote(str(library.path))
+    name = library.driver.icd_name
+    return (
+        "register it for everyone:",
+        f"$ sudo mkdir -p {SYSTEM_VENDORS} && echo {quoted} | sudo tee {SYSTEM_VENDORS}/{name}",
+        "or for yourself (the folder replaces the system's, so its files are copied first):",
+        f"$ mkdir -p {_USER_VENDORS} && cp -n {SYSTEM_VENDORS}/*.icd {_USER_VENDORS}/ 2>/dev/null;"
+        f" echo {quoted} > {_USER_VENDORS}/{name}",
+        f"$ export OCL_ICD_VENDORS={_USER_VENDORS}",
+    )
+
+
+def advise_device_files(refused: Sequence[DeviceFile]) -> Advice:
+    """Return how to be let at device files."""
+    if all(file.vendor == "NVIDIA" for file in refused):
+        return ("in a container: start it with the GPU (`docker run --gpus all`); else ask your administrator",)
+    return (
+        "join the groups that own the files, then log in again; in a container, add `--group-add` for them",
+        '$ sudo usermod -aG render,video "$USER"',
+    )
+
+
+def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
+    """Return what to do about a failure, from what the driver and its compiler said.
+
+    Parameters
+    ----------
+    text : str
+        The error and everything that was written.
+    device : DeviceInfo, optional
+        The device that failed.
+    """
+    is_pocl = device is not None and "pocl" in f"{device.platform_version} {device.version}".lower()
+    # pocl/pocl issue 1049: a processor that is newer than the LLVM inside PoCL is called "generic", which the
+    # compiler then refuses. A wrong guess instead ends in an instruction that the processor does not have.
+    if re.search(r"unknown target CPU|does not recognize your cpu", text) or (is_pocl and "SIGILL" in text):
+        return (
+            "this PoCL is older than the CPU, and its compiler does not know it: use a newer PoCL",
+            *_newer_pocl(device),
+            "or, if it is newer than 3.0 already, have it compile for a CPU that it knows",
+            "$ export POCL_LLVM_CPU_NAME=x86-64-v3",
+        )
+    if "Portable Computing Language" in text and "offers no device" in text:
+        return (
+            "PoCL needs a folder that it can write to; without one it offers no device",
+            "$ export POCL_CACHE_DIR=$(mktemp -d)",
+            "and POCL_DEVICES, if set, must name devices that it has:",
+            "$ unset POCL_DEVICES",
+        )
+    if "rusticl" in text and "offers no device" in text:
+        return (
+            "rusticl serves only the GPU drivers that RUSTICL_ENABLE names, for example",
+            "$ export RUSTICL_ENABLE=radeonsi",
+        )
+    if "did not answer" in text:
+        return ("the driver hangs: is the device busy with other work? Else restart the driver or the machine",)
+    if "No space left" in text or "Permission denied" in text:
+        return (
+            "the driver keeps compiled kernels in the home folder: make room there, or name another place",
+            "$ export POCL_CACHE_DIR=$(mktemp -d) CUDA_CACHE_PATH=$(mktemp -d)",
+        )
+    if is_pocl:
+        number = 0 if device is None else device.number
+        return (
+            "let PoCL say more:",
+            f"$ POCL_DEBUG=err {shlex.quote(sys.executable)} -m clbvh.device.probe try {number}",
+            "a newer PoCL may help:",
+            *_newer_pocl(device),
+        )
+    return ("update the driver of this device; until then choose another one with --device",)
+
+
+def advise_cpu_driver(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> Advice:
+    """Return how any machine gets a device at last: PoCL, which needs nothing but a CPU."""
+    if any("pocl" in f"{icd.path.name} {icd.library}".lower() for icd in icd_files):
+        return ("PoCL, which needs no GPU, is registered: see above what it lacks",)
+    if rule.single and rule.bundled is not None and (rule.bundled / "pocl.icd").is_file():
+        return (f"{rule.variable} hides the PoCL that is installed:", f"$ unset {rule.variable}")
+    advice: Advice = ("PoCL runs on the CPU and needs no GPU:",)
+    if sys.platform == "linux" and platform.machine() == "x86_64":
+        return (*advice, "$ pip install --force-reinstall pocl-binary-distribution")
+    return (*advice, "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl")
+
+
+def advise_unloadable(icd: IcdFile) -> Advice:
+    """Return what to do about a driver file whose library cannot be loaded."""
+    if "/" in icd.library and not Path(icd.library).exists():
+        return ("the driver was removed or moved: reinstall it, or delete the file",)
+    return (
+        "if another library is missing, install that one",
+        "if the driver lies outside the usual folders, write its full path into the file",
+    )
+
+
+def _newer_pocl(device: DeviceInfo | None) -> Advice:
+    """Return the commands that get a newer PoCL than the one of `device`."""
+    commands: Advice = (
+        "$ conda install -c conda-forge pyopencl pocl",
+        "$ sudo apt install pocl-opencl-icd    # on a recent release of the system",
+    )
+    if 0 <= _read_major(device) < _PYPI_POCL_MAJOR:
+        commands = ("$ pip install --force-reinstall pocl-binary-distribution", *commands)
+    return commands
+
+
+def _read_major(device: DeviceInfo | None) -> int:
+    """Return the major version of a device's driver, -1 when it is not known."""
+    match = re.match(r"\d+", device.driver_version) if device is not None else None
+    return int(match[0]) if match else -1

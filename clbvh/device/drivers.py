@@ -1,0 +1,280 @@
+"""What the file system says about OpenCL drivers, without loading any of them.
+
+An OpenCL program loads `libOpenCL`, the loader. The loader reads small files, `*.icd`, each of which names the
+library of one driver. This module follows the same rules, and looks for what they miss: libraries that no
+`.icd` file names, graphics cards that no library serves, device files that may not be opened. It draws no
+conclusions: `diagnose.py` does.
+
+The rules are those of ocl-icd, the loader inside the wheels of pyopencl (manual page libOpenCL(7)). That copy
+also reads `pyopencl/.libs`, where the package `pocl-binary-distribution` puts PoCL, unless `OCL_ICD_VENDORS`
+names a single driver instead of a folder (seen with pyopencl 2026.1.4, by OCL_ICD_DEBUG=15).
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
+
+# In the order the loader looks at them.
+VENDOR_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
+
+_LDCONFIG = ("ldconfig", "/sbin/ldconfig", "/usr/sbin/ldconfig")
+_LDCONFIG_TIMEOUT_S = 10
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A driver that is known to exist somewhere.
+
+    Attributes
+    ----------
+    stem : str
+        How the file name of its library begins.
+    vendor : str
+        Whose hardware it drives, as in `GPU_VENDORS`; for a CPU driver the name of the driver.
+    icd_name : str
+        The usual name of its `.icd` file.
+    """
+
+    stem: str
+    vendor: str
+    icd_name: str
+
+
+KNOWN_DRIVERS = (
+    Driver("libnvidia-opencl.so", "NVIDIA", "nvidia.icd"),
+    Driver("libamdocl64.so", "AMD", "amdocl64.icd"),
+    Driver("libigdrcl.so", "Intel", "intel.icd"),
+    Driver("libRusticlOpenCL.so", "Mesa rusticl", "rusticl.icd"),
+    Driver("libintelocl.so", "Intel CPU runtime", "intel64.icd"),
+    Driver("libpocl.so", "PoCL", "pocl.icd"),
+)
+
+# PCI vendor ids. Other display controllers (virtual ones, those of server boards) run no OpenCL.
+GPU_VENDORS = {0x10DE: "NVIDIA", 0x1002: "AMD", 0x8086: "Intel"}
+
+# PCI base classes: display controller, processing accelerator (AMD's Instinct cards call themselves that).
+_GPU_CLASSES = (0x03, 0x12)
+
+
+@dataclass(frozen=True)
+class LoaderRule:
+    """Where the loader looks.
+
+    Attributes
+    ----------
+    folders : tuple of Path
+        Their `*.icd` files are read. They need not exist.
+    single : str
+        The only driver, a `.icd` file or a library, when `OCL_ICD_VENDORS` names one; else empty.
+    variable : str
+        The environment variable that decided, or empty.
+    bundled : Path or None
+        The folder inside the `pyopencl` package, if the wheel brought a loader.
+    """
+
+    folders: tuple[Path, ...]
+    single: str = ""
+    variable: str = ""
+    bundled: Path | None = None
+
+
+@dataclass(frozen=True)
+class IcdFile:
+    """One file that registers a driver; `library` is what it names, empty when it cannot be read."""
+
+    path: Path
+    library: str
+
+    def loadable_name(self, rule: LoaderRule) -> str:
+        """Return the name under which the loader opens the library."""
+        beside = self.path.parent / self.library
+        # The bundled loader finds its own neighbours by its run path, which nobody else has.
+        if self.path.parent == rule.bundled and "/" not in self.library and beside.is_file():
+            return str(beside)
+        return self.library
+
+
+@dataclass(frozen=True)
+class FoundLibrary:
+    """A driver's library on this machine."""
+
+    driver: Driver
+    path: Path
+
+
+@dataclass(frozen=True)
+class DeviceFile:
+    """A device file of a GPU that exists; `may_open` tells whether this user may read and write it."""
+
+    path: Path
+    vendor: str
+    may_open: bool
+
+
+def find_bundled_folder() -> Path | None:
+    """Return `pyopencl/.libs` if the installed pyopencl has its own loader there; imports nothing."""
+    spec = find_spec("pyopencl")
+    if spec is None or spec.origin is None:
+        return None
+    folder = Path(spec.origin).parent / ".libs"
+    return folder if any(folder.glob("libOpenCL*")) else None
+
+
+def read_loader_rule(
+    environment: Mapping[str, str] = os.environ, bundled: Path | None = None, prefix: str = sys.prefix
+) -> LoaderRule:
+    """Return where the loader looks for drivers.
+
+    Parameters
+    ----------
+    environment : mapping
+        The environment variables.
+    bundled : Path, optional
+        The result of `find_bundled_folder`.
+    prefix : str
+        Root of the Python environment: the loader of a conda environment looks there instead of in `/etc`.
+    """
+    default = SYSTEM_VENDORS
+    if bundled is None and (Path(prefix) / "conda-meta").is_dir():
+        default = Path(prefix) / "etc/OpenCL/vendors"
+    also = () if bundled is None else (bundled,)
+
+    vendors, vendor_path = (environment.get(variable, "") for variable in VENDOR_VARIABLES)
+    if vendors and not Path(vendors).is_dir():
+        return LoaderRule((), vendors, VENDOR_VARIABLES[0], bundled)
+    if vendors:
+        return LoaderRule((Path(vendors), *also), "", VENDOR_VARIABLES[0], bundled)
+    if vendor_path:
+        return LoaderRule((Path(vendor_path), *also), "", VENDOR_VARIABLES[1], bundled)
+    return LoaderRule((default, *also), "", "", bundled)
+
+
+def find_icd_files(rule: LoaderRule) -> list[IcdFile]:
+    """Return the `.icd` files that the loader reads, in alphabetical order."""
+    if rule.single:
+        path = Path(rule.single)
+        if path.suffix != ".icd":
+            return [IcdFile(path, rule.single)]
+        # A bare name is looked for among the system's files first.
+        in_system = SYSTEM_VENDORS / path
+        return [_read_icd(in_system if "/" not in rule.single and in_system.exists() else path)]
+    return [_read_icd(path) for folder in rule.folders for path in sorted(folder.glob("*.icd"))]
+
+
+def find_libraries(folders: Iterable[Path], cached: Iterable[Path] = ()) -> list[FoundLibrary]:
+    """Return the libraries of known drivers, one for each driver.
+
+    Parameters
+    ----------
+    folders : iterable of Path
+        Searched in this order; they need not exist.
+    cached : iterable of Path
+        Libraries known already, such as those of `read_library_cache`; they come before the folders.
+    """
+    candidates = [*cached]
+    for folder in folders:
+        for driver in KNOWN_DRIVERS:
+            # The shortest name first: the link "libpocl.so.2" outlives an update of "libpocl.so.2.12.0".
+            candidates += sorted(folder.glob(f"{driver.stem}*"), key=lambda path: (len(path.name), path.name))
+    found: dict[str, FoundLibrary] = {}
+    for path in candidates:
+        known = match_driver(path.name)
+        if known is not None and known.stem not in found and path.exists():
+            found[known.stem] = FoundLibrary(known, path)
+    return [found[driver.stem] for driver in KNOWN_DRIVERS if driver.stem in found]
+
+
+def match_driver(library: str) -> Driver | None:
+    """Return the known driver that a library, given by its name or path, belongs to."""
+    name = Path(library.strip()).name
+    return next((driver for driver in KNOWN_DRIVERS if name.startswith(driver.stem)), None)
+
+
+def usual_folders(environment: Mapping[str, str] = os.environ, prefix: str = sys.prefix) -> list[Path]:
+    """Return the folders in which drivers install their libraries."""
+    multiarch = f"{platform.machine()}-linux-gnu"
+    named = [Path(folder) for folder in environment.get("LD_LIBRARY_PATH", "").split(":") if folder]
+    fixed = [
+        f"/usr/lib/{multiarch}",
+        f"/usr/lib/{multiarch}/intel-opencl",
+        "/usr/lib64",
+        "/usr/lib64/intel-opencl",
+        "/usr/lib",
+        "/usr/lib/intel-opencl",
+        "/usr/local/lib",
+        "/usr/local/nvidia/lib64",
+        "/usr/lib/wsl/lib",
+        "/run/opengl-driver/lib",
+        "/opt/rocm/lib",
+        "/opt/rocm/opencl/lib",
+        f"/opt/amdgpu-pro/lib/{multiarch}",
+        "/opt/intel/oneapi/compiler/latest/lib",
+        "/opt/intel/oneapi/compiler/latest/linux/lib/x64",
+    ]
+    versioned = sorted(Path("/opt").glob("rocm-*/lib"), reverse=True)
+    return [*named, *map(Path, fixed), *versioned, Path(prefix) / "lib"]
+
+
+def read_library_cache() -> list[Path]:
+    """Return the libraries that the dynamic linker knows; empty where there is no `ldconfig` command."""
+    for command in _LDCONFIG:
+        try:
+            answer = subprocess.run(
+                [command, "-p"], capture_output=True, text=True, timeout=_LDCONFIG_TIMEOUT_S, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired):
+            continue
+        # One line for each library: "<tab>name (kind) => path".
+        return [Path(line.partition(" => ")[2]) for line in answer.stdout.splitlines() if " => " in line]
+    return []
+
+
+def find_gpus(root: Path = Path("/sys/bus/pci/devices")) -> list[str]:
+    """Return the vendor of each GPU on the PCI bus, in the order of the bus."""
+    vendors = []
+    for folder in sorted(root.glob("*")):
+        try:
+            vendor = int((folder / "vendor").read_text(), 16)
+            base_class = int((folder / "class").read_text(), 16) >> 16
+        except (OSError, ValueError):
+            continue
+        if base_class in _GPU_CLASSES and vendor in GPU_VENDORS:
+            vendors.append(GPU_VENDORS[vendor])
+    return vendors
+
+
+def find_device_files(root: Path = Path("/dev")) -> list[DeviceFile]:
+    """Return the device files through which drivers reach a GPU."""
+    patterns = (
+        ("NVIDIA", "nvidiactl"),
+        ("NVIDIA", "nvidia-uvm"),
+        ("NVIDIA", "nvidia[0-9]*"),
+        ("AMD", "kfd"),
+        # Shared by the drivers of AMD, Intel and Mesa.
+        ("", "dri/renderD*"),
+        # The GPU of the Windows host under WSL.
+        ("", "dxg"),
+    )
+    return [
+        DeviceFile(path, vendor, os.access(path, os.R_OK | os.W_OK))
+        for vendor, pattern in patterns
+        for path in sorted(root.glob(pattern))
+    ]
+
+
+def _read_icd(path: Path) -> IcdFile:
+    try:
+        text = path.read_text(errors="replace")
+    except OSError:
+        return IcdFile(path, "")
+    # Only the end of the line is cut off, as the loader does: to it a stray blank is part of the name.
+    return IcdFile(path, text.split("\n", 1)[0])
