@@ -273,7 +273,7 @@ def find_device_files(root: Path = Path("/dev")) -> list[DeviceFile]:
 
 def _read_icd(path: Path) -> IcdFile:
     try:
-        text = path.read_text(errors="replace")
+        text = path.read_bytes().decode(errors="replace")
     except OSError:
         return IcdFile(path, "")
     # Only the end of the line is cut off, as the loader does: to it a stray blank is part of the name.

@@ -153,7 +153,7 @@ def survey_devices() -> DeviceSurvey:
             except cl.Error as error:
                 problems.append(f"a device of the platform '{platform_name}' cannot be described: {error}")
 
-    return DeviceSurvey(_number(devices), tuple(problems))
+    return DeviceSurvey(number_devices(devices), tuple(problems))
 
 
 def list_devices() -> list[DeviceInfo]:
@@ -175,8 +175,8 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
     Parameters
     ----------
     spec : str or int, optional
-        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; or a part of the name of a device,
-        its vendor or its platform, in any case. Without it, the environment variable ``CLBVH_DEVICE`` decides,
+        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; or a part of the name of a device
+        or its platform, in any case. Without it, the environment variable ``CLBVH_DEVICE`` decides,
         and without that the best device is taken: a GPU, else an accelerator, else a CPU.
 
     Raises
@@ -239,6 +239,16 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
     return matches[0]
 
 
+def number_devices(devices: Sequence[DeviceInfo]) -> tuple[DeviceInfo, ...]:
+    """Sort the devices by preference and number them.
+
+    The order of the platforms is the order of the files in a folder, which differs between machines and from
+    one installation to the next; so it decides only between devices that are alike in everything else.
+    """
+    ordered = sorted(devices, key=_preference)
+    return tuple(replace(device, number=number) for number, device in enumerate(ordered))
+
+
 def preferred_layout(info: DeviceInfo) -> str:
     """Return the tree layout that suits a device when the user does not choose one."""
     return _LAYOUT_OF_KIND.get(info.kind, _LAYOUT_OF_ANY)
@@ -289,16 +299,6 @@ def _tidy(text: str) -> str:
     return " ".join(text.replace("\0", " ").split())
 
 
-def _number(devices: list[DeviceInfo]) -> tuple[DeviceInfo, ...]:
-    """Sort the devices by preference and number them.
-
-    The order of the platforms is the order of the files in a folder, which differs between machines and from
-    one installation to the next; so it decides only between devices that are alike in everything else.
-    """
-    ordered = sorted(devices, key=_preference)
-    return tuple(replace(device, number=number) for number, device in enumerate(ordered))
-
-
 def _preference(device: DeviceInfo) -> tuple[Any, ...]:
     """Return a sorting key: what the default should take comes first."""
     rank = KINDS.index(device.kind) if device.kind in KINDS else len(KINDS)
@@ -320,8 +320,9 @@ def _preference(device: DeviceInfo) -> tuple[Any, ...]:
 
 
 def _searchable_text(device: DeviceInfo) -> str:
-    # The version is in it because PoCL has its short name only there.
-    return f"{device.name}\n{device.vendor}\n{device.platform}\n{device.platform_version}".lower()
+    # The version is in it because PoCL has its short name only there. The vendor is not: PoCL takes it from the
+    # CPU, "AuthenticAMD", and `--device amd` should mean the graphics card.
+    return f"{device.name}\n{device.platform}\n{device.platform_version}".lower()
 
 
 def _is_same_hardware(one: DeviceInfo, other: DeviceInfo) -> bool:

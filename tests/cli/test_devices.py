@@ -1,0 +1,115 @@
+"""`clbvh devices` as a user runs it, in a process of its own."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+TIMEOUT_S = 60
+
+
+def run_clbvh(*arguments, **environment):
+    """Run the command without a CLBVH_DEVICE of the machine, unless the test sets one."""
+    inherited = {name: value for name, value in os.environ.items() if name != "CLBVH_DEVICE"}
+    code = "from clbvh.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        env=inherited | environment,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def listed():
+    """What `clbvh devices --json` says about this machine."""
+    answer = run_clbvh("devices", "--json")
+    assert answer.returncode == 0
+    return json.loads(answer.stdout)["devices"]
+
+
+@pytest.fixture
+def no_driver(tmp_path):
+    """The environment of a machine whose only driver is gone."""
+    icd = tmp_path / "gone.icd"
+    icd.write_text("libgone.so.7\n")
+    return {"OCL_ICD_VENDORS": str(icd)}
+
+
+def test_the_json_object_describes_every_device(listed):
+    import pyopencl as cl
+
+    drivers_say = sorted(
+        (" ".join(device.name.split()), device.global_mem_size, device.max_compute_units)
+        for platform in cl.get_platforms()
+        for device in platform.get_devices()
+    )
+    assert sorted((d["name"], d["memory_bytes"], d["compute_units"]) for d in listed) == drivers_say
+    assert [device["number"] for device in listed] == list(range(len(listed)))
+    assert [device["number"] for device in listed if device["is_default"]] == [0]
+    assert {device["layout"] for device in listed} == {"bvh2"}
+
+
+def test_the_table_has_a_row_for_every_device_and_marks_the_default(listed):
+    answer = run_clbvh("devices")
+    assert answer.returncode == 0
+    heading, *rows = answer.stdout.splitlines()
+    assert heading.split() == ["device", "platform", "version", "driver", "memory", "units", "fp64", "layout"]
+    for device, row in zip(listed, rows, strict=False):
+        mark = "* " if device["is_default"] else ""
+        assert row.strip().startswith(f"{mark}{device['number']} ")
+        for fact in ("name", "kind", "platform", "driver_version", "layout"):
+            assert device[fact] in row
+
+
+def test_a_wrong_wish_in_the_environment_is_said_but_does_not_hide_the_list():
+    answer = run_clbvh("devices", "--json", CLBVH_DEVICE="riva tnt")
+    assert answer.returncode == 0
+    listed = json.loads(answer.stdout)["devices"]
+    assert listed
+    assert not any(device["is_default"] for device in listed)
+    assert "'riva tnt' (asked for by CLBVH_DEVICE)" in answer.stderr
+
+
+@pytest.mark.parametrize("arguments", [(), ("--json",)])
+def test_no_driver_is_exit_code_3_and_one_line_that_points_to_the_doctor(no_driver, arguments):
+    answer = run_clbvh("devices", *arguments, **no_driver)
+    assert answer.returncode == 3
+    (line,) = answer.stderr.splitlines()
+    assert "no OpenCL device was found" in line
+    assert "clbvh doctor" in line
+    if arguments:
+        assert json.loads(answer.stdout) == {"devices": [], "problems": []}
+    else:
+        assert answer.stdout == ""
+
+
+def test_a_platform_without_devices_is_named(tmp_path):
+    # A folder that PoCL cannot make: below a file.
+    (tmp_path / "file").touch()
+    answer = run_clbvh("devices", "--json", POCL_CACHE_DIR=str(tmp_path / "file/cache"))
+    problem = "the platform 'Portable Computing Language' offers no device"
+    assert problem in json.loads(answer.stdout)["problems"]
+    assert problem in answer.stderr
+
+
+def test_pyopencl_that_cannot_be_imported_is_exit_code_3_without_a_traceback(tmp_path):
+    broken = "raise ImportError('libOpenCL.so.1: cannot open shared object file')\n"
+    (tmp_path / "pyopencl.py").write_text(broken)
+    answer = run_clbvh("devices", PYTHONPATH=str(tmp_path))
+    assert answer.returncode == 3
+    (line,) = answer.stderr.splitlines()
+    assert "libOpenCL.so.1" in line
+    assert "clbvh doctor" in line
+
+
+def test_help_loads_no_opencl(tmp_path):
+    (tmp_path / "pyopencl.py").write_text("raise SystemExit('pyopencl was imported')\n")
+    for verb in ("devices", "doctor"):
+        answer = run_clbvh(verb, "--help", PYTHONPATH=str(tmp_path))
+        assert answer.returncode == 0
+        assert "--json" in answer.stdout

@@ -1,0 +1,114 @@
+"""`clbvh doctor` as a user runs it, in a process of its own, on machines that lack something."""
+
+import json
+import os
+import subprocess
+import sys
+
+TIMEOUT_S = 120
+
+
+def run_doctor(*arguments, **environment):
+    """Run the doctor in the state of this machine, changed by some variables."""
+    dropped = {"CLBVH_DEVICE", "OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"}
+    inherited = {name: value for name, value in os.environ.items() if name not in dropped}
+    code = "from clbvh.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", code, "doctor", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        env=inherited | environment,
+        check=False,
+    )
+
+
+def findings_of(answer, severity):
+    return [finding for finding in json.loads(answer.stdout)["findings"] if finding["severity"] == severity]
+
+
+def test_a_working_machine_is_exit_code_0():
+    answer = run_doctor()
+    assert answer.returncode == 0, answer.stdout
+    assert "computes correctly" in answer.stdout
+    assert "devices work" in answer.stdout.splitlines()[-1]
+
+
+def test_the_json_object_says_what_the_text_says():
+    answer = run_doctor("--json")
+    assert answer.returncode == 0
+    report = json.loads(answer.stdout)
+    assert report["works"] is True
+    assert any(device["works"] and device["error"] == "" for device in report["devices"])
+    assert {finding["severity"] for finding in report["findings"]} <= {"ok", "note", "problem"}
+    assert "pyopencl" in report["findings"][0]["message"]
+
+
+def test_a_driver_file_that_names_a_missing_library_is_named_and_hides_pocl(tmp_path):
+    icd = tmp_path / "gone.icd"
+    icd.write_text("libgone.so.7\n")
+    answer = run_doctor("--json", OCL_ICD_VENDORS=str(icd))
+    assert answer.returncode == 3
+    assert json.loads(answer.stdout)["works"] is False
+    problems = findings_of(answer, "problem")
+    assert f"{icd} names 'libgone.so.7', which cannot be loaded" in problems[0]["message"]
+    # The loader takes a variable that names no folder for the only driver, PoCL or not.
+    (note,) = [finding for finding in findings_of(answer, "note") if finding["check"] == "loader"]
+    assert "$ unset OCL_ICD_VENDORS" in note["advice"]
+
+
+def test_the_text_has_each_command_on_a_line_of_its_own_and_ends_with_exit_code_3(tmp_path):
+    answer = run_doctor(OCL_ICD_VENDORS=str(tmp_path / "a rather long name of a folder that is not there"))
+    assert answer.returncode == 3
+    assert "        $ unset OCL_ICD_VENDORS" in answer.stdout.splitlines()
+    assert answer.stdout.splitlines()[-1] == "0 of 0 devices work"
+    (line,) = answer.stderr.splitlines()
+    assert line.startswith("clbvh: no OpenCL device works")
+
+
+def test_broken_drivers_beside_a_good_one_are_problems_but_no_failure(tmp_path):
+    (tmp_path / "garbage.so").write_text("no library at all")
+    (tmp_path / "a.icd").write_text("")
+    (tmp_path / "b.icd").write_text(f"{tmp_path}/garbage.so\n")
+    (tmp_path / "c.icd").write_text("libgone.so.7\n")
+    answer = run_doctor("--json", OCL_ICD_VENDORS=str(tmp_path))
+    # The loader inside pyopencl still finds the PoCL beside it; so does the doctor.
+    assert answer.returncode == 0
+    problems = [finding for finding in findings_of(answer, "problem") if finding["check"] == "driver file"]
+    expected = ["a.icd cannot be read or is empty", "garbage.so', which cannot be loaded", "names 'libgone.so.7'"]
+    for problem, words in zip(problems, expected, strict=True):
+        assert words in problem["message"]
+        assert problem["advice"]
+
+
+def test_pocl_without_a_place_to_write_is_told_apart_from_no_pocl(tmp_path):
+    (tmp_path / "file").touch()
+    answer = run_doctor("--json", POCL_CACHE_DIR=str(tmp_path / "file/cache"))
+    (problem,) = [finding for finding in findings_of(answer, "problem") if "offers no device" in finding["message"]]
+    assert any("POCL_CACHE_DIR" in line for line in problem["advice"])
+
+
+def test_pyopencl_without_a_loader_is_exit_code_3(tmp_path):
+    broken = "raise ImportError('libOpenCL.so.1: cannot open shared object file')\n"
+    (tmp_path / "pyopencl.py").write_text(broken)
+    answer = run_doctor("--json", PYTHONPATH=str(tmp_path))
+    assert answer.returncode == 3
+    problem = findings_of(answer, "problem")[0]
+    assert problem["check"] == "pyopencl"
+    assert "libOpenCL.so.1: cannot open shared object file" in problem["message"]
+    assert "$ sudo apt install ocl-icd-libopencl1" in problem["advice"]
+
+
+def test_a_driver_that_hangs_is_given_up_after_the_timeout():
+    # PoCL's own brake: it sleeps that many seconds when it starts.
+    answer = run_doctor("--json", "--timeout", "1.5", POCL_STARTUP_DELAY="100")
+    assert answer.returncode == 3
+    assert any("did not answer within 1.5 s" in finding["message"] for finding in findings_of(answer, "problem"))
+
+
+def test_a_wish_in_the_environment_that_fits_nothing_is_a_problem():
+    answer = run_doctor("--json", CLBVH_DEVICE="riva tnt")
+    assert answer.returncode == 0
+    (problem,) = [finding for finding in findings_of(answer, "problem") if finding["check"] == "choice"]
+    assert "riva tnt" in problem["message"]
+    assert "$ unset CLBVH_DEVICE" in problem["advice"]
