@@ -37,6 +37,13 @@ BVH2_NODE = np.dtype(
     ]
 )
 
+# The same node as 4-byte lanes; a field's lanes of child i begin at FIELD + i * its length.
+BVH2_LANES = 16
+BVH2_MIN = 0
+BVH2_MAX = 6
+BVH2_FIRST = 12
+BVH2_COUNT = 14
+
 # A triangle in leaf order, with the number of its face in the mesh. A degenerate triangle is stored with three
 # equal corners: that makes its determinant exactly zero, so that no rounding can let a ray hit it.
 TRIANGLE = np.dtype(
@@ -97,6 +104,10 @@ VIEW = np.dtype(
     ]
 )
 
+# The same triangle as 4-byte lanes: nine coordinates, then the number.
+TRIANGLE_LANES = 10
+TRIANGLE_PRIM_ID = 9
+
 # Structs by their C names, in the order in which they are declared.
 DEVICE_STRUCTS = {
     "bvh2_node_t": BVH2_NODE,
@@ -111,9 +122,12 @@ NO_PRIM = -1
 # What `view.shading` may say.
 SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3}
 
-# Bits of a traversal stack entry of the `bvh2` layout: (node << 1) | child.
+# How a tree lies in the device's memory; `brute` is no tree at all.
+LAYOUTS = {"bvh2": 0, "brute": 1}
+
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
+    **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }
 

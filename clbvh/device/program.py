@@ -1,0 +1,104 @@
+"""Kernel sources become programs: find, expand, build.
+
+Includes are expanded here, not by the OpenCL compiler, for two reasons: the expanded text is all that a compiled
+program depends on, so it is a safe cache key; and `#line` markers make every compiler message name our file and
+line.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InternalError, KernelBuildError
+from ..layout import c_declarations
+from ..resources import find_folder
+
+if TYPE_CHECKING:
+    from .session import DeviceSession
+
+# The include that stands for the text made from `clbvh/layout.py`.
+LAYOUT_INCLUDE = "layout.cl"
+
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+
+# Relaxed mathematics would let the compiler assume that there is no infinity: slab tests rely on it.
+_OPTIONS = "-cl-std=CL1.2"
+
+
+def expand_source(name: str, folder: Path | None = None) -> str:
+    """Return the text of a kernel file with its includes expanded, each file once.
+
+    Parameters
+    ----------
+    name : str
+        Path below the `cl` folder, such as ``kernels/render.cl``. Includes are named the same way.
+    folder : Path, optional
+        Another folder instead of the shipped `cl`.
+
+    Raises
+    ------
+    InternalError
+        A file is missing.
+    """
+    root = folder or find_folder("cl")
+    lines: list[str] = []
+    _expand(name, root, lines, set())
+    return "\n".join(lines) + "\n"
+
+
+def _expand(name: str, root: Path, lines: list[str], seen: set[str]) -> None:
+    if name in seen:
+        return
+    seen.add(name)
+    if name == LAYOUT_INCLUDE:
+        text = c_declarations()
+    else:
+        path = root / name
+        if not path.is_file():
+            raise InternalError(f"the kernel source '{name}' is missing in {root}")
+        text = path.read_text(encoding="utf-8")
+    lines.append(f'#line 1 "cl/{name}"')
+    for number, line in enumerate(text.splitlines(), start=1):
+        match = _INCLUDE.match(line)
+        if match is None:
+            lines.append(line)
+        else:
+            _expand(match[1], root, lines, seen)
+            lines.append(f'#line {number + 1} "cl/{name}"')
+
+
+def build_kernel(
+    session: DeviceSession, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
+) -> Any:
+    """Compile ``kernels/NAME.cl`` and return its kernel, an entry point of the same name.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    name : str
+    defines : mapping of str to int, optional
+        Macros; the tunables and sizes that the source asks for.
+    folder : Path, optional
+        Another folder instead of the shipped `cl`.
+
+    Raises
+    ------
+    KernelBuildError
+        The device's compiler refuses; the message has its log.
+    """
+    import pyopencl as cl
+
+    source = expand_source(f"kernels/{name}.cl", folder)
+    options = [_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items()))]
+    try:
+        with warnings.catch_warnings():
+            # PoCL says something about every build, good or bad.
+            warnings.simplefilter("ignore", cl.CompilerWarning)
+            program = cl.Program(session.context, source).build(options, devices=[session.info.cl_device])
+    except cl.Error as error:
+        raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
+    return cl.Kernel(program, name)

@@ -1,0 +1,138 @@
+"""An opened device: its context, its queue, its buffers, and the times of what ran on it."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..errors import DeviceError
+from .select import DeviceInfo, choose_device
+from .timing import EventTimes
+
+# A buffer of no bytes is an error in OpenCL; an empty array gets this many.
+_SMALLEST_BUFFER_BYTES = 16
+
+
+class DeviceSession:
+    """One device, opened; a context manager.
+
+    Parameters
+    ----------
+    device : DeviceInfo, str, int or None
+        The device, or what `choose_device` takes.
+
+    Raises
+    ------
+    DeviceError
+        There is no such device, or its driver refuses.
+
+    Attributes
+    ----------
+    info : DeviceInfo
+    context, queue : pyopencl.Context, pyopencl.CommandQueue
+    times : EventTimes
+        Of everything that went through this session.
+    """
+
+    def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
+        self.info = device if isinstance(device, DeviceInfo) else choose_device(device)
+        import pyopencl as cl
+
+        self._cl = cl
+        self.times = EventTimes()
+        self._buffers: list[Any] = []
+        with self._errors("be opened"):
+            self.context = cl.Context([self.info.cl_device])
+            self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+
+    def upload(self, array: NDArray[Any]) -> Any:
+        """Copy an array into a new read-only buffer."""
+        buffer = self.allocate(array.nbytes, writable=False)
+        if array.nbytes:
+            self.write(buffer, array)
+        return buffer
+
+    def write(self, buffer: Any, array: NDArray[Any]) -> None:
+        """Copy an array into a buffer that exists."""
+        with self._errors(f"take {array.nbytes / 1e6:,.1f} MB"):
+            event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
+        self.times.note("upload", event)
+
+    def allocate(self, size: int, *, writable: bool = True) -> Any:
+        """Return a new buffer of `size` bytes."""
+        flags = self._cl.mem_flags.READ_WRITE if writable else self._cl.mem_flags.READ_ONLY
+        with self._errors(f"hold a buffer of {size / 1e6:,.1f} MB"):
+            buffer = self._cl.Buffer(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
+        self._buffers.append(buffer)
+        return buffer
+
+    def release(self, buffer: Any) -> None:
+        """Give a buffer back before the session ends."""
+        self._buffers.remove(buffer)
+        buffer.release()
+
+    def download(self, buffer: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """Copy the beginning of a buffer into a new array."""
+        array = np.empty(shape, dtype)
+        if array.nbytes:
+            with self._errors(f"give back {array.nbytes / 1e6:,.1f} MB"):
+                event = self._cl.enqueue_copy(self.queue, array, buffer, is_blocking=True)
+            self.times.note("download", event)
+        return array
+
+    def run(self, kernel: Any, work_size: tuple[int, ...], group_size: tuple[int, ...], *arguments: Any) -> None:
+        """Run a kernel once per work-item and wait for it.
+
+        Parameters
+        ----------
+        work_size : tuple of int
+            Work-items per dimension, rounded up to whole groups: the kernel checks its range.
+        group_size : tuple of int
+            Work-items of a work-group per dimension.
+        """
+        rounded = tuple(-(-size // group) * group for size, group in zip(work_size, group_size, strict=True))
+        with self._errors(f"run the kernel '{kernel.function_name}'"):
+            event = kernel(self.queue, rounded, group_size, *arguments)
+            event.wait()
+        self.times.note("kernel", event)
+
+    def close(self) -> None:
+        """Give all buffers back. Closing twice is allowed."""
+        while self._buffers:
+            self._buffers.pop().release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _errors(self, action: str) -> _DeviceErrors:
+        return _DeviceErrors(self._cl, self.info, action)
+
+
+class _DeviceErrors:
+    """Turn an OpenCL error into a `DeviceError` that says what the device could not do."""
+
+    def __init__(self, cl: Any, info: DeviceInfo, action: str) -> None:
+        self._cl = cl
+        self._info = info
+        self._action = action
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, self._cl.Error):
+            raise DeviceError(
+                f"the device '{self._info.name}' cannot {self._action} ({error}): "
+                "try a smaller job or another --device, and see `clbvh doctor`"
+            ) from error

@@ -1,0 +1,28 @@
+"""Times that the device itself measured, from OpenCL events."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_NS_PER_MS = 1e6
+
+
+class EventTimes:
+    """Sums the run times of commands by what they did: ``upload``, ``kernel``, ``download``."""
+
+    def __init__(self) -> None:
+        self._events: list[tuple[str, Any]] = []
+        self._sums_ms: dict[str, float] = {}
+
+    def note(self, label: str, event: Any) -> None:
+        """Remember an enqueued command; its times are read when somebody asks."""
+        self._events.append((label, event))
+
+    def sums_ms(self) -> dict[str, float]:
+        """Wait for all noted commands and return the milliseconds of each label since the start."""
+        for label, event in self._events:
+            event.wait()
+            duration = (event.profile.end - event.profile.start) / _NS_PER_MS
+            self._sums_ms[label] = self._sums_ms.get(label, 0.0) + duration
+        self._events.clear()
+        return dict(self._sums_ms)
