@@ -233,9 +233,16 @@ def read_library_cache() -> list[Path]:
             )
         except (OSError, subprocess.TimeoutExpired):
             continue
-        # One line for each library: "<tab>name (kind) => path".
-        return [Path(line.partition(" => ")[2]) for line in answer.stdout.splitlines() if " => " in line]
+        return parse_library_cache(answer.stdout)
     return []
+
+
+def parse_library_cache(text: str) -> list[Path]:
+    """Return the paths in the output of `ldconfig -p`: one line for each, "<tab>name (kind) => path"."""
+    lines = [line for line in text.splitlines() if " => " in line]
+    # The kinds of 64-bit systems have "64" in their names; a 32-bit copy of a driver must not come first.
+    lines.sort(key=lambda line: "64" not in line.partition(" => ")[0].partition("(")[2])
+    return [Path(line.partition(" => ")[2]) for line in lines]
 
 
 def find_gpus(root: Path = Path("/sys/bus/pci/devices")) -> list[str]:

@@ -34,7 +34,7 @@ def make_device(name, kind, platform, number=-1, **facts):
     return DeviceInfo(number=number, platform=platform, name=name, kind=kind, **(given | facts))
 
 
-GEFORCE = make_device("NVIDIA GeForce RTX 4090", "gpu", "NVIDIA CUDA", vendor="NVIDIA Corporation")
+GEFORCE = make_device("NVIDIA GeForce RTX 4090", "gpu", "NVIDIA CUDA", memory_bytes=24 << 30)
 RADEON = make_device("gfx1030", "gpu", "AMD Accelerated Parallel Processing", memory_bytes=16 << 30)
 IRIS = make_device("Intel(R) Iris(R) Xe Graphics", "gpu", "Intel(R) OpenCL Graphics", has_unified_memory=True)
 EMULATOR = make_device("Intel(R) FPGA Emulation Device", "accelerator", "Intel(R) FPGA Emulation Platform")
@@ -63,7 +63,7 @@ def names_of(devices):
 
 def test_a_graphics_card_comes_first_then_the_one_inside_the_cpu_then_accelerators_then_cpus():
     shuffled = [POCL_3, IRIS, EMULATOR, BOARD, GEFORCE, RADEON]
-    expected = [RADEON, GEFORCE, IRIS, BOARD, POCL_3, EMULATOR]
+    expected = [GEFORCE, RADEON, IRIS, BOARD, POCL_3, EMULATOR]
     assert names_of(number_devices(shuffled)) == names_of(expected)
     assert [device.number for device in number_devices(shuffled)] == [0, 1, 2, 3, 4, 5]
 
@@ -92,13 +92,13 @@ MACHINE = number_devices([RADEON, GEFORCE, IRIS, BOARD, INTEL_CPU, POCL_6, POCL_
 @pytest.mark.parametrize(
     ("spec", "expected"),
     [
-        (None, RADEON),
-        (0, RADEON),
-        (1, GEFORCE),
-        ("1", GEFORCE),
+        (None, GEFORCE),
+        (0, GEFORCE),
+        (1, RADEON),
+        ("1", RADEON),
         (" 2 ", IRIS),
-        ("gpu", RADEON),
-        ("GPU", RADEON),
+        ("gpu", GEFORCE),
+        ("GPU", GEFORCE),
         ("accelerator", BOARD),
         ("cpu", INTEL_CPU),
         ("geforce", GEFORCE),
@@ -127,6 +127,12 @@ def test_the_full_name_is_not_ambiguous_beside_a_longer_one():
 def test_identical_cards_are_not_ambiguous():
     devices = number_devices([GEFORCE, GEFORCE, POCL_3])
     assert pick_device(devices, "geforce").number == 0
+
+
+def test_different_cards_of_one_maker_are_ambiguous():
+    devices = number_devices([RADEON, make_device("gfx1100", "gpu", RADEON.platform), POCL_3])
+    with pytest.raises(DeviceError, match="several devices"):
+        pick_device(devices, "gfx")
 
 
 @pytest.mark.parametrize("spec", ["intel", "opencl", "amd"])
