@@ -50,6 +50,7 @@ def devices(
 
 def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -60,10 +61,10 @@ def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
         name = device.name if device.is_available else f"{device.name} (not available)"
         table.add_row(
             f"{'*' if is_default else ' '} {device.number}",
-            f"{name} [dim]{device.kind}[/dim]",
-            device.platform,
-            _shorten_version(device.version),
-            device.driver_version,
+            f"{escape(name)} [dim]{device.kind}[/dim]",
+            escape(device.platform),
+            escape(_shorten_version(device.version)),
+            escape(device.driver_version),
             _format_memory(device.memory_bytes),
             str(device.compute_units),
             "yes" if device.has_fp64 else "no",

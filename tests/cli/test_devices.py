@@ -66,6 +66,19 @@ def test_the_table_has_a_row_for_every_device_and_marks_the_default(listed):
             assert device[fact] in row
 
 
+def test_names_with_brackets_are_printed_as_they_are(monkeypatch, capsys):
+    from dataclasses import replace
+
+    from clbvh.cli.devices import devices
+    from clbvh.device import select
+
+    named = replace(select.list_devices()[0], name="Graphics [bold]", is_available=False)
+    monkeypatch.setattr(select, "survey_devices", lambda: select.DeviceSurvey((named,), ()))
+    monkeypatch.delenv("CLBVH_DEVICE", raising=False)
+    devices(as_json=False)
+    assert "* 0  Graphics [bold] (not available) " in capsys.readouterr().out
+
+
 def test_a_wrong_wish_in_the_environment_is_said_but_does_not_hide_the_list():
     answer = run_clbvh("devices", "--json", CLBVH_DEVICE="riva tnt")
     assert answer.returncode == 0
