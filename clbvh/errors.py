@@ -51,6 +51,10 @@ class KernelBuildError(ClbvhError, RuntimeError):
         return f"the kernel does not compile on {self.device} with options '{self.options}':\n{self.log}"
 
 
+class FetchError(ClbvhError, RuntimeError):
+    """A download failed, or what came is not what was wanted."""
+
+
 class PoolError(ClbvhError, RuntimeError):
     """A worker process failed, died or fell silent, or there is no memory to share with it."""
 

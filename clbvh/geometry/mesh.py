@@ -77,12 +77,13 @@ class Mesh:
         # The box is taken in the input's own precision, the centre and the subtraction in float64.
         lower = checked_vertices.min(axis=0).astype(np.float64)
         upper = checked_vertices.max(axis=0).astype(np.float64)
-        origin = lower + (upper - lower) / 2
-        local = np.subtract(checked_vertices, origin, dtype=np.float64).astype(np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is refused below
+            origin = lower + (upper - lower) / 2
+            local = np.subtract(checked_vertices, origin, dtype=np.float64).astype(np.float32)
         if not np.isfinite(local).all():
+            width = 2 * float(np.max(upper / 2 - lower / 2))
             raise MeshError(
-                f"{name}: the mesh is {np.max(upper - lower):.3g} units wide, more than float32 can hold: "
-                "give it in a larger unit"
+                f"{name}: the mesh is {width:.3g} units wide, more than float32 can hold: give it in a larger unit"
             )
         return cls(local, checked_faces, origin, name)
 

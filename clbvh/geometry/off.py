@@ -48,7 +48,8 @@ def read_off(data: bytes, source: str) -> tuple[NDArray[np.float64], NDArray[np.
     try:
         numbers = parse_numbers(text)
     except NotANumberError as error:
-        raise MeshError(f"{source}: it has '{error.token}' where a number is expected") from error
+        line = data.count(b"\n", 0, keyword.end()) + text.count(b"\n", 0, error.offset) + 1
+        raise MeshError(f"{source}: line {line} has '{error.token}' where a number is expected") from error
     counts = count_tokens_per_line(text)
     counts = counts[counts > 0]
     first = np.cumsum(counts) - counts

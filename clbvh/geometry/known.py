@@ -1,0 +1,237 @@
+"""The meshes that everybody knows by name: where they are looked for, and how they are fetched.
+
+Owns the table of names and the cache. The meshes come from the Stanford 3D Scanning Repository, Stanford Computer
+Graphics Laboratory; their use is free for research, with credit.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import os
+import tarfile
+import tempfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import ConfigError, FetchError, MeshError
+
+STANFORD = "https://graphics.stanford.edu/pub/3Dscanrep"
+
+MESHES_VARIABLE = "CLBVH_MESHES"
+CACHE_VARIABLE = "CLBVH_CACHE"
+
+_TIMEOUT_S = 30
+_BLOCK_BYTES = 1 << 16
+# The largest known mesh has 34 MB; a member that claims more than this is not one of them.
+_MAX_MEMBER_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class KnownMesh:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name : str
+        What users call it.
+    archive : str
+        The archive's path below the repository's address.
+    member : str
+        The mesh in the archive.
+    archive_sha256, member_sha256 : str or None
+        Sums of the two; at least one is known.
+    alternatives : tuple of str
+        File names that stand for the mesh too, when they lie in the folder of the user.
+    """
+
+    name: str
+    archive: str
+    member: str
+    archive_sha256: str | None = None
+    member_sha256: str | None = None
+    alternatives: tuple[str, ...] = ()
+
+    @property
+    def file_name(self) -> str:
+        """What the mesh is called in the cache."""
+        return self.member.rsplit("/", 1)[-1]
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """What the mesh may be called in the folder of the user, best first."""
+        return (self.file_name, *self.alternatives, f"{self.name}.ply")
+
+
+KNOWN_MESHES = {
+    mesh.name: mesh
+    for mesh in (
+        KnownMesh(
+            "bunny",
+            "bunny.tar.gz",
+            "bunny/reconstruction/bun_zipper.ply",
+            archive_sha256="a5720bd96d158df403d153381b8411a727a1d73cff2f33dc9b212d6f75455b84",
+        ),
+        KnownMesh(
+            "dragon",
+            "dragon/dragon_recon.tar.gz",
+            "dragon_recon/dragon_vrip.ply",
+            archive_sha256="74ac1d90989c9b1732edee82d57e9ce71452144cf4355f108d8c9c616d28d02f",
+            alternatives=("dragon_871k.ply",),
+        ),
+        KnownMesh(
+            "drill",
+            "drill.tar.gz",
+            "drill/reconstruction/drill_shaft_zip.ply",
+            member_sha256="b47bef76b4a890b8e7186eb3abdb28c137ae1804f1a31bcd8ded26405159b84e",
+        ),
+    )
+}
+
+
+def get_known_mesh(name: str) -> KnownMesh:
+    """Return the row of a name; raise `ConfigError` when there is none."""
+    try:
+        return KNOWN_MESHES[name]
+    except KeyError:
+        raise ConfigError(f"there is no known mesh '{name}': the known ones are {', '.join(KNOWN_MESHES)}") from None
+
+
+def find_cache() -> Path:
+    """Return the folder that fetched meshes go to: `CLBVH_CACHE`, or the one for caches of this system."""
+    if folder := os.environ.get(CACHE_VARIABLE):
+        return Path(folder)
+    import pooch
+
+    return Path(pooch.os_cache("clbvh"))
+
+
+def find_known_mesh(name: str) -> Path:
+    """Find the file of a known mesh: in the folder `CLBVH_MESHES`, then among the fetched ones.
+
+    Parameters
+    ----------
+    name : str
+        `bunny`, `dragon` or `drill`.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ConfigError
+        No mesh is known by that name.
+    MeshError
+        It is in neither place; the message says what would put it there.
+    """
+    mesh = get_known_mesh(name)
+    if folder := os.environ.get(MESHES_VARIABLE):
+        for file_name in mesh.file_names:
+            if (path := Path(folder) / file_name).is_file():
+                return path
+    if (path := find_cache() / mesh.file_name).is_file():
+        return path
+    where = f"{MESHES_VARIABLE} is {folder}" if folder else f"{MESHES_VARIABLE} is not set"
+    raise MeshError(
+        f"the mesh '{name}' is not on this machine: run 'clbvh fetch {name}', or set {MESHES_VARIABLE} to a folder "
+        f"that has {mesh.file_name} ({where})"
+    )
+
+
+def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> Path:
+    """Download a known mesh into the cache, unless it is there.
+
+    Parameters
+    ----------
+    name : str
+        `bunny`, `dragon` or `drill`.
+    base_url : str, optional
+        Address of the repository, or of a mirror with the same paths.
+    progress : object, optional
+        A progress bar as pooch takes it: with `total`, `update`, `reset` and `close`.
+
+    Returns
+    -------
+    Path
+        The mesh in the cache. It appears there whole or not at all.
+
+    Raises
+    ------
+    ConfigError
+        No mesh is known by that name.
+    FetchError
+        The download failed or was cut off, a sum is wrong, or the archive does not have the mesh. Nothing of it stays.
+    """
+    mesh = get_known_mesh(name)
+    cache = find_cache()
+    target = cache / mesh.file_name
+    if target.is_file():
+        return target
+    url = f"{base_url.rstrip('/')}/{mesh.archive}"
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        # Everything happens in a folder that goes away with all that is in it, whatever happens.
+        with tempfile.TemporaryDirectory(prefix=f"{name}-", dir=cache) as work:
+            archive = _download(url, mesh, Path(work), progress)
+            extracted = Path(work) / mesh.file_name
+            _extract(archive, mesh, extracted, url)
+            extracted.replace(target)
+    except OSError as error:
+        raise FetchError(f"{url}: cannot be stored in {cache}: {error.strerror or error}") from error
+    return target
+
+
+def _download(url: str, mesh: KnownMesh, folder: Path, progress: Any) -> Path:
+    """Download the archive into a folder and check its sum, if it is known."""
+    # Imported here: they take 0.2 s, and only a download needs them.
+    import pooch
+    import requests
+
+    pooch.get_logger().setLevel("WARNING")
+    downloader = pooch.HTTPDownloader(
+        progressbar=progress or False, chunk_size=_BLOCK_BYTES, timeout=_TIMEOUT_S, allow_redirects=True
+    )
+    known_hash = mesh.archive_sha256 and f"sha256:{mesh.archive_sha256}"
+    try:
+        return Path(
+            pooch.retrieve(url, known_hash=known_hash, fname="archive.tar.gz", path=folder, downloader=downloader)
+        )
+    except requests.HTTPError as error:
+        answer = "an error" if error.response is None else f"{error.response.status_code} {error.response.reason}"
+        raise FetchError(f"{url}: the server answers {answer}") from error
+    except requests.Timeout as error:
+        raise FetchError(f"{url}: no answer within {_TIMEOUT_S} s: try again later") from error
+    except requests.RequestException as error:
+        raise FetchError(f"{url}: the connection failed or was cut ({type(error).__name__}): try again") from error
+    except ValueError as error:
+        raise FetchError(f"{url}: the archive is not the known one, or was damaged on its way: {error}") from error
+
+
+def _extract(archive: Path, mesh: KnownMesh, target: Path, url: str) -> None:
+    """Copy the mesh out of the archive and check its sum, if it is known.
+
+    Only the member's bytes are used, never the path that the archive gives it.
+    """
+    digest = hashlib.sha256()
+    try:
+        with tarfile.open(archive, "r:gz") as tar, target.open("wb") as out:
+            member = tar.getmember(mesh.member)
+            source = tar.extractfile(member) if member.isreg() and member.size <= _MAX_MEMBER_BYTES else None
+            if source is None:
+                raise FetchError(f"{url}: '{mesh.member}' in the archive is not a mesh file")
+            with source:
+                while block := source.read(_BLOCK_BYTES):
+                    digest.update(block)
+                    out.write(block)
+    except KeyError as error:
+        raise FetchError(f"{url}: the archive has no '{mesh.member}'") from error
+    except (tarfile.TarError, gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise FetchError(f"{url}: the archive is damaged or was cut off ({error}): try again") from error
+    if mesh.member_sha256 is not None and digest.hexdigest() != mesh.member_sha256:
+        raise FetchError(
+            f"{url}: '{mesh.member}' is not the known mesh, or was damaged on its way: its sha256 is "
+            f"{digest.hexdigest()} instead of {mesh.member_sha256}"
+        )
