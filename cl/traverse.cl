@@ -3,7 +3,7 @@
 // What several of them need comes first: the host expands each include once, where it first stands, and that must
 // not be inside a branch that is left out.
 #include "aabb.cl"
-#include "hit.cl"
+#include "crossing.cl"
 #include "triangle.cl"
 
 #if LAYOUT == LAYOUT_BVH2

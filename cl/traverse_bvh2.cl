@@ -4,7 +4,7 @@
 // entry is a child that waits, as 2 * node + child, in 4 bytes.
 
 #include "aabb.cl"
-#include "hit.cl"
+#include "crossing.cl"
 #include "triangle.cl"
 
 bool meets_child(
@@ -13,45 +13,45 @@ bool meets_child(
     return meets_aabb(vload3(0, node->aabb_min[child]), vload3(0, node->aabb_max[child]), path, t_max, entry);
 }
 
-// The nearest hit; with `any`, the first one found.
-hit_t traverse(
+// The nearest crossing; with `any`, the first one found.
+crossing_t traverse(
     const global bvh2_node_t *nodes, const global triangle_t *triangles, const int triangle_count,
     const path_t *path, const bool any)
 {
     int stack[STACK_SIZE];
     int waiting = 0;
     int node = 0;
-    hit_t hit = no_hit();
+    crossing_t nearest = no_crossing();
 
     while (true) {
         // Which children does the ray meet, and which first?
         float entry_left, entry_right;
-        const float limit = search_limit(&hit, path);
+        const float limit = search_limit(&nearest, path);
         const bool meets_left = meets_child(nodes + node, 0, path, limit, &entry_left);
         const bool meets_right = meets_child(nodes + node, 1, path, limit, &entry_right);
 
         int next;
         if (meets_left && meets_right) {
-            const int near = entry_right < entry_left;
-            stack[waiting++] = 2 * node + 1 - near;
-            next = 2 * node + near;
+            const int first = entry_right < entry_left;
+            stack[waiting++] = 2 * node + 1 - first;
+            next = 2 * node + first;
         } else if (meets_left || meets_right) {
             next = 2 * node + (meets_right ? 1 : 0);
         } else if (waiting > 0) {
             next = stack[--waiting];
         } else {
-            return hit;
+            return nearest;
         }
 
         // Leaves are tested at once, until an interior child comes up.
         while (nodes[next >> 1].count[next & 1] > 0) {
             const int first = nodes[next >> 1].first[next & 1];
             const int end = first + nodes[next >> 1].count[next & 1];
-            for (int i = first; i < end; i++) {
-                intersect_triangle(triangles + i, path, &hit);
+            for (int place = first; place < end; place++) {
+                intersect_triangle(triangles, place, path, &nearest);
             }
-            if ((any && is_hit(&hit)) || waiting == 0) {
-                return hit;
+            if ((any && is_found(&nearest)) || waiting == 0) {
+                return nearest;
             }
             next = stack[--waiting];
         }

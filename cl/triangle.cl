@@ -5,6 +5,7 @@
 // sign: at worst it makes both zero, and zero counts as inside. So a ray that crosses a closed mesh crosses one of
 // its triangles at least.
 
+#include "crossing.cl"
 #include "ray.cl"
 
 // A vertex seen along the ray: x and y across it, z along it.
@@ -15,10 +16,12 @@ float3 shear_vertex(const float3 vertex, const path_t *path)
         turned.x - path->shear.x * turned.z, turned.y - path->shear.y * turned.z, path->shear.z * turned.z);
 }
 
-// Replaces *hit when the ray meets the triangle nearer, or just as near with a smaller number: ties are broken the
+// Replaces *nearest when the ray meets the triangle nearer, or just as near with a smaller number: ties are broken the
 // same way whatever the order of the tests. Every comparison is written so that NaN means no hit.
-void intersect_triangle(const global triangle_t *triangle, const path_t *path, hit_t *hit)
+void intersect_triangle(
+    const global triangle_t *triangles, const int place, const path_t *path, crossing_t *nearest)
 {
+    const global triangle_t *triangle = triangles + place;
     const float3 a = shear_vertex(vload3(0, triangle->a), path);
     const float3 b = shear_vertex(vload3(0, triangle->b), path);
     const float3 c = shear_vertex(vload3(0, triangle->c), path);
@@ -35,11 +38,12 @@ void intersect_triangle(const global triangle_t *triangle, const path_t *path, h
     }
 
     const float t = (edge_a * a.z + edge_b * b.z + edge_c * c.z) / area;
-    const bool nearer = t < hit->t || (t == hit->t && triangle->prim_id < hit->prim_id);
+    const bool nearer = t < nearest->t || (t == nearest->t && triangle->prim_id < nearest->prim_id);
     if (t >= path->t_min && t <= path->t_max && nearer) {
-        hit->t = t;
-        hit->u = edge_b / area;
-        hit->v = edge_c / area;
-        hit->prim_id = triangle->prim_id;
+        nearest->t = t;
+        nearest->u = edge_b / area;
+        nearest->v = edge_c / area;
+        nearest->prim_id = triangle->prim_id;
+        nearest->place = place;
     }
 }

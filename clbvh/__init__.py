@@ -10,14 +10,54 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .build import BuildOptions, SubtreePool, build
+    from .device import DeviceInfo, choose_device, list_devices
     from .geometry import Mesh, load_mesh
+    from .render import Picture, RenderOptions, Scene, open_scene, render
+    from .trace import Hits, Tracer
+    from .tree import Bvh, sah_cost, validate_tree
 
 _HOME_OF = {
     "Mesh": "geometry",
     "load_mesh": "geometry",
+    "Bvh": "tree",
+    "sah_cost": "tree",
+    "validate_tree": "tree",
+    "BuildOptions": "build",
+    "SubtreePool": "build",
+    "build": "build",
+    "DeviceInfo": "device",
+    "choose_device": "device",
+    "list_devices": "device",
+    "Hits": "trace",
+    "Tracer": "trace",
+    "Picture": "render",
+    "RenderOptions": "render",
+    "Scene": "render",
+    "open_scene": "render",
+    "render": "render",
 }
 
-__all__ = ["Mesh", "load_mesh"]  # noqa: RUF022 - in the order of the pipeline
+__all__ = [  # noqa: RUF022 - in the order of the pipeline
+    "Mesh",
+    "load_mesh",
+    "Bvh",
+    "sah_cost",
+    "validate_tree",
+    "BuildOptions",
+    "SubtreePool",
+    "build",
+    "DeviceInfo",
+    "choose_device",
+    "list_devices",
+    "Hits",
+    "Tracer",
+    "Picture",
+    "RenderOptions",
+    "Scene",
+    "open_scene",
+    "render",
+]
 
 
 def __getattr__(name: str) -> Any:

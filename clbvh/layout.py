@@ -78,28 +78,26 @@ HIT = np.dtype(
 # Everything one picture needs besides the mesh. Colours are linear, from 0 to 1.
 VIEW = np.dtype(
     [
-        # A pixel's ray: origin `eye`, direction forward + x * right + y * up with x and y from -1 to 1.
+        # A pixel's ray starts at `eye`, relative to the mesh's origin, along forward + x * right + y * up with x and
+        # y from -1 to 1. `forward` is a unit vector; the others are as long as half the picture at distance 1.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),
         ("right", np.float32, 3),
         ("up", np.float32, 3),
-        # Unit vector towards the light.
+        # The light comes from one direction, a unit vector towards it, and evenly from the sky and the ground.
         ("to_light", np.float32, 3),
         ("light_colour", np.float32, 3),
+        ("to_sky", np.float32, 3),
         ("sky_colour", np.float32, 3),
         ("ground_colour", np.float32, 3),
-        ("up_axis", np.float32, 3),
         ("surface_colour", np.float32, 3),
         ("background_top", np.float32, 3),
         ("background_bottom", np.float32, 3),
-        # Distances along the view direction that the depth picture shows as white and as black.
+        # Distances along `forward` that the depth picture shows as white and as black.
         ("depth_near", np.float32),
         ("depth_far", np.float32),
         ("width", np.int32),
         ("height", np.int32),
-        # The kernel renders the rows from first_row to first_row + row_count.
-        ("first_row", np.int32),
-        ("row_count", np.int32),
         ("shading", np.int32),
     ]
 )

@@ -15,6 +15,6 @@ kernel void any_hit(
         return;
     }
     const path_t path = load_path(rays + ray);
-    const hit_t hit = traverse(nodes, triangles, triangle_count, &path, true);
-    blocked[ray] = is_hit(&hit);
+    const crossing_t blocker = traverse(nodes, triangles, triangle_count, &path, true);
+    blocked[ray] = is_found(&blocker);
 }

@@ -15,5 +15,6 @@ kernel void closest_hit(
         return;
     }
     const path_t path = load_path(rays + ray);
-    hits[ray] = traverse(nodes, triangles, triangle_count, &path, false);
+    const crossing_t nearest = traverse(nodes, triangles, triangle_count, &path, false);
+    hits[ray] = as_hit(&nearest);
 }

@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import DeviceError
 from .select import DeviceInfo, choose_device
@@ -74,14 +74,12 @@ class DeviceSession:
         self._buffers.remove(buffer)
         buffer.release()
 
-    def download(self, buffer: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """Copy the beginning of a buffer into a new array."""
-        array = np.empty(shape, dtype)
-        if array.nbytes:
-            with self._errors(f"give back {array.nbytes / 1e6:,.1f} MB"):
-                event = self._cl.enqueue_copy(self.queue, array, buffer, is_blocking=True)
+    def download(self, buffer: Any, into: NDArray[Any]) -> None:
+        """Copy the beginning of a buffer into a contiguous array, filling it."""
+        if into.nbytes:
+            with self._errors(f"give back {into.nbytes / 1e6:,.1f} MB"):
+                event = self._cl.enqueue_copy(self.queue, into, buffer, is_blocking=True)
             self.times.note("download", event)
-        return array
 
     def run(self, kernel: Any, work_size: tuple[int, ...], group_size: tuple[int, ...], *arguments: Any) -> None:
         """Run a kernel once per work-item and wait for it.

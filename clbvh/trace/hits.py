@@ -44,5 +44,9 @@ class Hits:
         """Number of rays that hit something."""
         return int(np.count_nonzero(self.is_hit))
 
+    def take(self, rays: NDArray[np.int64]) -> Hits:
+        """Return the hits of some rays, by their numbers in C order."""
+        return Hits(self.t.flat[rays], self.u.flat[rays], self.v.flat[rays], self.prim_id.flat[rays])
+
     def __len__(self) -> int:
         return len(self.prim_id)

@@ -12,7 +12,6 @@ from ..device.program import build_kernel
 from ..device.select import DeviceInfo
 from ..device.session import DeviceSession
 from ..layout import HIT, RAY
-from ..stopwatch import Stopwatch
 from ..tree import Bvh
 from .device_tree import DeviceTree
 from .hits import Hits
@@ -144,7 +143,7 @@ class Tracer:
                     self._kernels[query], (len(chunk),), (_GROUP_SIZE,),
                     *self._tree.arguments, ray_buffer, result_buffer, np.int32(len(chunk)),
                 )  # fmt: skip
-                results[begin : begin + len(chunk)] = self._session.download(result_buffer, (len(chunk),), result_type)
+                self._session.download(result_buffer, results[begin : begin + len(chunk)])
         finally:
             self._session.release(ray_buffer)
             self._session.release(result_buffer)

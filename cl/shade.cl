@@ -1,0 +1,52 @@
+// From a crossing to a colour.
+
+#include "surface.cl"
+#include "traverse.cl"
+
+// Linear light to what a screen expects (IEC 61966-2-1, sRGB).
+float3 encode_srgb(const float3 linear)
+{
+    const float3 clamped = clamp(linear, 0.0f, 1.0f);
+    const float3 curved = 1.055f * pow(clamped, (float3)(1.0f / 2.4f)) - 0.055f;
+    return clamped <= 0.0031308f ? 12.92f * clamped : curved;
+}
+
+// A vertical gradient.
+float3 shade_background(const global view_t *view, const int row)
+{
+    const float down = (row + 0.5f) / view->height;
+    return encode_srgb(mix(vload3(0, view->background_top), vload3(0, view->background_bottom), down));
+}
+
+// A matt surface under one directed light, the sky and the ground.
+float3 shade_lambert(const global view_t *view, const float3 normal, const bool is_lit)
+{
+    const float up = 0.5f + 0.5f * dot(normal, vload3(0, view->to_sky));
+    float3 light = mix(vload3(0, view->ground_colour), vload3(0, view->sky_colour), up);
+    if (is_lit) {
+        light += larger(dot(normal, vload3(0, view->to_light)), 0.0f) * vload3(0, view->light_colour);
+    }
+    return encode_srgb(light * vload3(0, view->surface_colour));
+}
+
+// White is near, black is far; the same steps everywhere, so that grey values can be read as distances.
+float3 shade_depth(const global view_t *view, const float3 position)
+{
+    const float depth = dot(position - vload3(0, view->eye), vload3(0, view->forward));
+    const float share = (depth - view->depth_near) / (view->depth_far - view->depth_near);
+    return (float3)(1.0f - clamp(share, 0.0f, 1.0f));
+}
+
+// Whether nothing stands between a surface and the light.
+bool sees_light(
+    const global view_t *view, const surface_t *surface, const global bvh2_node_t *nodes,
+    const global triangle_t *triangles, const int triangle_count)
+{
+    const float3 to_light = vload3(0, view->to_light);
+    if (!(dot(surface->normal, to_light) > 0.0f)) {
+        return false;
+    }
+    const path_t path = make_path(point_above(surface), to_light, 0.0f, INFINITY);
+    const crossing_t blocker = traverse(nodes, triangles, triangle_count, &path, true);
+    return !is_found(&blocker);
+}

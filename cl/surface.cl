@@ -1,0 +1,39 @@
+// Where on a triangle a crossing lies, and which way the surface faces there.
+
+#include "crossing.cl"
+
+typedef struct {
+    float3 position;
+    float3 normal;  // of length 1, on the side that the ray comes from
+    float3 error;   // bound on the rounding of each coordinate of the position
+} surface_t;
+
+surface_t surface_at(const global triangle_t *triangle, const crossing_t *crossing, const float3 direction)
+{
+    const float3 a = vload3(0, triangle->a);
+    const float3 b = vload3(0, triangle->b);
+    const float3 c = vload3(0, triangle->c);
+    const float3 from_a = (1.0f - crossing->u - crossing->v) * a;
+    const float3 from_b = crossing->u * b;
+    const float3 from_c = crossing->v * c;
+
+    surface_t surface;
+    surface.position = from_a + from_b + from_c;
+    // Seven roundings on the longest way from a corner to the sum (Pharr, Jakob and Humphreys, "Physically based
+    // rendering", section 6.8, 2023).
+    surface.error = ERROR_BOUND(7) * (fabs(from_a) + fabs(from_b) + fabs(from_c));
+    // Scaled first: the product of two edges of a very small or very large triangle would leave float32.
+    const float3 ab = b - a;
+    const float3 ac = c - a;
+    const float3 normal = normalize(cross(normalize(ab), normalize(ac)));
+    surface.normal = dot(normal, direction) > 0.0f ? -normal : normal;
+    return surface;
+}
+
+// A point just above the surface, far enough that a ray from there cannot meet the triangle it leaves, whatever the
+// size of the mesh: the distance is the rounding of the position itself, and no constant.
+float3 point_above(const surface_t *surface)
+{
+    const float distance = dot(fabs(surface->normal), surface->error);
+    return surface->position + 2.0f * distance * surface->normal;
+}

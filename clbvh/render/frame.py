@@ -1,0 +1,76 @@
+"""One picture on the device: band by band, so that its size is bounded by the host's memory only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device.program import build_kernel
+from ..device.session import DeviceSession
+from ..layout import HIT
+from ..trace.device_tree import DeviceTree
+
+# Pixels per kernel launch: 320 MiB of colours and hits on the device. A 4K picture is one launch.
+BAND_PIXELS = 2**24
+
+# Work-items of a work-group: a square tile, whose rays take similar paths.
+TILE = (8, 8)
+
+_CHANNELS = 4
+
+
+class FrameRenderer:
+    """Renders pictures of one tree.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : DeviceTree
+        In the same session.
+
+    Raises
+    ------
+    KernelBuildError
+        The device's compiler refuses the kernel.
+    """
+
+    def __init__(self, session: DeviceSession, tree: DeviceTree) -> None:
+        self._session = session
+        self._tree = tree
+        self._kernel = build_kernel(session, "render", tree.defines)
+
+    def render(self, view: NDArray[np.void]) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
+        """Return the colours and the hits of one view.
+
+        Parameters
+        ----------
+        view : (1,) `layout.VIEW`
+
+        Returns
+        -------
+        colours : (height, width, 4) uint8
+            Red, green, blue, and 255 where something is hit.
+        hits : (height, width) `layout.HIT`
+        """
+        session = self._session
+        width, height = int(view["width"][0]), int(view["height"][0])
+        colours = np.empty((height, width, _CHANNELS), np.uint8)
+        hits = np.empty((height, width), HIT)
+        band_rows = min(height, max(1, BAND_PIXELS // width))
+        view_buffer = session.upload(view)
+        colour_buffer = session.allocate(band_rows * width * _CHANNELS)
+        hit_buffer = session.allocate(band_rows * width * HIT.itemsize)
+        try:
+            for first_row in range(0, height, band_rows):
+                row_count = min(band_rows, height - first_row)
+                session.run(
+                    self._kernel, (width, row_count), TILE,
+                    *self._tree.arguments, view_buffer, np.int32(first_row), np.int32(row_count),
+                    colour_buffer, hit_buffer,
+                )  # fmt: skip
+                session.download(colour_buffer, colours[first_row : first_row + row_count])
+                session.download(hit_buffer, hits[first_row : first_row + row_count])
+        finally:
+            for buffer in (view_buffer, colour_buffer, hit_buffer):
+                session.release(buffer)
+        return colours, hits

@@ -1,0 +1,197 @@
+"""What a picture shows: a mesh, a camera, light and colours. `scene_file.py` reads one from a file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..geometry import Mesh, load_mesh
+from ..geometry.known import find_known_mesh
+from ..geometry.shapes import make_shape
+from ..layout import SHADINGS
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, frame_points
+
+DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
+MAX_SIDE = 65_535
+DEFAULT_SHADING = "lambert+shadow"
+
+
+@dataclass(frozen=True)
+class Light:
+    """One directed light, and an even one from the sky and the ground. Colours are linear, 0 to 1.
+
+    Attributes
+    ----------
+    direction : (3,) float, or None
+        Towards the light, in the scene's coordinates. None: from behind the viewer's left shoulder.
+    colour : (3,) float
+        Of the directed light, on a surface that faces it.
+    sky, ground : (3,) float
+        On a surface that faces up, and one that faces down.
+    """
+
+    direction: Vector | None = None
+    colour: Vector = (0.85, 0.82, 0.76)
+    sky: Vector = (0.30, 0.33, 0.38)
+    ground: Vector = (0.10, 0.09, 0.08)
+
+
+@dataclass(frozen=True)
+class MeshSource:
+    """Where a scene's mesh comes from: exactly one of `path`, `name` and `shape`.
+
+    Attributes
+    ----------
+    path : str
+        A mesh file.
+    name : str
+        A known mesh, such as ``bunny``.
+    shape : str
+        A procedural shape, with `triangles`, `seed` and the shape's own `options`.
+    """
+
+    path: str | None = None
+    name: str | None = None
+    shape: str | None = None
+    triangles: int = 100_000
+    seed: int = 0
+    options: dict[str, float] = field(default_factory=dict)
+
+    def load(self) -> Mesh:
+        """Return the mesh; raises `MeshError` or `ConfigError`."""
+        if self.shape is not None:
+            return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
+        return load_mesh(self.file())
+
+    def file(self) -> Path:
+        """Return the file that `load` reads."""
+        return find_known_mesh(self.name) if self.name is not None else Path(str(self.path))
+
+    def estimate_face_count(self) -> int:
+        """Return about how many triangles there will be, without reading them; 0 where the file is missing."""
+        if self.shape is not None:
+            return self.triangles
+        file = self.file()
+        return file.stat().st_size // _BYTES_PER_FACE if file.is_file() else 0
+
+
+# Binary PLY files take about 19 bytes per triangle, ASCII ones about 43.
+_BYTES_PER_FACE = 30
+
+
+@dataclass(frozen=True)
+class Transform:
+    """How the mesh is placed: scaled, then turned, then moved.
+
+    Attributes
+    ----------
+    scale : float
+        Not zero.
+    rotate : (3,) float
+        Degrees about x, then y, then z.
+    translate : (3,) float, the scene's units
+    """
+
+    scale: float = 1.0
+    rotate: Vector = (0.0, 0.0, 0.0)
+    translate: Vector = (0.0, 0.0, 0.0)
+
+    def apply(self, mesh: Mesh) -> Mesh:
+        """Return the mesh in the scene's coordinates."""
+        if self == Transform():
+            return mesh
+        if self.scale == 0:
+            raise SceneError("the transform's scale must not be 0")
+        turn = np.eye(3)
+        for axis, degrees in enumerate(self.rotate):
+            turn = _rotation(axis, math.radians(degrees)) @ turn
+        points = (mesh.vertices + mesh.origin) * self.scale @ turn.T + np.asarray(self.translate)
+        return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that decides what a picture shows.
+
+    Attributes
+    ----------
+    mesh : MeshSource
+    transform : Transform
+    eye, look_at : (3,) float, or None
+        None: the camera frames the mesh by itself.
+    up : (3,) float
+        Direction that is up in the picture.
+    fov : float
+        Vertical field of view, degrees.
+    light : Light
+    shading : str
+        One of `layout.SHADINGS`: ``lambert``, ``lambert+shadow``, ``normal``, ``depth``.
+    surface : (3,) float
+        Linear colour of the mesh.
+    background : pair of (3,) float
+        Linear colours at the top and at the bottom of the picture.
+    width, height : int
+        Pixels.
+
+    Raises
+    ------
+    SceneError
+        A value out of range.
+    """
+
+    mesh: MeshSource
+    transform: Transform = Transform()
+    eye: Vector | None = None
+    look_at: Vector | None = None
+    up: Vector = DEFAULT_UP
+    fov: float = DEFAULT_FOV
+    light: Light = Light()
+    shading: str = DEFAULT_SHADING
+    surface: Vector = (0.80, 0.72, 0.60)
+    background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
+    width: int = DEFAULT_WIDTH
+    height: int = DEFAULT_HEIGHT
+
+    def __post_init__(self) -> None:
+        if self.shading not in SHADINGS:
+            raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
+        for name, side in (("width", self.width), ("height", self.height)):
+            if not 1 <= side <= MAX_SIDE:
+                raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
+        check_fov(self.fov)
+        if self.look_at is not None and self.eye is None:
+            raise SceneError("a camera with look_at needs an eye")
+
+    def camera(self, mesh: Mesh) -> Camera:
+        """Return the camera: the one that was asked for, or one that frames the mesh."""
+        if self.eye is not None and self.look_at is not None:
+            return Camera(self.eye, self.look_at, self.up, self.fov)
+        return frame_points(
+            mesh.vertices,
+            mesh.origin,
+            aspect=self.width / self.height,
+            up=self.up,
+            fov=self.fov,
+            eye=self.eye,
+        )
+
+    def with_changes(self, **changes: Any) -> Scene:
+        """Return a copy with the changes that are not None."""
+        return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
+
+
+def _rotation(axis: int, angle: float) -> NDArray[np.float64]:
+    """Return the right-handed rotation about one axis, (3, 3) float64."""
+    turn = np.eye(3)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turn[first, first] = turn[second, second] = math.cos(angle)
+    turn[second, first] = math.sin(angle)
+    turn[first, second] = -math.sin(angle)
+    return turn

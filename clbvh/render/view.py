@@ -1,0 +1,74 @@
+"""A scene as the render kernel takes it: one `layout.VIEW`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..geometry import Mesh
+from ..layout import SHADINGS, VIEW
+from .camera import Camera
+from .scene import Scene
+
+# The automatic light, in the camera's frame: towards the viewer, to the left, and well above.
+_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.55, 0.75, 0.65
+
+
+def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
+    """Return the view of a mesh, (1,) `layout.VIEW`.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera
+        In the scene's coordinates; the view is relative to the mesh's origin, subtracted in float64.
+    mesh : Mesh
+    """
+    view = np.zeros(1, VIEW)
+    right, up, forward = camera.axes()
+    half_height = math.tan(math.radians(camera.fov) / 2)
+    eye = np.asarray(camera.eye, np.float64) - mesh.origin
+    view["eye"] = eye
+    view["forward"] = forward
+    view["right"] = right * half_height * scene.width / scene.height
+    view["up"] = up * half_height
+
+    view["to_light"] = _light_direction(scene, right, up, forward)
+    view["light_colour"] = scene.light.colour
+    view["to_sky"] = np.asarray(camera.up) / np.linalg.norm(camera.up)
+    view["sky_colour"] = scene.light.sky
+    view["ground_colour"] = scene.light.ground
+    view["surface_colour"] = scene.surface
+    view["background_top"], view["background_bottom"] = scene.background
+
+    view["depth_near"], view["depth_far"] = _depth_range(mesh, eye, forward)
+    view["width"], view["height"] = scene.width, scene.height
+    view["shading"] = SHADINGS[scene.shading]
+    return view
+
+
+def _light_direction(
+    scene: Scene, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the unit vector towards the light."""
+    if scene.light.direction is None:
+        towards = _LIGHT_ABOVE * up - _LIGHT_LEFT * right - _LIGHT_TOWARDS * forward
+    else:
+        towards = np.asarray(scene.light.direction, np.float64)
+    length = np.linalg.norm(towards)
+    if not length > 0:
+        raise SceneError("the light's direction must not be zero")
+    return towards / length
+
+
+def _depth_range(mesh: Mesh, eye: NDArray[np.float64], forward: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the distances along the line of sight between which the corners of the mesh's box lie."""
+    lower, upper = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
+    nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
+    farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
+    nearest = max(nearest, 0.0)
+    # A mesh without depth is white all over.
+    return nearest, farthest if farthest > nearest else nearest + 1.0

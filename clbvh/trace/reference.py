@@ -1,0 +1,196 @@
+"""The oracle: every triangle against every ray, in float64, on the host.
+
+It shares no code with the device: an orthonormal frame instead of a shear, double instead of single precision, no
+tree. Slow on purpose; `--validate` and the tests compare with it.
+
+A ray that passes an edge closer than float32 can resolve has no single right answer. So the oracle does not return
+one hit: it says whether an answer is right, with triangles sorted into surely hit, surely missed, and too close to
+call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ..geometry import Mesh
+from .hits import Hits
+
+# How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
+# 2^-24 times the distance from the ray's origin. The watertight test rounds each coordinate about six times.
+_ROUNDINGS = 16.0
+_FLOAT32_ROUNDING = 2.0**-24
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A ray whose answer is wrong.
+
+    Attributes
+    ----------
+    ray : int
+    obtained_t, obtained_prim_id : float, int
+        The answer at hand.
+    expected_t, expected_prim_id : float, int
+        The nearest triangle that the ray surely hits; infinite and -1 if there is none.
+    """
+
+    ray: int
+    obtained_t: float
+    obtained_prim_id: int
+    expected_t: float
+    expected_prim_id: int
+
+    def __str__(self) -> str:
+        return (
+            f"ray {self.ray}: obtained t = {self.obtained_t:.9g} on triangle {self.obtained_prim_id}, "
+            f"expected t = {self.expected_t:.9g} on triangle {self.expected_prim_id}"
+        )
+
+
+def find_differences(
+    mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+) -> list[Difference]:
+    """Return the rays whose closest hit cannot be right.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    origins, directions : (n, 3) float64, relative to the mesh's origin
+    hits : Hits
+        What some traversal found, n entries.
+
+    Returns
+    -------
+    list of Difference
+        A hit is right when its triangle is hit, or too close to call, at that distance, and no triangle is surely
+        hit before it; a miss, when no triangle is surely hit.
+
+    Notes
+    -----
+    O(rays x triangles).
+    """
+    nearest_sure = np.empty(len(origins), np.float64)
+    sure_prim = np.empty(len(origins), np.int64)
+    hit_is_possible = np.empty(len(origins), np.bool_)
+    _judge(
+        mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
+        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
+        np.asarray(hits.t, np.float64), np.asarray(hits.prim_id, np.int64), _ROUNDINGS * _FLOAT32_ROUNDING,
+        nearest_sure, sure_prim, hit_is_possible,
+    )  # fmt: skip
+    wrong = ~hit_is_possible | (nearest_sure < np.inf) & ~hits.is_hit
+    return [
+        Difference(int(ray), float(hits.t[ray]), int(hits.prim_id[ray]), float(nearest_sure[ray]), int(sure_prim[ray]))
+        for ray in np.flatnonzero(wrong)
+    ]
+
+
+@njit(cache=True, nogil=True)
+def _judge(  # type: ignore[no-untyped-def]
+    vertices, faces, degenerate, origins, directions, hit_t, hit_prim, rounding, nearest_sure, sure_prim, possible
+):
+    """Compare every ray's hit with every triangle; see `find_differences`."""
+    verdict = np.empty(3, np.float64)
+    frame = np.empty((3, 3), np.float64)
+    for ray in range(len(origins)):
+        length = _make_frame(directions[ray], frame)
+
+        # The triangle that was found must be one that the ray can hit, about there.
+        found_t, found_slack = np.inf, 0.0
+        possible[ray] = True
+        if hit_prim[ray] >= 0:
+            _test(vertices, faces, hit_prim[ray], origins[ray], frame, rounding, verdict)
+            found_t, found_slack = hit_t[ray] * length, verdict[2]
+            # Written so that NaN fails.
+            possible[ray] = (
+                not degenerate[hit_prim[ray]] and verdict[0] >= 0.0 and abs(found_t - verdict[1]) <= found_slack
+            )
+
+        # And no triangle may surely be hit before it.
+        nearest_sure[ray], sure_prim[ray] = np.inf, -1
+        for prim in range(len(faces)):
+            if degenerate[prim]:
+                continue
+            _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
+            if verdict[0] > 0.0 and verdict[1] > verdict[2] and verdict[1] < nearest_sure[ray] * length:
+                nearest_sure[ray], sure_prim[ray] = verdict[1] / length, prim
+                if verdict[1] + verdict[2] < found_t - found_slack:
+                    possible[ray] = False
+
+
+@njit(cache=True, nogil=True)
+def _make_frame(direction, frame):  # type: ignore[no-untyped-def]
+    """Write an orthonormal frame whose last row is the direction, normalised; return the direction's length."""
+    length = np.sqrt((direction**2).sum())
+    along = direction / length
+    # Any axis that is far from parallel to the ray gives a stable first cross product.
+    axis = np.argmin(np.abs(along))
+    helper = np.zeros(3)
+    helper[axis] = 1.0
+    frame[2] = along
+    frame[0] = np.cross(helper, along)
+    frame[0] /= np.sqrt((frame[0] ** 2).sum())
+    frame[1] = np.cross(along, frame[0])
+    return length
+
+
+@njit(cache=True, nogil=True)
+def _test(vertices, faces, prim, origin, frame, rounding, verdict):  # type: ignore[no-untyped-def]
+    """Test one triangle against one ray.
+
+    Writes to `verdict`: 1 surely hit, 0 too close to call, -1 surely missed; the distance along the ray; how far it
+    may be off. A triangle that is surely missed leaves the last two alone.
+    """
+    # The corners as seen from the ray's origin, and what float32 can do to them.
+    ax, ay, az = _project(vertices, faces[prim, 0], origin, frame)
+    bx, by, bz = _project(vertices, faces[prim, 1], origin, frame)
+    cx, cy, cz = _project(vertices, faces[prim, 2], origin, frame)
+    reach = max(abs(ax), abs(ay), abs(az), abs(bx), abs(by), abs(bz), abs(cx), abs(cy), abs(cz))
+    blur = rounding * reach
+    verdict[0] = -1.0
+    if min(ax, bx, cx) > blur or max(ax, bx, cx) < -blur or min(ay, by, cy) > blur or max(ay, by, cy) < -blur:
+        return
+
+    # On which side of each edge does the ray pass? The cross product of two corners is the edge's length, across
+    # the ray, times its distance from the ray: compare that with the blur.
+    side_a, side_b, side_c = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    slack_a, slack_b, slack_c = (
+        blur * np.hypot(cx - bx, cy - by),
+        blur * np.hypot(ax - cx, ay - cy),
+        blur * np.hypot(bx - ax, by - ay),
+    )
+    if (side_a < -slack_a or side_b < -slack_b or side_c < -slack_c) and (
+        side_a > slack_a or side_b > slack_b or side_c > slack_c
+    ):
+        return
+    sure = abs(side_a) > slack_a and abs(side_b) > slack_b and abs(side_c) > slack_c
+
+    # Where does it cross the plane?
+    nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
+    ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
+    nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if nz == 0.0:
+        # Edge-on: float32 may see it from either side, and cross it anywhere.
+        verdict[0], verdict[1], verdict[2] = 0.0, 0.0, np.inf
+        return
+    verdict[0] = 1.0 if sure else 0.0
+    verdict[1] = (nx * ax + ny * ay + nz * az) / nz
+    # A shift along the ray, and one across it, which a slanted plane turns into one along it.
+    verdict[2] = blur * (1.0 + np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz))
+
+
+@njit(cache=True, nogil=True)
+def _project(vertices, vertex, origin, frame):  # type: ignore[no-untyped-def]
+    """Return a corner's coordinates in the ray's frame: two across the ray, one along it."""
+    x = vertices[vertex, 0] - origin[0]
+    y = vertices[vertex, 1] - origin[1]
+    z = vertices[vertex, 2] - origin[2]
+    return (
+        x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2],
+        x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2],
+        x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2],
+    )
