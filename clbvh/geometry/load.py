@@ -7,6 +7,7 @@ against the file's size; scene graphs (glTF and what else trimesh knows) come th
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import re
 from pathlib import Path
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 _READERS = {"ply": read_ply, "obj": read_obj, "off": read_off, "stl": read_stl}
 _GLB_LENGTH = slice(8, 12)  # bytes of a GLB file that hold its size
+_PRIMITIVE_SUFFIX_LENGTH = 7  # what trimesh appends to a node's name for each of several primitives
 _SNIFF_BYTES = 1 << 16
 _OBJ_VERTEX = re.compile(rb"^[ \t]*v[ \t]+[-+.\d]", re.MULTILINE)
 
@@ -134,17 +136,36 @@ def _read_with_trimesh(
     except Exception as error:
         words = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({words})") from error
-    return _flatten(scene, source)
+    nodes = list(scene.graph.nodes_geometry)
+    if file_format in ("glb", "gltf"):
+        nodes = _restore_order(nodes, scene.graph.transforms.parents)
+    return _flatten(scene, nodes, source)
 
 
-def _flatten(scene: trimesh.Scene, source: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _restore_order(nodes: list[str], parents: dict[str, str]) -> list[str]:
+    """Return glTF nodes in the order of the file.
+
+    trimesh goes through siblings from the last to the first, but through the primitives of one node, which become
+    nodes called after it, from the first to the last.
+    """
+
+    def find_owner(node: str) -> str:
+        parent = parents.get(node, "")
+        is_primitive = node.startswith(f"{parent}_") and len(node) == len(parent) + _PRIMITIVE_SUFFIX_LENGTH
+        return parent if is_primitive else node
+
+    blocks = [list(block) for _, block in itertools.groupby(nodes, key=find_owner)]
+    return [node for block in reversed(blocks) for node in block]
+
+
+def _flatten(scene: trimesh.Scene, nodes: list[str], source: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Move the parts of a scene to their places and put them one behind the other."""
     import trimesh
 
     all_vertices = [np.empty((0, 3))]
     all_faces = [np.empty((0, 3), dtype=np.int64)]
     vertex_count = face_count = 0
-    for node in scene.graph.nodes_geometry:
+    for node in nodes:
         transform, name = scene.graph[node]
         part = scene.geometry[name]
         if not isinstance(part, trimesh.Trimesh):

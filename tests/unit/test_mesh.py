@@ -1,0 +1,92 @@
+"""The mesh: checks, re-basing, degenerate triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh
+from clbvh.errors import MeshError
+from clbvh.geometry import mesh as mesh_module
+
+TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+
+
+def test_vertices_are_relative_to_the_centre_of_the_box():
+    mesh = Mesh.from_arrays([[10, 20, 30], [14, 20, 30], [10, 26, 38]], [[0, 1, 2]])
+    assert mesh.origin.tolist() == [12, 23, 34]
+    assert mesh.vertices.tolist() == [[-2, -3, -4], [2, -3, -4], [-2, 3, 4]]
+    assert (mesh.vertices.dtype, mesh.faces.dtype, mesh.origin.dtype) == (np.float32, np.int32, np.float64)
+
+
+def test_survey_coordinates_keep_their_millimetres():
+    corner = np.array([5.0e6, 6.0e6, 300.0])
+    mesh = Mesh.from_arrays(corner + np.array(TRIANGLE) * 1e-3, [[0, 1, 2]])
+    edges = np.diff(mesh.vertices[[0, 1]], axis=0)
+    assert edges[0] == pytest.approx([1e-3, 0, 0], abs=1e-8)
+
+
+def test_arrays_of_the_caller_are_not_changed_nor_kept():
+    vertices = np.array(TRIANGLE, dtype=np.float32)
+    faces = np.array([[0, 1, 2]], dtype=np.int64)
+    mesh = Mesh.from_arrays(vertices, faces)
+    vertices += 7
+    assert mesh.vertices.max() == 0.5
+    assert faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int8, np.uint32])
+def test_vertices_may_have_any_number_type(dtype):
+    mesh = Mesh.from_arrays(np.array(TRIANGLE, dtype=dtype), [[0, 1, 2]])
+    assert mesh.vertices.max() == 0.5
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint64, np.int64])
+def test_faces_may_have_any_whole_number_type(dtype):
+    assert Mesh.from_arrays(TRIANGLE, np.array([[0, 1, 2]], dtype=dtype)).faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        pytest.param(np.zeros((3, 2)), [[0, 1, 2]], r"shape \(V, 3\), not \(3, 2\)", id="flat-vertices"),
+        pytest.param(np.zeros((0, 3)), [[0, 1, 2]], "no vertices", id="no-vertices"),
+        pytest.param([["a", "b", "c"]], [[0, 0, 0]], "must be numbers", id="text"),
+        pytest.param(TRIANGLE, np.zeros((0, 3), int), "no faces", id="no-faces"),
+        pytest.param(TRIANGLE, [[0, 1, 2, 2]], r"shape \(F, 3\), not \(1, 4\)", id="quads"),
+        pytest.param(TRIANGLE, [[0.0, 1.0, 2.0]], "must be integers", id="float-faces"),
+        pytest.param(TRIANGLE, [[0, 1, 2], [0, 1, 3]], r"face 1 refers to vertex 3, .*\(0 to 2\)", id="index-too-high"),
+        pytest.param(TRIANGLE, [[0, 1, 2], [0, -1, 2]], "face 1 refers to vertex -1", id="index-negative"),
+        pytest.param(
+            [*TRIANGLE, [0, np.nan, 0]], [[0, 1, 2]], "vertex 3 has a coordinate .*not finite: y = nan", id="nan"
+        ),
+        pytest.param([[0, 0, -np.inf], *TRIANGLE], [[0, 1, 2]], "vertex 0 .*: z = -inf", id="infinite"),
+        pytest.param(np.array(TRIANGLE) * 1e60, [[0, 1, 2]], "more than float32 can hold", id="too-wide"),
+        pytest.param(
+            [[-1.5e308, 0, 0], [1.5e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "more than float32", id="wider-than-float64"
+        ),
+    ],
+)
+def test_bad_arrays_are_refused_by_name(vertices, faces, message):
+    with pytest.raises(MeshError, match=message) as caught:
+        Mesh.from_arrays(vertices, faces, name="thing")
+    assert str(caught.value).startswith("thing: ")
+
+
+def test_degenerate_triangles_are_kept_and_counted():
+    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [0.1, 0.1, 0.1]]
+    faces = [[0, 1, 2], [0, 0, 0], [0, 1, 3], [0, 1, 4], [2, 2, 1]]
+    mesh = Mesh.from_arrays(vertices, faces)
+    assert mesh.degenerate_faces.tolist() == [False, True, True, False, True]
+    assert (mesh.degenerate_count, mesh.face_count) == (3, 5)
+
+
+def test_degenerate_triangles_are_found_in_every_chunk(monkeypatch):
+    monkeypatch.setattr(mesh_module, "_CHUNK_FACES", 4)
+    faces = np.tile([[0, 1, 2]], (11, 1))
+    faces[[3, 4, 10]] = [0, 1, 1]
+    assert np.flatnonzero(Mesh.from_arrays(TRIANGLE, faces).degenerate_faces).tolist() == [3, 4, 10]
+
+
+def test_repr_says_what_it_is():
+    assert repr(Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="leaf")) == "Mesh('leaf', vertices=3, faces=1)"
