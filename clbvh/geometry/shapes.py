@@ -205,7 +205,7 @@ def _make_boxes(triangles: int, generator: np.random.Generator, *, spread: float
     return _repeat_faces(vertices, _cut_quads(a, b, c, d))
 
 
-def _make_icosphere(triangles: int, _generator: np.random.Generator) -> _Arrays:
+def _make_icosphere(triangles: int, generator: np.random.Generator) -> _Arrays:
     _require("icosphere", triangles, 20)
     frequency = math.isqrt(triangles // 20)
     golden = (1 + math.sqrt(5)) / 2
