@@ -23,7 +23,7 @@ from .options import BuildOptions
 from .pool import SubtreePool
 from .ranges import Range, cut_slices
 from .simd import LANES
-from .top import split_top
+from .top import split_top, warm_up
 
 # Below this many primitives the calling process is faster than handing over.
 SMALL_MESH = 20_000
@@ -106,6 +106,7 @@ def _build_here(mesh: Mesh, options: BuildOptions) -> Bvh:
 
 def _build_in_pool(mesh: Mesh, pool: SubtreePool, options: BuildOptions) -> Bvh:
     """Build with all workers of a pool."""
+    warm_up()
     pool.wait_ready()
     watch = Stopwatch()
     count = mesh.face_count

@@ -36,6 +36,17 @@ class Split:
     left_count: int
 
 
+def warm_up() -> None:
+    """Load the compiled code that the coordinator needs, while it would otherwise wait for its workers to start."""
+    bin_count = 2
+    boxes = np.zeros((3 * bin_count, LANES), np.float32)
+    counts = np.ones(3 * bin_count, np.int32)
+    sides = np.empty((2, LANES), np.float32)
+    find_split(boxes, counts, bin_count_for(bin_count, bin_count), bin_count, sides[:1], np.empty(bin_count))
+    unite_sides(boxes, counts, bin_count, 0, 0, sides)
+    needs_halving(bin_count, 0)
+
+
 def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: int, options: BuildOptions) -> None:
     """Split the root, and all ranges below it, until none has more than `threshold` primitives.
 

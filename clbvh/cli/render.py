@@ -1,7 +1,239 @@
-"""`clbvh render`: (being written)."""
+"""`clbvh render`: a mesh or a scene becomes a picture, and a table of where the time went."""
 
 from __future__ import annotations
 
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-def render() -> None:
-    """Do it."""
+import typer
+
+if TYPE_CHECKING:
+    from ..render import Picture, RenderOptions, Scene
+
+_SCENE = "Scene"
+_BUILD = "Tree"
+_DEVICE = "Device"
+
+# What the rows of the time table say, in the order in which it happens.
+_PHASES = {
+    "load": "load and re-base the mesh",
+    "pool_start": "start the workers, while loading",
+    "build": "build the tree",
+    "compile": "open the device, compile",
+    "upload": "host to device",
+    "kernel": "trace and shade",
+    "download": "device to host",
+    "total": "total",
+    "write": "write the picture, not in the total",
+}
+
+
+def render(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="MESH|SCENE",
+            help="A mesh file (PLY, OBJ, STL, OFF, GLB), a scene file (.toml), or a shipped scene: "
+            "demo, bunny, dragon, drill, knot, terrain.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        list[Path], typer.Option("-o", "--output", help="Picture to write, .ppm or .png; may be given twice.")
+    ],
+    hits: Annotated[
+        Path | None,
+        typer.Option("--hits", metavar="FILE.npz", help="Write t, u, v and prim_id of every pixel, each (H, W)."),
+    ] = None,
+    width: Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=_SCENE)] = None,
+    height: Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=_SCENE)] = None,
+    shading: Annotated[
+        str | None,
+        typer.Option(
+            help="lambert, lambert+shadow, normal or depth.", show_default="lambert+shadow", rich_help_panel=_SCENE
+        ),
+    ] = None,
+    eye: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Where the camera is.", show_default="sees it all", rich_help_panel=_SCENE),
+    ] = None,
+    look_at: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="What the camera looks at.", rich_help_panel=_SCENE)
+    ] = None,
+    up: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Up in the picture.", show_default="0,1,0", rich_help_panel=_SCENE),
+    ] = None,
+    fov: Annotated[
+        float | None,
+        typer.Option(help="Vertical field of view, degrees.", show_default="35", rich_help_panel=_SCENE),
+    ] = None,
+    light: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Towards the light.", show_default="from the left above", rich_help_panel=_SCENE
+        ),
+    ] = None,
+    background: Annotated[
+        str | None, typer.Option(metavar="R,G,B", help="Linear colour, 0 to 1.", rich_help_panel=_SCENE)
+    ] = None,
+    builder: Annotated[
+        str, typer.Option(help="sah, or brute: no tree, small meshes only.", rich_help_panel=_BUILD)
+    ] = "sah",
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            help="Processes that build; 1: no others.", show_default="one per processor, for large meshes",
+            rich_help_panel=_BUILD,
+        ),
+    ] = None,
+    bins: Annotated[int, typer.Option(help="Bins per axis, 2 to 64.", rich_help_panel=_BUILD)] = 16,
+    leaf_size: Annotated[int, typer.Option(help="Most triangles in a leaf.", rich_help_panel=_BUILD)] = 4,
+    traversal_cost: Annotated[
+        float, typer.Option(help="Cost of a node step, in triangle tests.", rich_help_panel=_BUILD)
+    ] = 1.0,
+    task_threshold: Annotated[
+        int | None,
+        typer.Option(
+            help="Most triangles that become one worker's task.", show_default="by mesh and workers",
+            rich_help_panel=_BUILD,
+        ),
+    ] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one",
+            rich_help_panel=_DEVICE,
+        ),
+    ] = None,
+    layout: Annotated[
+        str, typer.Option(help="Layout of the tree on the device: auto or bvh2.", rich_help_panel=_DEVICE)
+    ] = "auto",
+    validate: Annotated[
+        bool, typer.Option("--validate", help="Check the tree, and pixels against a slow reference.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")] = False,
+) -> None:
+    """Render a mesh or a scene."""
+    from ..build import BuildOptions
+    from ..render import RenderOptions, open_scene
+    from ..render.files import check_hits_path, check_picture_path
+
+    # Everything that can be refused is refused before any work.
+    for path in output:
+        check_picture_path(path)
+    if hits is not None:
+        check_hits_path(hits)
+    scene = open_scene(source).with_changes(
+        width=width,
+        height=height,
+        shading=shading,
+        eye=_parse_vector("--eye", eye),
+        look_at=_parse_vector("--look-at", look_at),
+        up=_parse_vector("--up", up),
+        fov=fov,
+    )
+    if light is not None:
+        scene = scene.with_changes(light=scene.light.with_direction(_parse_vector("--light", light)))
+    if background is not None:
+        colour = _parse_vector("--background", background)
+        scene = scene.with_changes(background=(colour, colour))
+    options = RenderOptions(
+        device=device,
+        layout=layout,
+        builder=builder,
+        workers=workers,
+        build=BuildOptions(bins, leaf_size, traversal_cost, task_threshold),
+        validate=validate,
+    )
+
+    picture = _render_with_status(scene, options)
+    report = picture.report()
+    report["timings_ms"]["write"] = _write(picture, output, hits)
+    if as_json:
+        print(json.dumps(report, indent=2))
+    else:
+        _print_report(report, picture)
+
+
+def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
+    """Return the three numbers of an option such as ``--eye 1,2,3``."""
+    from ..errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
+        ) from error
+    return x, y, z
+
+
+def _render_with_status(scene: Scene, options: RenderOptions) -> Picture:
+    """Render, and say on a terminal what is going on."""
+    from rich.console import Console
+
+    from ..render import render as render_scene
+
+    console = Console(stderr=True)
+    with console.status("") as status:
+        return render_scene(scene, options, on_phase=lambda phase: status.update(f"{phase} ..."))
+
+
+def _write(picture: Picture, output: list[Path], hits: Path | None) -> float:
+    """Write all files and return the milliseconds it took."""
+    from ..render.files import write_hits, write_picture
+
+    begin = time.perf_counter()
+    for path in output:
+        write_picture(path, picture.rgb)
+    if hits is not None:
+        write_hits(hits, picture.hits)
+    return (time.perf_counter() - begin) * 1e3
+
+
+def _print_report(report: dict[str, Any], picture: Picture) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    facts.add_column(style="dim")
+    facts.add_column()
+    degenerate = report["degenerate_triangles"]
+    facts.add_row(
+        "mesh",
+        f"{escape(report['mesh'])}, {report['triangles']:,} triangles"
+        + (f", {degenerate:,} of them degenerate: never hit" if degenerate else ""),
+    )
+    if picture.bvh is not None:
+        facts.add_row(
+            "tree",
+            f"{report['nodes']:,} nodes, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, "
+            f"{report['workers']} worker{'s' if report['workers'] > 1 else ''}",
+        )
+    facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
+    facts.add_row(
+        "picture",
+        f"{report['width']} x {report['height']}, {report['hits']:,} of {report['rays']:,} rays hit, "
+        f"{report['mrays_per_s']:.2f} Mray/s",
+    )
+    if report["validated_pixels"]:
+        facts.add_row("validated", f"tree and {report['validated_pixels']:,} pixels agree with the reference")
+
+    times = Table(box=None, pad_edge=False, header_style="dim")
+    times.add_column("phase")
+    times.add_column("ms", justify="right")
+    times.add_column("")
+    for phase, what in _PHASES.items():
+        style = "bold" if phase == "total" else ""
+        times.add_row(phase, f"{report['timings_ms'][phase]:,.1f}", f"[dim]{what}[/dim]", style=style)
+    console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
+    console.print(facts)
+    console.print()
+    console.print(times)

@@ -38,9 +38,13 @@ class Light:
     """
 
     direction: Vector | None = None
-    colour: Vector = (0.85, 0.82, 0.76)
-    sky: Vector = (0.30, 0.33, 0.38)
-    ground: Vector = (0.10, 0.09, 0.08)
+    colour: Vector = (0.95, 0.92, 0.86)
+    sky: Vector = (0.20, 0.225, 0.26)
+    ground: Vector = (0.07, 0.065, 0.06)
+
+    def with_direction(self, direction: Vector | None) -> Light:
+        """Return a copy that shines from elsewhere."""
+        return dataclasses.replace(self, direction=direction)
 
 
 @dataclass(frozen=True)
