@@ -15,7 +15,7 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attrib
 _COUNT_BYTES = 4
 _DATA_BEGIN = _HEADER_BYTES + _COUNT_BYTES
 
-_SOLID_LINE = re.compile(rb"^[ \t]*(end)?solid\b[^\r\n]*", re.MULTILINE)
+_SOLID = re.compile(rb"solid\b[^\r\n]*")
 _FACET = re.compile(rb"facet\s+normal\s+\S+\s+\S+\s+\S+\s+outer\s+loop\b")
 # How far into a text file its first facet may stand, behind a long name or comments.
 _FACET_WITHIN_BYTES = 4096
@@ -82,10 +82,17 @@ def _is_text(data: bytes) -> bool:
 def _read_text(data: bytes, source: str) -> NDArray[np.float64]:
     """Return the corners of all facets as (3 F, 3) float64."""
     text = data.lower()
-    solids = [match.group(1) is None for match in _SOLID_LINE.finditer(text)]
-    if not solids or solids[::2] != [True] * len(solids[::2]) or any(solids[1::2]) or len(solids) % 2:
+    # Take the lines of the solids out: they hold names, which may be anything.
+    ends: list[bool] = []
+    pieces = []
+    at = 0
+    for match in _SOLID.finditer(text):
+        ends.append(text.endswith(b"end", at, match.start()))
+        pieces.append(text[at : match.start() - len(b"end") * ends[-1]])
+        at = match.end()
+    if ends != [False, True] * (len(ends) // 2) or not ends:
         raise MeshError(f"{source}: the file is cut off: a 'solid' has no 'endsolid'")
-    text = _SOLID_LINE.sub(b"", text)
+    text = b"".join([*pieces, text[at:]])
 
     # All that is left of a facet is "vertex x y z", three times.
     text, facet_count = _FACET.subn(b"", text)

@@ -41,6 +41,16 @@ def test_every_number_is_the_double_nearest_to_its_text(seed, monkeypatch):
     assert parse_numbers(text).tobytes() == expected.tobytes()  # bytes, so that -0.0 and nan count
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_texts_of_long_numbers_are_read_to_the_last_bit(seed):
+    rng = random.Random(seed)
+    values = [rng.uniform(-1, 1) * 10 ** rng.randrange(-3, 3) for _ in range(5000)]
+    text = " ".join(map(repr, values)).encode()
+    assert parse_numbers(text).tolist() == values
+    with pytest.raises(NotANumberError, match="'1-2'"):
+        parse_numbers(text + b" 1-2")
+
+
 @pytest.mark.parametrize("text", [b"", b" ", b"\n\r\n \t"])
 def test_no_numbers(text):
     assert parse_numbers(text).shape == (0,)
