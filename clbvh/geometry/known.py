@@ -200,7 +200,10 @@ def _download(url: str, mesh: KnownMesh, folder: Path, progress: Any) -> Path:
             pooch.retrieve(url, known_hash=known_hash, fname="archive.tar.gz", path=folder, downloader=downloader)
         )
     except requests.HTTPError as error:
-        answer = "an error" if error.response is None else f"{error.response.status_code} {error.response.reason}"
+        answer = "an error"
+        if error.response is not None:
+            answer = f"{error.response.status_code} {error.response.reason}"
+            error.response.close()  # pooch leaves the connection open when the status is bad
         raise FetchError(f"{url}: the server answers {answer}") from error
     except requests.Timeout as error:
         raise FetchError(f"{url}: no answer within {_TIMEOUT_S} s: try again later") from error
