@@ -8,6 +8,7 @@ temporary file takes its place.
 
 from __future__ import annotations
 
+import itertools
 import mmap
 import os
 import shutil
@@ -26,6 +27,9 @@ from ..errors import PoolError
 _MEMINFO = Path("/proc/meminfo")
 _OWN_FILES = Path("/proc/self/fd")
 
+# A path alone does not name an array: the number of a closed descriptor is given to the next file.
+_serials = itertools.count()
+
 
 @dataclass(frozen=True)
 class ArrayHandle:
@@ -34,6 +38,7 @@ class ArrayHandle:
     path: str
     shape: tuple[int, ...]
     dtype: np.dtype
+    serial: int
 
     def attach(self) -> NDArray[Any]:
         """Map the array into this process; the mapping ends with the last reference to the array."""
@@ -52,6 +57,9 @@ class Arena:
     def __init__(self) -> None:
         self._files: dict[str, int] = {}
         self._names: list[Path] = []
+        # Memory is taken when it is first written to, so what the system calls free still holds what was promised.
+        self._free_bytes = free_memory_bytes()
+        self._promised_bytes: dict[str, int] = {}
 
     def create(self, shape: tuple[int, ...], dtype: DTypeLike) -> tuple[ArrayHandle, NDArray[Any]]:
         """Create an array of zeros, and the handle that attaches workers to it.
@@ -65,7 +73,7 @@ class Arena:
         size = prod(shape) * dtype.itemsize
         descriptor, path = self._create_file(size)
         self._files[path] = descriptor
-        handle = ArrayHandle(path, shape, dtype)
+        handle = ArrayHandle(path, shape, dtype, next(_serials))
         return handle, handle.attach()
 
     def share(self, array: NDArray[Any]) -> ArrayHandle:
@@ -77,11 +85,13 @@ class Arena:
     def free(self, handle: ArrayHandle) -> None:
         """Give up one array; its memory goes back when the last process that attached lets go of it."""
         os.close(self._files.pop(handle.path))
+        self._promised_bytes.pop(handle.path, None)
 
     def close(self) -> None:
         """Give up all arrays. Closing twice is allowed."""
         while self._files:
             os.close(self._files.popitem()[1])
+        self._promised_bytes.clear()
         while self._names:
             self._names.pop().unlink(missing_ok=True)
 
@@ -98,30 +108,46 @@ class Arena:
 
     def _create_file(self, size: int) -> tuple[int, str]:
         """Return an open file of `size` bytes and a path by which workers can open it."""
-        if hasattr(os, "memfd_create") and _OWN_FILES.is_dir() and size <= free_memory_bytes():
+        promised = sum(self._promised_bytes.values())
+        fits = size <= min(free_memory_bytes(), self._free_bytes - promised)
+        if fits and hasattr(os, "memfd_create") and _OWN_FILES.is_dir():
             descriptor = os.memfd_create("clbvh")
             os.ftruncate(descriptor, size)
-            return descriptor, f"/proc/{os.getpid()}/fd/{descriptor}"
+            path = f"/proc/{os.getpid()}/fd/{descriptor}"
+            self._promised_bytes[path] = size
+            return descriptor, path
 
         folder = tempfile.gettempdir()
-        free = shutil.disk_usage(folder).free
-        if size > free:
-            raise PoolError(
-                f"the build needs {size / 1e6:,.0f} MB to share with its workers, but there are "
-                f"{free_memory_bytes() / 1e6:,.0f} MB of memory and {free / 1e6:,.0f} MB in {folder}: "
-                "free some, set TMPDIR to a larger disk, or build without a pool"
-            )
-        descriptor, name = tempfile.mkstemp(prefix="clbvh-", dir=folder)
-        # Reserve the blocks now: a disk that fills up later would kill the process at a plain store (SIGBUS).
-        if hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(descriptor, 0, size)
-        else:
-            os.ftruncate(descriptor, size)
+        if size > shutil.disk_usage(folder).free:
+            raise _no_space(size, folder)
         if _OWN_FILES.is_dir():
-            os.unlink(name)  # the open file is enough, and now nothing can be left behind  # noqa: PTH108
-            return descriptor, f"/proc/{os.getpid()}/fd/{descriptor}"
-        self._names.append(Path(name))
-        return descriptor, name
+            # A file without a name, where the file system knows such: nothing can be left behind.
+            with tempfile.TemporaryFile(prefix="clbvh-", dir=folder) as file:
+                descriptor = os.dup(file.fileno())
+            path = f"/proc/{os.getpid()}/fd/{descriptor}"
+        else:
+            descriptor, path = tempfile.mkstemp(prefix="clbvh-", dir=folder)
+            self._names.append(Path(path))
+        try:
+            # Reserve the blocks now: a disk that fills up later would kill the process at a plain store (SIGBUS).
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(descriptor, 0, size)
+            else:
+                os.ftruncate(descriptor, size)
+        except OSError as error:
+            os.close(descriptor)
+            raise _no_space(size, folder) from error
+        return descriptor, path
+
+
+def _no_space(size: int, folder: str) -> PoolError:
+    """Return the error for an array that fits neither the memory nor the temporary folder."""
+    free = shutil.disk_usage(folder).free
+    return PoolError(
+        f"the build needs {size / 1e6:,.0f} MB to share with its workers, but there are "
+        f"{free_memory_bytes() / 1e6:,.0f} MB of memory and {free / 1e6:,.0f} MB in {folder}: "
+        "free some, set TMPDIR to a larger disk, or build without a pool"
+    )
 
 
 def free_memory_bytes() -> int:

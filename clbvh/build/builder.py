@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
+from ..errors import ConfigError, MeshError
 from ..geometry import Mesh
 from ..layout import NODE
 from ..stopwatch import Stopwatch
@@ -19,9 +19,10 @@ from ..tree import Bvh
 from . import steps
 from .arena import Arena
 from .compact import plan_rows, write_top
+from .metadata import NEGATED_MAX
 from .options import BuildOptions
 from .pool import SubtreePool
-from .ranges import Range, cut_slices
+from .ranges import Boxes, Range, cut_slices
 from .simd import LANES
 from .top import split_top, warm_up
 
@@ -65,13 +66,15 @@ def build(
     ------
     ConfigError
         An option outside its range, or an unknown builder.
+    MeshError
+        A mesh wider than about 1.7e38 units: distances between doubled centroids do not fit float32.
     PoolError
         A worker failed or died, or there is not enough memory to share.
 
     Notes
     -----
-    O(n log n) in the number of triangles. A pool needs at most 64 bytes per triangle besides the mesh and the
-    result.
+    O(n log n) in the number of triangles. Besides the mesh and the result it sets aside 128 bytes per triangle, of
+    which it touches about 100; with a pool, it needs a copy of the mesh at first.
     """
     if builder not in BUILDERS:
         raise ConfigError(f"builder must be one of {', '.join(BUILDERS)}, not '{builder}'")
@@ -93,6 +96,7 @@ def _build_here(mesh: Mesh, options: BuildOptions) -> Bvh:
         "prim_ids": np.empty(count, np.int32),
     }
     bounds = steps.record_slice(arrays, 0, count)
+    _check_width(mesh, bounds)
     watch.lap("metadata")
 
     whole = (0, count, 0, 0, bounds)
@@ -122,6 +126,7 @@ def _build_in_pool(mesh: Mesh, pool: SubtreePool, options: BuildOptions) -> Bvh:
         # One record per primitive; the workers need the mesh no longer.
         bounds = pool.map(steps.record_slice, cut_slices(0, count, pool.workers))
         root = Range(0, count, 0, 0, np.minimum.reduce(bounds))
+        _check_width(mesh, root.bounds)
         arena.free(shared.pop("vertices"))
         arena.free(shared.pop("faces"))
         pool.attach(shared)
@@ -150,16 +155,27 @@ def _build_in_pool(mesh: Mesh, pool: SubtreePool, options: BuildOptions) -> Bvh:
     return Bvh(_as_nodes(nodes), prim_ids, mesh, watch.laps_ms)
 
 
+def _check_width(mesh: Mesh, bounds: Boxes) -> None:
+    """Refuse a mesh in which the distance of two doubled centroids overflows: it has no bin."""
+    with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is refused
+        extents = -bounds[1, NEGATED_MAX : NEGATED_MAX + 3] - bounds[1, :3]
+    if not np.isfinite(extents).all():
+        raise MeshError(f"{mesh.name}: the mesh is too wide for distances in float32: give it in a larger unit")
+
+
 def _build_subtrees(pool: SubtreePool, root: Range, options: BuildOptions) -> None:
     """Build the subtree of every range that the top left, and note its row count."""
     ranges = sorted(root.leaves(), key=len, reverse=True)
     # Many small ranges travel together, so that messages do not outweigh the work.
     smallest_batch = len(root) // (pool.workers * _RANGES_PER_WORKER)
-    batches: list[list[Range]] = [[]]
+    batches: list[list[Range]] = []
+    batch_size = smallest_batch
     for node in ranges:
-        if sum(len(other) for other in batches[-1]) >= smallest_batch:
+        if batch_size >= smallest_batch:
             batches.append([])
+            batch_size = 0
         batches[-1].append(node)
+        batch_size += len(node)
 
     tasks = [
         (

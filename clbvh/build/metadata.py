@@ -4,6 +4,9 @@ A record is one row of `simd`: 32 bytes, eight float32 lanes
 ``(min_x, min_y, min_z, prim_id, -max_x, -max_y, -max_z, 0)``. The builder moves whole records, so that each range
 lies contiguous in memory. A primitive's centroid is taken as min + max, twice the centre of its box: the factor
 does not matter for binning.
+
+No lane holds a negative zero: -0.0 equals 0.0, so the minimum of the two would be whichever came first, and the bytes
+of the tree would depend on how many workers shared the work.
 """
 
 from __future__ import annotations
@@ -50,8 +53,9 @@ def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # t
             a = vertices[corner_a, axis]
             b = vertices[corner_b, axis]
             c = vertices[corner_c, axis]
-            records[prim, axis] = min(a, b, c)
-            records[prim, NEGATED_MAX + axis] = -max(a, b, c)
+            # -0.0 + 0.0 and 0.0 - 0.0 are 0.0.
+            records[prim, axis] = min(a, b, c) + np.float32(0.0)
+            records[prim, NEGATED_MAX + axis] = np.float32(0.0) - max(a, b, c)
         record_ids[prim, PRIM_ID] = prim
         record_ids[prim, PADDING] = 0
         merge_aabb(bounds, 0, records, prim)

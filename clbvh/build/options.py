@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 from ..errors import ConfigError
 
@@ -39,6 +40,18 @@ class BuildOptions:
     task_threshold: int | None = None
 
     def __post_init__(self) -> None:
+        for name in ("bins", "leaf_size", "task_threshold"):
+            value = getattr(self, name)
+            if value is None and name == "task_threshold":
+                continue
+            if isinstance(value, bool) or not isinstance(value, Integral):
+                raise ConfigError(f"{name} must be a whole number, not {value!r}")
+            object.__setattr__(self, name, int(value))
+        if isinstance(self.traversal_cost, bool) or not isinstance(self.traversal_cost, Real):
+            raise ConfigError(f"traversal_cost must be a number, not {self.traversal_cost!r}")
+        # Another type of number would make numba compile the builder once more, for seconds.
+        object.__setattr__(self, "traversal_cost", float(self.traversal_cost))
+
         if not MIN_BINS <= self.bins <= MAX_BINS:
             raise ConfigError(f"bins must be {MIN_BINS} to {MAX_BINS}, not {self.bins}")
         if not 1 <= self.leaf_size <= MAX_LEAF_SIZE:

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import socket
+import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
+from multiprocessing.util import get_temp_dir
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -49,15 +52,16 @@ class SubtreePool:
     workers : int, optional
         Number of processes; the number of usable processors without it.
     timeout_s : float, optional
-        Seconds after which a worker that does not answer counts as dead.
+        Seconds, above 0, after which a worker that does not answer counts as dead.
 
     Raises
     ------
     ConfigError
-        A number below 1.
+        A number of workers below 1, or a timeout that is not above 0.
     PoolError
         From `wait_ready` and from any use: the workers did not start, one of them failed or died. The pool is
-        closed then, and cannot be used again.
+        closed then, and cannot be used again. From the end of a `with` block, when the script has no guard (see
+        below) and nothing in the block has told.
 
     Notes
     -----
@@ -68,8 +72,9 @@ class SubtreePool:
     def __init__(self, workers: int | None = None, *, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         if workers is not None and workers < 1:
             raise ConfigError(f"workers must be at least 1, not {workers}")
-        if not timeout_s > 0:
-            raise ConfigError(f"timeout_s must be above 0, not {timeout_s}")
+        # Written so that NaN fails.
+        if not 0 < timeout_s < float("inf"):
+            raise ConfigError(f"timeout_s must be a finite number above 0, not {timeout_s}")
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             # This is a worker that imports the main script, and the script has no guard: leave without a word.
             # The parent sees the exit code and raises the one error.
@@ -80,6 +85,7 @@ class SubtreePool:
         self._processes: list[Any] = []
         self._connections: list[Connection] = []
         self._start_error: BaseException | None = None
+        self._unguarded = False
         self._closed = False
         # Starting the fork server blocks until it has imported the builder, so a thread does it.
         self._starter = threading.Thread(target=self._start, name="clbvh-pool-start", daemon=True)
@@ -98,8 +104,8 @@ class SubtreePool:
         """Let every worker hold exactly these shared arrays, by these names; it lets go of all others."""
         self.wait_ready()
         with _ClosedOnError(self):
-            for connection in self._connections:
-                connection.send((ATTACH, dict(handles)))
+            for worker in range(self.workers):
+                self._send(worker, (ATTACH, dict(handles)))
             waiting = dict.fromkeys(range(self.workers))
             while waiting:
                 worker, _ = self._receive(waiting)
@@ -133,7 +139,7 @@ class SubtreePool:
             while busy or next_task < len(tasks):
                 while idle and next_task < len(tasks):
                     worker = idle.pop(0)
-                    self._connections[worker].send((RUN, step, tasks[next_task]))
+                    self._send(worker, (RUN, step, tasks[next_task]))
                     busy[worker] = next_task
                     next_task += 1
                 worker, result = self._receive(busy)
@@ -168,6 +174,9 @@ class SubtreePool:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+        if error is None and self._unguarded and self._start_error is not None:
+            # A mesh small enough to be built without the workers would hide it.
+            raise self._start_error
 
     def __repr__(self) -> str:
         return f"SubtreePool(workers={self.workers}{', closed' if self._closed else ''})"
@@ -179,12 +188,17 @@ class SubtreePool:
             # Windows has no fork server. Elsewhere it imports the builder once, and every worker inherits it.
             if sys.platform == "win32":
                 context: Any = multiprocessing.get_context("spawn")
+                folder = None
             else:
                 context = multiprocessing.get_context("forkserver")
                 context.set_forkserver_preload(["clbvh.build.preload"])
+                folder = get_temp_dir()  # where the fork server's socket lies
             for number in range(self.workers):
                 ours, theirs = context.Pipe()
-                process = context.Process(target=serve, args=(theirs,), name=f"clbvh-worker-{number}", daemon=True)
+                _limit_waiting(ours, self._timeout_s)
+                process = context.Process(
+                    target=serve, args=(theirs, folder), name=f"clbvh-worker-{number}", daemon=True
+                )
                 process.start()
                 theirs.close()
                 self._processes.append(process)
@@ -200,28 +214,44 @@ class SubtreePool:
             self._start_error.__cause__ = error
         self.start_ms = (time.perf_counter() - begin) * 1e3
 
+    def _send(self, worker: int, message: tuple[Any, ...]) -> None:
+        """Send a message to a worker that waits for one."""
+        try:
+            self._connections[worker].send(message)
+        except BlockingIOError:
+            raise self._explain_silence([worker]) from None
+        except OSError:
+            raise self._explain_death(worker) from None
+
     def _receive(self, workers: Mapping[int, Any]) -> tuple[int, Any]:
         """Return the next answer of any of these workers, and whose it is."""
         connections = {self._connections[worker]: worker for worker in workers}
         ready = wait(list(connections), timeout=self._timeout_s)
         if not ready:
-            numbers = ", ".join(str(worker) for worker in workers)
-            raise PoolError(f"worker {numbers} has not answered for {self._timeout_s:g} s and was stopped")
+            raise self._explain_silence(workers)
         connection = cast(Connection, ready[0])
         worker = connections[connection]
         try:
             succeeded, value = connection.recv()
+        except BlockingIOError:
+            raise self._explain_silence([worker]) from None
         except (EOFError, OSError):
             raise self._explain_death(worker) from None
         if not succeeded:
             raise PoolError(f"worker {worker} failed:\n{value}")
         return worker, value
 
+    def _explain_silence(self, workers: Iterable[int]) -> PoolError:
+        """Return the error for workers of which none answers."""
+        numbers = ", ".join(str(worker) for worker in workers)
+        return PoolError(f"worker {numbers} has not answered for {self._timeout_s:g} s and was stopped")
+
     def _explain_death(self, worker: int) -> PoolError:
         """Return the error for a worker whose pipe broke."""
         process = self._processes[worker]
         process.join(_STOP_PATIENCE_S)
         if process.exitcode == _UNGUARDED:
+            self._unguarded = True
             return PoolError(
                 "this script creates a SubtreePool while its workers import it: put the code that runs under "
                 'if __name__ == "__main__":'
@@ -230,6 +260,17 @@ class SubtreePool:
             f"worker {worker} died (exit code {process.exitcode}); a negative code is the signal that killed it, "
             "and -9 often means that the system ran out of memory"
         )
+
+
+def _limit_waiting(connection: Connection, timeout_s: float) -> None:
+    """Let a message that gets stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
+    if sys.platform == "win32":
+        return  # a pipe there has no such limit
+    seconds, fraction = divmod(timeout_s, 1)
+    limit = struct.pack("ll", int(seconds), max(1, int(fraction * 1e6)))
+    with socket.socket(fileno=os.dup(connection.fileno())) as end:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
 
 
 class _ClosedOnError:

@@ -32,7 +32,7 @@ def write_box(nodes, row, boxes, box):  # type: ignore[no-untyped-def]
     """Write a box of the builder as the aabb of a node."""
     for axis in range(3):
         nodes[row, axis] = boxes[box, axis]
-        nodes[row, NODE_MAX + axis] = -boxes[box, NEGATED_MAX + axis]
+        nodes[row, NODE_MAX + axis] = np.float32(0.0) - boxes[box, NEGATED_MAX + axis]
 
 
 @njit(cache=True, nogil=True)

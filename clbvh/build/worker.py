@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import shutil
 import signal
 import traceback
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 # What a message asks for, and what follows it.
@@ -12,11 +15,20 @@ ATTACH = "attach"  # name -> ArrayHandle
 RUN = "run"  # step function, arguments
 STOP = "stop"
 
+# A coordinator that was killed closes its pipes one after the other, within this time.
+_DEATH_TAKES_S = 1.0
 
-def serve(connection: Connection) -> None:
+
+def serve(connection: Connection, folder: str | None) -> None:
     """Answer the messages of a `SubtreePool` with (True, result) or (False, traceback).
 
     The loop ends with STOP, or when the pipe closes because the coordinator is gone, however it went.
+
+    Parameters
+    ----------
+    connection : Connection
+    folder : str or None
+        The coordinator's folder for the sockets of `multiprocessing`. It removes that itself unless it is killed.
     """
     # Ctrl-C reaches the whole process group. The coordinator decides what it means; workers follow its pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -27,16 +39,23 @@ def serve(connection: Connection) -> None:
     try:
         connection.send((True, None))  # ready
         while True:
-            message = connection.recv()
-            if message[0] == STOP:
-                return
+            packed = connection.recv_bytes()
+            # Unpacking and packing belong to the work: a step that cannot be imported here is reported too.
             try:
-                answer: tuple[bool, Any] = (True, _answer(message, attached))
+                message = ForkingPickler.loads(packed)
+                if message[0] == STOP:
+                    return
+                answer = ForkingPickler.dumps((True, _answer(message, attached)))
             except Exception:
-                answer = (False, traceback.format_exc())
-            connection.send(answer)
+                answer = ForkingPickler.dumps((False, traceback.format_exc()))
+            connection.send_bytes(answer)
     except (EOFError, OSError):
-        return
+        coordinator = multiprocessing.parent_process()
+        if folder is None or coordinator is None:
+            return
+        coordinator.join(_DEATH_TAKES_S)
+        if not coordinator.is_alive():
+            shutil.rmtree(folder, ignore_errors=True)  # other workers do the same
 
 
 def _answer(message: tuple[Any, ...], attached: dict[str, tuple[Any, Any]]) -> Any:

@@ -41,10 +41,10 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     _check_links(first, count)
     _check_leaves(first, count, prim_ids, len(faces))
     _check_boxes(bvh)
-    if max_depth is not None and bvh.depth > max_depth:
-        raise ValidationError(f"the tree is {bvh.depth} levels deep; the limit is {max_depth}")
+    if max_depth is not None:
+        _check_depth(first, count, max_depth)
     if max_leaf_size is not None and count.max() > max_leaf_size:
-        row = int(count.argmax())
+        row = int(np.flatnonzero(count > max_leaf_size)[0])
         raise ValidationError(f"leaf {row} holds {count[row]} primitives; the limit is {max_leaf_size}")
 
 
@@ -65,8 +65,8 @@ def _check_leaves(
     first: NDArray[np.int64], count: NDArray[np.int64], prim_ids: NDArray[np.int32], face_count: int
 ) -> None:
     """Check that the leaves' ranges cover prim_ids once, and that it is a permutation of the faces."""
-    if len(prim_ids) != face_count:
-        raise ValidationError(f"the tree lists {len(prim_ids)} primitives; the mesh has {face_count} triangles")
+    if prim_ids.shape != (face_count,):
+        raise ValidationError(f"the tree lists {prim_ids.size} primitives; the mesh has {face_count} triangles")
     leaf = count > 0
     _refuse(leaf & ((first < 0) | (first + count > face_count)), "leaf {} lists primitives outside the mesh")
     starts = np.zeros(face_count + 1, np.int64)
@@ -75,13 +75,33 @@ def _check_leaves(
     covered = np.cumsum(starts)[:-1]
     if (covered != 1).any():
         place = int(np.flatnonzero(covered != 1)[0])
-        raise ValidationError(f"prim_ids[{place}] lies in {covered[place]} leaves instead of one")
-    if prim_ids.min() < 0 or prim_ids.max() >= face_count:
-        raise ValidationError("prim_ids names a triangle that the mesh does not have")
+        owners = ", ".join(str(row) for row in np.flatnonzero(leaf & (first <= place) & (place < first + count)))
+        raise ValidationError(f"prim_ids[{place}] lies in {covered[place]} leaves ({owners or 'none'}) instead of one")
+
+    # The leaves cover every place once, so each place has an owner.
+    leaf_rows = np.flatnonzero(leaf)
+    leaf_rows = leaf_rows[np.argsort(first[leaf_rows])]
+    owner = np.repeat(leaf_rows, count[leaf_rows])
+    outside = np.flatnonzero((prim_ids < 0) | (prim_ids >= face_count))
+    if len(outside):
+        row, prim = owner[outside[0]], prim_ids[outside[0]]
+        raise ValidationError(f"leaf {row} lists triangle {prim}, which the mesh does not have")
     uses = np.bincount(prim_ids, minlength=face_count)
-    if (uses != 1).any():
-        prim = int(np.flatnonzero(uses != 1)[0])
-        raise ValidationError(f"triangle {prim} is listed {uses[prim]} times instead of once")
+    repeated = np.flatnonzero(uses[prim_ids] > 1)
+    if len(repeated):
+        prim = int(prim_ids[repeated[0]])
+        owners = ", ".join(str(row) for row in owner[prim_ids == prim])
+        raise ValidationError(f"triangle {prim} is listed {uses[prim]} times instead of once, in leaves {owners}")
+
+
+def _check_depth(first: NDArray[np.int64], count: NDArray[np.int64], max_depth: int) -> None:
+    """Check that no node lies deeper than the limit, level by level."""
+    level, depth = np.zeros(1, np.int64), 0
+    while len(level):
+        if depth > max_depth:
+            raise ValidationError(f"node {level.min()} lies {depth} levels deep; the limit is {max_depth}")
+        children = first[level[count[level] == 0]]
+        level, depth = np.concatenate([children, children + 1]), depth + 1
 
 
 def _check_boxes(bvh: Bvh) -> None:

@@ -1,0 +1,45 @@
+"""With a small task threshold on a large mesh, bundling ranges into tasks took quadratic time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clbvh.build.builder import _build_subtrees
+from clbvh.build.options import BuildOptions
+from clbvh.build.ranges import Range
+
+RANGES = 4096
+LOOKS_PER_RANGE = 20
+
+
+class CountedRange(Range):
+    looks = 0
+
+    def __len__(self):
+        CountedRange.looks += 1
+        return super().__len__()
+
+
+class OneWorker:
+    """Stands for a pool."""
+
+    workers = 1
+
+    def map(self, step, tasks):
+        return [[1] * len(ranges) for ranges, *_ in tasks]
+
+
+def split_evenly(begin, end, depth=0):
+    node = CountedRange(begin, end, 0, depth, np.zeros((2, 8), np.float32))
+    if end - begin > 1:
+        middle = (begin + end) // 2
+        node.children = (split_evenly(begin, middle, depth + 1), split_evenly(middle, end, depth + 1))
+    return node
+
+
+def test_each_range_is_looked_at_a_few_times():
+    root = split_evenly(0, RANGES)
+    CountedRange.looks = 0
+    _build_subtrees(OneWorker(), root, BuildOptions())
+    assert CountedRange.looks < LOOKS_PER_RANGE * RANGES
+    assert all(node.row_count == 1 for node in root.leaves())
