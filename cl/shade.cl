@@ -11,9 +11,12 @@ float3 encode_srgb(const float3 linear)
     return clamped <= 0.0031308f ? 12.92f * clamped : curved;
 }
 
-// A vertical gradient.
+// A vertical gradient; black where colours are measurements.
 float3 shade_background(const global view_t *view, const int row)
 {
+    if (view->shading == SHADE_NORMAL || view->shading == SHADE_DEPTH) {
+        return (float3)(0.0f);
+    }
     const float down = (row + 0.5f) / view->height;
     return encode_srgb(mix(vload3(0, view->background_top), vload3(0, view->background_bottom), down));
 }

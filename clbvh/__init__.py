@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .build import BuildOptions, SubtreePool, build
     from .device import DeviceInfo, choose_device, list_devices
-    from .geometry import Mesh, load_mesh
+    from .geometry import Mesh, load_mesh, make_shape
     from .render import Picture, RenderOptions, Scene, open_scene, render
     from .trace import Hits, Tracer
     from .tree import Bvh, sah_cost, validate_tree
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _HOME_OF = {
     "Mesh": "geometry",
     "load_mesh": "geometry",
+    "make_shape": "geometry",
     "Bvh": "tree",
     "sah_cost": "tree",
     "validate_tree": "tree",
@@ -41,6 +42,7 @@ _HOME_OF = {
 __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Mesh",
     "load_mesh",
+    "make_shape",
     "Bvh",
     "sah_cost",
     "validate_tree",

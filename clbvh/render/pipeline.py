@@ -19,7 +19,7 @@ from ..device.session import DeviceSession
 from ..errors import ConfigError, ValidationError
 from ..geometry import Mesh
 from ..stopwatch import Stopwatch
-from ..trace.device_tree import BRUTE, DeviceTree
+from ..trace.device_tree import BRUTE, DeviceTree, check_layout
 from ..trace.hits import Hits
 from ..trace.reference import find_differences
 from ..tree import Bvh, sah_cost, validate_tree
@@ -71,6 +71,7 @@ class RenderOptions:
     def __post_init__(self) -> None:
         if self.builder not in (*BUILDERS, BRUTE):
             raise ConfigError(f"builder must be one of {', '.join((*BUILDERS, BRUTE))}, not '{self.builder}'")
+        check_layout(self.layout)
         if self.workers is not None and self.workers < 1:
             raise ConfigError(f"workers must be at least 1, not {self.workers}")
 

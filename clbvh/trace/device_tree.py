@@ -60,12 +60,15 @@ class DeviceTree:
         self.memory_bytes = nodes.nbytes + triangles.nbytes
 
 
+def check_layout(layout: str) -> None:
+    """Raise `ConfigError` unless this is ``"auto"`` or the layout of a tree."""
+    known = ("auto", *(name for name in LAYOUTS if name != BRUTE))
+    if layout not in known:
+        raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
+
+
 def _resolve_layout(layout: str, session: DeviceSession, bvh: Bvh | None) -> str:
+    check_layout(layout)
     if bvh is None:
         return BRUTE
-    if layout == "auto":
-        return session.info.layout
-    known = [name for name in LAYOUTS if name != BRUTE]
-    if layout not in known:
-        raise ConfigError(f"layout must be auto or one of {', '.join(known)}, not '{layout}'")
-    return layout
+    return session.info.layout if layout == "auto" else layout

@@ -1,27 +1,10 @@
 """`clbvh devices` as a user runs it, in a process of its own."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
-TIMEOUT_S = 60
-
-
-def run_clbvh(*arguments, **environment):
-    """Run the command without a CLBVH_DEVICE of the machine, unless the test sets one."""
-    inherited = {name: value for name, value in os.environ.items() if name != "CLBVH_DEVICE"}
-    code = "from clbvh.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        env=inherited | environment,
-        check=False,
-    )
+from .command import run_clbvh
 
 
 @pytest.fixture(scope="module")

@@ -1,26 +1,12 @@
 """`clbvh doctor` as a user runs it, in a process of its own, on machines that lack something."""
 
 import json
-import os
-import subprocess
-import sys
 
-TIMEOUT_S = 120
+from .command import run_clbvh
 
 
 def run_doctor(*arguments, **environment):
-    """Run the doctor in the state of this machine, changed by some variables."""
-    dropped = {"CLBVH_DEVICE", "OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH"}
-    inherited = {name: value for name, value in os.environ.items() if name not in dropped}
-    code = "from clbvh.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", code, "doctor", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        env=inherited | environment,
-        check=False,
-    )
+    return run_clbvh("doctor", *arguments, **environment)
 
 
 def findings_of(answer, severity):

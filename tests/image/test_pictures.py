@@ -1,0 +1,189 @@
+"""Small pictures, whole pipeline: hits first, then pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.errors import ConfigError, ValidationError
+from clbvh.layout import SHADINGS
+from clbvh.render import Light, MeshSource, RenderOptions, Scene, pipeline
+from clbvh.render import frame as frame_module
+
+KNOT = Scene(MeshSource(shape="knot", triangles=4000, seed=1), width=96, height=64)
+
+
+@pytest.fixture(scope="module")
+def knot_picture():
+    return clbvh.render(KNOT, RenderOptions(validate=True))
+
+
+def write_ply(path, vertices, faces):
+    lines = [
+        "ply", "format ascii 1.0",
+        f"element vertex {len(vertices)}", "property float x", "property float y", "property float z",
+        f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header",
+        *(" ".join(map(str, vertex)) for vertex in vertices),
+        *(f"{len(face)} " + " ".join(map(str, face)) for face in faces),
+    ]  # fmt: skip
+    path.write_text("\n".join(lines) + "\n")
+    return MeshSource(path=str(path))
+
+
+def same_hits(a, b):
+    return all((getattr(a.hits, name) == getattr(b.hits, name)).all() for name in ("t", "u", "v", "prim_id"))
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_each_shading_looks_as_it_did(shading, compare_with_reference):
+    picture = clbvh.render(KNOT.with_changes(shading=shading))
+    compare_with_reference(f"knot-{shading.replace('+', '-')}", picture.rgb)
+
+
+def test_terrain_looks_as_it_did(compare_with_reference):
+    scene = Scene(MeshSource(shape="terrain", triangles=8000, seed=7), width=96, height=64)
+    compare_with_reference("terrain", clbvh.render(scene.with_changes(light=Light(direction=(-1, 0.5, 0.3)))).rgb)
+
+
+def test_every_pixel_of_a_small_picture_is_validated():
+    scene = Scene(MeshSource(shape="icosphere", triangles=320), width=32, height=20)
+    assert clbvh.render(scene, RenderOptions(validate=True)).validated_pixels == 32 * 20
+
+
+def test_a_wrong_pixel_is_found(monkeypatch):
+    def render_wrongly(self, view):
+        colours, hits = render_rightly(self, view)
+        hits["prim_id"][10, 16] = (hits["prim_id"][10, 16] + 100) % 320
+        return colours, hits
+
+    render_rightly = frame_module.FrameRenderer.render
+    monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
+    scene = Scene(MeshSource(shape="icosphere", triangles=320), width=32, height=20)
+    with pytest.raises(ValidationError, match="1 of 640 pixels differ .* column 16, row 10"):
+        clbvh.render(scene, RenderOptions(validate=True))
+
+
+def test_without_a_tree_the_picture_is_the_same(knot_picture):
+    brute = clbvh.render(KNOT, RenderOptions(builder="brute"))
+    assert brute.bvh is None
+    assert brute.layout == "brute"
+    assert same_hits(brute, knot_picture)
+    assert (brute.rgb == knot_picture.rgb).all()
+
+
+def test_brute_refuses_a_mesh_that_would_take_forever(monkeypatch):
+    monkeypatch.setattr(pipeline, "BRUTE_LIMIT", 1000)
+    with pytest.raises(ConfigError, match="brute"):
+        clbvh.render(KNOT, RenderOptions(builder="brute"))
+
+
+def test_bands_do_not_show(knot_picture, monkeypatch):
+    monkeypatch.setattr(frame_module, "BAND_PIXELS", KNOT.width * 7)
+    banded = clbvh.render(KNOT)
+    assert same_hits(banded, knot_picture)
+    assert (banded.rgb == knot_picture.rgb).all()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (7, 3), (65, 33)])
+def test_sizes_that_do_not_fill_a_tile_are_rendered_whole(width, height):
+    scene = Scene(MeshSource(shape="icosphere", triangles=320), width=width, height=height)
+    picture = clbvh.render(scene, RenderOptions(validate=True))
+    assert picture.rgb.shape == (height, width, 3)
+    assert picture.validated_pixels == width * height
+
+
+def test_hits_are_those_of_the_tracer(knot_picture):
+    origins, directions = knot_picture.camera.rays(KNOT.width, KNOT.height)
+    with clbvh.Tracer(knot_picture.bvh) as tracer:
+        traced = tracer.closest_hit(origins.reshape(-1, 3), directions.reshape(-1, 3))
+    same = traced.prim_id == knot_picture.hits.prim_id.reshape(-1)
+    # The kernel makes its rays in float32: at an edge the neighbour may be hit.
+    assert same.mean() > 0.995
+    assert np.allclose(traced.t[same], knot_picture.hits.t.reshape(-1)[same], rtol=1e-5)
+
+
+def test_depth_is_the_distance_to_a_wall(tmp_path):
+    wall = write_ply(tmp_path / "wall.ply", [(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)], [(0, 1, 2), (0, 2, 3)])
+    picture = clbvh.render(Scene(wall, eye=(0, 0, 4), look_at=(0, 0, 0), fov=60, width=31, height=31))
+    _, directions = picture.camera.rays(31, 31)
+    assert picture.hits.count == 31 * 31
+    assert np.allclose(picture.hits.t, 4 / -directions[..., 2], rtol=1e-6)
+
+
+def test_a_shadow_falls_where_geometry_says(tmp_path):
+    # A floor at y = 0, and a square lid at y = 1 over x and z from -0.5 to 0.5; light from straight above.
+    vertices = [(-2, 0, -2), (-2, 0, 2), (2, 0, 2), (2, 0, -2)]
+    vertices += [(-0.5, 1, -0.5), (-0.5, 1, 0.5), (0.5, 1, 0.5), (0.5, 1, -0.5)]
+    faces = [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)]
+    scene = Scene(
+        write_ply(tmp_path / "lid.ply", vertices, faces),
+        eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90,
+        light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)),
+    )  # fmt: skip
+    picture = clbvh.render(scene)
+    on_floor = np.isin(picture.hits.prim_id, (0, 1))
+    _, directions = picture.camera.rays(160, 90)
+    places = np.array(picture.camera.eye) + picture.hits.t[..., None] * directions
+    inside = (np.abs(places[..., [0, 2]]) < 0.499).all(axis=-1) & on_floor
+    outside = (np.abs(places[..., [0, 2]]) > 0.501).any(axis=-1) & on_floor
+    assert inside.sum() > 40
+    assert (picture.rgb[inside] == 0).all()
+    assert (picture.rgb[outside] > 0).all()
+    # The same light without shadows lights the whole floor.
+    assert (clbvh.render(scene.with_changes(shading="lambert")).rgb[on_floor] > 0).all()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
+def test_no_acne_at_any_scale(scale):
+    # A smooth convex body never shadows itself: shadows may only be where the light does not reach anyway.
+    sphere = Scene(MeshSource(shape="icosphere", triangles=1280), width=80, height=60)
+    sphere = sphere.with_changes(transform=clbvh.render.Transform(scale=scale, translate=(3 * scale, 0, 0)))
+    plain = clbvh.render(sphere.with_changes(shading="lambert"))
+    shadowed = clbvh.render(sphere.with_changes(shading="lambert+shadow"))
+    assert (plain.rgb == shadowed.rgb).all()
+
+
+def test_a_mesh_far_from_zero_looks_as_one_at_zero():
+    near = clbvh.render(KNOT.with_changes(shading="normal"))
+    far = KNOT.with_changes(shading="normal", transform=clbvh.render.Transform(translate=(448_000, 5_411_000, 300)))
+    assert (np.abs(clbvh.render(far).rgb.astype(int) - near.rgb) > 2).mean() < 0.005
+
+
+def test_a_mesh_on_one_leaf_is_rendered(tmp_path):
+    single = write_ply(tmp_path / "one.ply", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    picture = clbvh.render(Scene(single, width=40, height=40), RenderOptions(validate=True))
+    assert 100 < picture.hits.count < 1600
+    assert picture.report()["nodes"] == 1
+
+
+def test_degenerate_triangles_are_counted_and_never_hit(tmp_path):
+    vertices = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0)]
+    mesh = write_ply(tmp_path / "flat.ply", vertices, [(0, 1, 2), (0, 1, 3), (2, 2, 1), (0, 0, 0)])
+    picture = clbvh.render(Scene(mesh, width=64, height=64), RenderOptions(validate=True))
+    assert picture.report()["degenerate_triangles"] == 3
+    assert set(np.unique(picture.hits.prim_id)) == {-1, 0}
+
+
+def test_the_report_adds_up(knot_picture):
+    report = knot_picture.report()
+    assert report["triangles"] == knot_picture.mesh.face_count
+    assert report["rays"] == 96 * 64
+    assert report["hits"] == (knot_picture.hits.prim_id >= 0).sum()
+    times = report["timings_ms"]
+    assert list(times) == ["load", "pool_start", "build", "compile", "upload", "kernel", "download", "total"]
+    parts = sum(times[name] for name in times if name not in ("pool_start", "total"))
+    assert 0 < parts <= times["total"]
+    assert report["mrays_per_s"] == pytest.approx(report["rays"] / times["kernel"] / 1e3)
+
+
+def test_a_pool_gives_the_same_picture(knot_picture):
+    pooled = clbvh.render(KNOT, RenderOptions(workers=2, build=clbvh.BuildOptions(task_threshold=500)))
+    assert pooled.workers == 2
+    assert (pooled.rgb == knot_picture.rgb).all()
+
+
+@pytest.mark.parametrize("option", [{"builder": "magic"}, {"workers": 0}])
+def test_options_out_of_range_are_refused(option):
+    with pytest.raises(ConfigError, match=next(iter(option))):
+        RenderOptions(**option)

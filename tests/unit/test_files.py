@@ -1,0 +1,78 @@
+"""Written files are whole or absent, and say what was rendered."""
+
+from __future__ import annotations
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from clbvh.errors import ConfigError
+from clbvh.render import files
+from clbvh.trace import Hits
+
+RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+HITS = Hits(np.float32([[1.5, np.inf]]), np.float32([[0.25, 0]]), np.float32([[0.5, 0]]), np.int32([[7, -1]]))
+
+
+def test_a_ppm_is_binary_with_a_plain_header(tmp_path):
+    files.write_picture(tmp_path / "a.ppm", RGB)
+    data = (tmp_path / "a.ppm").read_bytes()
+    assert data.split()[:4] == [b"P6", b"3", b"2", b"255"]
+    assert data.endswith(RGB.tobytes())
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.PPM", "a.ppm"])
+def test_a_picture_reads_back_as_it_was(tmp_path, name):
+    files.write_picture(tmp_path / name, RGB)
+    assert (imageio.imread(tmp_path / name) == RGB).all()
+
+
+def test_hits_read_back_as_they_were(tmp_path):
+    files.write_hits(tmp_path / "h.npz", HITS)
+    with np.load(tmp_path / "h.npz") as loaded:
+        assert sorted(loaded) == ["prim_id", "t", "u", "v"]
+        for name in loaded:
+            assert (loaded[name] == getattr(HITS, name)).all()
+            assert loaded[name].dtype == getattr(HITS, name).dtype
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    (tmp_path / "h.npz").write_bytes(b"old")
+
+    def fail(file, **arrays):
+        file.write(b"half")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(OSError, match="no space"):
+        files.write_hits(tmp_path / "h.npz", HITS)
+    assert [path.name for path in tmp_path.iterdir()] == ["h.npz"]
+    assert (tmp_path / "h.npz").read_bytes() == b"old"
+
+
+def test_a_new_file_has_the_rights_of_any_other(tmp_path):
+    files.write_picture(tmp_path / "a.ppm", RGB)
+    (tmp_path / "other").touch()
+    assert (tmp_path / "a.ppm").stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a", "a.npz"])
+def test_other_kinds_of_pictures_are_refused(tmp_path, name):
+    with pytest.raises(ConfigError, match=r"must end in \.ppm or \.png"):
+        files.check_picture_path(tmp_path / name)
+
+
+def test_other_kinds_of_hit_files_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"must end in \.npz"):
+        files.check_hits_path(tmp_path / "hits.csv")
+
+
+def test_a_missing_folder_is_found_before_the_work(tmp_path):
+    with pytest.raises(ConfigError, match="does not exist"):
+        files.check_picture_path(tmp_path / "gone" / "a.ppm")
+
+
+def test_a_folder_is_no_file(tmp_path):
+    (tmp_path / "a.ppm").mkdir()
+    with pytest.raises(ConfigError, match="this is a folder"):
+        files.check_picture_path(tmp_path / "a.ppm")

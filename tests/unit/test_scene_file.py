@@ -1,0 +1,157 @@
+"""Scene files: what they may say, and what is said about what they may not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clbvh.errors import SceneError
+from clbvh.geometry import Mesh
+from clbvh.render.scene import MeshSource, Scene, Transform
+from clbvh.render.scene_file import open_scene, read_scene
+from clbvh.resources import find_folder
+
+SHIPPED = ("bunny", "demo", "dragon", "drill", "knot", "terrain")
+
+WHOLE = """
+[mesh]
+shape = "knot"
+triangles = 1000
+seed = 3
+
+[transform]
+scale = 2
+rotate = [0, 90, 0]
+translate = [1, 2, 3.5]
+
+[camera]
+eye = [0, 0, 9]
+look_at = [0, 1, 0]
+up = [0, 1, 0.5]
+fov = 40
+
+[light]
+direction = [1, 1, 0]
+colour = [1, 1, 1]
+sky = [0.1, 0.2, 0.3]
+ground = [0, 0, 0]
+
+[image]
+width = 64
+height = 32
+shading = "lambert"
+surface = [1, 0, 0]
+background = [[0, 0, 0], [1, 1, 1]]
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text: str) -> Scene:
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return read_scene(path)
+
+    return read_text
+
+
+def test_every_key_reaches_the_scene(read):
+    scene = read(WHOLE)
+    assert scene.mesh == MeshSource(shape="knot", triangles=1000, seed=3)
+    assert scene.transform == Transform(2, (0, 90, 0), (1, 2, 3.5))
+    assert (scene.eye, scene.look_at, scene.up, scene.fov) == ((0, 0, 9), (0, 1, 0), (0, 1, 0.5), 40)
+    assert (scene.light.direction, scene.light.colour) == ((1, 1, 0), (1, 1, 1))
+    assert (scene.light.sky, scene.light.ground) == ((0.1, 0.2, 0.3), (0, 0, 0))
+    assert (scene.width, scene.height, scene.shading) == (64, 32, "lambert")
+    assert (scene.surface, scene.background) == ((1, 0, 0), ((0, 0, 0), (1, 1, 1)))
+
+
+def test_what_is_left_out_has_its_default(read):
+    assert read('[mesh]\nname = "bunny"') == Scene(MeshSource(name="bunny"))
+
+
+def test_a_mesh_path_counts_from_the_scene_file(read, tmp_path):
+    assert read('[mesh]\npath = "sub/a.ply"').mesh.path == str(tmp_path / "sub/a.ply")
+
+
+def test_one_background_colour_stands_for_both(read):
+    assert read('[mesh]\nname = "b"\n[image]\nbackground = [0, 0.5, 1]').background == ((0, 0.5, 1), (0, 0.5, 1))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"no \[mesh\] table"),
+        ("[mesh]\n", "exactly one of path, name and shape"),
+        ('[mesh]\nname = "a"\npath = "b"', "exactly one"),
+        ('[mesh]\nname = "a"\ncolour = 1', r"\[mesh\] has an unknown key 'colour'"),
+        ('mesh = "a"', r"'mesh' must be a table"),
+        ('[mesh]\nname = "a"\n[lights]', "unknown key 'lights'"),
+        ("[mesh]\nname = 7", "name must be a text, not 7"),
+        ('[mesh]\nname = "a"\n[camera]\neye = [1, 2]', "eye must be three finite numbers"),
+        ('[mesh]\nname = "a"\n[camera]\neye = [1, 2, nan]', "eye must be three finite numbers"),
+        ('[mesh]\nname = "a"\n[camera]\nlook_at = [0, 0, 0]', "needs an eye"),
+        ('[mesh]\nname = "a"\n[camera]\nfov = 0', "fov"),
+        ('[mesh]\nname = "a"\n[camera]\nfocus = 1', r"\[camera\] has an unknown key 'focus'; known are eye"),
+        ('[mesh]\nname = "a"\n[image]\nwidth = 1.5', "width must be a whole number"),
+        ('[mesh]\nname = "a"\n[image]\nwidth = 0', "width must be 1 to 65535 pixels"),
+        ('[mesh]\nname = "a"\n[image]\nheight = true', "height must be a whole number"),
+        ('[mesh]\nname = "a"\n[image]\nshading = "phong"', "shading must be one of lambert, "),
+        ('[mesh]\nname = "a"\n[image]\nbackground = [1]', "background must be a colour"),
+        ('[mesh]\nshape = "knot"\nseed = "x"', "seed must be a whole number"),
+        ("[mesh", "not a TOML file"),
+    ],
+)
+def test_what_a_scene_must_not_say_is_named_with_its_file(read, text, message):
+    with pytest.raises(SceneError, match=message) as caught:
+        read(text)
+    assert "scene.toml: " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_scene_file_is_named(tmp_path):
+    with pytest.raises(SceneError, match=r"gone\.toml: no such scene file"):
+        read_scene(tmp_path / "gone.toml")
+
+
+def test_the_shipped_scenes_are_the_promised_ones():
+    assert sorted(path.stem for path in find_folder("scenes").glob("*.toml")) == sorted(SHIPPED)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_scene_opens_by_its_name(name):
+    assert isinstance(open_scene(name), Scene)
+
+
+def test_the_knot_has_the_size_of_the_dragon():
+    assert open_scene("knot").mesh.triangles == 871_200
+
+
+def test_anything_else_is_a_mesh_file(tmp_path, monkeypatch):
+    assert open_scene("a.ply").mesh.path == "a.ply"
+    # A file of that name comes before a shipped scene.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bunny").write_bytes(b"ply")
+    assert open_scene("bunny").mesh.path == "bunny"
+
+
+def test_a_transform_scales_then_turns_then_moves():
+    mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
+    moved = Transform(2, (0, 0, 90), (10, 0, 0)).apply(mesh)
+    assert np.allclose(moved.vertices + moved.origin, [[10, 2, 0], [8, 0, 0], [10, 0, 2]], atol=1e-6)
+
+
+def test_rotations_are_applied_about_x_then_y_then_z():
+    mesh = Mesh.from_arrays([[0, 1, 0], [0, 0, 0], [1, 1, 1]], [[0, 1, 2]])
+    moved = Transform(rotate=(90, 90, 0)).apply(mesh)
+    assert np.allclose(moved.vertices[0] + moved.origin, [1, 0, 0], atol=1e-6)  # y -> z -> x
+
+
+def test_no_transform_leaves_the_mesh_as_it_is():
+    mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
+    assert Transform().apply(mesh) is mesh
+
+
+def test_a_scale_of_0_is_refused():
+    with pytest.raises(SceneError, match="scale"):
+        Transform(scale=0).apply(Mesh.from_arrays(np.eye(3), [[0, 1, 2]]))

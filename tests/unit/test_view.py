@@ -1,0 +1,64 @@
+"""A scene as the device takes it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from clbvh.errors import SceneError
+from clbvh.geometry import Mesh
+from clbvh.layout import SHADINGS
+from clbvh.render.camera import Camera
+from clbvh.render.scene import Light, MeshSource, Scene
+from clbvh.render.view import make_view
+
+MESH = Mesh.from_arrays(np.array([[0, 0, 0], [4, 0, 0], [0, 2, 6.0]]) + 1e6, [[0, 1, 2]])
+SCENE = Scene(MeshSource(name="any"), width=200, height=100)
+CAMERA = Camera((1e6 + 2, 1e6 + 1, 1e6 + 13), (1e6 + 2, 1e6 + 1, 1e6 + 3), fov=90)
+
+
+def test_the_eye_is_relative_to_the_mesh():
+    assert np.allclose(make_view(SCENE, CAMERA, MESH)["eye"][0], [0, 0, 10])
+
+
+def test_the_axes_span_the_picture():
+    view = make_view(SCENE, CAMERA, MESH)
+    assert np.allclose(view["forward"][0], [0, 0, -1])
+    assert np.allclose(view["up"][0], [0, 1, 0])
+    assert np.allclose(view["right"][0], [2, 0, 0])
+
+
+def test_the_automatic_light_comes_from_the_viewers_left_and_above():
+    to_light = make_view(SCENE, CAMERA, MESH)["to_light"][0]
+    assert np.linalg.norm(to_light) == pytest.approx(1)
+    assert to_light[0] < 0 < to_light[1]
+    assert to_light[2] > 0
+
+
+def test_a_light_of_ones_own_is_normalised():
+    scene = dataclasses.replace(SCENE, light=Light(direction=(0, 3, 4)))
+    assert np.allclose(make_view(scene, CAMERA, MESH)["to_light"][0], [0, 0.6, 0.8])
+
+
+def test_a_light_from_nowhere_is_refused():
+    with pytest.raises(SceneError, match="light"):
+        make_view(dataclasses.replace(SCENE, light=Light(direction=(0, 0, 0))), CAMERA, MESH)
+
+
+def test_depth_runs_over_the_meshs_box():
+    view = make_view(SCENE, CAMERA, MESH)
+    assert (view["depth_near"][0], view["depth_far"][0]) == (7, 13)
+
+
+def test_depth_of_a_flat_mesh_is_a_range_all_the_same():
+    flat = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    view = make_view(SCENE, Camera((0, 0, 3), (0, 0, 0)), flat)
+    assert view["depth_near"][0] < view["depth_far"][0]
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_the_shading_travels_as_its_number(shading):
+    scene = dataclasses.replace(SCENE, shading=shading)
+    assert make_view(scene, CAMERA, MESH)["shading"][0] == SHADINGS[shading]
