@@ -97,8 +97,10 @@ def _make_knot(
             raise ConfigError(f"the option '{key}' of the shape 'knot' must be a whole number from 1, not {value!r}")
     if math.gcd(int(turns), int(loops)) != 1:
         raise ConfigError(f"a knot's turns and loops have no common divisor, but {turns} and {loops} do")
-    _require("knot", triangles, 72)
-    across = math.isqrt(triangles // 8)
+    # With these proportions the cells of a plain knot are about square: its curve is nine times as long as a turn
+    # around the tube.
+    _require("knot", triangles, 2 * 9 * 3**2)
+    across = math.isqrt(triangles // (2 * 9))
     along = triangles // (2 * across)
 
     # The curve, and a frame across it: the normal of the torus that it lies on, which closes with the curve.

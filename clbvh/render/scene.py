@@ -38,8 +38,8 @@ class Light:
     """
 
     direction: Vector | None = None
-    colour: Vector = (0.95, 0.92, 0.86)
-    sky: Vector = (0.20, 0.225, 0.26)
+    colour: Vector = (0.92, 0.88, 0.82)
+    sky: Vector = (0.17, 0.19, 0.22)
     ground: Vector = (0.07, 0.065, 0.06)
 
     def with_direction(self, direction: Vector | None) -> Light:
