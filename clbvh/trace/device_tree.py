@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,13 @@ from ..tree import Bvh
 from ..tree.layouts import gather_triangles, make_bvh2_nodes
 
 BRUTE = "brute"
+
+# Stack sizes are rounded up to this many entries, so that most trees share one compiled kernel: a compilation takes
+# a second on PoCL.
+_STACK_STEP = 16
+
+# A deeper tree is not traversed: its stack would not fit a work-item's private memory. Our builders stay below 64.
+_MAX_DEPTH = 1024
 
 
 class DeviceTree:
@@ -32,7 +40,7 @@ class DeviceTree:
     Raises
     ------
     ConfigError
-        An unknown layout.
+        An unknown layout, or a tree that is too deep.
 
     Attributes
     ----------
@@ -54,9 +62,12 @@ class DeviceTree:
             nodes = make_bvh2_nodes(bvh)
             order = bvh.prim_ids
             depth = bvh.depth
+            if depth > _MAX_DEPTH:
+                raise ConfigError(f"the tree is {depth} levels deep; the traversal's stack holds {_MAX_DEPTH}")
         triangles = gather_triangles(mesh, order)
         self.arguments = (session.upload(nodes), session.upload(triangles), np.int32(len(triangles)))
-        self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": max(1, depth)}
+        stack_size = _STACK_STEP * max(1, math.ceil(depth / _STACK_STEP))
+        self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
         self.memory_bytes = nodes.nbytes + triangles.nbytes
 
 
