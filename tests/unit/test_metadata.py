@@ -1,0 +1,61 @@
+"""One record per primitive: its box, its number, and the bounds of a slice."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from clbvh.build import steps
+from clbvh.build.simd import LANES
+
+from ..soup import make_soup
+from .records import boxes_of, make_records
+
+
+def test_a_record_is_the_box_and_the_number_of_its_triangle():
+    mesh = make_soup(100, seed=1, degenerate=0.2)
+    records, _ = make_records(mesh)
+    corners = mesh.vertices[mesh.faces]
+    lower, upper = boxes_of(records[0])
+    assert (lower == corners.min(axis=1)).all()
+    assert (upper == corners.max(axis=1)).all()
+    assert records[0].view(np.int32)[:, 3].tolist() == list(range(100))
+    assert (records[0].view(np.int32)[:, 7] == 0).all()
+
+
+def test_bounds_hold_all_boxes_and_all_centroids():
+    mesh = make_soup(100, seed=2)
+    records, bounds = make_records(mesh)
+    lower, upper = boxes_of(records[0])
+    assert bounds[0, :3].tolist() == lower.min(axis=0).tolist()
+    assert bounds[0, 4:7].tolist() == (-upper.max(axis=0)).tolist()
+    assert bounds[1, :3].tolist() == (lower + upper).min(axis=0).tolist()
+    assert bounds[1, 4:7].tolist() == (-(lower + upper).max(axis=0)).tolist()
+
+
+@pytest.mark.parametrize("cuts", [[0, 100], [0, 1, 100], [0, 0, 50, 99, 100, 100]])
+def test_slices_together_give_what_one_gives(cuts):
+    mesh = make_soup(100, seed=3)
+    records, bounds = make_records(mesh)
+    sliced = np.zeros_like(records)
+    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "records": sliced}
+    parts = [steps.record_slice(arrays, begin, end) for begin, end in itertools.pairwise(cuts)]
+    assert np.minimum.reduce(parts).tobytes() == bounds.tobytes()
+    assert sliced.tobytes() == records.tobytes()
+
+
+def test_an_empty_slice_has_empty_bounds():
+    mesh = make_soup(5, seed=4)
+    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "records": np.zeros((2, 5, LANES), np.float32)}
+    assert (steps.record_slice(arrays, 3, 3) == np.inf).all()
+
+
+def test_no_lane_holds_a_negative_zero():
+    mesh = make_soup(50, seed=5)
+    mesh.vertices[:] = np.random.default_rng(5).choice(np.array([-0.0, 0.0], np.float32), mesh.vertices.shape)
+    records, bounds = make_records(mesh)
+    boxes = np.concatenate([records[0], bounds])[:, [0, 1, 2, 4, 5, 6]]
+    assert (boxes == 0).all()
+    assert not np.signbit(boxes).any()

@@ -1,0 +1,91 @@
+"""The options of a build: their limits, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from clbvh import BuildOptions, Mesh, build
+from clbvh.build.options import MAX_BINS, MAX_LEAF_SIZE, MIN_BINS
+from clbvh.errors import ConfigError
+
+
+def test_defaults_are_allowed_and_fixed():
+    options = BuildOptions()
+    assert (options.bins, options.leaf_size, options.traversal_cost, options.task_threshold) == (16, 4, 1.0, None)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        options.bins = 8
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("bins", MIN_BINS),
+        ("bins", MAX_BINS),
+        ("leaf_size", 1),
+        ("leaf_size", MAX_LEAF_SIZE),
+        ("traversal_cost", 1e-300),
+        ("traversal_cost", 1e300),
+        ("task_threshold", 1),
+        ("task_threshold", 2**40),
+    ],
+)
+def test_the_ends_of_each_range_are_allowed(name, value):
+    assert getattr(BuildOptions(**{name: value}), name) == value
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("bins", MIN_BINS - 1),
+        ("bins", MAX_BINS + 1),
+        ("bins", -16),
+        ("leaf_size", 0),
+        ("leaf_size", MAX_LEAF_SIZE + 1),
+        ("traversal_cost", 0),
+        ("traversal_cost", -1.0),
+        ("traversal_cost", float("inf")),
+        ("traversal_cost", float("nan")),
+        ("task_threshold", 0),
+        ("task_threshold", -5),
+    ],
+)
+def test_what_lies_outside_is_refused_by_name_and_value(name, value):
+    with pytest.raises(ConfigError, match=rf"{name} must be .*not {value}"):
+        BuildOptions(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost", "task_threshold"])
+@pytest.mark.parametrize("value", ["8", [8], True, 8 + 0j])
+def test_what_is_no_number_is_refused(name, value):
+    with pytest.raises(ConfigError, match=f"{name} must be a .*number"):
+        BuildOptions(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["bins", "leaf_size", "task_threshold"])
+@pytest.mark.parametrize("value", [8.0, 8.5, np.float64(8)])
+def test_counts_are_whole_numbers(name, value):
+    with pytest.raises(ConfigError, match=f"{name} must be a whole number"):
+        BuildOptions(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost"])
+def test_none_is_for_the_threshold_only(name):
+    with pytest.raises(ConfigError, match=name):
+        BuildOptions(**{name: None})
+
+
+def test_numpy_numbers_become_plain_ones():
+    options = BuildOptions(np.int64(8), np.uint8(3), np.float32(2), np.int16(100))
+    assert dataclasses.astuple(options) == (8, 3, 2.0, 100)
+    assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int]
+
+
+def test_a_build_refuses_the_same_and_an_unknown_builder():
+    mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
+    with pytest.raises(ConfigError, match="bins must be 2 to 64, not 1"):
+        build(mesh, bins=1)
+    with pytest.raises(ConfigError, match="builder must be one of sah, not 'magic'"):
+        build(mesh, builder="magic")

@@ -1,0 +1,97 @@
+"""The hand-written row operations, each through a small compiled function."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import njit
+
+from clbvh.build.simd import LANES, copy_row, merge_aabb, merge_centroid
+
+
+@njit
+def copy(into, into_row, source, row):
+    copy_row(into, into_row, source, row)
+
+
+@njit
+def unite(into, into_row, source, row):
+    merge_aabb(into, into_row, source, row)
+
+
+@njit
+def unite_centroid(into, into_row, source, row):
+    merge_centroid(into, into_row, source, row)
+
+
+def random_rows(seed, count=5):
+    return np.random.default_rng(seed).normal(size=(count, LANES)).astype(np.float32)
+
+
+def test_copy_moves_one_row_and_no_other():
+    rows, target = random_rows(1), random_rows(2)
+    expected = target.copy()
+    expected[3] = rows[1]
+    copy(target, 3, rows, 1)
+    assert target.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("pattern", [1, 2**30, 0x7FA00001, -1, -(2**31)])
+def test_copy_keeps_every_bit_pattern(pattern):
+    rows, target = np.zeros((2, LANES), np.float32), np.zeros((2, LANES), np.float32)
+    rows.view(np.int32)[1] = pattern
+    copy(target, 0, rows, 1)
+    assert (target.view(np.int32)[0] == pattern).all()
+
+
+def test_merge_takes_the_minimum_lane_by_lane():
+    rows, target = random_rows(3), random_rows(4)
+    expected = target.copy()
+    expected[2] = np.minimum(target[2], rows[4])
+    unite(target, 2, rows, 4)
+    assert target.tobytes() == expected.tobytes()
+
+
+def test_merge_with_an_empty_box_gives_the_other():
+    rows = random_rows(5, 1)
+    empty = np.full((1, LANES), np.inf, np.float32)
+    unite(empty, 0, rows, 0)
+    assert empty.tobytes() == rows.tobytes()
+    unite(rows, 0, np.full((1, LANES), np.inf, np.float32), 0)
+    assert rows.tobytes() == empty.tobytes()
+
+
+def test_merge_ignores_a_lane_that_is_not_a_number():
+    rows, target = random_rows(6, 1), random_rows(7, 1)
+    rows[0, 3] = np.nan
+    expected = np.fmin(target, rows)
+    unite(target, 0, rows, 0)
+    assert target.tobytes() == expected.tobytes()
+
+
+def test_centroid_is_the_sum_of_both_ends_and_its_negative():
+    rows = np.zeros((2, LANES), np.float32)
+    rows[1] = [1, 2, 3, 0, -5, -7, -11, 0]  # a box from (1, 2, 3) to (5, 7, 11)
+    target = np.full((1, LANES), np.inf, np.float32)
+    unite_centroid(target, 0, rows, 1)
+    assert target[0, :3].tolist() == [6, 9, 14]
+    assert target[0, 4:7].tolist() == [-6, -9, -14]
+
+
+def test_centroids_are_bounded_from_both_sides():
+    rows = random_rows(8, 20)
+    rows[:, 4:7] = -np.maximum(rows[:, :3], -rows[:, 4:7])
+    target = np.full((1, LANES), np.inf, np.float32)
+    for row in range(len(rows)):
+        unite_centroid(target, 0, rows, row)
+    centroids = rows[:, :3] - rows[:, 4:7]
+    assert target[0, :3].tolist() == centroids.min(axis=0).tolist()
+    assert target[0, 4:7].tolist() == (-centroids.max(axis=0)).tolist()
+
+
+def test_rows_of_a_part_of_an_array_are_counted_from_its_beginning():
+    whole = random_rows(9, 6)
+    expected = whole.copy()
+    expected[5] = whole[3]
+    copy(whole[2:], 3, whole[2:], 1)
+    assert whole.tobytes() == expected.tobytes()

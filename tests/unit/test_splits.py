@@ -1,0 +1,142 @@
+"""Bins and the choice of a split, against a slow oracle in numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh
+from clbvh.build.simd import LANES
+from clbvh.build.splits import bin_count_for, bin_scale, fill_bins, find_split, half_area, unite_sides
+
+from ..soup import make_soup
+from .records import bins_by_numpy, boxes_of, make_records, split_by_numpy
+
+# Few grid points make many equal centroids, equal costs and empty bins.
+SOUPS = {
+    "fine": {"count": 300},
+    "coarse": {"count": 300, "grid": 3, "size": 2},
+    "copies": {"count": 200, "copies": 0.8, "degenerate": 0.3},
+    "few": {"count": 3},
+    "two places": {"count": 64, "grid": 1, "size": 0},
+    "tiny": {"count": 100, "scale": 1e-30},
+    "huge": {"count": 100, "scale": 1e30},
+}
+
+
+def fill(records, bounds, bin_count, begin=0, end=None):
+    boxes = np.full((3 * bin_count, LANES), np.nan, np.float32)
+    counts = np.full(3 * bin_count, -1, np.int32)
+    fill_bins(records, begin, len(records) if end is None else end, bounds, 1, bin_count, boxes, counts)
+    return boxes, counts
+
+
+def find(boxes, counts, bin_count, prim_count):
+    sweep = np.empty((1, LANES), np.float32)
+    return find_split(boxes, counts, bin_count, prim_count, sweep, np.empty(bin_count, np.float64))
+
+
+@pytest.mark.parametrize(
+    ("prim_count", "bins", "expected"),
+    [(1, 16, 4), (8, 16, 4), (10, 16, 5), (31, 16, 15), (32, 16, 16), (10**6, 16, 16), (1, 2, 2), (10**6, 64, 64)],
+)
+def test_small_ranges_get_fewer_bins(prim_count, bins, expected):
+    assert bin_count_for(prim_count, bins) == expected
+
+
+@pytest.mark.parametrize("bin_count", [2, 4, 16, 64])
+@pytest.mark.parametrize("soup", SOUPS)
+def test_bins_are_those_of_the_oracle(soup, bin_count):
+    records, bounds = make_records(make_soup(seed=1, **SOUPS[soup]))
+    boxes, counts = fill(records[0], bounds, bin_count)
+    bins = bins_by_numpy(records[0], bounds[1], bin_count)
+    assert bins.min() >= 0
+    assert bins.max() < bin_count
+    for axis in range(3):
+        for number in range(bin_count):
+            row = axis * bin_count + number
+            inside = records[0][bins[:, axis] == number]
+            assert counts[row] == len(inside)
+            if len(inside):
+                assert boxes[row, [0, 1, 2, 4, 5, 6]].tolist() == inside[:, [0, 1, 2, 4, 5, 6]].min(axis=0).tolist()
+            else:
+                assert (boxes[row] == np.inf).all()
+
+
+@pytest.mark.parametrize("bin_count", [2, 4, 16])
+@pytest.mark.parametrize("soup", SOUPS)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_split_is_the_cheapest_and_the_first_of_equals(soup, bin_count, seed):
+    records, bounds = make_records(make_soup(seed=seed, **SOUPS[soup]))
+    boxes, counts = fill(records[0], bounds, bin_count)
+    bins = bins_by_numpy(records[0], bounds[1], bin_count)
+    assert find(boxes, counts, bin_count, len(bins)) == split_by_numpy(records[0], bins, bin_count)
+
+
+def test_slices_of_a_range_add_up():
+    records, bounds = make_records(make_soup(100, seed=4))
+    whole_boxes, whole_counts = fill(records[0], bounds, 16)
+    parts = [fill(records[0], bounds, 16, begin, end) for begin, end in ((0, 10), (10, 10), (10, 77), (77, 100))]
+    boxes = np.minimum.reduce([part[0] for part in parts])
+    assert boxes[:, [0, 1, 2, 4, 5, 6]].tobytes() == whole_boxes[:, [0, 1, 2, 4, 5, 6]].tobytes()
+    assert (sum(part[1] for part in parts) == whole_counts).all()
+
+
+def test_equal_centroids_have_no_split():
+    records, bounds = make_records(make_soup(10, seed=5, grid=0, size=0))
+    assert find(*fill(records[0], bounds, 16), 16, 10)[0] == np.inf
+
+
+def test_a_flat_axis_is_one_bin_and_the_others_split():
+    corners = make_soup(50, seed=6).vertices.copy()
+    corners[:, 1] = 7
+    records, bounds = make_records(Mesh.from_arrays(corners, np.arange(150).reshape(-1, 3)))
+    assert bin_scale(bounds, 1, 1, 16) == 0
+    boxes, counts = fill(records[0], bounds, 16)
+    assert counts[16] == 50
+    assert find(boxes, counts, 16, 50)[1] in (0, 2)
+
+
+@pytest.mark.parametrize(("extent", "flat"), [(2.0**-110, True), (2.0**-109, False), (1e-45, True), (3e38, False)])
+def test_extents_too_small_for_bins_are_flat(extent, flat):
+    bounds = np.zeros((2, LANES), np.float32)
+    bounds[1, 4] = -extent
+    scale = bin_scale(bounds, 1, 0, 64)
+    assert np.isfinite(scale)
+    assert (scale == 0) == flat
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_upper_end_falls_into_the_last_bin_whatever_the_rounding(seed):
+    random = np.random.default_rng(seed)
+    for _ in range(200):
+        lower, upper = np.sort((random.normal(size=2) * 10.0 ** random.integers(-20, 20)).astype(np.float32))
+        records = np.zeros((2, LANES), np.float32)
+        records[:, 0] = lower, upper
+        records[:, 4] = -records[:, 0]
+        bounds = np.zeros((2, LANES), np.float32)
+        bounds[1, 0], bounds[1, 4] = 2 * lower, -2 * upper
+        for bin_count in (2, 3, 16, 64):
+            _, counts = fill(records, bounds, bin_count)
+            assert counts[0] == counts[bin_count - 1] == 1
+
+
+def test_half_area_is_in_float64():
+    box = np.array([[0, 0, 0, 0, -1e20, -2e20, -3e20, 0]], np.float32)
+    x, y, z = (np.float64(np.float32(size)) for size in (1e20, 2e20, 3e20))
+    assert half_area(box, 0) == x * y + y * z + z * x
+    assert half_area(box * np.float32(0), 0) == 0
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("last_left", [0, 7, 14])
+def test_the_sides_are_the_union_of_their_bins(axis, last_left):
+    records, bounds = make_records(make_soup(200, seed=8))
+    boxes, counts = fill(records[0], bounds, 16)
+    sides = np.empty((2, LANES), np.float32)
+    unite_sides(boxes, counts, 16, axis, last_left, sides)
+    left = bins_by_numpy(records[0], bounds[1], 16)[:, axis] <= last_left
+    for side, chosen in enumerate((left, ~left)):
+        lower, upper = boxes_of(records[0][chosen])
+        assert sides[side, :3].tolist() == lower.min(axis=0).tolist()
+        assert sides[side, 4:7].tolist() == (-upper.max(axis=0)).tolist()

@@ -1,0 +1,151 @@
+"""One range becomes a subtree: its rows, its depth, and nothing outside its range."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from clbvh.build.options import MAX_DEPTH
+from clbvh.build.simd import LANES
+from clbvh.build.subtree import build_subtree, needs_halving
+from clbvh.layout import NODE
+from clbvh.tree.descent import measure_depth
+
+from ..soup import make_soup
+from .records import make_records
+
+UNTOUCHED = -99
+
+
+def run(mesh, begin=0, end=None, *, buffer=0, depth=0, bins=16, leaf_size=4, traversal_cost=1.0):
+    """Build the subtree of a range of a mesh; return its row count and the arrays."""
+    count = mesh.face_count
+    end = count if end is None else end
+    records, _ = make_records(mesh)
+    if buffer == 1:
+        records = records[::-1].copy()
+    rows = records[buffer, begin:end]
+    centroids = rows[:, :3] - rows[:, 4:7]
+    bounds = np.zeros((2, LANES), np.float32)
+    bounds[0] = rows.min(axis=0)
+    bounds[1, :3], bounds[1, 4:7] = centroids.min(axis=0), -centroids.max(axis=0)
+    nodes = np.full((2 * count, LANES), UNTOUCHED, np.float32)
+    prim_ids = np.full(count, UNTOUCHED, np.int32)
+    row_count = build_subtree(
+        records, records.view(np.int32), begin, end, buffer, depth, bounds, bins, leaf_size, traversal_cost,
+        nodes, nodes.view(np.int32), prim_ids,
+    )  # fmt: skip
+    return row_count, records, nodes, prim_ids
+
+
+def as_tree(nodes, first_row, row_count):
+    """Return the subtree's rows as nodes that count from its root."""
+    tree = nodes[first_row : first_row + row_count].copy().view(NODE).reshape(-1)
+    tree["first"][tree["count"] == 0] -= first_row
+    return tree
+
+
+@pytest.mark.parametrize("leaf_size", [1, 4])
+@pytest.mark.parametrize(("begin", "end"), [(0, 1), (0, 100), (37, 38), (37, 39), (37, 90), (99, 100)])
+def test_a_range_writes_to_its_own_rows_only(begin, end, leaf_size):
+    mesh = make_soup(100, seed=1, copies=0.1)
+    row_count, records, nodes, prim_ids = run(mesh, begin, end, leaf_size=leaf_size)
+    untouched, _ = make_records(mesh)
+
+    assert 1 <= row_count <= 2 * (end - begin) - 1
+    rows = np.arange(len(nodes))
+    mine = (rows >= 2 * begin) & (rows < 2 * begin + row_count)
+    assert (nodes[~mine] == UNTOUCHED).all()
+    assert sorted(prim_ids[begin:end]) == list(range(begin, end))
+    assert (prim_ids[:begin] == UNTOUCHED).all()
+    assert (prim_ids[end:] == UNTOUCHED).all()
+    for buffer in range(2):
+        assert records[buffer, :begin].tobytes() == untouched[buffer, :begin].tobytes()
+        assert records[buffer, end:].tobytes() == untouched[buffer, end:].tobytes()
+
+
+def test_the_buffer_it_starts_from_does_not_matter():
+    mesh = make_soup(300, seed=2)
+    count, _, nodes, prim_ids = run(mesh)
+    other_count, _, other_nodes, other_prim_ids = run(mesh, buffer=1)
+    assert count == other_count
+    assert nodes[:count].tobytes() == other_nodes[:count].tobytes()
+    assert prim_ids.tobytes() == other_prim_ids.tobytes()
+
+
+def test_rows_are_in_depth_first_order():
+    mesh = make_soup(300, seed=3)
+    row_count, _, nodes, _ = run(mesh, 10, 250, leaf_size=1)
+    tree = as_tree(nodes, 20, row_count)
+    expected_row = 1
+    waiting = [0]
+    while waiting:
+        row = waiting.pop()
+        if tree["count"][row] == 0:
+            assert tree["first"][row] == expected_row
+            expected_row += 2
+            waiting += [tree["first"][row] + 1, tree["first"][row]]
+    assert expected_row == row_count
+
+
+@pytest.mark.parametrize(
+    ("prim_count", "depth", "needed"),
+    [
+        (1, MAX_DEPTH, True),
+        (1, MAX_DEPTH - 1, False),
+        (2, MAX_DEPTH - 1, True),
+        (2, MAX_DEPTH - 2, False),
+        (3, MAX_DEPTH - 2, True),
+        (4, MAX_DEPTH - 2, True),
+        (5, MAX_DEPTH - 3, True),
+        (4, MAX_DEPTH - 3, False),
+        (2**30, MAX_DEPTH - 30, True),
+        (2**30, MAX_DEPTH - 31, False),
+    ],
+)
+def test_halving_begins_when_all_levels_are_needed(prim_count, depth, needed):
+    assert needs_halving(prim_count, depth) == needed
+
+
+@pytest.mark.parametrize("prim_count", [1, 2, 3, 4, 5, 31, 32, 33, 1000])
+@pytest.mark.parametrize("spare", [0, 1, 2])
+def test_a_root_near_the_limit_still_fits_above_it(prim_count, spare):
+    levels = math.ceil(math.log2(prim_count))
+    depth = MAX_DEPTH - levels - spare
+    row_count, _, nodes, prim_ids = run(make_soup(prim_count, seed=4), depth=depth, leaf_size=1)
+    tree = as_tree(nodes, 0, row_count)
+    assert row_count == 2 * prim_count - 1
+    assert measure_depth(tree["first"], tree["count"]) <= levels + spare
+    assert sorted(prim_ids) == list(range(prim_count))
+
+
+def test_at_the_limit_halves_keep_the_order_of_the_primitives():
+    row_count, _, nodes, prim_ids = run(make_soup(64, seed=5), depth=MAX_DEPTH - 6, leaf_size=1)
+    assert prim_ids.tolist() == list(range(64))
+    assert row_count == 127
+    assert measure_depth(*(as_tree(nodes, 0, row_count)[field] for field in ("first", "count"))) == 6
+
+
+@pytest.mark.parametrize("leaf_size", [1, 2, 7, 255])
+def test_a_dear_step_fills_the_leaves_and_a_cheap_one_empties_them(leaf_size):
+    mesh = make_soup(500, seed=6)
+    full_rows, _, full, _ = run(mesh, leaf_size=leaf_size, traversal_cost=1e6)
+    cheap_rows, _, cheap, _ = run(mesh, leaf_size=leaf_size, traversal_cost=1e-6)
+    full_counts = as_tree(full, 0, full_rows)["count"]
+    assert full_counts.max() <= leaf_size
+    # No split pays, so only ranges above the leaf size are split.
+    assert full_counts.max() > leaf_size // 2
+    assert full_rows <= cheap_rows
+    assert (as_tree(cheap, 0, cheap_rows)["count"] == 1).sum() > 480
+
+
+def test_a_leaf_is_taken_where_a_split_costs_as_much():
+    # Two equal triangles at the same place: area 1, cost of the leaf 2, of a split 1 + 2.
+    mesh = make_soup(2, seed=7, grid=0)
+    mesh.vertices[3:] = mesh.vertices[:3]
+    assert run(mesh, leaf_size=2)[0] == 1
+    # Two boxes side by side in a box twice as large: 1e-3 * 2 A + 2 * A < 2 * 2 A.
+    mesh.vertices[3:, 0] += 1000
+    assert run(mesh, leaf_size=2, traversal_cost=1e-3)[0] == 3
