@@ -13,10 +13,11 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.util import get_temp_dir
+from numbers import Integral
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -30,7 +31,9 @@ _UNGUARDED = 73
 # A worker that needs longer than this for one step is taken for dead.
 DEFAULT_TIMEOUT_S = 600.0
 
+# How long a worker may take to stop: at the end, and after an error, when nobody waits for its result.
 _STOP_PATIENCE_S = 2.0
+_ERROR_PATIENCE_S = 0.2
 
 
 def default_worker_count() -> int:
@@ -70,6 +73,8 @@ class SubtreePool:
     """
 
     def __init__(self, workers: int | None = None, *, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        if workers is not None and (isinstance(workers, bool) or not isinstance(workers, Integral)):
+            raise ConfigError(f"workers must be a whole number, not {workers!r}")
         if workers is not None and workers < 1:
             raise ConfigError(f"workers must be at least 1, not {workers}")
         # Written so that NaN fails.
@@ -79,7 +84,7 @@ class SubtreePool:
             # This is a worker that imports the main script, and the script has no guard: leave without a word.
             # The parent sees the exit code and raises the one error.
             os._exit(_UNGUARDED)
-        self.workers = workers or default_worker_count()
+        self.workers = int(workers or default_worker_count())
         self.start_ms = 0.0
         self._timeout_s = timeout_s
         self._processes: list[Any] = []
@@ -149,20 +154,7 @@ class SubtreePool:
 
     def close(self) -> None:
         """Stop the workers. Closing twice is allowed."""
-        self._starter.join()
-        if self._closed:
-            return
-        self._closed = True
-        for connection in self._connections:
-            with suppress(OSError):  # it may be gone already
-                connection.send((STOP,))
-            connection.close()
-        deadline = time.monotonic() + _STOP_PATIENCE_S
-        for process in self._processes:
-            process.join(max(0.0, deadline - time.monotonic()))
-            if process.is_alive():
-                process.kill()
-                process.join()
+        self._stop(_STOP_PATIENCE_S)
 
     def __enter__(self) -> Self:
         return self
@@ -199,7 +191,8 @@ class SubtreePool:
                 process = context.Process(
                     target=serve, args=(theirs, folder), name=f"clbvh-worker-{number}", daemon=True
                 )
-                process.start()
+                with _hidden_name_of_no_script():
+                    process.start()
                 theirs.close()
                 self._processes.append(process)
                 self._connections.append(ours)
@@ -213,6 +206,23 @@ class SubtreePool:
             self._start_error = PoolError(f"the worker processes do not start: {error}")
             self._start_error.__cause__ = error
         self.start_ms = (time.perf_counter() - begin) * 1e3
+
+    def _stop(self, patience_s: float) -> None:
+        """Ask the workers to stop, and kill those that are still busy when patience ends."""
+        self._starter.join()
+        if self._closed:
+            return
+        self._closed = True
+        for connection in self._connections:
+            with suppress(OSError):  # it may be gone already
+                connection.send((STOP,))
+            connection.close()
+        deadline = time.monotonic() + patience_s
+        for process in self._processes:
+            process.join(max(0.0, deadline - time.monotonic()))
+            if process.is_alive():
+                process.kill()
+                process.join()
 
     def _send(self, worker: int, message: tuple[Any, ...]) -> None:
         """Send a message to a worker that waits for one."""
@@ -262,6 +272,21 @@ class SubtreePool:
         )
 
 
+@contextmanager
+def _hidden_name_of_no_script() -> Iterator[None]:
+    """Hide the main module's file while it is called <stdin>: a worker would look for that file, and die."""
+    main = sys.modules["__main__"]
+    name = getattr(main, "__file__", None)
+    if name is None or not name.startswith("<"):
+        yield
+        return
+    del main.__file__
+    try:
+        yield
+    finally:
+        main.__file__ = name
+
+
 def _limit_waiting(connection: Connection, timeout_s: float) -> None:
     """Let a message that gets stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
     if sys.platform == "win32":
@@ -284,4 +309,4 @@ class _ClosedOnError:
 
     def __exit__(self, kind: type[BaseException] | None, error: Any, trace: Any) -> None:
         if kind is not None:
-            self._pool.close()
+            self._pool._stop(_ERROR_PATIENCE_S)

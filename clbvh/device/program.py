@@ -37,38 +37,42 @@ def expand_source(name: str, folder: Path | None = None) -> str:
     name : str
         Path below the `cl` folder, such as ``kernels/render.cl``. Includes are named the same way.
     folder : Path, optional
-        Another folder instead of the shipped `cl`.
+        Where files are looked for before the shipped `cl`.
 
     Raises
     ------
     InternalError
         A file is missing.
     """
-    root = folder or find_folder("cl")
+    roots = [find_folder("cl")] if folder is None else [folder, find_folder("cl")]
     lines: list[str] = []
-    _expand(name, root, lines, set())
+    _expand(name, roots, lines, set())
     return "\n".join(lines) + "\n"
 
 
-def _expand(name: str, root: Path, lines: list[str], seen: set[str]) -> None:
+def _expand(name: str, roots: list[Path], lines: list[str], seen: set[str]) -> None:
     if name in seen:
         return
     seen.add(name)
-    if name == LAYOUT_INCLUDE:
-        text = c_declarations()
-    else:
-        path = root / name
-        if not path.is_file():
-            raise InternalError(f"the kernel source '{name}' is missing in {root}")
-        text = path.read_text(encoding="utf-8")
-    lines.append(f'#line 1 "cl/{name}"')
+    label, text = _read(name, roots)
+    lines.append(f'#line 1 "{label}"')
     for number, line in enumerate(text.splitlines(), start=1):
         match = _INCLUDE.match(line)
         if match is None:
             lines.append(line)
         else:
-            _expand(match[1], root, lines, seen)
-            lines.append(f'#line {number + 1} "cl/{name}"')
+            _expand(match[1], roots, lines, seen)
+            lines.append(f'#line {number + 1} "{label}"')
+
+
+def _read(name: str, roots: list[Path]) -> tuple[str, str]:
+    """Return what compiler messages call a file, and its text."""
+    if name == LAYOUT_INCLUDE:
+        return f"cl/{name}", c_declarations()
+    for root in roots:
+        if (root / name).is_file():
+            return f"{root.name}/{name}", (root / name).read_text(encoding="utf-8")
+    raise InternalError(f"the kernel source '{name}' is missing in {' and '.join(map(str, roots))}")
 
 
 def build_kernel(
@@ -83,7 +87,7 @@ def build_kernel(
     defines : mapping of str to int, optional
         Macros; the tunables and sizes that the source asks for.
     folder : Path, optional
-        Another folder instead of the shipped `cl`.
+        Where files are looked for before the shipped `cl`.
 
     Raises
     ------

@@ -1,0 +1,25 @@
+// no_crossing, is_found, search_limit and as_hit.
+//
+// rays[count], earlier[count]       a ray and the nearest crossing so far
+// none[count], hits[count]          written; no_crossing and the crossing, as hits
+// is_found_yet[count]               written; whether no_crossing counts as found, plus 2 if the crossing does
+// limits[count]                     written; how far the search goes on
+
+#include "crossing.cl"
+
+kernel void keep_crossing(
+    const global ray_t *restrict rays, const global hit_t *restrict earlier, global hit_t *restrict none,
+    global hit_t *restrict hits, global int *restrict is_found_yet, global float *restrict limits, const int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count) {
+        return;
+    }
+    const path_t path = load_path(rays + i);
+    const crossing_t nothing = no_crossing();
+    const crossing_t nearest = {earlier[i].t, earlier[i].u, earlier[i].v, earlier[i].prim_id, 7};
+    none[i] = as_hit(&nothing);
+    hits[i] = as_hit(&nearest);
+    is_found_yet[i] = (is_found(&nothing) ? 1 : 0) + (is_found(&nearest) ? 2 : 0);
+    limits[i] = search_limit(&nearest, &path);
+}

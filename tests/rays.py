@@ -1,0 +1,65 @@
+"""Rays that make a traversal's life hard, for tests of every kind.
+
+All coordinates fit float32, so that what the oracle judges is what the device cast.
+"""
+
+import numpy as np
+
+from clbvh.geometry import Mesh
+
+# The directions of the six half-axes, with zeros of both signs.
+AXES = np.array(
+    [[1, 0, 0], [-1, 0, -0.0], [0, 1, 0], [-0.0, -1, 0], [0, 0, 1], [0, -0.0, -1]],
+    np.float32,
+)
+
+
+def as_float32(values):
+    """Round to float32, keep float64."""
+    return np.asarray(values).astype(np.float32).astype(np.float64)
+
+
+def centred(mesh):
+    """The same mesh in coordinates whose zero is the mesh's own: nothing is rounded on the way to the device."""
+    return Mesh(mesh.vertices, mesh.faces, np.zeros(3), mesh.name)
+
+
+def edge_midpoints(mesh):
+    """The middle of every edge, (3 F, 3), as near as float32 gets."""
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    return as_float32((corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2)
+
+
+def aim(origins, targets):
+    """Rays from each origin to its target."""
+    origins = as_float32(origins)
+    return origins, as_float32(np.broadcast_to(targets, origins.shape) - origins)
+
+
+def random_rays(mesh, count, generator):
+    """From anywhere in twice the mesh's box to anywhere in it."""
+    size = np.ptp(mesh.vertices, axis=0).astype(np.float64)
+    centre = mesh.vertices.min(axis=0) + size / 2
+    origins = centre + generator.uniform(-1, 1, (count, 3)) * size
+    return aim(origins, centre + generator.uniform(-0.5, 0.5, (count, 3)) * size)
+
+
+def axis_rays(mesh, count, generator):
+    """Along the axes, the coordinates taken from vertices: they run in the faces of boxes and through vertices."""
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    directions = AXES[np.arange(count) % len(AXES)].astype(np.float64)
+    origins = mesh.vertices[generator.integers(0, len(mesh.vertices), count)] - 2 * size * directions
+    return as_float32(origins), directions
+
+
+def feature_rays(mesh, count, generator):
+    """From around the mesh to its vertices and the middles of its edges."""
+    origins, _ = random_rays(mesh, count, generator)
+    targets = np.concatenate((mesh.vertices.astype(np.float64), edge_midpoints(mesh)))
+    return aim(origins, targets[generator.integers(0, len(targets), count)])
+
+
+def hard_rays(mesh, count, generator):
+    """A third of each kind."""
+    kinds = [make(mesh, count // 3, generator) for make in (random_rays, axis_rays, feature_rays)]
+    return tuple(np.concatenate(parts) for parts in zip(*kinds, strict=True))

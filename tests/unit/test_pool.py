@@ -1,0 +1,335 @@
+"""Worker processes: order, reuse, failure, death and silence."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clbvh import SubtreePool, build, validate_tree
+from clbvh.build import builder as builder_module
+from clbvh.build.arena import Arena
+from clbvh.build.pool import default_worker_count
+from clbvh.errors import ConfigError, PoolError
+
+from ..processes import list_session, start_script, wait_until
+from ..soup import make_soup
+
+# Far above what closing a pool may take, far below the steps that are cut short.
+SOON_S = 15.0
+LONG_S = 60.0
+
+
+def echo(arrays, value):
+    return value
+
+
+def sleep_and_tell(arrays, seconds):
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def fail(arrays, word):
+    raise ValueError(f"the word is {word}")
+
+
+def kill_myself(arrays, number):
+    os.kill(os.getpid(), number)
+    time.sleep(LONG_S)
+
+
+def leave(arrays, code):
+    sys.exit(code)
+
+
+def list_arrays(arrays):
+    return {name: array.tolist() for name, array in arrays.items()}
+
+
+def add_one(arrays, name):
+    arrays[name] += 1
+
+
+@pytest.fixture(scope="module")
+def pool():
+    """Two workers for tests that leave them as they were."""
+    with SubtreePool(workers=2) as pool:
+        yield pool
+
+
+@pytest.fixture
+def doomed():
+    """Two workers for tests that end them; none may be left."""
+    with SubtreePool(workers=2) as pool:
+        pool.wait_ready()
+        processes = list(pool._processes)
+        yield pool
+    for process in processes:
+        assert process.exitcode is not None
+
+
+def test_results_come_in_the_order_of_the_tasks(pool):
+    pauses = [0.05, 0, 0, 0.03, 0, 0.01, 0]
+    assert pool.map(echo, [(number,) for number in range(50)]) == list(range(50))
+    assert len(pool.map(sleep_and_tell, [(pause,) for pause in pauses])) == len(pauses)
+    assert pool.map(echo, []) == []
+
+
+def test_all_workers_take_part(pool):
+    assert len(set(pool.map(sleep_and_tell, [(0.1,)] * 4))) == 2
+    assert os.getpid() not in pool.map(sleep_and_tell, [(0.1,)] * 4)
+
+
+def test_a_free_worker_takes_the_next_task(pool):
+    begin = time.perf_counter()
+    workers = pool.map(sleep_and_tell, [(0.6,), (0,), (0,), (0,), (0,)])
+    assert time.perf_counter() - begin < 1.1
+    assert workers.count(workers[0]) == 1
+
+
+def test_workers_hold_exactly_the_arrays_that_were_attached(pool):
+    with Arena() as arena:
+        first = arena.share(np.arange(3))
+        second = arena.share(np.ones(2))
+        pool.attach({"a": first, "b": second})
+        assert pool.map(list_arrays, [()] * 2) == [{"a": [0, 1, 2], "b": [1, 1]}] * 2
+        pool.attach({"b": second})
+        assert pool.map(list_arrays, [()] * 2) == [{"b": [1, 1]}] * 2
+        # The same name, another array.
+        pool.attach({"b": first})
+        assert pool.map(list_arrays, [()] * 2) == [{"b": [0, 1, 2]}] * 2
+    pool.attach({})
+    assert pool.map(list_arrays, [()] * 2) == [{}] * 2
+
+
+def test_what_workers_write_is_seen_here(pool):
+    with Arena() as arena:
+        handle, array = arena.create((4,), np.int64)
+        pool.attach({"counter": handle})
+        for _ in range(3):
+            pool.map(add_one, [("counter",)])
+        pool.attach({})
+        assert array.tolist() == [3, 3, 3, 3]
+
+
+def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
+    def count_open_files():
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    build(make_soup(100, seed=0), pool=pool, task_threshold=10)
+    open_before = count_open_files()
+    for seed in range(10):
+        bvh = build(make_soup(100 + seed, seed), pool=pool, task_threshold=10)
+        validate_tree(bvh)
+        del bvh
+    assert count_open_files() == open_before
+
+
+def test_the_start_is_timed(pool):
+    pool.wait_ready()
+    assert pool.start_ms > 0
+    assert repr(pool) == "SubtreePool(workers=2)"
+
+
+def test_the_default_is_every_usable_processor():
+    assert default_worker_count() == len(os.sched_getaffinity(0))
+    with SubtreePool() as pool:
+        assert pool.workers == default_worker_count()
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_no_workers_are_refused(workers):
+    with pytest.raises(ConfigError, match=f"workers must be at least 1, not {workers}"):
+        SubtreePool(workers=workers)
+
+
+@pytest.mark.parametrize("workers", [2.5, "2", True])
+def test_a_number_of_workers_is_a_whole_number(workers):
+    with pytest.raises(ConfigError, match="workers must be a whole number"):
+        SubtreePool(workers=workers)
+
+
+@pytest.mark.parametrize("timeout_s", [0, -1.0, float("nan"), float("inf")])
+def test_a_timeout_is_finite_and_above_zero(timeout_s):
+    with pytest.raises(ConfigError, match=f"timeout_s must be a finite number above 0, not {timeout_s}"):
+        SubtreePool(workers=1, timeout_s=timeout_s)
+
+
+def test_a_closed_pool_refuses_and_may_be_closed_again():
+    pool = SubtreePool(workers=1)
+    pool.close()
+    pool.close()
+    assert repr(pool) == "SubtreePool(workers=1, closed)"
+    for use in (
+        pool.wait_ready,
+        lambda: pool.attach({}),
+        lambda: pool.map(echo, [(1,)]),
+        lambda: build(make_soup(100, seed=0), pool=pool, task_threshold=10),
+    ):
+        with pytest.raises(PoolError, match="the pool is closed: create another one"):
+            use()
+
+
+def test_closing_ends_the_processes():
+    with SubtreePool(workers=2) as pool:
+        pool.wait_ready()
+        processes = list(pool._processes)
+        assert all(process.is_alive() for process in processes)
+    assert [process.exitcode for process in processes] == [0, 0]
+
+
+def test_an_error_in_the_block_closes_the_pool_and_passes():
+    with pytest.raises(ZeroDivisionError), SubtreePool(workers=1) as pool:  # noqa: PT012 - the block is what is tested
+        pool.wait_ready()
+        raise ZeroDivisionError
+    assert pool._processes[0].exitcode == 0
+
+
+def test_a_step_that_raises_arrives_with_its_traceback(doomed):
+    with pytest.raises(
+        PoolError, match=r"(?s)worker \d failed:.*in fail\n.*ValueError: the word is swordfish"
+    ) as caught:
+        doomed.map(fail, [("swordfish",)])
+    assert str(caught.value).count("Traceback") == 1
+    with pytest.raises(PoolError, match="closed"):
+        doomed.map(echo, [(1,)])
+
+
+def test_a_killed_worker_is_an_error_at_once_though_another_is_busy(doomed):
+    begin = time.perf_counter()
+    with pytest.raises(PoolError, match=r"worker 1 died \(exit code -9\)"):
+        doomed.map(_sleep_or_die, [(LONG_S,), (None,)])
+    assert time.perf_counter() - begin < SOON_S
+
+
+def _sleep_or_die(arrays, seconds):
+    if seconds is None:
+        kill_myself(arrays, signal.SIGKILL)
+    time.sleep(seconds)
+
+
+def test_a_worker_that_exits_is_an_error_with_its_code(doomed):
+    with pytest.raises(PoolError, match=r"worker 0 died \(exit code 3\)"):
+        doomed.map(leave, [(3,)])
+
+
+def test_a_worker_killed_from_outside_during_a_build_is_an_error(doomed, monkeypatch):
+    real = builder_module.split_top
+
+    def kill_then_split(pool, *arguments):
+        os.kill(pool._processes[0].pid, signal.SIGKILL)
+        real(pool, *arguments)
+
+    monkeypatch.setattr(builder_module, "split_top", kill_then_split)
+    begin = time.perf_counter()
+    with pytest.raises(PoolError, match="worker 0 died"):
+        build(make_soup(2000, seed=1), pool=doomed, task_threshold=10)
+    assert time.perf_counter() - begin < SOON_S
+
+
+@pytest.mark.parametrize("silence", [sleep_and_tell, kill_myself], ids=["busy", "stopped"])
+def test_a_silent_worker_is_an_error_after_the_timeout(silence):
+    begin = time.perf_counter()
+    with SubtreePool(workers=2, timeout_s=0.5) as pool:
+        pool.wait_ready()
+        processes = list(pool._processes)
+        argument = LONG_S if silence is sleep_and_tell else signal.SIGSTOP
+        with pytest.raises(PoolError, match=r"worker 1 has not answered for 0.5 s and was stopped"):
+            pool.map(_echo_or, [(None, None), (silence, argument)])
+    assert 0.5 <= time.perf_counter() - begin < SOON_S
+    assert processes[1].exitcode == -signal.SIGKILL
+    assert processes[0].exitcode is not None
+
+
+def _echo_or(arrays, step, argument):
+    return step and step(arrays, argument)
+
+
+def test_a_worker_that_works_within_the_timeout_is_left_alone():
+    with SubtreePool(workers=1, timeout_s=0.9) as pool:
+        assert len(pool.map(sleep_and_tell, [(0.4,)] * 3)) == 3
+
+
+# Builds until it is stopped.
+BUSY_SCRIPT = """
+import clbvh
+from clbvh.geometry.shapes import make_shape
+if __name__ == "__main__":
+    mesh = make_shape("icosphere", triangles=60_000)
+    with clbvh.SubtreePool(workers=2) as pool:
+        clbvh.build(mesh, pool=pool)
+        print("building", flush=True)
+        while True:
+            clbvh.build(mesh, pool=pool)
+"""
+
+FORGETFUL_SCRIPT = """
+import clbvh
+if __name__ == "__main__":
+    pool = clbvh.SubtreePool(workers=2)
+    pool.wait_ready()
+"""
+
+
+@pytest.fixture
+def script(tmp_path):
+    """A function that starts a script in a session of its own, with the folder that must be empty in the end."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    started = []
+
+    def start(text):
+        path = tmp_path / "script.py"
+        path.write_text(text)
+        started.append(start_script([path], folder))
+        return started[-1], folder
+
+    yield start
+    for process in started:
+        for left_over in list_session(process.pid):
+            os.kill(left_over, signal.SIGKILL)
+        process.communicate()
+
+
+def assert_nothing_left(process, folder):
+    assert wait_until(lambda: not list_session(process.pid)), f"processes left: {list_session(process.pid)}"
+    assert wait_until(lambda: not list(folder.iterdir())), f"files left: {list(folder.iterdir())}"
+
+
+def test_ctrl_c_during_a_build_ends_everything(script):
+    process, folder = script(BUSY_SCRIPT)
+    assert process.stdout.readline() == "building\n"
+    begin = time.perf_counter()
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=SOON_S)
+    assert time.perf_counter() - begin < SOON_S
+    assert process.returncode == -signal.SIGINT
+    # One traceback: the coordinator's. Workers are quiet.
+    assert errors.count("Traceback") == 1
+    assert errors.rstrip().endswith("KeyboardInterrupt")
+    assert_nothing_left(process, folder)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_coordinator_that_is_killed_leaves_nothing(script, number):
+    process, folder = script(BUSY_SCRIPT)
+    assert process.stdout.readline() == "building\n"
+    assert len(list_session(process.pid)) >= 3
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=SOON_S)
+    assert process.returncode == -number
+    assert_nothing_left(process, folder)
+    assert "Traceback" not in errors
+
+
+def test_a_pool_that_nobody_closes_ends_with_the_script(script):
+    process, folder = script(FORGETFUL_SCRIPT)
+    _, errors = process.communicate(timeout=SOON_S)
+    assert process.returncode == 0
+    assert errors == ""
+    assert_nothing_left(process, folder)
