@@ -255,9 +255,11 @@ def test_a_worker_that_works_within_the_timeout_is_left_alone():
         assert len(pool.map(sleep_and_tell, [(0.4,)] * 3)) == 3
 
 
-# Builds until it is stopped.
+# Builds until it is stopped. Where the tests run in the background, their children ignore Ctrl-C unless told so.
 BUSY_SCRIPT = """
+import signal
 import clbvh
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from clbvh.geometry.shapes import make_shape
 if __name__ == "__main__":
     mesh = make_shape("icosphere", triangles=60_000)

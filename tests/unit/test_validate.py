@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build, validate_tree
+from clbvh import Bvh, Mesh, build, validate_tree
 from clbvh.errors import ValidationError
 from clbvh.layout import NODE
 
@@ -127,6 +127,21 @@ def test_wrong_types_are_found():
     bvh = make_tree()
     assert "wrong dtypes" in refusal(dataclasses.replace(bvh, prim_ids=bvh.prim_ids.astype(np.int64)))
     assert "wrong dtypes" in refusal(dataclasses.replace(bvh, nodes=bvh.nodes.astype(NODE.descr[::-1])))
+
+
+def test_a_node_with_two_parents_is_found():
+    # Four rows for five places: 0 has 1 and 2, 1 has 2 and 3.
+    mesh = make_leaf(3).mesh
+    nodes = np.array(
+        [
+            ([0, 0, 0], 1, [5, 1, 2], 0),
+            ([0, 0, 0], 2, [5, 1, 2], 0),
+            ([0, 0, 0], 0, [3, 1, 1], 2),
+            ([4, 0, 2], 2, [5, 1, 2], 1),
+        ],
+        NODE,
+    )
+    assert refusal(Bvh(nodes, np.arange(3, dtype=np.int32), mesh)) == "node 2 is not reached exactly once"
 
 
 def test_too_few_and_too_many_rows_are_found():
