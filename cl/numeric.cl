@@ -9,17 +9,7 @@
 #define ROUNDING 5.9604645e-8f
 #define ERROR_BOUND(n) ((n) * ROUNDING / (1.0f - (n) * ROUNDING))
 
-// Written out, because fmin and fmax must look for NaN and are slower for it. No operand here is ever NaN.
-float3 smaller3(const float3 a, const float3 b)
-{
-    return a < b ? a : b;
-}
-
-float3 larger3(const float3 a, const float3 b)
-{
-    return a > b ? a : b;
-}
-
+// Written out, because fmin and fmax must look for NaN and are slower for it. If one operand is NaN, the result is b.
 float smaller(const float a, const float b)
 {
     return a < b ? a : b;

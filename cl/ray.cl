@@ -6,7 +6,7 @@
 typedef struct {
     float3 origin;
     float3 direction;
-    float3 inverse;  // 1 / direction, always finite
+    float3 inverse;  // 1 / direction; of a zero, infinity with the zero's sign
     float3 shear;    // see permute_axes: x / z, y / z and 1 / z of the permuted direction
     int axis;        // the axis of the direction's largest component
     float t_min;
@@ -19,7 +19,7 @@ float3 permute_axes(const float3 v, const int axis)
     return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v;
 }
 
-// The direction is finite, not zero, and of moderate length (1e-18 to 1e18).
+// The direction is finite, not zero, and of moderate length (1e-18 to 1e18); t_min >= 0.
 path_t make_path(const float3 origin, const float3 direction, const float t_min, const float t_max)
 {
     path_t path;
@@ -27,10 +27,7 @@ path_t make_path(const float3 origin, const float3 direction, const float t_min,
     path.direction = direction;
     path.t_min = t_min;
     path.t_max = t_max;
-
-    // With a finite inverse, a ray that lies in a box's face gives 0 * FLT_MAX = 0 and not 0 * infinity = NaN: it is
-    // inside the slab, as it should be.
-    path.inverse = clamp(1.0f / direction, -FLT_MAX, FLT_MAX);
+    path.inverse = 1.0f / direction;
 
     const float3 size = fabs(direction);
     path.axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);

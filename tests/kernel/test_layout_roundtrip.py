@@ -67,9 +67,7 @@ def test_every_field_is_where_the_device_looks_for_it(run_shell, tmp_path, name)
     kernel, lane_count = write_kernel(tmp_path, name, dtype)
     rows = fill(dtype)
 
-    lanes, made, sizes = run_shell(
-        kernel, [rows], [(np.int32, (lane_count,)), dtype, np.int32], folder=tmp_path
-    )
+    lanes, made, sizes = run_shell(kernel, [rows], [(np.int32, (lane_count,)), dtype, np.int32], folder=tmp_path)
 
     expected = np.concatenate([rows[field].reshape(ROWS, -1).view(np.int32) for field in dtype.names], axis=1)
     assert len(np.unique(expected)) == expected.size
@@ -88,8 +86,6 @@ def test_constants_reach_the_device(run_shell, tmp_path):
         "kernel void constants(const global int *unused, global int *values, const int count)\n"
         f"{{ const int i = get_global_id(0); if (i >= count) return; {stores} }}\n"
     )
-    (values,) = run_shell(
-        "constants", [np.zeros(1, np.int32)], [(np.int32, (len(DEVICE_CONSTANTS),))], folder=tmp_path
-    )
+    (values,) = run_shell("constants", [np.zeros(1, np.int32)], [(np.int32, (len(DEVICE_CONSTANTS),))], folder=tmp_path)
     assert dict(zip(DEVICE_CONSTANTS, values[0].tolist(), strict=True)) == DEVICE_CONSTANTS
     assert DEVICE_CONSTANTS["NO_PRIM"] == NO_PRIM == -1

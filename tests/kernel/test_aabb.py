@@ -1,0 +1,161 @@
+"""The slab test against float64: never a false miss, and false hits only within rounding."""
+
+import numpy as np
+import pytest
+
+from ..rays import AXES
+
+# A miss by more than this, relative to t, must be seen. The device's bound is 24 roundings, 1.4e-6.
+CLEAR = 4e-6
+
+
+@pytest.fixture(scope="module")
+def meet(run_shell, make_rays):
+    """A function from rays and boxes to (is_met, entries)."""
+
+    def run(origins, directions, aabb_min, aabb_max, t_min=0.0, t_max=np.inf):
+        arrays = [np.asarray(array, np.float32) for array in (origins, directions, aabb_min, aabb_max)]
+        origins, directions, aabb_min, aabb_max = np.broadcast_arrays(*map(np.atleast_2d, arrays))
+        rays = make_rays(origins, directions, t_min, t_max)
+        boxes = np.concatenate((aabb_min, aabb_max), axis=1)
+        is_met, entries = run_shell("meet_boxes", [rays, boxes], [np.int32, np.float32])
+        return is_met.astype(bool), entries
+
+    return run
+
+
+def clip(origins, directions, aabb_min, aabb_max, t_min, t_max):
+    """The oracle: where the ray enters and leaves, in float64; inside a slab is closed."""
+    origins, directions, aabb_min, aabb_max = (
+        np.asarray(array, np.float32).astype(np.float64) for array in (origins, directions, aabb_min, aabb_max)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_min, to_max = (aabb_min - origins) / directions, (aabb_max - origins) / directions
+    near, far = np.minimum(to_min, to_max), np.maximum(to_min, to_max)
+    parallel = directions == 0
+    inside = (aabb_min <= origins) & (origins <= aabb_max)
+    near = np.where(parallel, np.where(inside, -np.inf, np.inf), near)
+    far = np.where(parallel, np.where(inside, np.inf, -np.inf), far)
+    return np.maximum(near.max(axis=1), t_min), np.minimum(far.min(axis=1), t_max)
+
+
+BOX = (np.array([1.0, -2.0, 3.0]), np.array([2.0, -1.0, 5.0]))
+CENTRE = (BOX[0] + BOX[1]) / 2
+AXIS_IDS = ["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+def across(direction):
+    """The two axes that a ray along an axis is not parallel to."""
+    return [axis for axis in range(3) if direction[axis] == 0]
+
+
+@pytest.mark.parametrize("direction", AXES, ids=AXIS_IDS)
+class TestAxisParallel:
+    def test_through_the_middle(self, meet, direction):
+        origin = CENTRE - 10 * direction
+        is_met, entries = meet(origin, direction, *BOX)
+        assert is_met.all()
+        axis = int(np.argmax(np.abs(direction)))
+        assert entries[0] == 10 - (BOX[1] - BOX[0])[axis] / 2
+
+    @pytest.mark.parametrize("side", [0, 1], ids=["min", "max"])
+    @pytest.mark.parametrize("which", [0, 1])
+    def test_in_a_face_is_inside_and_beside_it_is_not(self, meet, direction, which, side):
+        axis = across(direction)[which]
+        origin = (CENTRE - 10 * direction).astype(np.float32)
+        origin[axis] = BOX[side][axis]
+        outside = origin.copy()
+        outside[axis] = np.nextafter(origin[axis], np.float32(np.inf if side else -np.inf))
+        is_met, _ = meet([origin, outside], direction, *BOX)
+        assert is_met.tolist() == [True, False]
+
+    @pytest.mark.parametrize("corner", [(0, 0), (0, 1), (1, 0), (1, 1)])
+    def test_along_an_edge(self, meet, direction, corner):
+        origin = CENTRE - 10 * direction
+        for axis, side in zip(across(direction), corner, strict=True):
+            origin[axis] = BOX[side][axis]
+        is_met, entries = meet(origin, direction, *BOX)
+        assert is_met.all()
+        assert np.isfinite(entries).all()
+
+    def test_from_inside(self, meet, direction):
+        is_met, entries = meet(CENTRE, direction, *BOX)
+        assert is_met.all()
+        assert entries[0] == 0
+
+    def test_from_a_face(self, meet, direction):
+        axis = int(np.argmax(np.abs(direction)))
+        origins = np.stack((CENTRE, CENTRE))
+        origins[:, axis] = BOX[0][axis], BOX[1][axis]
+        is_met, entries = meet(origins, direction, *BOX)
+        assert is_met.all()
+        assert (entries == 0).all()
+
+    def test_behind(self, meet, direction):
+        is_met, _ = meet(CENTRE + 10 * direction, direction, *BOX)
+        assert not is_met.any()
+
+    def test_a_point_is_a_box(self, meet, direction):
+        on, beside = CENTRE - 10 * direction, CENTRE - 10 * direction
+        beside[across(direction)[0]] += 1e-3
+        is_met, entries = meet([on, beside], direction, CENTRE, CENTRE)
+        assert is_met.tolist() == [True, False]
+        assert entries[0] == 10
+
+
+def test_limits_are_part_of_the_ray(meet):
+    # The box is entered at 3 and left at 5.
+    t_min = [0, 3, 4, 5, 5.001, 6, np.inf, 0, 0, 0, 0, 4, 0]
+    t_max = [np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 3, 2.999, 2, -1, 4, -np.inf]
+    expected = [True, True, True, True, False, False, False, True, False, False, False, True, False]
+    is_met, entries = meet([[1.5, -1.5, 0]] * len(t_min), [0, 0, 1], *BOX, t_min, t_max)
+    assert is_met.tolist() == expected
+    assert entries[[0, 2, 3, 11]].tolist() == [3, 4, 5, 4]
+
+
+@pytest.mark.parametrize("unbounded", [np.inf, np.finfo(np.float32).max])
+def test_boxes_without_end(meet, unbounded):
+    directions = np.concatenate((AXES, [[1, 2, -3], [-1e-20, 1, 1e-20]]))
+    is_met, entries = meet([5, 6, 7], directions, [-unbounded] * 3, [unbounded] * 3)
+    assert is_met.all()
+    assert (entries == 0).all()
+
+
+def test_the_box_that_stands_for_no_child_ends_no_search(meet):
+    # The lone leaf's second box, see tree/layouts.py: whatever is answered, no answer may be NaN.
+    far = [np.finfo(np.float32).max] * 3
+    directions = np.concatenate((AXES, [[1, 2, 3], [1, 1, 1], [-1, -2, -3]]))
+    _, entries = meet([0, 0, 0], directions, far, far)
+    assert not np.isnan(entries).any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("spread", [0, 6], ids=["alike", "many-sizes"])
+def test_random_rays_never_miss_falsely(meet, seed, spread):
+    generator = np.random.default_rng([5, seed])
+    count = 50_000
+    scale = 10.0 ** generator.uniform(-spread, spread, (count, 1)) if spread else 1.0
+    corners = (generator.uniform(-1, 1, (2, count, 3)) * scale).astype(np.float32)
+    # A third of the boxes are flat, some of these are lines and points.
+    corners[1] = np.where(generator.random((count, 3)) < 0.15, corners[0], corners[1])
+    aabb_min, aabb_max = corners.min(axis=0), corners.max(axis=0)
+    origins = (generator.uniform(-2, 2, (count, 3)) * scale).astype(np.float32)
+    # Aimed at a corner, an edge or a face of the box, so that half of the rays only graze it.
+    weights = generator.choice([0.0, 1.0, 0.5, 0.3], (count, 3), p=[0.35, 0.35, 0.15, 0.15])
+    directions = (aabb_min + weights * (aabb_max.astype(np.float64) - aabb_min) - origins).astype(np.float32)
+    directions[generator.random((count, 3)) < 0.1] = 0
+    directions[(directions == 0).all(axis=1)] = [0, 0, 1]
+    t_min = np.where(generator.random(count) < 0.5, 0, 0.5)
+    t_max = np.where(generator.random(count) < 0.5, np.inf, 1).astype(np.float32)
+
+    entry, leave = clip(origins, directions, aabb_min, aabb_max, t_min, t_max)
+    is_met, entries = meet(origins, directions, aabb_min, aabb_max, t_min, t_max)
+
+    met = entry <= leave
+    missed = leave < entry * (1 - CLEAR)
+    assert 0.2 < met.mean() < 0.9
+    assert missed.mean() > 0.05
+    np.testing.assert_array_equal(np.flatnonzero(met & ~is_met), [])
+    np.testing.assert_array_equal(np.flatnonzero(missed & is_met), [])
+    finite = met & np.isfinite(entry)
+    np.testing.assert_allclose(entries[finite], entry[finite], rtol=1e-6, atol=0)
