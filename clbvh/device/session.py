@@ -35,6 +35,8 @@ class DeviceSession:
     context, queue : pyopencl.Context, pyopencl.CommandQueue
     times : EventTimes
         Of everything that went through this session.
+    is_closed : bool
+        Whether the buffers are gone.
     """
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
@@ -42,6 +44,7 @@ class DeviceSession:
         import pyopencl as cl
 
         self._cl = cl
+        self.is_closed = False
         self.times = EventTimes()
         self._buffers: list[Any] = []
         with self._errors("be opened"):
@@ -99,6 +102,7 @@ class DeviceSession:
 
     def close(self) -> None:
         """Give all buffers back. Closing twice is allowed."""
+        self.is_closed = True
         while self._buffers:
             self._buffers.pop().release()
 

@@ -13,7 +13,7 @@ from ..device.select import DeviceInfo
 from ..device.session import DeviceSession
 from ..layout import HIT, RAY
 from ..tree import Bvh
-from .device_tree import DeviceTree
+from .device_tree import DeviceTree, check_layout
 from .hits import Hits
 
 # Rays per kernel launch: 192 MiB of rays and hits on the device, whatever the size of the batch.
@@ -46,9 +46,14 @@ class Tracer:
     """
 
     def __init__(self, bvh: Bvh, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
+        check_layout(layout)
         self._mesh = bvh.mesh
         self._session = DeviceSession(device)
-        self._tree = DeviceTree(self._session, bvh.mesh, bvh, layout)
+        try:
+            self._tree = DeviceTree(self._session, bvh.mesh, bvh, layout)
+        except BaseException:
+            self._session.close()
+            raise
         self._kernels: dict[str, Any] = {}
 
     def closest_hit(
@@ -61,7 +66,7 @@ class Tracer:
         origins : (n, 3) float, the file's coordinates
         directions : (n, 3) float, any length above 0
         t_min, t_max : float or (n,) float, lengths of the direction
-            Only crossings with t_min <= t <= t_max count.
+            Only crossings with t_min <= t <= t_max count; t_min is at least 0.
 
         Returns
         -------
@@ -71,8 +76,8 @@ class Tracer:
         Raises
         ------
         ValueError
-            Wrong shape, or a value that is not finite, or a direction of length zero; the message names the first
-            bad row.
+            Wrong shape, a value that is not finite, a direction of length zero, a negative t_min: the message names
+            the first bad row. Or the tracer is closed.
         """
         return Hits.from_device(self._cast("closest_hit", HIT, origins, directions, t_min, t_max))
 
@@ -128,7 +133,9 @@ class Tracer:
         t_max: ArrayLike,
     ) -> NDArray[Any]:
         """Run one query over all rays, chunk by chunk."""
-        rays, scale = pack_rays(origins, directions, t_min, t_max, self._mesh.origin)
+        if self._session.is_closed:
+            raise ValueError("the tracer is closed: its tree is no longer on the device")
+        rays, exponents = pack_rays(origins, directions, t_min, t_max, self._mesh.origin)
         if query not in self._kernels:
             self._kernels[query] = build_kernel(self._session, query, self._tree.defines)
         results = np.empty(len(rays), result_type)
@@ -147,21 +154,22 @@ class Tracer:
         finally:
             self._session.release(ray_buffer)
             self._session.release(result_buffer)
-        if scale is not None and result_type == HIT:
-            results["t"] /= scale
+        if exponents is not None and result_type == HIT:
+            with np.errstate(over="ignore"):
+                results["t"] = np.ldexp(results["t"], -exponents)
         return results
 
 
 def pack_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mesh_origin: NDArray[np.float64]
-) -> tuple[NDArray[np.void], NDArray[np.float64] | None]:
+) -> tuple[NDArray[np.void], NDArray[np.int32] | None]:
     """Check rays, re-base them to the mesh's origin in float64, and pack them for the device.
 
     Returns
     -------
     rays : (n,) `layout.RAY`
-    scale : (n,) float64 or None
-        What the directions were multiplied with, to divide t by; None when all were left alone.
+    exponents : (n,) int32 or None
+        The directions were divided by 2 to these powers, so t must be, too; None when all were left alone.
     """
     start = _as_rows(origins, "origins")
     along = _as_rows(directions, "directions")
@@ -170,27 +178,41 @@ def pack_rays(
     length = np.abs(along).max(axis=1, initial=0.0)
     if not (length > 0).all():
         raise ValueError(f"directions[{int(np.argmin(length > 0))}] has length zero")
-
-    limits = []
-    for name, value in (("t_min", t_min), ("t_max", t_max)):
-        limit = np.asarray(value, np.float64)
-        if limit.shape not in ((), (len(start),)):
-            raise ValueError(f"{name} must be a number or have shape ({len(start)},), not {limit.shape}")
-        if np.isnan(limit).any():
-            raise ValueError(f"{name}[{int(np.argmax(np.isnan(np.atleast_1d(limit))))}] is not a number")
-        limits.append(limit)
-
-    scale = None
-    if len(length) and (length.min() < _SHORT or length.max() > _LONG):
-        scale = np.ldexp(1.0, -np.frexp(length)[1])
-        along = along * scale[:, None]
-        limits = [limit * scale for limit in limits]
+    limits = [_as_limits(t_min, "t_min", len(start), 0.0), _as_limits(t_max, "t_max", len(start), -np.inf)]
 
     rays = np.empty(len(start), RAY)
-    np.subtract(start, mesh_origin, out=rays["origin"], dtype=np.float64, casting="same_kind")
-    rays["direction"] = along
-    rays["t_min"], rays["t_max"] = limits
-    return rays, scale
+    try:
+        with np.errstate(over="raise"):
+            np.subtract(start, mesh_origin, out=rays["origin"], dtype=np.float64, casting="same_kind")
+    except FloatingPointError:
+        row = int(np.argmax(np.abs(start - mesh_origin).max(axis=1) > np.finfo(np.float32).max))
+        raise ValueError(f"origins[{row}] is too far from the mesh for float32: {start[row]}") from None
+
+    # A direction of extreme length gets a moderate one; the others stay what they are.
+    exponents = None
+    extreme = (length < _SHORT) | (length > _LONG)
+    with np.errstate(over="ignore"):  # a limit beyond float32 is none
+        if extreme.any():
+            exponents = np.where(extreme, np.frexp(length)[1], 0)
+            along = np.ldexp(along, -exponents[:, None])
+            limits = [np.ldexp(limit, exponents) for limit in limits]
+        rays["direction"] = along
+        rays["t_min"], rays["t_max"] = limits
+    return rays, exponents
+
+
+def _as_limits(values: ArrayLike, name: str, ray_count: int, least: float) -> NDArray[np.float64]:
+    """Return a number, or one for each ray; infinity is allowed."""
+    limits = np.asarray(values, np.float64)
+    if limits.shape not in ((), (ray_count,)):
+        raise ValueError(f"{name} must be a number or have shape ({ray_count},), not {limits.shape}")
+    bad = ~(limits >= least)  # written so that NaN is bad
+    if bad.any():
+        row = int(np.argmax(bad))
+        place = f"{name}[{row}]" if limits.shape else name
+        wanted = "a number" if least == -np.inf else f"a number from {least:g}"
+        raise ValueError(f"{place} must be {wanted}, not {limits.flat[row]}")
+    return limits
 
 
 def _as_rows(values: ArrayLike, name: str) -> NDArray[Any]:
