@@ -6,6 +6,9 @@ from typing import Any
 
 _NS_PER_MS = 1e6
 
+# A driver keeps memory for every event that is still held: so many are held at most.
+_MOST_EVENTS = 256
+
 
 class EventTimes:
     """Sums the run times of commands by what they did: ``upload``, ``kernel``, ``download``."""
@@ -17,6 +20,8 @@ class EventTimes:
     def note(self, label: str, event: Any) -> None:
         """Remember an enqueued command; its times are read when somebody asks."""
         self._events.append((label, event))
+        if len(self._events) >= _MOST_EVENTS:
+            self.sums_ms()
 
     def sums_ms(self) -> dict[str, float]:
         """Wait for all noted commands and return the milliseconds of each label since the start."""
