@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
+from ..layout import NO_PRIM
 from .hits import Hits
 
 # How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
@@ -66,8 +67,9 @@ def find_differences(
     Returns
     -------
     list of Difference
-        A hit is right when its triangle is hit, or too close to call, at that distance, and no triangle is surely
-        hit before it; a miss, when no triangle is surely hit.
+        A hit is right when its triangle is hit, or too close to call, at that distance, `u` and `v` name a point of
+        the triangle on the ray, and no triangle is surely hit before it; a miss, when no triangle is surely hit and
+        t is infinite.
 
     Notes
     -----
@@ -79,7 +81,8 @@ def find_differences(
     _judge(
         mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
         np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
-        np.asarray(hits.t, np.float64), np.asarray(hits.prim_id, np.int64), _ROUNDINGS * _FLOAT32_ROUNDING,
+        np.asarray(hits.t, np.float64), np.asarray(hits.u, np.float64), np.asarray(hits.v, np.float64),
+        np.asarray(hits.prim_id, np.int64), _ROUNDINGS * _FLOAT32_ROUNDING,
         nearest_sure, sure_prim, hit_is_possible,
     )  # fmt: skip
     wrong = ~hit_is_possible | (nearest_sure < np.inf) & ~hits.is_hit
@@ -91,23 +94,29 @@ def find_differences(
 
 @njit(cache=True, nogil=True)
 def _judge(  # type: ignore[no-untyped-def]
-    vertices, faces, degenerate, origins, directions, hit_t, hit_prim, rounding, nearest_sure, sure_prim, possible
-):
+    vertices, faces, degenerate, origins, directions, hit_t, hit_u, hit_v, hit_prim, rounding,
+    nearest_sure, sure_prim, possible,
+):  # fmt: skip
     """Compare every ray's hit with every triangle; see `find_differences`."""
     verdict = np.empty(3, np.float64)
     frame = np.empty((3, 3), np.float64)
     for ray in range(len(origins)):
         length = _make_frame(directions[ray], frame)
 
-        # The triangle that was found must be one that the ray can hit, about there.
+        # The triangle that was found must be one that the ray can hit, about there. Written so that NaN fails.
         found_t, found_slack = np.inf, 0.0
-        possible[ray] = True
-        if hit_prim[ray] >= 0:
-            _test(vertices, faces, hit_prim[ray], origins[ray], frame, rounding, verdict)
+        prim = hit_prim[ray]
+        if prim == NO_PRIM:
+            possible[ray] = hit_t[ray] == np.inf
+        elif prim < 0 or prim >= len(faces) or degenerate[prim]:
+            possible[ray] = False
+        else:
+            _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
             found_t, found_slack = hit_t[ray] * length, verdict[2]
-            # Written so that NaN fails.
             possible[ray] = (
-                not degenerate[hit_prim[ray]] and verdict[0] >= 0.0 and abs(found_t - verdict[1]) <= found_slack
+                verdict[0] >= 0.0
+                and abs(found_t - verdict[1]) <= found_slack
+                and _is_on_ray(vertices, faces, prim, origins[ray], frame, rounding, hit_u[ray], hit_v[ray])
             )
 
         # And no triangle may surely be hit before it.
@@ -181,6 +190,25 @@ def _test(vertices, faces, prim, origin, frame, rounding, verdict):  # type: ign
     verdict[1] = (nx * ax + ny * ay + nz * az) / nz
     # A shift along the ray, and one across it, which a slanted plane turns into one along it.
     verdict[2] = blur * (1.0 + np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz))
+
+
+@njit(cache=True, nogil=True)
+def _is_on_ray(vertices, faces, prim, origin, frame, rounding, u, v):  # type: ignore[no-untyped-def]
+    """Return whether u and v name a point of the triangle that is on the ray, as far as float32 can tell."""
+    if not (u >= 0.0 and v >= 0.0 and u + v <= 1.0 + rounding):
+        return False
+    ax, ay, az = _project(vertices, faces[prim, 0], origin, frame)
+    bx, by, bz = _project(vertices, faces[prim, 1], origin, frame)
+    cx, cy, cz = _project(vertices, faces[prim, 2], origin, frame)
+    blur = rounding * max(abs(ax), abs(ay), abs(az), abs(bx), abs(by), abs(bz), abs(cx), abs(cy), abs(cz))
+
+    # A blurred corner changes the area opposite it by the blur times an edge, and so the weight of another corner.
+    double_area = abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    reach_a, reach_b, reach_c = np.hypot(ax, ay), np.hypot(bx, by), np.hypot(cx, cy)
+    longest = max(np.hypot(bx - ax, by - ay), np.hypot(cx - bx, cy - by), np.hypot(ax - cx, ay - cy))
+    slack = blur * (double_area + longest * (reach_a + reach_b + reach_c))
+    w = 1.0 - u - v
+    return np.hypot(w * ax + u * bx + v * cx, w * ay + u * by + v * cy) * double_area <= slack
 
 
 @njit(cache=True, nogil=True)
