@@ -1,10 +1,16 @@
-"""A message too long for the pipe's buffer, to a worker that was stopped, blocked the coordinator for ever."""
+"""A message that stops half-way blocked the coordinator for ever.
+
+One to a stopped worker that is longer than the pipe's buffer; and one from a worker that is stopped while it writes.
+"""
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
+import struct
 import threading
+from multiprocessing.connection import Connection
 
 import pytest
 
@@ -23,6 +29,13 @@ def make_bytes(arrays, size):
     return bytes(size)
 
 
+def stop_within_the_answer(arrays):
+    """Send the length of an answer, and not the answer."""
+    connection = next(thing for thing in gc.get_objects() if isinstance(thing, Connection) and not thing.closed)
+    os.write(connection.fileno(), struct.pack("!i", 1000))
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
 def stop_workers_that_hang(pool):
     """Kill the workers after a while, so that this test fails where it would otherwise hang."""
     alarm = threading.Timer(20, lambda: [process.kill() for process in pool._processes])
@@ -37,6 +50,16 @@ def test_a_long_task_for_a_stopped_worker_is_an_error():
         os.kill(pool._processes[0].pid, signal.SIGSTOP)
         with pytest.raises(PoolError, match="has not answered"):
             pool.map(count_bytes, [(bytes(LONGER_THAN_ANY_BUFFER),)])
+        alarm.cancel()
+        alarm.join()
+
+
+def test_half_an_answer_is_an_error():
+    with SubtreePool(workers=1, timeout_s=TIMEOUT_S) as pool:
+        pool.wait_ready()
+        alarm = stop_workers_that_hang(pool)
+        with pytest.raises(PoolError, match="has not answered"):
+            pool.map(stop_within_the_answer, [()])
         alarm.cancel()
         alarm.join()
 

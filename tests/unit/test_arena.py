@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,27 @@ def test_too_little_of_both_is_refused_and_said_in_numbers(no_memory):
         arena.create((10**15,), "u1")
     assert count_open_files() == open_before
     assert list(no_memory.iterdir()) == []
+
+
+def test_a_disk_with_too_little_space_is_not_filled_first(no_memory, monkeypatch):
+    usage = shutil.disk_usage(no_memory)
+    monkeypatch.setattr(arena_module.shutil, "disk_usage", lambda folder: usage._replace(free=999))
+    with Arena() as arena:
+        arena.create((999,), "u1")
+        with pytest.raises(PoolError, match=f"0 MB in {no_memory}"):
+            arena.create((1000,), "u1")
+
+
+def test_memory_that_others_took_meanwhile_counts(monkeypatch):
+    free = iter([1000, 1000, 500])
+    monkeypatch.setattr(arena_module, "free_memory_bytes", lambda: next(free))
+    with Arena() as arena:
+        handles = [arena.create((600,), "u1")[0], arena.create((1,), "u1")[0]]
+        assert ["memfd" in os.readlink(handle.path) for handle in handles] == [True, True]  # noqa: PTH115
+    free = iter([2000, 2000, 500])
+    with Arena() as arena:
+        handles = [arena.create((600,), "u1")[0], arena.create((600,), "u1")[0]]
+        assert ["memfd" in os.readlink(handle.path) for handle in handles] == [True, False]  # noqa: PTH115
 
 
 @pytest.mark.parametrize(

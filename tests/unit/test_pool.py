@@ -130,6 +130,11 @@ def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
     assert count_open_files() == open_before
 
 
+def test_workers_hold_nothing_after_a_build(pool):
+    build(make_soup(100, seed=0), pool=pool, task_threshold=10)
+    assert pool.map(list_arrays, [()] * 2) == [{}] * 2
+
+
 def test_the_start_is_timed(pool):
     pool.wait_ready()
     assert pool.start_ms > 0
