@@ -1,0 +1,41 @@
+"""Casting rays at a mesh with the shipped kernels, in any layout."""
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from clbvh.device.program import build_kernel
+from clbvh.layout import HIT
+from clbvh.trace.device_tree import DeviceTree
+from clbvh.trace.tracer import pack_rays
+
+GROUP_SIZE = 64
+RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8)}
+
+
+@contextmanager
+def open_caster(session, mesh, bvh, **defines):
+    """Give a function from a kernel's name and rays to its results; `bvh` None for no tree."""
+    tree = DeviceTree(session, mesh, bvh)
+    kernels = {name: build_kernel(session, name, tree.defines | defines) for name in RESULT_TYPES}
+
+    def cast(name, origins, directions, t_min=0.0, t_max=np.inf):
+        rays, exponents = pack_rays(origins, directions, t_min, t_max, mesh.origin)
+        assert exponents is None
+        results = np.zeros(len(rays), RESULT_TYPES[name])
+        given, written = session.upload(rays), session.upload(results)
+        try:
+            session.run(
+                kernels[name], (len(rays),), (GROUP_SIZE,), *tree.arguments, given, written, np.int32(len(rays))
+            )
+            session.download(written, results)
+        finally:
+            session.release(given)
+            session.release(written)
+        return results
+
+    try:
+        yield cast
+    finally:
+        for buffer in tree.arguments[:2]:
+            session.release(buffer)

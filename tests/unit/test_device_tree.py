@@ -1,0 +1,67 @@
+"""What is uploaded for a tree, and what its kernels are compiled with."""
+
+import numpy as np
+import pytest
+
+from clbvh import build
+from clbvh.errors import ConfigError
+from clbvh.geometry.shapes import make_shape
+from clbvh.layout import BVH2_NODE, LAYOUTS, TRIANGLE
+from clbvh.trace.device_tree import DeviceTree, check_layout
+from clbvh.tree.layouts import gather_triangles, make_bvh2_nodes
+
+from ..chain import make_chain
+
+
+@pytest.fixture(scope="module")
+def bvh():
+    return build(make_shape("blobs", triangles=640))
+
+
+def test_a_tree_is_uploaded_in_leaf_order(session, bvh):
+    tree = DeviceTree(session, bvh.mesh, bvh)
+    nodes, triangles, count = tree.arguments
+    assert count == bvh.mesh.face_count
+    for buffer, expected in (
+        (nodes, make_bvh2_nodes(bvh)),
+        (triangles, gather_triangles(bvh.mesh, bvh.prim_ids)),
+    ):
+        obtained = np.empty_like(expected)
+        session.download(buffer, obtained)
+        assert obtained.tobytes() == expected.tobytes()
+    assert tree.memory_bytes == (bvh.node_count // 2) * BVH2_NODE.itemsize + count * TRIANGLE.itemsize
+
+
+@pytest.mark.parametrize(("triangles", "stack_size"), [(1, 16), (2, 16), (17, 16), (18, 32), (33, 32), (34, 48)])
+def test_the_stack_holds_the_depth_of_the_tree(session, triangles, stack_size):
+    mesh, chain = make_chain(triangles, "right")
+    assert chain.depth == triangles - 1
+    assert DeviceTree(session, mesh, chain, "bvh2").defines == {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": stack_size}
+
+
+def test_a_tree_that_is_too_deep_is_refused(session):
+    assert DeviceTree(session, *make_chain(1025, "left")).defines["STACK_SIZE"] == 1024
+    with pytest.raises(ConfigError, match="the tree is 1025 levels deep; the traversal's stack holds 1024"):
+        DeviceTree(session, *make_chain(1026, "left"))
+
+
+def test_without_a_tree_there_are_triangles_only(session, bvh):
+    tree = DeviceTree(session, bvh.mesh, None)
+    assert tree.layout == "brute"
+    assert tree.defines == {"LAYOUT": LAYOUTS["brute"], "STACK_SIZE": 16}
+    assert tree.memory_bytes == bvh.mesh.face_count * TRIANGLE.itemsize
+    triangles = np.empty(bvh.mesh.face_count, TRIANGLE)
+    session.download(tree.arguments[1], triangles)
+    np.testing.assert_array_equal(triangles["prim_id"], np.arange(bvh.mesh.face_count))
+
+
+def test_auto_takes_what_suits_the_device(session, bvh):
+    assert DeviceTree(session, bvh.mesh, bvh, "auto").layout == session.info.layout
+
+
+@pytest.mark.parametrize("layout", ["brute", "bvh3", ""])
+def test_unknown_layouts_are_refused(session, bvh, layout):
+    with pytest.raises(ConfigError, match=rf"one of auto, bvh2.*, not '{layout}'$"):
+        check_layout(layout)
+    with pytest.raises(ConfigError):
+        DeviceTree(session, bvh.mesh, bvh, layout)

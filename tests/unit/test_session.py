@@ -1,0 +1,190 @@
+"""An opened device: what goes up comes down, what cannot be done is said in one sentence, times add up."""
+
+import time
+import weakref
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clbvh.device.program import build_kernel
+from clbvh.device.session import DeviceSession
+from clbvh.device.timing import EventTimes
+from clbvh.errors import DeviceError
+from clbvh.layout import HIT
+
+
+@pytest.fixture
+def fresh(session):
+    """A session of its own on the same device."""
+    with DeviceSession(session.info) as opened:
+        yield opened
+
+
+@pytest.fixture
+def double(fresh, tmp_path):
+    """A kernel that doubles integers, and says how many work-items ran."""
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels" / "double_it.cl").write_text(
+        "kernel void double_it(global int *x, global int *ran, const int count) {\n"
+        "    const int i = get_global_id(0); atomic_inc(ran); if (i < count) x[i] *= 2; }\n"
+    )
+    return build_kernel(fresh, "double_it", folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.arange(1000, dtype=np.int32),
+        np.arange(7, dtype=np.uint8),
+        np.linspace(0, 1, 24, dtype=np.float32).reshape(2, 3, 4),
+        np.arange(64, dtype=np.float32)[::2],
+        np.ones(5, HIT),
+        np.empty(0, np.float32),
+        np.empty((0, 3), HIT),
+    ],
+    ids=["ints", "bytes", "3d", "strided", "structs", "empty", "empty-structs"],
+)
+def test_what_goes_up_comes_down(fresh, array):
+    buffer = fresh.upload(array)
+    back = np.zeros(array.shape, array.dtype)
+    fresh.download(buffer, back)
+    np.testing.assert_array_equal(back, array)
+    assert buffer.size >= array.nbytes
+
+
+def test_write_and_download_touch_the_beginning(fresh):
+    buffer = fresh.upload(np.arange(10, dtype=np.int32))
+    fresh.write(buffer, np.array([-1, -2], np.int32))
+    first = np.zeros(4, np.int32)
+    fresh.download(buffer, first)
+    assert first.tolist() == [-1, -2, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("size", "group", "ran"), [(1, 1, 1), (1, 64, 64), (64, 64, 64), (65, 64, 128), (1000, 8, 1000)]
+)
+def test_work_sizes_are_rounded_up_to_groups(fresh, double, size, group, ran):
+    numbers, counter = fresh.upload(np.arange(size, dtype=np.int32)), fresh.upload(np.zeros(1, np.int32))
+    fresh.run(double, (size,), (group,), numbers, counter, np.int32(size))
+    doubled, counted = np.zeros(size, np.int32), np.zeros(1, np.int32)
+    fresh.download(numbers, doubled)
+    fresh.download(counter, counted)
+    assert doubled.tolist() == (2 * np.arange(size)).tolist()
+    assert counted.tolist() == [ran]
+
+
+@pytest.mark.parametrize("size", [2**50, 2**62])
+def test_more_than_the_device_has_is_refused_in_one_sentence(fresh, size):
+    with pytest.raises(DeviceError) as caught:
+        fresh.allocate(size)
+    message = str(caught.value)
+    assert message.startswith(f"the device '{fresh.info.name}' cannot hold a buffer of {size / 1e6:,.1f} MB (")
+    assert message.endswith("try a smaller job or another --device, and see `clbvh doctor`")
+    assert "\n" not in message
+    # And the session goes on.
+    assert fresh.upload(np.ones(3, np.float32)).size >= 12
+
+
+def test_a_transfer_that_does_not_fit_its_buffer_is_refused(fresh):
+    buffer = fresh.allocate(400)
+    with pytest.raises(DeviceError, match=r"cannot take 4\.0 MB"):
+        fresh.write(buffer, np.zeros(1_000_000, np.int32))
+    with pytest.raises(DeviceError, match=r"cannot give back 4\.0 MB"):
+        fresh.download(buffer, np.zeros(1_000_000, np.int32))
+
+
+def test_a_launch_that_fails_names_the_kernel(fresh, double):
+    with pytest.raises(DeviceError, match="cannot run the kernel 'double_it'"):
+        fresh.run(double, (64,), (2**30,), fresh.allocate(4), fresh.allocate(4), np.int32(1))
+
+
+def test_errors_of_other_kinds_pass(fresh, double):
+    with pytest.raises(ValueError, match="zip"):
+        fresh.run(double, (64, 64), (8,))
+
+
+def test_closing_twice_is_allowed_and_releases_everything(session):
+    opened = DeviceSession(session.info)
+    buffers = [opened.upload(np.zeros(10, np.float32)) for _ in range(3)]
+    assert not opened.is_closed
+    opened.release(buffers.pop())
+    opened.close()
+    opened.close()
+    assert opened.is_closed
+    for buffer in buffers:
+        with pytest.raises(Exception, match=r"(?i)released|invalid|not valid"):
+            buffer.release()
+
+
+def test_leaving_the_block_closes(session):
+    with pytest.raises(ZeroDivisionError), DeviceSession(session.info) as opened:
+        raise ZeroDivisionError
+    assert opened.is_closed
+
+
+def test_the_device_can_be_named(session):
+    with DeviceSession(session.info.number) as by_number, DeviceSession(session.info.name) as by_name:
+        assert by_number.info.name == by_name.info.name == session.info.name
+
+
+def test_there_is_no_such_device():
+    with pytest.raises(DeviceError, match="no such board"):
+        DeviceSession("no such board")
+
+
+def test_times_are_those_of_the_events(fresh, double):
+    assert fresh.times.sums_ms() == {}
+    numbers, counter = fresh.upload(np.zeros(1 << 20, np.int32)), fresh.upload(np.zeros(1, np.int32))
+    fresh.download(counter, np.zeros(1, np.int32))
+    assert set(fresh.times.sums_ms()) == {"upload", "download"}
+
+    begin = time.perf_counter()
+    for _ in range(20):
+        fresh.run(double, (1 << 20,), (64,), numbers, counter, np.int32(1 << 20))
+    wall_ms = 1e3 * (time.perf_counter() - begin)
+    sums = fresh.times.sums_ms()
+    assert 0 < sums["kernel"] <= wall_ms
+    assert fresh.times.sums_ms() == sums
+
+
+class FakeEvent:
+    """A command that ran from `start` to `end`, in nanoseconds."""
+
+    def __init__(self, start, end):
+        self.profile = SimpleNamespace(start=start, end=end)
+        self.waits = 0
+
+    def wait(self):
+        self.waits += 1
+
+
+def test_times_add_up_by_label():
+    times = EventTimes()
+    events = [FakeEvent(1_000_000, 3_500_000), FakeEvent(5_000_000, 5_250_000), FakeEvent(0, 4_000_000)]
+    for label, event in zip(["kernel", "upload", "kernel"], events, strict=True):
+        times.note(label, event)
+    assert [event.waits for event in events] == [0, 0, 0]
+    assert times.sums_ms() == {"kernel": 6.5, "upload": 0.25}
+    assert [event.waits for event in events] == [1, 1, 1]
+    times.note("upload", FakeEvent(0, 750_000))
+    assert times.sums_ms() == {"kernel": 6.5, "upload": 1.0}
+
+
+def test_the_sums_are_a_copy():
+    times = EventTimes()
+    times.note("kernel", FakeEvent(0, 1_000_000))
+    times.sums_ms()["kernel"] = 0
+    assert times.sums_ms() == {"kernel": 1.0}
+
+
+def test_a_long_session_does_not_hoard_events():
+    times = EventTimes()
+    events = []
+    for _ in range(5000):
+        event = FakeEvent(0, 1_000_000)
+        events.append(weakref.ref(event))
+        times.note("kernel", event)
+        del event
+    assert sum(event() is not None for event in events) < 500
+    assert times.sums_ms() == {"kernel": pytest.approx(5000)}
