@@ -5,23 +5,26 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import clbvh
-with clbvh.SubtreePool(workers=2) as pool:
+with clbvh.SubtreePool(workers={workers}) as pool:
     mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     print(clbvh.build(mesh, pool=pool).node_count)
 {end}
 """
 
 
-def run_unguarded(folder, end):
+def run_unguarded(folder, end, workers=1):
     script = folder / "unguarded.py"
-    script.write_text(SCRIPT.format(end=end))
-    return subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    script.write_text(SCRIPT.format(end=end, workers=workers))
+    return subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=30)
 
 
-def test_the_script_is_told(tmp_path):
-    run = run_unguarded(tmp_path, "")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_script_is_told(tmp_path, workers):
+    run = run_unguarded(tmp_path, "", workers)
     assert run.returncode == 1
     assert run.stderr.count('if __name__ == "__main__":') == 1
     assert run.stderr.count("Traceback") == 1

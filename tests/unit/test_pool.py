@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -186,6 +187,18 @@ def test_closing_ends_the_processes():
         processes = list(pool._processes)
         assert all(process.is_alive() for process in processes)
     assert [process.exitcode for process in processes] == [0, 0]
+
+
+def test_a_pool_that_is_dropped_ends_its_workers_and_the_next_one_starts():
+    pool = SubtreePool(workers=1)
+    pool.wait_ready()
+    process = pool._processes[0]
+    del pool
+    gc.collect()
+    process.join(SOON_S)
+    assert process.exitcode == 0
+    with SubtreePool(workers=1) as another:
+        assert another.map(echo, [(1,)]) == [1]
 
 
 def test_an_error_in_the_block_closes_the_pool_and_passes():
