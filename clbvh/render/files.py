@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
 from ..trace.hits import Hits
+from ..whole_file import check_target, write_whole
 
 PICTURE_SUFFIXES = (".ppm", ".png")
 HITS_SUFFIX = ".npz"
@@ -22,14 +19,14 @@ def check_picture_path(path: Path) -> None:
     """Raise `ConfigError` unless a picture can be written there; for a check before the work begins."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ConfigError(f"{path}: a picture's name must end in {' or '.join(PICTURE_SUFFIXES)}")
-    _check_folder(path)
+    check_target(path)
 
 
 def check_hits_path(path: Path) -> None:
     """Raise `ConfigError` unless hits can be written there."""
     if path.suffix.lower() != HITS_SUFFIX:
         raise ConfigError(f"{path}: the name of a file of hits must end in {HITS_SUFFIX}")
-    _check_folder(path)
+    check_target(path)
 
 
 def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
@@ -44,33 +41,10 @@ def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
     # Imported here: it takes 0.1 s that a failed run need not spend.
     from imageio import v3 as imageio
 
-    _write_whole(path, lambda file: imageio.imwrite(file, rgb, extension=path.suffix.lower(), plugin="pillow"))
+    write_whole(path, lambda file: imageio.imwrite(file, rgb, extension=path.suffix.lower(), plugin="pillow"))
 
 
 def write_hits(path: Path, hits: Hits) -> None:
     """Write hits as a numpy archive with the arrays t, u, v and prim_id, in the shape of the hits."""
     check_hits_path(path)
-    _write_whole(path, lambda file: np.savez(file, t=hits.t, u=hits.u, v=hits.v, prim_id=hits.prim_id))
-
-
-def _check_folder(path: Path) -> None:
-    if not path.parent.is_dir():
-        raise ConfigError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise ConfigError(f"{path}: this is a folder, not a file")
-
-
-def _write_whole(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Write under a temporary name and rename, so that no half file is ever seen under the real one."""
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            write(file)
-        # A temporary file is private; a picture has the rights of any other new file.
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    write_whole(path, lambda file: np.savez(file, t=hits.t, u=hits.u, v=hits.v, prim_id=hits.prim_id))
