@@ -20,6 +20,10 @@ class SceneError(ClbvhError, ValueError):
     """A scene file says something that cannot be rendered."""
 
 
+class TreeFileError(ClbvhError, ValueError):
+    """A saved tree cannot be used: its file is damaged, of another format, or belongs to another mesh."""
+
+
 class ConfigError(ClbvhError, ValueError):
     """An option or an argument has a value outside its range."""
 

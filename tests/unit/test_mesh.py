@@ -90,3 +90,59 @@ def test_degenerate_triangles_are_found_in_every_chunk(monkeypatch):
 
 def test_repr_says_what_it_is():
     assert repr(Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="leaf")) == "Mesh('leaf', vertices=3, faces=1)"
+
+
+@pytest.mark.parametrize("count", [3, 511, 512, 513, 1024, 1500])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_box_is_right_wherever_the_outermost_vertex_is(count, dtype):
+    for place in {0, 1, count // 2, count - 1}:
+        vertices = np.zeros((count, 3), dtype)
+        vertices[place] = [-2, 4, 6]
+        assert Mesh.from_arrays(vertices, [[0, 1, 2]]).origin.tolist() == [-1, 2, 3]
+
+
+def test_vertices_of_every_second_row_make_the_same_mesh():
+    wide = np.random.default_rng(0).random((1200, 6))
+    strided, plain = wide[::2, 1::2], wide[::2, 1::2].copy()
+    assert (Mesh.from_arrays(strided, [[0, 1, 2]]).vertices == Mesh.from_arrays(plain, [[0, 1, 2]]).vertices).all()
+
+
+def test_moved_vertices_are_rebased_and_the_faces_shared():
+    mesh = Mesh.from_arrays(TRIANGLE, [[0, 2, 1]], name="thing")
+    moved = mesh.with_vertices(np.array(TRIANGLE) * 2 + 1e6)
+    assert moved.origin.tolist() == [1e6 + 1, 1e6 + 1, 1e6]
+    assert moved.vertices.tolist() == [[-1, -1, 0], [1, -1, 0], [-1, 1, 0]]
+    assert (moved.faces is mesh.faces, moved.name) == (True, "thing")
+    assert mesh.origin.tolist() == [0.5, 0.5, 0]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "message"),
+    [
+        pytest.param(TRIANGLE[:2], "2 vertices cannot replace the mesh's 3", id="fewer"),
+        pytest.param([*TRIANGLE, [0, 0, 0]], "4 vertices cannot replace the mesh's 3", id="more"),
+        pytest.param(np.zeros((3, 2)), r"shape \(V, 3\), not \(3, 2\)", id="flat"),
+        pytest.param([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], "vertex 1 .*not finite: y = nan", id="nan"),
+        pytest.param([[0, 0, np.inf], [1, 0, 0], [0, 1, 0]], "vertex 0 .*not finite: z = inf", id="infinite"),
+        pytest.param(np.array(TRIANGLE) * 1e60, "more than float32 can hold", id="too-wide"),
+    ],
+)
+def test_vertices_that_cannot_replace_others_are_refused(vertices, message):
+    with pytest.raises(MeshError, match=message) as caught:
+        Mesh.from_arrays(TRIANGLE, [[0, 1, 2]], name="thing").with_vertices(vertices)
+    assert str(caught.value).startswith("thing: ")
+
+
+def test_the_fingerprint_stands_for_vertices_faces_and_origin_and_not_for_the_name():
+    vertices, faces, origin = np.array(TRIANGLE, np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(3)
+    mesh = Mesh(vertices, faces, origin, "thing")
+    assert len(mesh.fingerprint) == 32
+    assert Mesh(vertices.copy(), faces.copy(), origin.copy(), "other").fingerprint == mesh.fingerprint
+    others = [
+        Mesh(vertices + np.float32(1e-6), faces, origin),
+        Mesh(vertices, faces[:, ::-1], origin),
+        Mesh(vertices, faces, origin + 1e-12),
+        # The same bytes in a row, cut elsewhere.
+        Mesh(vertices[:2], np.concatenate([vertices[2:].view(np.int32), faces]), origin),
+    ]
+    assert len({mesh.fingerprint, *(other.fingerprint for other in others)}) == 5

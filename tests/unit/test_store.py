@@ -1,0 +1,210 @@
+"""Trees in files: what was saved comes back, and whatever else a file holds is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import struct
+
+import numpy as np
+import pytest
+
+from clbvh import Bvh, Mesh, build
+from clbvh.errors import ClbvhError, ConfigError, TreeFileError
+from clbvh.tree import store
+
+from ..soup import make_soup
+from .hand_made import make_leaf, make_tree
+
+HEADER_BYTES = 84
+NODE_COUNT, FACE_COUNT = 5, 4
+VERSION_AT, NODE_COUNT_AT, PRIM_COUNT_AT, FINGERPRINT_AT, DIGEST_AT = 8, 12, 16, 20, 52
+
+
+@pytest.fixture
+def path(tmp_path):
+    """The file of the hand-made tree."""
+    path = tmp_path / "a.tree"
+    make_tree().save(path)
+    return path
+
+
+def forge(path, links, prim_ids, *, node_count=None):
+    """Write a file whose sums are right, whatever its links are: (first, count) of each node."""
+    payload = np.concatenate([np.array(links, "<i4").reshape(-1, 2).T.ravel(), np.array(prim_ids, "<i4")]).tobytes()
+    facts = struct.pack("<8sIII", b"\x8bBVH\r\n\x1a\n", 1, node_count or len(links), len(prim_ids))
+    facts += make_tree().mesh.fingerprint + hashlib.sha256(payload).digest()[:16]
+    path.write_bytes(facts + hashlib.sha256(facts).digest()[:16] + payload)
+
+
+RIGHT_LINKS = [(1, 0), (0, 2), (3, 0), (2, 1), (3, 1)]
+RIGHT_PRIMS = [0, 2, 3, 1]
+
+
+def refused(path, mesh=None):
+    """Return the one sentence with which a file is refused."""
+    with pytest.raises(TreeFileError) as caught:
+        Bvh.load(path, mesh or make_tree().mesh)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5000])
+def test_a_saved_tree_comes_back_byte_by_byte(tmp_path, count):
+    bvh = build(make_soup(count, count, copies=0.1, degenerate=0.1))
+    bvh.save(tmp_path / "a.tree")
+    loaded = Bvh.load(str(tmp_path / "a.tree"), bvh.mesh)
+    assert loaded.nodes.dtype == bvh.nodes.dtype
+    assert loaded.nodes.tobytes() == bvh.nodes.tobytes()
+    assert loaded.prim_ids.dtype == bvh.prim_ids.dtype
+    assert loaded.prim_ids.tobytes() == bvh.prim_ids.tobytes()
+    assert loaded.mesh is bvh.mesh
+    assert set(loaded.timings_ms) == {"load"}
+
+
+def test_the_file_has_the_size_that_the_format_says(path):
+    assert path.stat().st_size == HEADER_BYTES + 8 * NODE_COUNT + 4 * FACE_COUNT
+
+
+def test_a_forged_file_with_the_right_links_is_the_same_file(path, tmp_path):
+    """So that the refusals below are about the links and not about the forging."""
+    forge(tmp_path / "b.tree", RIGHT_LINKS, RIGHT_PRIMS)
+    assert (tmp_path / "b.tree").read_bytes() == path.read_bytes()
+
+
+def test_the_arrays_of_a_loaded_tree_can_be_written(path):
+    loaded = Bvh.load(path, make_tree().mesh)
+    loaded.nodes["count"][0] = 7
+    loaded.prim_ids[0] = 7
+
+
+def test_a_mesh_may_have_another_name(path):
+    renamed = dataclasses.replace(make_tree().mesh, name="other")
+    assert Bvh.load(path, renamed).mesh.name == "other"
+
+
+def test_a_tree_of_another_mesh_is_refused(path):
+    mesh = make_tree().mesh
+    others = [
+        Mesh(mesh.vertices * 2, mesh.faces, mesh.origin, "other"),
+        Mesh(mesh.vertices, mesh.faces[::-1], mesh.origin, "other"),
+        Mesh(mesh.vertices, mesh.faces, mesh.origin + 1, "other"),
+        make_leaf(3).mesh,
+    ]
+    for other in others:
+        assert f"another mesh than {other.name}" in refused(path, other)
+
+
+@pytest.mark.parametrize("at", range(HEADER_BYTES + 8 * NODE_COUNT + 4 * FACE_COUNT))
+def test_every_changed_byte_is_noticed(path, at):
+    data = bytearray(path.read_bytes())
+    data[at] ^= 0x10
+    path.write_bytes(data)
+    message = refused(path)
+    if at < VERSION_AT:
+        assert "no file of a saved tree" in message
+    elif at < NODE_COUNT_AT:
+        assert "format" in message
+    else:
+        assert "damaged or was cut off" in message
+
+
+@pytest.mark.parametrize("size", range(HEADER_BYTES + 8 * NODE_COUNT + 4 * FACE_COUNT))
+def test_every_cut_is_noticed(path, size):
+    path.write_bytes(path.read_bytes()[:size])
+    assert ("no file of a saved tree" if size < VERSION_AT else "damaged or was cut off") in refused(path)
+
+
+def test_bytes_too_many_are_noticed(path):
+    path.write_bytes(path.read_bytes() + b"\0")
+    assert "damaged" in refused(path)
+
+
+def test_another_format_is_named(path):
+    data = bytearray(path.read_bytes())
+    data[VERSION_AT] = 9
+    path.write_bytes(data)
+    message = refused(path)
+    assert "format 9" in message
+    assert "reads format 1" in message
+
+
+@pytest.mark.parametrize("count", [0, 2, 7, 9, 2**31, 2**32 - 1])
+def test_a_forged_number_of_nodes_allocates_nothing(tmp_path, count):
+    forge(tmp_path / "a.tree", RIGHT_LINKS, RIGHT_PRIMS, node_count=count or None)
+    if count == 0:
+        forge(tmp_path / "a.tree", [], RIGHT_PRIMS)
+    assert "damaged" in refused(tmp_path / "a.tree")
+
+
+@pytest.mark.parametrize(
+    ("links", "prim_ids"),
+    [
+        pytest.param([(0, 0), *RIGHT_LINKS[1:]], RIGHT_PRIMS, id="a node that is its own child"),
+        pytest.param([*RIGHT_LINKS[:2], (1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child above its parent"),
+        pytest.param([*RIGHT_LINKS[:2], (2, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child that is its parent"),
+        pytest.param([(1, 0), (3, 0), (3, 0), (0, 2), (2, 2)], RIGHT_PRIMS, id="children of two parents"),
+        pytest.param([(1, 0), (2, 0), (0, 2), (2, 2), (0, 0)], RIGHT_PRIMS, id="one child of two parents"),
+        pytest.param([*RIGHT_LINKS[:2], (4, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child behind the end"),
+        pytest.param([*RIGHT_LINKS[:2], (2**31 - 1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child far behind"),
+        pytest.param([*RIGHT_LINKS[:2], (-1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a negative child"),
+        pytest.param([(1, 0), (0, 2), (2, 2), (2, 1), (3, 1)], RIGHT_PRIMS, id="rows that no one reaches"),
+        pytest.param([(1, 0), (0, 2), (2, 1), (3, 1), (0, 4)], RIGHT_PRIMS, id="leaves that no one reaches"),
+        pytest.param([(1, 0), (0, -2), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a negative count"),
+        pytest.param([(1, 0), (0, -(2**31)), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="the lowest count"),
+        pytest.param([(1, 0), (0, 2**31 - 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a huge count"),
+        pytest.param([(1, 0), (0, 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a place in no leaf"),
+        pytest.param([(1, 0), (0, 3), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a place in two leaves"),
+        pytest.param([*RIGHT_LINKS[:4], (4, 1)], RIGHT_PRIMS, id="a leaf behind the end"),
+        pytest.param([*RIGHT_LINKS[:4], (-1, 1)], RIGHT_PRIMS, id="a leaf before the begin"),
+        pytest.param(RIGHT_LINKS, [0, 2, 3, 3], id="a triangle twice"),
+        pytest.param(RIGHT_LINKS, [0, 2, 3, 4], id="a triangle too high"),
+        pytest.param(RIGHT_LINKS, [0, 2, 3, -1], id="a negative triangle"),
+    ],
+)
+def test_links_that_make_no_tree_are_refused(tmp_path, links, prim_ids):
+    forge(tmp_path / "a.tree", links, prim_ids)
+    assert "its nodes make no tree" in refused(tmp_path / "a.tree")
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path):
+    assert "no such file" in refused(tmp_path / "gone.tree")
+    assert "cannot be read" in refused(tmp_path)
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    for content in (b"", b"ply\n", bytes(1000), b"\x8bBVH\n\x1a\n" + bytes(200)):
+        (tmp_path / "a.tree").write_bytes(content)
+        assert "no file of a saved tree" in refused(tmp_path / "a.tree")
+
+
+def test_what_is_refused_is_bad_input():
+    assert issubclass(TreeFileError, ValueError)
+    assert issubclass(TreeFileError, ClbvhError)
+
+
+def test_a_target_that_cannot_be_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="does not exist"):
+        make_tree().save(tmp_path / "gone" / "a.tree")
+    with pytest.raises(ConfigError, match="this is a folder"):
+        make_tree().save(tmp_path)
+
+
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(path, monkeypatch):
+    before = path.read_bytes()
+
+    def fail(target, write):
+        def write_half(file):
+            write(file)
+            raise OSError("no space left on device")
+
+        whole(target, write_half)
+
+    whole = store.write_whole
+    monkeypatch.setattr(store, "write_whole", fail)
+    with pytest.raises(OSError, match="no space"):
+        make_leaf().save(path)
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    assert path.read_bytes() == before
