@@ -1,6 +1,7 @@
 """Casting rays at a mesh with the shipped kernels, in any layout."""
 
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 
@@ -13,11 +14,17 @@ GROUP_SIZE = 64
 RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8)}
 
 
+@cache
+def compiled(session, name, defines):
+    """The kernel, built once for all tests that cast with the same macros."""
+    return build_kernel(session, name, dict(defines))
+
+
 @contextmanager
-def open_caster(session, mesh, bvh, **defines):
+def open_caster(session, mesh, bvh):
     """Give a function from a kernel's name and rays to its results; `bvh` None for no tree."""
     tree = DeviceTree(session, mesh, bvh)
-    kernels = {name: build_kernel(session, name, tree.defines | defines) for name in RESULT_TYPES}
+    kernels = {name: compiled(session, name, tuple(tree.defines.items())) for name in RESULT_TYPES}
 
     def cast(name, origins, directions, t_min=0.0, t_max=np.inf):
         rays, exponents = pack_rays(origins, directions, t_min, t_max, mesh.origin)

@@ -1,0 +1,371 @@
+"""The tracer: any number of rays, in any chunks and any form, at any place and scale; bad input is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from clbvh import Mesh, Tracer, build
+from clbvh.errors import ConfigError, DeviceError
+from clbvh.geometry.shapes import make_shape
+from clbvh.layout import NO_PRIM
+from clbvh.trace import tracer as tracer_module
+
+from ..rays import aim, as_float32, centred, hard_rays
+
+COUNTS = [0, 1, 2, 63, 64, 65, 1023, 1024, 1025]
+FIELDS = ("t", "u", "v", "prim_id")
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return centred(make_shape("knot", triangles=1800))
+
+
+@pytest.fixture(scope="module")
+def tracer(_opened_device, mesh):
+    with Tracer(build(mesh), device=_opened_device.info) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def rays(mesh):
+    origins, directions = hard_rays(mesh, 3072, np.random.default_rng(30))
+    order = np.random.default_rng(31).permutation(len(origins))
+    return origins[order], directions[order]
+
+
+@pytest.fixture(scope="module")
+def expected(tracer, rays):
+    hits = tracer.closest_hit(*rays)
+    assert 0.3 < hits.is_hit.mean() < 0.95
+    return hits
+
+
+def assert_same(obtained, expected, rows=slice(None)):
+    for field in FIELDS:
+        assert getattr(obtained, field).tobytes() == getattr(expected, field)[rows].tobytes(), field
+
+
+class TestBatches:
+    @pytest.mark.parametrize("count", COUNTS)
+    def test_any_number_of_rays(self, tracer, rays, expected, count):
+        hits = tracer.closest_hit(rays[0][:count], rays[1][:count])
+        assert len(hits) == count
+        assert_same(hits, expected, slice(count))
+        blocked = tracer.any_hit(rays[0][:count], rays[1][:count])
+        assert blocked.dtype == bool
+        np.testing.assert_array_equal(blocked, expected.is_hit[:count])
+
+    @pytest.mark.parametrize("count", [0, 1, 99, 100, 101, 250])
+    def test_chunks_are_not_seen(self, tracer, rays, expected, monkeypatch, count):
+        monkeypatch.setattr(tracer_module, "CHUNK_RAYS", 100)
+        t_max = np.where(np.arange(count) % 3, np.inf, 0.5)
+        hits = tracer.closest_hit(rays[0][:count], rays[1][:count])
+        blocked = tracer.any_hit(rays[0][:count], rays[1][:count], t_max=t_max)
+        assert_same(hits, expected, slice(count))
+        np.testing.assert_array_equal(blocked, (expected.t[:count] <= t_max) & expected.is_hit[:count])
+
+    def test_every_ray_gets_the_same_answer_alone(self, tracer, rays, expected):
+        for row in range(0, 3072, 97):
+            assert_same(tracer.closest_hit(rays[0][row : row + 1], rays[1][row : row + 1]), expected, [row])
+
+    @pytest.mark.parametrize("seed", range(2))
+    def test_every_ray_gets_the_same_answer_in_any_order(self, tracer, rays, expected, seed):
+        order = np.random.default_rng([32, seed]).permutation(len(rays[0]))
+        assert_same(tracer.closest_hit(rays[0][order], rays[1][order]), expected, order)
+
+    def test_neighbours_of_extreme_length_change_nothing(self, tracer, rays, expected):
+        origins, directions = np.concatenate((rays[0], [[0, 0, 9]])), np.concatenate((rays[1], [[0, 0, 1e-30]]))
+        hits = tracer.closest_hit(origins, directions)
+        for field in FIELDS:
+            assert getattr(hits, field)[:-1].tobytes() == getattr(expected, field).tobytes(), field
+
+    def test_memory_goes_back_after_each_batch(self, tracer, rays):
+        session = tracer._session
+        before = len(session._buffers)
+        tracer.closest_hit(*rays)
+        with pytest.raises(ValueError, match="length zero"):
+            tracer.closest_hit([[0, 0, 0]], [[0, 0, 0]])
+        assert len(session._buffers) == before == 2
+
+
+class TestInput:
+    @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.dtype(">f8"), np.dtype(">f4"), np.longdouble])
+    def test_floats_of_any_kind(self, tracer, rays, expected, dtype):
+        assert_same(tracer.closest_hit(rays[0].astype(dtype), rays[1].astype(dtype)), expected)
+
+    @pytest.mark.parametrize("dtype", [np.int8, np.int64, np.uint16, np.float16])
+    def test_small_numbers_of_any_kind(self, tracer, dtype):
+        origins, directions = np.array([[2, 0, 0], [2, 1, 0]]), np.array([[0, 1, 0], [0, 0, 1]])
+        hits = tracer.closest_hit(origins.astype(dtype), directions.astype(dtype))
+        assert_same(hits, tracer.closest_hit(origins.astype(float), directions.astype(float)))
+
+    def test_lists_and_strides(self, tracer, rays, expected):
+        assert_same(tracer.closest_hit(rays[0][:50].tolist(), rays[1][:50].tolist()), expected, slice(50))
+        wide = np.concatenate(rays, axis=1)
+        assert_same(tracer.closest_hit(wide[::2, :3], wide[::2, 3:]), expected, slice(None, None, 2))
+        assert_same(tracer.closest_hit(np.asfortranarray(rays[0]), np.asfortranarray(rays[1])), expected)
+        assert len(tracer.closest_hit([], [])) == 0
+        assert tracer.any_hit(np.empty((0, 3)), []).shape == (0,)
+
+    def test_input_is_not_modified(self, tracer, rays):
+        given = [array.copy() for array in (*rays, np.zeros(3072), np.full(3072, 9.0))]
+        given[1][5] *= 1e30
+        copies = [array.copy() for array in given]
+        for array in given:
+            array.flags.writeable = False
+        tracer.closest_hit(given[0], given[1], t_min=given[2], t_max=given[3])
+        for array, copy in zip(given, copies, strict=True):
+            np.testing.assert_array_equal(array, copy)
+
+    @pytest.mark.parametrize(
+        ("origins", "directions", "message"),
+        [
+            (np.zeros((4, 2)), np.ones((4, 2)), "origins must have shape (n, 3), not (4, 2)"),
+            (np.zeros(3), np.ones((1, 3)), "origins must have shape (n, 3), not (3,)"),
+            (np.zeros((1, 3)), np.ones((1, 1, 3)), "directions must have shape (n, 3), not (1, 1, 3)"),
+            (np.zeros((0, 2)), np.ones((0, 3)), "origins must have shape (n, 3), not (0, 2)"),
+            (np.zeros((4, 3)), np.ones((5, 3)), "origins and directions must have equally many rows, not 4 and 5"),
+            (np.zeros((1, 3)), np.ones((5, 3)), "origins and directions must have equally many rows, not 1 and 5"),
+        ],
+        ids=["two-columns", "one-ray", "three-axes", "empty", "lengths", "broadcast"],
+    )
+    def test_wrong_shapes(self, tracer, origins, directions, message):
+        for cast in (tracer.closest_hit, tracer.any_hit):
+            with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+                cast(origins, directions)
+
+    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+    @pytest.mark.parametrize("axis", range(3))
+    @pytest.mark.parametrize("dtype", [np.float32, np.float64])
+    def test_the_first_row_that_is_not_finite_is_named(self, tracer, bad, axis, dtype):
+        for name in ("origins", "directions"):
+            given = {"origins": np.ones((9, 3), dtype), "directions": np.ones((9, 3), dtype)}
+            given[name][[7, 4, 8], axis] = bad
+            with pytest.raises(ValueError, match=rf"^{name}\[4\] is not finite: "):
+                tracer.closest_hit(**given)
+
+    @pytest.mark.parametrize("zero", [0.0, -0.0])
+    def test_the_first_direction_of_length_zero_is_named(self, tracer, zero):
+        directions = np.ones((9, 3))
+        directions[[3, 6]] = zero
+        with pytest.raises(ValueError, match=r"^directions\[3\] has length zero$"):
+            tracer.closest_hit(np.zeros((9, 3)), directions)
+
+    @pytest.mark.parametrize("far", [1e39, -1e300])
+    def test_the_first_origin_beyond_float32_is_named(self, tracer, far):
+        origins = np.ones((9, 3))
+        origins[[5, 8], 1] = far
+        with pytest.raises(ValueError, match=r"^origins\[5\] is too far from the mesh for float32: \["):
+            tracer.closest_hit(origins, np.ones((9, 3)))
+
+    @pytest.mark.parametrize(
+        ("limits", "message"),
+        [
+            ({"t_min": np.zeros(8)}, "t_min must be a number or have shape (9,), not (8,)"),
+            ({"t_max": np.ones((9, 1))}, "t_max must be a number or have shape (9,), not (9, 1)"),
+            ({"t_min": np.nan}, "t_min must be a number from 0, not nan"),
+            ({"t_max": np.nan}, "t_max must be a number, not nan"),
+            ({"t_max": [1, 2, np.nan, 1, np.nan, 1, 1, 1, 1]}, "t_max[2] must be a number, not nan"),
+            ({"t_min": -1e-300}, "t_min must be a number from 0, not -1e-300"),
+            ({"t_min": [0, 1, 0, -2, 1, -3, 0, 0, 0]}, "t_min[3] must be a number from 0, not -2.0"),
+        ],
+    )
+    def test_bad_limits(self, tracer, limits, message):
+        for cast in (tracer.closest_hit, tracer.any_hit):
+            with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+                cast(np.zeros((9, 3)), np.ones((9, 3)), **limits)
+
+    def test_words_are_refused(self, tracer):
+        with pytest.raises(ValueError, match="could not convert"):
+            tracer.closest_hit([["a", "b", "c"]], [[0, 0, 1]])
+
+
+class TestLimits:
+    def test_one_number_is_for_all_rays(self, tracer, rays, expected):
+        found = expected.is_hit
+        middle = float(np.median(expected.t[found]))
+        hits = tracer.closest_hit(*rays, t_max=middle)
+        near = found & (expected.t <= np.float32(middle))
+        assert 0.2 < near.mean() < 0.8
+        np.testing.assert_array_equal(hits.is_hit, near)
+        np.testing.assert_array_equal(hits.t[near], expected.t[near])
+        np.testing.assert_array_equal(tracer.any_hit(*rays, t_max=middle), near)
+
+    def test_each_ray_has_its_own(self, tracer, rays, expected):
+        found = expected.is_hit
+        # The hit itself is allowed; what comes just after it is asked for every second ray.
+        after = np.nextafter(expected.t, np.float32(np.inf))
+        t_min = np.where(np.arange(len(after)) % 2, after, expected.t)
+        t_min[~found] = 0
+        hits = tracer.closest_hit(*rays, t_min=t_min)
+        even = np.arange(len(after)) % 2 == 0
+        for field in FIELDS:
+            np.testing.assert_array_equal(getattr(hits, field)[even], getattr(expected, field)[even])
+        odd = ~even & found
+        assert (hits.t[odd] > expected.t[odd]).all()
+        assert hits.is_hit[odd].mean() > 0.5
+        np.testing.assert_array_equal(tracer.any_hit(*rays, t_min=t_min), hits.is_hit)
+
+    def test_before_the_hit_there_is_nothing(self, tracer, rays, expected):
+        t_max = np.nextafter(expected.t, np.float32(-1))
+        t_max[~expected.is_hit] = np.inf
+        assert not tracer.any_hit(*rays, t_max=t_max).any()
+
+    def test_an_empty_interval_is_a_miss(self, tracer, rays):
+        for t_min, t_max in ((2, 1), (0, -1), (np.inf, np.inf), (0, -np.inf), (1e300, np.inf)):
+            hits = tracer.closest_hit(*rays, t_min=t_min, t_max=t_max)
+            assert hits.count == 0
+            assert (hits.t == np.inf).all()
+
+    def test_limits_beyond_float32_are_no_limits(self, tracer, rays, expected):
+        assert_same(tracer.closest_hit(*rays, t_max=1e300), expected)
+
+
+class TestLengths:
+    """t counts in lengths of the direction, whatever the length."""
+
+    @pytest.mark.parametrize("exponent", [-130, -100, -41, -40, -1, 40, 41, 100, 120])
+    def test_powers_of_two_change_t_only(self, tracer, rays, expected, exponent):
+        hits = tracer.closest_hit(rays[0], rays[1] * 2.0**exponent)
+        with np.errstate(over="ignore"):
+            np.testing.assert_array_equal(hits.t, np.ldexp(expected.t, -exponent))
+        for field in ("u", "v", "prim_id"):
+            np.testing.assert_array_equal(getattr(hits, field), getattr(expected, field))
+
+    @pytest.mark.parametrize("length", [1e-30, 1e-3, 1e3, 1e30])
+    def test_any_length(self, tracer, rays, expected, length):
+        hits = tracer.closest_hit(rays[0], rays[1] * length)
+        # Another rounding of the direction: hits on an edge may go to the neighbour, or beside the silhouette.
+        same = hits.prim_id == expected.prim_id
+        assert same.mean() > 0.7
+        np.testing.assert_allclose(hits.t[same] * np.float64(length), expected.t[same], rtol=1e-4)
+
+    @pytest.mark.parametrize("length", [5e-324, 1e-310, 1e-45, 1e308])
+    def test_the_ends_of_float64(self, tracer, length):
+        hits = tracer.closest_hit([[2.9, 0, 5], [9, 0, 5]], [[0, 0, -length], [0, 0, -length]])
+        assert hits.is_hit.tolist() == [True, False]
+        assert tracer.any_hit([[2.9, 0, 5]], [[0, 0, -length]]).tolist() == [True]
+
+    @pytest.mark.parametrize("length", [1e-30, 1e30])
+    def test_limits_count_in_the_same_lengths(self, tracer, rays, expected, length):
+        directions = rays[1] * length
+        hits = tracer.closest_hit(rays[0], directions)
+        found = hits.is_hit
+        t_max = np.where(found, hits.t.astype(np.float64) * (1 - 1e-6), np.inf)
+        assert not tracer.any_hit(rays[0], directions, t_max=t_max).any()
+        t_max = np.where(found, hits.t.astype(np.float64) * (1 + 1e-6), 0)
+        np.testing.assert_array_equal(tracer.any_hit(rays[0], directions, t_max=t_max), found)
+
+    def test_infinite_limits_stay_infinite(self, tracer):
+        hits = tracer.closest_hit([[2.9, 0, 5]], [[0, 0, -1e-30]], t_min=0, t_max=np.inf)
+        assert hits.t[0] == pytest.approx(1e30 * tracer.closest_hit([[2.9, 0, 5]], [[0, 0, -1]]).t[0])
+
+
+class TestFarFromTheOrigin:
+    OFFSET = np.array([5.0e5, 4.65e6, 1.2e3])  # a survey's coordinates: metres east, north and up
+
+    @pytest.mark.parametrize("size", [1e-3, 1.0, 100.0])
+    def test_survey_coordinates_lose_nothing(self, session, mesh, rays, expected, size):
+        # Multiples of a power of two far above float64's rounding there, so that the shift itself is exact.
+        step = 2.0**-23
+        vertices = np.round(mesh.vertices.astype(np.float64) * size / step) * step
+        near = Mesh.from_arrays(vertices, mesh.faces)
+        far = Mesh.from_arrays(vertices + self.OFFSET, mesh.faces)
+        origins, directions = np.round(rays[0] * size / step) * step, rays[1]
+        with Tracer(build(near), device=session.info) as one, Tracer(build(far), device=session.info) as other:
+            assert_same(other.closest_hit(origins + self.OFFSET, directions), one.closest_hit(origins, directions))
+
+    def test_hits_are_in_the_right_place(self, session, mesh, rays):
+        far = Mesh.from_arrays(mesh.vertices.astype(np.float64) + self.OFFSET, mesh.faces)
+        origins = rays[0] + self.OFFSET
+        with Tracer(build(far), device=session.info) as opened:
+            hits = opened.closest_hit(origins, rays[1])
+        found = hits.is_hit
+        corners = far.vertices[far.faces[hits.prim_id[found]]].astype(np.float64) + far.origin
+        u, v = hits.u[found, None].astype(np.float64), hits.v[found, None].astype(np.float64)
+        on_triangle = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
+        on_ray = origins[found] + hits.t[found, None].astype(np.float64) * rays[1][found]
+        distance = np.linalg.norm(on_triangle - on_ray, axis=1)
+        assert np.quantile(distance, 0.99) < 1e-5
+        assert found.mean() > 0.3
+
+
+class TestScales:
+    @pytest.mark.parametrize("scale", [2.0**-20, 2.0**-10, 2.0**27])
+    def test_a_mesh_of_any_size(self, session, mesh, rays, expected, scale):
+        scaled = centred(Mesh.from_arrays(mesh.vertices.astype(np.float64) * scale, mesh.faces))
+        assert np.array_equal(scaled.vertices, mesh.vertices * np.float32(scale) - 0)
+        with Tracer(build(scaled), device=session.info) as opened:
+            assert_same(opened.closest_hit(rays[0] * scale, rays[1] * scale), expected)
+
+
+class TestMeshes:
+    @pytest.mark.parametrize("faces", [[[0, 1, 2]], [[0, 1, 2], [0, 1, 2]], [[0, 0, 0], [0, 1, 2]]])
+    def test_few_triangles(self, session, faces):
+        mesh = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces)
+        with Tracer(build(mesh), device=session.info) as opened:
+            hits = opened.closest_hit([[0.25, 0.25, 1], [0.9, 0.9, 1]], [[0, 0, -1], [0, 0, -1]])
+        assert hits.t.tolist() == [1, np.inf]
+        assert hits.prim_id.tolist() == [1 if faces[0] == [0, 0, 0] else 0, NO_PRIM]
+
+    def test_nothing_but_degenerate_triangles(self, session):
+        mesh = Mesh.from_arrays([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2], [0, 0, 1], [1, 1, 1]])
+        with Tracer(build(mesh), device=session.info) as opened:
+            origins, directions = aim([[1, 1, 5], [-1, -1, -1], [5, 1, 1]], [[1, 1, 1], [1, 1, 1], [1, 1, 1]])
+            assert opened.closest_hit(origins, directions).count == 0
+
+
+class TestLife:
+    def test_it_says_what_it_is(self, session, tracer):
+        assert repr(tracer) == f"Tracer('knot', device='{session.info.name}', layout='{tracer.layout}')"
+        assert tracer.layout == session.info.layout
+        assert tracer.memory_bytes > 1800 * 40
+
+    def test_times_add_up(self, session, mesh, rays):
+        with Tracer(build(mesh), device=session.info) as opened:
+            before = opened.timings_ms
+            assert set(before) == {"upload"}
+            opened.closest_hit(*rays)
+            between = opened.timings_ms
+            opened.any_hit(*rays)
+            after = opened.timings_ms
+        assert set(after) == {"upload", "kernel", "download"}
+        assert before["upload"] < between["upload"] < after["upload"]
+        assert 0 < between["kernel"] < after["kernel"]
+
+    def test_a_closed_tracer_says_so(self, session, mesh):
+        opened = Tracer(build(mesh), device=session.info)
+        opened.close()
+        opened.close()
+        for cast in (opened.closest_hit, opened.any_hit):
+            with pytest.raises(ValueError, match="the tracer is closed"):
+                cast([[0, 0, 0]], [[0, 0, 1]])
+
+    def test_unknown_layouts_and_devices(self, mesh):
+        with pytest.raises(ConfigError, match="layout must be one of"):
+            Tracer(build(mesh), layout="bvh3")
+        with pytest.raises(DeviceError, match="no such board"):
+            Tracer(build(mesh), device="no such board")
+
+    def test_two_tracers_do_not_disturb_each_other(self, session, tracer, rays, expected):
+        other_mesh = make_shape("icosphere", triangles=80)
+        with Tracer(build(other_mesh), device=session.info) as other:
+            other.closest_hit(*rays)
+            assert_same(tracer.closest_hit(*rays), expected)
+        assert_same(tracer.closest_hit(*rays), expected)
+
+
+def test_any_hit_agrees_with_closest_hit(tracer, mesh):
+    origins, directions = hard_rays(mesh, 60_000, np.random.default_rng(33))
+    np.testing.assert_array_equal(tracer.any_hit(origins, directions), tracer.closest_hit(origins, directions).is_hit)
+
+
+def test_rays_round_to_float32_once(tracer):
+    # A direction between two floats is rounded as it is, not after some arithmetic.
+    origins = np.array([[2.9, 0.0123456789, 5]])
+    directions = np.array([[0.0123456789, 0, -1.23456789]])
+    assert_same(
+        tracer.closest_hit(origins, directions), tracer.closest_hit(as_float32(origins), as_float32(directions))
+    )
