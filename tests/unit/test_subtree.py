@@ -142,10 +142,15 @@ def test_a_dear_step_fills_the_leaves_and_a_cheap_one_empties_them(leaf_size):
 
 
 def test_a_leaf_is_taken_where_a_split_costs_as_much():
-    # Two equal triangles at the same place: area 1, cost of the leaf 2, of a split 1 + 2.
-    mesh = make_soup(2, seed=7, grid=0)
-    mesh.vertices[3:] = mesh.vertices[:3]
-    assert run(mesh, leaf_size=2)[0] == 1
-    # Two boxes side by side in a box twice as large: 1e-3 * 2 A + 2 * A < 2 * 2 A.
-    mesh.vertices[3:, 0] += 1000
-    assert run(mesh, leaf_size=2, traversal_cost=1e-3)[0] == 3
+    # Two flat squares side by side, half area 1 each and 2 together: a leaf costs 2 * 2, a split traversal * 2 + 1 + 1.
+    mesh = make_soup(2, seed=7)
+    mesh.vertices[:] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
+    assert run(mesh, leaf_size=2, traversal_cost=1.0)[0] == 1
+    assert run(mesh, leaf_size=2, traversal_cost=0.999)[0] == 3
+    assert run(mesh, leaf_size=1, traversal_cost=1.0)[0] == 3
+
+
+def test_triangles_without_extent_share_a_leaf():
+    mesh = make_soup(4, seed=7, grid=0, size=0)
+    assert run(mesh, leaf_size=4)[0] == 1
+    assert run(mesh, leaf_size=3)[0] == 3
