@@ -10,6 +10,8 @@ from ..errors import ConfigError
 MIN_BINS = 2
 MAX_BINS = 64
 MAX_LEAF_SIZE = 255
+MIN_FRONTIER = 4
+MAX_FRONTIER = 8192
 
 # A leaf never lies deeper. The builder keeps the promise by construction: as soon as a node's primitives need all
 # levels that are left, it splits by halves. Spatial splits of real meshes stay below 40.
@@ -32,15 +34,18 @@ class BuildOptions:
     task_threshold : int or None
         Ranges of at most this many primitives become one worker's task; larger ones are split by all workers
         together. None chooses from the mesh size and the worker count. The tree does not depend on it.
+    frontier : int
+        Largest number of primitives in a leaf of the builder `frontier`, in place of `leaf_size`, 4 to 8192.
     """
 
     bins: int = 16
     leaf_size: int = 4
     traversal_cost: float = 1.0
     task_threshold: int | None = None
+    frontier: int = 64
 
     def __post_init__(self) -> None:
-        for name in ("bins", "leaf_size", "task_threshold"):
+        for name in ("bins", "leaf_size", "task_threshold", "frontier"):
             value = getattr(self, name)
             if value is None and name == "task_threshold":
                 continue
@@ -61,3 +66,5 @@ class BuildOptions:
             raise ConfigError(f"traversal_cost must be a finite number above 0, not {self.traversal_cost}")
         if self.task_threshold is not None and self.task_threshold < 1:
             raise ConfigError(f"task_threshold must be at least 1, not {self.task_threshold}")
+        if not MIN_FRONTIER <= self.frontier <= MAX_FRONTIER:
+            raise ConfigError(f"frontier must be {MIN_FRONTIER} to {MAX_FRONTIER}, not {self.frontier}")

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, build
-from clbvh.build.options import MAX_BINS, MAX_LEAF_SIZE, MIN_BINS
+from clbvh.build.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER
 from clbvh.errors import ConfigError
 
 
 def test_defaults_are_allowed_and_fixed():
     options = BuildOptions()
     assert (options.bins, options.leaf_size, options.traversal_cost, options.task_threshold) == (16, 4, 1.0, None)
+    assert options.frontier == 64
     with pytest.raises(dataclasses.FrozenInstanceError):
         options.bins = 8
 
@@ -30,6 +31,8 @@ def test_defaults_are_allowed_and_fixed():
         ("traversal_cost", 1e300),
         ("task_threshold", 1),
         ("task_threshold", 2**40),
+        ("frontier", MIN_FRONTIER),
+        ("frontier", MAX_FRONTIER),
     ],
 )
 def test_the_ends_of_each_range_are_allowed(name, value):
@@ -50,6 +53,8 @@ def test_the_ends_of_each_range_are_allowed(name, value):
         ("traversal_cost", float("nan")),
         ("task_threshold", 0),
         ("task_threshold", -5),
+        ("frontier", MIN_FRONTIER - 1),
+        ("frontier", MAX_FRONTIER + 1),
     ],
 )
 def test_what_lies_outside_is_refused_by_name_and_value(name, value):
@@ -57,30 +62,30 @@ def test_what_lies_outside_is_refused_by_name_and_value(name, value):
         BuildOptions(**{name: value})
 
 
-@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost", "task_threshold"])
+@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost", "task_threshold", "frontier"])
 @pytest.mark.parametrize("value", ["8", [8], True, 8 + 0j])
 def test_what_is_no_number_is_refused(name, value):
     with pytest.raises(ConfigError, match=f"{name} must be a .*number"):
         BuildOptions(**{name: value})
 
 
-@pytest.mark.parametrize("name", ["bins", "leaf_size", "task_threshold"])
+@pytest.mark.parametrize("name", ["bins", "leaf_size", "task_threshold", "frontier"])
 @pytest.mark.parametrize("value", [8.0, 8.5, np.float64(8)])
 def test_counts_are_whole_numbers(name, value):
     with pytest.raises(ConfigError, match=f"{name} must be a whole number"):
         BuildOptions(**{name: value})
 
 
-@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost"])
+@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost", "frontier"])
 def test_none_is_for_the_threshold_only(name):
     with pytest.raises(ConfigError, match=name):
         BuildOptions(**{name: None})
 
 
 def test_numpy_numbers_become_plain_ones():
-    options = BuildOptions(np.int64(8), np.uint8(3), np.float32(2), np.int16(100))
-    assert dataclasses.astuple(options) == (8, 3, 2.0, 100)
-    assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int]
+    options = BuildOptions(np.int64(8), np.uint8(3), np.float32(2), np.int16(100), np.uint16(500))
+    assert dataclasses.astuple(options) == (8, 3, 2.0, 100, 500)
+    assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int, int]
 
 
 def test_a_build_refuses_the_same_and_an_unknown_builder():
