@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from .geometry import Mesh, load_mesh, make_shape
     from .render import Picture, RenderOptions, Scene, open_scene, render
     from .trace import Hits, Tracer
-    from .tree import Bvh, sah_cost, validate_tree
+    from .tree import Bvh, TreeStats, measure_tree, sah_cost, validate_tree
 
 _HOME_OF = {
     "Mesh": "geometry",
     "load_mesh": "geometry",
     "make_shape": "geometry",
     "Bvh": "tree",
+    "TreeStats": "tree",
+    "measure_tree": "tree",
     "sah_cost": "tree",
     "validate_tree": "tree",
     "BuildOptions": "build",
@@ -44,6 +46,8 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "load_mesh",
     "make_shape",
     "Bvh",
+    "TreeStats",
+    "measure_tree",
     "sah_cost",
     "validate_tree",
     "BuildOptions",

@@ -135,9 +135,9 @@ class Mesh:
         The name plays no part. About 1.8 GB/s where the processor has instructions for it, a quarter elsewhere.
         """
         digest = hashlib.sha256(f"{len(self.vertices)} vertices, {len(self.faces)} faces;".encode())
-        digest.update(np.ascontiguousarray(self.origin, "<f8"))
-        digest.update(np.ascontiguousarray(self.vertices, "<f4"))
-        digest.update(np.ascontiguousarray(self.faces, "<i4"))
+        digest.update(np.ascontiguousarray(self.origin, "<f8").data)
+        digest.update(np.ascontiguousarray(self.vertices, "<f4").data)
+        digest.update(np.ascontiguousarray(self.faces, "<i4").data)
         return digest.digest()
 
     @property

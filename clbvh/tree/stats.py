@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
 import numpy as np
 
+from ..layout import BVH2_NODE, TRIANGLE
 from .bvh import Bvh
+from .descent import find_depths
+from .overlap import measure_overlap
+
+# The end-point overlap of larger meshes is measured on this many triangles. Of the 871,306-triangle dragon that gives
+# 3.628 instead of 3.629, in 0.8 s instead of 3.6 s on one core of an x86-64 server.
+OVERLAP_SAMPLE = 200_000
 
 
 def sah_cost(bvh: Bvh, *, traversal_cost: float = 1.0, intersection_cost: float = 1.0) -> float:
@@ -32,3 +43,130 @@ def sah_cost(bvh: Bvh, *, traversal_cost: float = 1.0, intersection_cost: float 
     if areas[0] == 0:
         return float(costs.sum())
     return float((areas * costs).sum() / areas[0])
+
+
+@dataclass(frozen=True)
+class TreeStats:
+    """What a tree consists of, and how good it is.
+
+    Attributes
+    ----------
+    triangle_count, node_count, interior_count, leaf_count : int
+        Every interior node has two children, so there is one leaf more than interior nodes.
+    depth : int
+        Edges from the root to the deepest leaf.
+    mean_leaf_depth, mean_leaf_size : float
+        Over the leaves, each counted once.
+    leaf_sizes : tuple of int
+        How many leaves have 0, 1, 2, ... triangles.
+    leaf_depths : tuple of int
+        How many leaves lie 0, 1, 2, ... levels deep.
+    traversal_cost, intersection_cost : float
+        Of an interior node and of a triangle test; both measures below are in their unit.
+    sah_cost : float
+        See `sah_cost`.
+    epo : float
+        End-point overlap, see `clbvh.tree.overlap.measure_overlap`.
+    epo_triangles : int
+        How many triangles it was measured on; all of them, or a sample.
+    host_bytes : int
+        Nodes and the order of the primitives, without the mesh.
+    device_bytes : mapping of str to int
+        By layout: nodes, and the triangles in leaf order.
+    """
+
+    triangle_count: int
+    node_count: int
+    interior_count: int
+    leaf_count: int
+    depth: int
+    mean_leaf_depth: float
+    mean_leaf_size: float
+    leaf_sizes: tuple[int, ...]
+    leaf_depths: tuple[int, ...]
+    traversal_cost: float
+    intersection_cost: float
+    sah_cost: float
+    epo: float
+    epo_triangles: int
+    host_bytes: int
+    device_bytes: Mapping[str, int]
+
+    @property
+    def host_bytes_per_triangle(self) -> float:
+        """`host_bytes` over the number of triangles."""
+        return self.host_bytes / self.triangle_count
+
+    @property
+    def device_bytes_per_triangle(self) -> dict[str, float]:
+        """`device_bytes` over the number of triangles."""
+        return {layout: size / self.triangle_count for layout, size in self.device_bytes.items()}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything, bytes per triangle included, as types that JSON has."""
+        return {
+            **asdict(self),
+            "leaf_sizes": list(self.leaf_sizes),
+            "leaf_depths": list(self.leaf_depths),
+            "device_bytes": dict(self.device_bytes),
+            "host_bytes_per_triangle": self.host_bytes_per_triangle,
+            "device_bytes_per_triangle": self.device_bytes_per_triangle,
+        }
+
+
+def measure_tree(
+    bvh: Bvh,
+    *,
+    traversal_cost: float = 1.0,
+    intersection_cost: float = 1.0,
+    overlap_sample: int | None = OVERLAP_SAMPLE,
+) -> TreeStats:
+    """Measure a tree.
+
+    Parameters
+    ----------
+    bvh : Bvh
+    traversal_cost, intersection_cost : float
+        Cost of an interior node and of one triangle test.
+    overlap_sample : int or None
+        Most triangles on which the end-point overlap is measured; None for all, however many.
+
+    Returns
+    -------
+    TreeStats
+
+    Raises
+    ------
+    ConfigError
+        A sample of less than one triangle.
+    """
+    first, count = bvh.nodes["first"], bvh.nodes["count"]
+    is_leaf = count > 0
+    leaf_sizes = count[is_leaf]
+    leaf_depths = find_depths(first, count)[is_leaf]
+    leaf_count = len(leaf_sizes)
+    interior_count = bvh.node_count - leaf_count
+    overlap = measure_overlap(
+        bvh, traversal_cost=traversal_cost, intersection_cost=intersection_cost, sample=overlap_sample
+    )
+    return TreeStats(
+        triangle_count=bvh.mesh.face_count,
+        node_count=bvh.node_count,
+        interior_count=interior_count,
+        leaf_count=leaf_count,
+        depth=bvh.depth,
+        mean_leaf_depth=float(leaf_depths.mean()),
+        mean_leaf_size=float(leaf_sizes.mean()),
+        leaf_sizes=tuple(np.bincount(leaf_sizes).tolist()),
+        leaf_depths=tuple(np.bincount(leaf_depths).tolist()),
+        traversal_cost=float(traversal_cost),
+        intersection_cost=float(intersection_cost),
+        sah_cost=sah_cost(bvh, traversal_cost=traversal_cost, intersection_cost=intersection_cost),
+        epo=overlap.epo,
+        epo_triangles=overlap.triangle_count,
+        host_bytes=bvh.nodes.nbytes + bvh.prim_ids.nbytes,
+        # A tree that is one leaf still has one node on the device.
+        device_bytes={
+            "bvh2": max(1, interior_count) * BVH2_NODE.itemsize + len(bvh.prim_ids) * TRIANGLE.itemsize,
+        },
+    )

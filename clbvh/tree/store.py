@@ -64,7 +64,7 @@ def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: 
     """
     target = Path(path)
     check_target(target)
-    payload = np.concatenate([nodes["first"], nodes["count"], prim_ids]).astype(_WORD, copy=False)
+    payload = np.concatenate([nodes["first"], nodes["count"], prim_ids]).astype(_WORD, copy=False).data
     facts = _FACTS.pack(MAGIC, FORMAT_VERSION, len(nodes), len(prim_ids), mesh.fingerprint, _digest(payload))
 
     def write(file: BinaryIO) -> None:
@@ -104,13 +104,13 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
         with Path(path).open("rb") as file:
             node_count, digest = _check_header(file, path, mesh)
             payload = np.empty(2 * node_count + mesh.face_count, _WORD)
-            if file.readinto(memoryview(payload).cast("B")) != payload.nbytes:  # type: ignore[attr-defined]
+            if file.readinto(payload.data.cast("B")) != payload.nbytes:
                 raise _damaged(path)
     except FileNotFoundError:
         raise TreeFileError(f"{path}: no such file") from None
     except OSError as error:
         raise TreeFileError(f"{path}: the file cannot be read: {error.strerror or error}") from error
-    if _digest(payload) != digest:
+    if _digest(payload.data) != digest:
         raise _damaged(path)
 
     first, count, prim_ids = np.split(payload.astype(np.int32, copy=False), [node_count, 2 * node_count])
@@ -151,7 +151,7 @@ def _damaged(path: str | os.PathLike[str]) -> TreeFileError:
     return TreeFileError(f"{path}: the file is damaged or was cut off: build and save the tree again")
 
 
-def _digest(data: bytes | NDArray[np.int32]) -> bytes:
+def _digest(data: bytes | memoryview) -> bytes:
     return hashlib.sha256(data).digest()[:_DIGEST_BYTES]
 
 
