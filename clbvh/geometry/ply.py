@@ -1,7 +1,6 @@
 """The PLY format: ASCII, binary little-endian and big-endian, with any properties and any polygons.
 
-Owns the header and the rows of elements. ASCII data become float64 rows first, so that both kinds are read by the
-same code. Every count is held against the bytes that are there before anything of its size is made.
+Owns the header and the rows; numpy and pyminiply read the numbers. Nothing is made that is larger than the file allows.
 
 Greg Turk, "The PLY Polygon File Format", 1994.
 """
@@ -9,288 +8,222 @@ Greg Turk, "The PLY Polygon File Format", 1994.
 from __future__ import annotations
 
 import re
-import struct
-from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError
-from .polygons import cut_polygons
-from .text_numbers import NotANumberError, parse_numbers
+from .polygons import cut_fans
 
 _MAX_HEADER_BYTES = 1 << 20
-_END_OF_HEADER = re.compile(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)")
-
+_HEADER = re.compile(rb"ply[ \t]*[\r\n](.*?[\r\n])end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
+_BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("long", "int64"), "i8"),
-    **dict.fromkeys(("ulong", "uint64"), "u8"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
+    **{"double": "f8", "float64": "f8"},
 }
-_BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
-_STRUCT_CODES = dict(zip(("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"), "bBhHiIqQfd", strict=True))
 _FACE_LISTS = ("vertex_indices", "vertex_index")
-_NO_LIST = np.empty(0, dtype=np.int64)
+_NEWLINE = ord("\n")
+_CHUNK_BYTES = 1 << 18  # looked through together: they stay in the cache
+# A mesh that is farther from zero than twice its width would lose two bits or more when float32 is re-based.
+_MAX_REACH = 2
 
 
-@dataclass(frozen=True)
-class _Property:
-    """One property of an element; a list when it has a `count_type`."""
-
-    name: str
-    value_type: np.dtype
-    count_type: np.dtype | None = None
-
-
-@dataclass(frozen=True)
-class _Element:
-    """A table of the file: `count` rows of the same properties."""
+class _Property(NamedTuple):
+    """One property of an element; a list when it has a type for its lengths."""
 
     name: str
-    count: int
-    properties: tuple[_Property, ...]
+    dtype: np.dtype
+    length_dtype: np.dtype | None = None
 
 
-@dataclass(frozen=True)
-class _Column:
-    """The values of one property; `sizes` says how many each row has, and is empty when the property is no list."""
+class _Element(NamedTuple):
+    """A table of the file: `row_count` rows of the same properties."""
+
+    name: str
+    row_count: int
+    properties: list[_Property]
+
+
+class _Column(NamedTuple):
+    """The values of one property, row after row, and how many of them each row has."""
 
     values: NDArray[np.number]
     sizes: NDArray[np.int64]
 
 
-def read_ply(data: bytes, source: str) -> tuple[NDArray[np.floating], NDArray[np.int32]]:
-    """Read a PLY file.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    source : str
-        What messages call it.
-
-    Returns
-    -------
-    vertices : (V, 3) float32 or float64, object units
-        float64 for ASCII files and where the file has doubles or integers.
-    faces : (F, 3) int32
-        In the file's order, polygons cut in place; empty for a point cloud.
-
-    Raises
-    ------
-    MeshError
-        Not a PLY file, cut off, longer than its header says, or an index that is no vertex.
-    """
-    byte_order, elements, body = _read_header(data, source)
+def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.integer]]:
+    """Return the vertices (V, 3), in the file's own type, and the faces (F, 3) of a PLY file."""
+    byte_order, elements, begin = _read_header(data)
+    read_rows = _read_rows
     if byte_order == "=":
-        rows = _parse_body(data, body, source).view(np.uint8)
-        elements = tuple(_with_text_types(element) for element in elements)
-    else:
-        rows = np.frombuffer(data, dtype=np.uint8)[body:]
-
+        if (mesh := _read_plain_text(data, begin, elements, file)) is not None:
+            return mesh
+        data = b"".join(line + b"\n" for line in data[begin:].splitlines() if line.strip())
+        begin = 0
+        read_rows = _read_text_rows
     columns: dict[str, dict[str, _Column]] = {}
-    begin = 0
     for element in elements:
-        columns[element.name], begin = _read_rows(rows, begin, element, source)
-    if begin < len(rows):
-        raise MeshError(
-            f"{source}: the file goes on where its header says it ends, so one of the two is damaged: write it again"
-        )
+        if element.row_count and element.properties:
+            columns[element.name], begin = read_rows(data, begin, element)
+    if data[begin:].strip():
+        raise MeshError("the file goes on where its header says it ends, so one of the two is damaged")
 
-    vertices = _join_coordinates(columns.get("vertex", {}), source)
-    face_element = next((element for element in elements if element.name == "face"), None)
-    if face_element is None or face_element.count == 0:
-        return vertices, np.empty((0, 3), dtype=np.int32)
-    corners = columns["face"][_find_face_list(face_element, source)]
-    return vertices, cut_polygons(vertices, corners.values, corners.sizes, source=source)
+    if not {"x", "y", "z"} <= columns.get("vertex", {}).keys():
+        raise MeshError("the mesh has no vertices with x, y and z")
+    vertices = np.column_stack([columns["vertex"][axis].values for axis in "xyz"])
+    if "face" not in columns:
+        return vertices, np.empty((0, 3), dtype=np.int64)
+    if not (names := [name for name in _FACE_LISTS if name in columns["face"]]):
+        raise MeshError(f"the faces have no list '{_FACE_LISTS[0]}'")
+    corners, sizes = columns["face"][names[0]]
+    with np.errstate(invalid="ignore"):
+        ids = corners.astype(np.int64)
+    if (ids != corners).any():
+        corner = int(np.argmax(ids != corners))
+        face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
+        raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
+    return vertices, cut_fans(ids, sizes)
 
 
-def _read_header(data: bytes, source: str) -> tuple[str, tuple[_Element, ...], int]:
+def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
     """Return the byte order, the elements, and where the data begin."""
-    if not re.match(rb"ply\s", data):
-        raise MeshError(f"{source}: not a PLY file: it does not begin with the line 'ply'")
-    end = _END_OF_HEADER.search(data, 0, _MAX_HEADER_BYTES)
-    if end is None:
-        raise MeshError(f"{source}: the file is cut off or not a PLY file: its header has no line 'end_header'")
-
-    byte_order = None
-    tables: list[tuple[str, int, list[_Property]]] = []
-    for line in re.split(r"[\r\n]+", data[: end.start()].decode("latin-1"))[1:]:
-        words = line.split()
+    header = _HEADER.match(data, 0, _MAX_HEADER_BYTES)
+    if header is None:
+        raise MeshError("the file is cut off or not a PLY file: it has no header from 'ply' to 'end_header'")
+    byte_order = ""
+    elements: list[_Element] = []
+    for line in header[1].splitlines():
         try:
-            match words:
+            match line.decode("latin-1").split():
                 case [] | ["comment" | "obj_info", *_]:
                     pass
                 case ["format", name, _version]:
-                    byte_order = _BYTE_ORDERS[name.lower()]
+                    byte_order = _BYTE_ORDERS[name]
                 case ["element", name, count] if int(count) >= 0:
-                    tables.append((name, int(count), []))
-                case ["property", "list", count_type, value_type, name] if tables:
-                    tables[-1][2].append(
-                        _Property(name, _find_type(value_type, byte_order), _find_type(count_type, byte_order))
-                    )
-                case ["property", value_type, name] if tables:
-                    tables[-1][2].append(_Property(name, _find_type(value_type, byte_order)))
+                    elements.append(_Element(name, int(count), []))
+                case ["property", "list", length_type, value_type, name]:
+                    types = [np.dtype(byte_order + _TYPES[word]) for word in (value_type, length_type)]
+                    elements[-1].properties.append(_Property(name, *types))
+                case ["property", value_type, name]:
+                    elements[-1].properties.append(_Property(name, np.dtype(byte_order + _TYPES[value_type])))
                 case _:
                     raise ValueError(line)  # noqa: TRY301
-        except (KeyError, ValueError) as error:
-            raise MeshError(
-                f"{source}: the PLY header has a line that makes no sense: '{line.strip()[:80]}'"
-            ) from error
-    if byte_order is None:
-        raise MeshError(f"{source}: the PLY header has no 'format' line, so it does not say how to read the data")
-    return byte_order, tuple(_Element(name, count, tuple(props)) for name, count, props in tables), end.end()
+        except (LookupError, ValueError) as error:
+            words = line.decode("latin-1").strip()[:80]
+            raise MeshError(f"the PLY header has a line that makes no sense: '{words}'") from error
+    if not byte_order:
+        raise MeshError("the PLY header has no 'format' line, so it does not say how to read the data")
+    return byte_order, elements, header.end()
 
 
-def _find_type(name: str, byte_order: str | None) -> np.dtype:
-    return np.dtype(_TYPES[name.lower()]).newbyteorder(byte_order or "=")  # type: ignore[arg-type]
+def _read_plain_text(
+    data: bytes, begin: int, elements: list[_Element], file: Path
+) -> tuple[NDArray[np.number], NDArray[np.integer]] | None:
+    """Return what is in an ASCII file of float vertices and triangles, or None if it is not quite that.
 
-
-def _with_text_types(element: _Element) -> _Element:
-    """Return the element as the rows of an ASCII file have it: each number a float64."""
-    number = np.dtype(np.float64)
-    return _Element(
-        element.name,
-        element.count,
-        tuple(_Property(p.name, number, number if p.count_type else None) for p in element.properties),
-    )
-
-
-def _parse_body(data: bytes, body: int, source: str) -> NDArray[np.float64]:
+    pyminiply reads decimal numbers four times as fast as numpy. Of its faces no use is made: it takes words for 0,
+    and fills polygons of more than four corners with chance values. It also trusts the lengths of lists, so it only
+    gets to see a file whose faces numpy has found to be in order.
+    """
+    if [element.name for element in elements] != ["vertex", "face"]:
+        return None
+    (_, vertex_count, vertex_properties), (_, face_count, face_properties) = elements
+    scalars = {prop.name: prop.dtype for prop in vertex_properties if prop.length_dtype is None}
+    lists = [prop.name for prop in face_properties if prop.length_dtype is not None]
+    is_float = len(scalars) == len(vertex_properties) and all(scalars.get(axis) == np.float32 for axis in "xyz")
+    if not is_float or len(face_properties) != 1 or not set(lists) & set(_FACE_LISTS):
+        return None
+    end = _find_line_end(data, begin, vertex_count)
+    if data.count(b"\n3 ", end - 1) != face_count or data.count(b"\n", end) not in (face_count - 1, face_count):
+        return None
     try:
-        return parse_numbers(memoryview(data)[body:])
-    except NotANumberError as error:
-        line = data.count(b"\n", 0, body + error.offset) + 1
-        raise MeshError(f"{source}: line {line} has '{error.token}' where a number is expected") from error
+        import pyminiply
+
+        rows = np.fromstring(data[end:], np.int64, sep=" ").reshape(face_count, 4)
+        vertices = pyminiply.read(file, read_normals=False, read_uv=False, read_color=False)[0]
+        lower, upper = vertices.min(axis=0), vertices.max(axis=0)
+    except Exception:  # the careful reader finds out what is wrong, or does without pyminiply
+        return None
+    # Written so that NaN and infinity fail it.
+    is_near = max(-lower.min(), upper.max()) <= _MAX_REACH * (upper - lower).max() < np.inf
+    is_whole = len(vertices) == vertex_count and (rows[:, 0] == 3).all()
+    return (vertices, rows[:, 1:]) if is_near and is_whole else None
 
 
-def _read_rows(rows: NDArray[np.uint8], begin: int, element: _Element, source: str) -> tuple[dict[str, _Column], int]:
-    """Read one element that starts at byte `begin`; return its columns and where it ends."""
-    if element.count == 0 or not element.properties:
-        return {}, begin
-
-    # Nearly always all rows are as long as the first one: then each property is one strided view.
-    first = _walk_rows(rows, begin, element, 1, source)
-    width = first.end - begin
-    end = begin + element.count * width
-    fixed = all(prop.count_type is None for prop in element.properties)
-    if end > len(rows) and fixed:
-        raise _cut_off(element, (len(rows) - begin) // width, source)
-    if end <= len(rows):
-        columns = {}
-        for prop, place, size in zip(element.properties, first.places, first.sizes, strict=True):
-            if prop.count_type is not None:
-                at = place[0] - prop.count_type.itemsize
-                if (_view(rows, prop.count_type, at, element.count, width) != size[0]).any():
-                    break
-                sizes = np.full(element.count, size[0], dtype=np.int64)
-                step = prop.value_type.itemsize
-                values = np.empty((element.count, size[0]), dtype=prop.value_type.newbyteorder("="))
-                for item in range(size[0]):
-                    values[:, item] = _view(rows, prop.value_type, place[0] + item * step, element.count, width)
-                columns[prop.name] = _Column(values.ravel(), sizes)
-            else:
-                column = _view(rows, prop.value_type, place[0], element.count, width)
-                columns[prop.name] = _Column(column, _NO_LIST)
-        else:
-            return columns, end
-
-    # Rows of different lengths, or a file that is cut off: go from row to row.
-    walk = _walk_rows(rows, begin, element, element.count, source)
-    columns = {}
-    for prop, place, size in zip(element.properties, walk.places, walk.sizes, strict=True):
-        places = np.array(place)
-        anywhere = np.ndarray((len(rows) - prop.value_type.itemsize + 1,), prop.value_type, buffer=rows, strides=(1,))
-        if prop.count_type is None:
-            columns[prop.name] = _Column(anywhere[places], _NO_LIST)
-            continue
-        sizes = np.array(size, dtype=np.int64)
-        items = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        columns[prop.name] = _Column(anywhere[np.repeat(places, sizes) + items * prop.value_type.itemsize], sizes)
-    return columns, walk.end
+def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
+    """Turn the lines of one element into binary rows of int64 or float64, and read those."""
+    end = _find_line_end(data, begin, element.row_count)
+    if end < begin:
+        raise _cut_off(element)
+    is_whole = all(prop.dtype.kind != "f" for prop in element.properties)
+    dtype = np.dtype(np.int64 if is_whole else np.float64)
+    rows = np.fromstring(data[begin:end], dtype, sep=" ").tobytes()
+    properties = [_Property(prop.name, dtype, prop.length_dtype and dtype) for prop in element.properties]
+    columns, row_end = _read_rows(rows, 0, element._replace(properties=properties))
+    if row_end != len(rows):
+        raise MeshError(f"the lines of '{element.name}' have more numbers than they should")
+    return columns, end
 
 
-def _view(rows: NDArray[np.uint8], dtype: np.dtype, begin: int, count: int, width: int) -> NDArray[np.number]:
-    """Return the values of one type at the same place of each row."""
-    return np.ndarray((count,), dtype, buffer=rows, offset=begin, strides=(width,))
+def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
+    """Return where the line behind so many lines begins, or -1 if there are fewer."""
+    while line_count > (count := data.count(b"\n", begin, begin + _CHUNK_BYTES)):
+        line_count -= count
+        begin += _CHUNK_BYTES
+        if begin >= len(data):
+            return -1
+    line_ends = np.flatnonzero(np.frombuffer(data[begin : begin + _CHUNK_BYTES], np.uint8) == _NEWLINE)
+    return begin + int(line_ends[line_count - 1]) + 1
 
 
-@dataclass(frozen=True)
-class _Walk:
-    """Per property, where the value or the first list item of each row lies, and the lists' lengths."""
+def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
+    """Read the element that starts at byte `begin`; return its columns and where it ends."""
+    min_width = sum((prop.length_dtype or prop.dtype).itemsize for prop in element.properties)
+    if begin + element.row_count * min_width > len(data):
+        raise _cut_off(element)
+    # Nearly always the lists of all rows are as long as those of the first one: then the rows are a table.
+    first, first_end = _walk_rows(data, begin, element._replace(row_count=1))
+    end = begin + element.row_count * (first_end - begin)
+    if end <= len(data):
+        fields: list[tuple[str, np.dtype, tuple[int, ...]]] = []
+        for name, dtype, length_dtype in element.properties:
+            fields += [(f"{name} length", length_dtype, ())] if length_dtype else []
+            fields += [(name, dtype, (len(first[name].values),))]
+        table = np.frombuffer(data, fields, element.row_count, begin)
+        lists = [prop.name for prop in element.properties if prop.length_dtype]
+        if all((table[f"{name} length"] == first[name].sizes[0]).all() for name in lists):
+            sizes = {name: column.sizes.repeat(element.row_count) for name, column in first.items()}
+            return {name: _Column(table[name].ravel(), sizes[name]) for name in first}, end
+    return _walk_rows(data, begin, element)
 
-    places: list[list[int]]
-    sizes: list[list[int]]
-    end: int
 
-
-def _walk_rows(rows: NDArray[np.uint8], begin: int, element: _Element, count: int, source: str) -> _Walk:
-    """Go through the first `count` rows of an element and note where everything lies."""
-    places: list[list[int]] = [[] for _ in element.properties]
-    sizes: list[list[int]] = [[] for _ in element.properties]
-    steps = [
-        (place, size, prop.value_type.itemsize, prop.count_type and _make_reader(prop.count_type))
-        for prop, place, size in zip(element.properties, places, sizes, strict=True)
-    ]
-    memory = memoryview(rows)  # type: ignore[arg-type]
+def _walk_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
+    """Read an element row by row."""
+    pieces: dict[str, list[NDArray[np.number]]] = {prop.name: [] for prop in element.properties}
     at = begin
-    for row in range(count):
-        for place, size, item_bytes, count_reader in steps:
-            length = 1
-            if count_reader is not None:
-                if at + count_reader.size > len(rows):
-                    raise _cut_off(element, row, source)
-                (length,) = count_reader.unpack_from(memory, at)
-                at += count_reader.size
-                # Written so that NaN is refused, and before `int` meets an infinity.
-                if not length >= 0 or (length < len(rows) and length != int(length)):
-                    raise MeshError(f"{source}: row {row} of '{element.name}' has a list of {length:g} items")
-            if length > (len(rows) - at) // item_bytes:
-                raise _cut_off(element, row, source)
-            place.append(at)
-            size.append(int(length))
-            at += int(length) * item_bytes
-    return _Walk(places, sizes, at)
+    for row in range(element.row_count):
+        for name, dtype, length_dtype in element.properties:
+            size = 1
+            if length_dtype is not None:
+                if at + length_dtype.itemsize > len(data):
+                    raise _cut_off(element)
+                length = np.frombuffer(data, length_dtype, 1, at)[0]
+                # Written so that NaN and infinity are refused before `int` meets them.
+                if not (0 <= length <= len(data) and length == int(length)):
+                    raise MeshError(f"row {row} of '{element.name}' declares a list of {length} items")
+                size = int(length)
+                at += length_dtype.itemsize
+            if at + size * dtype.itemsize > len(data):
+                raise _cut_off(element)
+            pieces[name].append(np.frombuffer(data, dtype, size, at))
+            at += size * dtype.itemsize
+    sizes = {name: np.fromiter(map(len, rows), np.int64) for name, rows in pieces.items()}
+    return {name: _Column(np.concatenate(rows), sizes[name]) for name, rows in pieces.items()}, at
 
 
-def _make_reader(dtype: np.dtype) -> struct.Struct:
-    return struct.Struct(dtype.str[0].replace("|", "<") + _STRUCT_CODES[dtype.str[1:]])
-
-
-def _cut_off(element: _Element, row: int, source: str) -> MeshError:
-    return MeshError(
-        f"{source}: the file is cut off: its header declares {element.count:,} rows of '{element.name}', "
-        f"but the data end in row {row:,}"
-    )
-
-
-def _join_coordinates(columns: dict[str, _Column], source: str) -> NDArray[np.floating]:
-    """Return x, y and z as (V, 3) vertices."""
-    if not columns:
-        raise MeshError(f"{source}: the mesh has no vertices")
-    if missing := [axis for axis in "xyz" if axis not in columns or len(columns[axis].sizes)]:
-        raise MeshError(f"{source}: the vertices have no property '{missing[0]}'")
-    axes = [columns[axis].values for axis in "xyz"]
-    exact = all(axis.dtype.kind == "f" and axis.dtype.itemsize <= 4 for axis in axes)
-    vertices = np.empty((len(axes[0]), 3), dtype=np.float32 if exact else np.float64)
-    for axis in range(3):
-        vertices[:, axis] = axes[axis]
-    return vertices
-
-
-def _find_face_list(element: _Element, source: str) -> str:
-    """Return the name of the list that holds the faces' vertices."""
-    lists = [prop.name for prop in element.properties if prop.count_type is not None]
-    for name in _FACE_LISTS:
-        if name in lists:
-            return name
-    if len(lists) == 1:
-        return lists[0]
-    raise MeshError(f"{source}: the faces have no list '{_FACE_LISTS[0]}'")
+def _cut_off(element: _Element) -> MeshError:
+    return MeshError(f"the file is cut off: its header declares {element.row_count:,} rows of '{element.name}'")
