@@ -1,0 +1,54 @@
+"""Any mesh, any options, any rung of the ladder: a right tree, and the same bytes whoever builds it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from clbvh import BuildOptions, validate_tree
+from clbvh.build.ladder import LADDER
+from clbvh.build.options import MAX_DEPTH
+
+from ..soup import make_soup
+from .test_builds import HAND_PICKED, SOUPS, WORKERS
+
+OPTIONS = st.builds(
+    BuildOptions,
+    bins=st.sampled_from([2, 3, 8, 64]),
+    leaf_size=st.sampled_from([1, 2, 4, 255]),
+    frontier=st.sampled_from([4, 5, 64, 8192]),
+)
+NAMES = st.sampled_from(list(LADDER))
+THRESHOLDS = (1, 30, 10**6)
+
+# Rungs that look for the same split, by different ways.
+SAME_TREE = (("sequential", "naive", "range", "cached", "median"), ("bin", "atomic", "flatten", "flat"))
+
+
+def bytes_of(bvh):
+    return bvh.nodes.tobytes(), bvh.prim_ids.tobytes()
+
+
+@settings(max_examples=100)
+@given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
+def test_rungs_that_share_a_split_make_the_same_right_tree(mesh, options):
+    for names in SAME_TREE:
+        trees = [LADDER[name](mesh, None, options) for name in names]
+        validate_tree(trees[0], max_depth=MAX_DEPTH, max_leaf_size=options.leaf_size)
+        assert len({bytes_of(tree) for tree in trees}) == 1
+    frontier = LADDER["frontier"](mesh, None, options)
+    validate_tree(frontier, max_depth=MAX_DEPTH, max_leaf_size=options.frontier)
+
+
+@settings(max_examples=40)
+@given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS, name=NAMES)
+@example(mesh=make_soup(3000, seed=1), options=BuildOptions(leaf_size=1), name="atomic")
+@example(mesh=make_soup(3000, seed=1), options=BuildOptions(leaf_size=1), name="naive")
+def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, options, name, pools):
+    serial = LADDER[name](mesh, None, options)
+    for workers in WORKERS:
+        for threshold in THRESHOLDS:
+            parallel = LADDER[name](mesh, pools[workers], dataclasses.replace(options, task_threshold=threshold))
+            assert bytes_of(parallel) == bytes_of(serial), f"{workers} workers, threshold {threshold}"
