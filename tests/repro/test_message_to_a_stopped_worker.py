@@ -17,7 +17,7 @@ import pytest
 from clbvh import SubtreePool
 from clbvh.errors import PoolError
 
-TIMEOUT_S = 0.3
+TIMEOUT_S = 1.5
 LONGER_THAN_ANY_BUFFER = 1 << 23
 
 
@@ -65,6 +65,6 @@ def test_half_an_answer_is_an_error():
 
 
 def test_long_tasks_and_long_results_pass_where_nothing_hangs():
-    with SubtreePool(workers=1, timeout_s=5) as pool:
+    with SubtreePool(workers=1, timeout_s=20) as pool:
         assert pool.map(count_bytes, [(bytes(LONGER_THAN_ANY_BUFFER),)]) == [LONGER_THAN_ANY_BUFFER]
         assert len(pool.map(make_bytes, [(LONGER_THAN_ANY_BUFFER,)])[0]) == LONGER_THAN_ANY_BUFFER

@@ -87,9 +87,8 @@ def test_all_workers_take_part(pool):
 
 
 def test_a_free_worker_takes_the_next_task(pool):
-    begin = time.perf_counter()
-    workers = pool.map(sleep_and_tell, [(0.6,), (0,), (0,), (0,), (0,)])
-    assert time.perf_counter() - begin < 1.1
+    pool.map(sleep_and_tell, [(0.1,)] * 2)  # both have imported this module
+    workers = pool.map(sleep_and_tell, [(1,), (0,), (0,), (0,), (0,)])
     assert workers.count(workers[0]) == 1
 
 
@@ -252,14 +251,14 @@ def test_a_worker_killed_from_outside_during_a_build_is_an_error(doomed, monkeyp
 
 @pytest.mark.parametrize("silence", [sleep_and_tell, kill_myself], ids=["busy", "stopped"])
 def test_a_silent_worker_is_an_error_after_the_timeout(silence):
-    begin = time.perf_counter()
-    with SubtreePool(workers=2, timeout_s=0.5) as pool:
-        pool.wait_ready()
+    with SubtreePool(workers=2, timeout_s=1.5) as pool:
+        pool.map(_echo_or, [(sleep_and_tell, 0.1)] * 2)  # both have imported this module
         processes = list(pool._processes)
+        begin = time.perf_counter()
         argument = LONG_S if silence is sleep_and_tell else signal.SIGSTOP
-        with pytest.raises(PoolError, match=r"worker 1 has not answered for 0.5 s and was stopped"):
+        with pytest.raises(PoolError, match=r"worker (0, )?1 has not answered for 1.5 s and was stopped"):
             pool.map(_echo_or, [(None, None), (silence, argument)])
-    assert 0.5 <= time.perf_counter() - begin < SOON_S
+    assert 1.4 < time.perf_counter() - begin < SOON_S
     assert processes[1].exitcode == -signal.SIGKILL
     assert processes[0].exitcode is not None
 
@@ -269,7 +268,9 @@ def _echo_or(arrays, step, argument):
 
 
 def test_a_worker_that_works_within_the_timeout_is_left_alone():
-    with SubtreePool(workers=1, timeout_s=0.9) as pool:
+    with SubtreePool(workers=1, timeout_s=3) as pool:
+        pool.map(echo, [(1,)])
+        pool._timeout_s = 0.9
         assert len(pool.map(sleep_and_tell, [(0.4,)] * 3)) == 3
 
 
