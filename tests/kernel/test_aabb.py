@@ -129,6 +129,15 @@ def test_the_box_that_stands_for_no_child_ends_no_search(meet):
     assert not np.isnan(entries).any()
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_gap_above_rounding_is_seen(meet, axis):
+    # The ray enters one slab at t = 1 and leaves another a little before that.
+    gaps = np.array([0, 1e-7, 5e-6, 1e-5, 1e-3])
+    upper = np.roll(np.stack((np.full(5, 2), 1 - gaps, np.full(5, 9)), axis=1), axis, axis=1)
+    is_met, _ = meet([0, 0, 0], np.roll([1, 1, 0], axis), np.roll([1, -1, -9], axis), upper)
+    assert is_met.tolist() == [True, True, False, False, False]
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("spread", [0, 6], ids=["alike", "many-sizes"])
 def test_random_rays_never_miss_falsely(meet, seed, spread):

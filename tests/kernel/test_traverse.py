@@ -6,8 +6,9 @@ import pytest
 from clbvh import build
 from clbvh.geometry import Mesh
 from clbvh.geometry.shapes import make_shape
-from clbvh.layout import NO_PRIM
+from clbvh.layout import HIT, LAYOUTS, NO_PRIM
 from clbvh.trace.device_tree import DeviceTree
+from clbvh.tree.layouts import gather_triangles, make_bvh2_nodes
 
 from ..chain import make_chain
 from ..rays import centred, hard_rays
@@ -108,3 +109,30 @@ def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
     hits = check_tree_and_brute_agree(session, mesh, bvh, (origins, directions))
     lower_triangle = 0 if toward > 0 else CHAIN - 2
     np.testing.assert_array_equal(hits["prim_id"], np.where(x + y > 2, CHAIN - 1, lower_triangle))
+
+
+def find_any(run_shell, make_rays, bvh, origins, directions):
+    """The triangles at which a search for anything ends."""
+    nodes, triangles = make_bvh2_nodes(bvh), gather_triangles(bvh.mesh, bvh.prim_ids)
+    defines = {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64, "TRIANGLE_COUNT": len(triangles)}
+    (hits,) = run_shell("find_any", [make_rays(origins, directions), nodes, triangles], [HIT], defines)
+    return hits["prim_id"].tolist()
+
+
+@pytest.mark.parametrize("leaf_side", ["left", "right"])
+def test_the_near_child_comes_first(run_shell, make_rays, leaf_side):
+    _, bvh = make_chain(CHAIN, leaf_side)
+    origins, directions = [[0.5, 0.5, -5], [0.5, 0.5, CHAIN + 5]], [[0, 0, 1], [0, 0, -1]]
+    assert find_any(run_shell, make_rays, bvh, origins, directions) == [0, CHAIN - 2]
+
+
+def test_any_crossing_ends_the_search(session, run_shell, make_rays):
+    # The slope's box is entered first, and hit; the plate in front of the hit would be found by searching on.
+    slope, plate = [[0, 0, 0], [1, 0, 10], [0, 1, 0]], [[0, 0, 5], [1, 0, 5], [0, 1, 5]]
+    mesh = centred(Mesh.from_arrays(np.array(slope + plate, float), [[0, 1, 2], [3, 4, 5]]))
+    bvh = build(mesh, leaf_size=1)
+    assert bvh.depth == 1
+    origins, directions = np.array([[0.3, -0.4, -20]]), np.array([[0, 0, 1]])
+    assert find_any(run_shell, make_rays, bvh, origins, directions) == [0]
+    with open_caster(session, mesh, bvh) as cast:
+        assert cast("closest_hit", origins, directions)["prim_id"].tolist() == [1]
