@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from . import options
+
 if TYPE_CHECKING:
     from ..render import Picture, RenderOptions, Scene
 
 _SCENE = "Scene"
-_BUILD = "Tree"
 _DEVICE = "Device"
 
 # What the rows of the time table say, in the order in which it happens.
 _PHASES = {
     "load": "load and re-base the mesh",
     "pool_start": "start the workers, while loading",
+    "cache": "look for the tree in the cache, keep it there",
     "build": "build the tree",
     "compile": "open the device, compile",
     "upload": "host to device",
@@ -32,15 +34,7 @@ _PHASES = {
 
 
 def render(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="MESH|SCENE",
-            help="A mesh file (PLY, OBJ, STL, OFF, GLB), a scene file (.toml), or a shipped scene: "
-            "demo, bunny, dragon, drill, knot, terrain.",
-            show_default=False,
-        ),
-    ],
+    source: options.Source,
     output: Annotated[
         list[Path], typer.Option("-o", "--output", help="Picture to write, .ppm or .png; may be given twice.")
     ],
@@ -80,32 +74,19 @@ def render(
     background: Annotated[
         str | None, typer.Option(metavar="R,G,B", help="Linear colour, 0 to 1.", rich_help_panel=_SCENE)
     ] = None,
-    builder: Annotated[
-        str, typer.Option(help="sah, or brute: no tree, small meshes only.", rich_help_panel=_BUILD)
-    ] = "sah",
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            help="Processes that build; 1: no others.", show_default="one per processor, for large meshes",
-            rich_help_panel=_BUILD,
-        ),
-    ] = None,
-    bins: Annotated[int, typer.Option(help="Bins per axis, 2 to 64.", rich_help_panel=_BUILD)] = 16,
-    leaf_size: Annotated[int, typer.Option(help="Most triangles in a leaf.", rich_help_panel=_BUILD)] = 4,
-    traversal_cost: Annotated[
-        float, typer.Option(help="Cost of a node step, in triangle tests.", rich_help_panel=_BUILD)
-    ] = 1.0,
-    task_threshold: Annotated[
-        int | None,
-        typer.Option(
-            help="Most triangles that become one worker's task.", show_default="by mesh and workers",
-            rich_help_panel=_BUILD,
-        ),
-    ] = None,
+    builder: options.Builder = options.DEFAULT_BUILDER,
+    workers: options.Workers = None,
+    bins: options.Bins = options.DEFAULT_BINS,
+    leaf_size: options.LeafSize = options.DEFAULT_LEAF_SIZE,
+    traversal_cost: options.TraversalCost = options.DEFAULT_TRAVERSAL_COST,
+    task_threshold: options.TaskThreshold = None,
+    cache: options.UseCache = False,
+    cache_dir: options.CacheFolder = None,
     device: Annotated[
         str | None,
         typer.Option(
-            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one",
+            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.",
+            show_default="a GPU, if there is one",
             rich_help_panel=_DEVICE,
         ),
     ] = None,
@@ -115,10 +96,9 @@ def render(
     validate: Annotated[
         bool, typer.Option("--validate", help="Check the tree, and pixels against a slow reference.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")] = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Render a mesh or a scene."""
-    from ..build import BuildOptions
     from ..render import RenderOptions, open_scene
     from ..render.files import check_hits_path, check_picture_path
 
@@ -141,22 +121,25 @@ def render(
     if background is not None:
         colour = _parse_vector("--background", background)
         scene = scene.with_changes(background=(colour, colour))
-    options = RenderOptions(
-        device=device,
-        layout=layout,
+    wanted = RenderOptions(
         builder=builder,
         workers=workers,
-        build=BuildOptions(bins, leaf_size, traversal_cost, task_threshold),
+        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold),
+        cache=options.find_cache_folder(cache, cache_dir),
+        device=device,
+        layout=layout,
         validate=validate,
     )
 
-    picture = _render_with_status(scene, options)
+    picture = _render_with_status(scene, wanted)
     report = picture.report()
     report["timings_ms"]["write"] = _write(picture, output, hits)
     if as_json:
         print(json.dumps(report, indent=2))
     else:
         _print_report(report, picture)
+    for note in picture.notes:
+        print(f"clbvh: {note}", file=sys.stderr)
 
 
 def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
@@ -215,7 +198,7 @@ def _print_report(report: dict[str, Any], picture: Picture) -> None:
         facts.add_row(
             "tree",
             f"{report['nodes']:,} nodes, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, "
-            f"{report['workers']} worker{'s' if report['workers'] > 1 else ''}",
+            + _say_who_built(report),
         )
     facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
     facts.add_row(
@@ -231,9 +214,17 @@ def _print_report(report: dict[str, Any], picture: Picture) -> None:
     times.add_column("ms", justify="right")
     times.add_column("")
     for phase, what in _PHASES.items():
+        if phase == "cache" and not report["timings_ms"][phase]:
+            continue
         style = "bold" if phase == "total" else ""
         times.add_row(phase, f"{report['timings_ms'][phase]:,.1f}", f"[dim]{what}[/dim]", style=style)
     console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
     console.print(facts)
     console.print()
     console.print(times)
+
+
+def _say_who_built(report: dict[str, Any]) -> str:
+    if report["tree_from_cache"]:
+        return "from the cache"
+    return f"{report['workers']} worker{'s' if report['workers'] > 1 else ''}"

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..build import BuildOptions, SubtreePool, build
 from ..build.builder import BUILDERS
 from ..build.options import MAX_DEPTH
 from ..device.select import DeviceInfo
@@ -27,53 +26,41 @@ from .camera import Camera
 from .frame import FrameRenderer
 from .scene import Scene
 from .scene_file import open_scene
+from .tree_maker import MadeTree, TreeMaker, TreeOptions
 from .view import make_view
 
 # Without a tree, cost is rays times triangles: above this many triangles that is no comparison but a hang.
 BRUTE_LIMIT = 100_000
-
-# Starting workers takes about half a second, in which one process builds a tree over this many triangles. Measured
-# with the caches warm on two cores: with 871,306 triangles both ways take 0.95 s from start to tree; more cores or
-# triangles are in favour of the workers.
-_POOL_PAYS_FROM = 500_000
 
 # Ray-triangle tests that a validation may spend: about a second.
 _VALIDATION_TESTS = 50_000_000
 
 
 @dataclass(frozen=True)
-class RenderOptions:
+class RenderOptions(TreeOptions):
     """How to render a scene, apart from what it shows.
 
     Attributes
     ----------
+    builder, workers, build, cache
+        See `TreeOptions`. The builder may also be ``"brute"``: no tree.
     device : DeviceInfo, str, int or None
         See `choose_device`.
     layout : str
         Layout of the tree on the device, or ``"auto"``.
-    builder : str
-        A builder of `clbvh.build`, or ``"brute"`` for no tree.
-    workers : int or None
-        Processes that build; 1 builds in this process. None: as many as there are processors, for meshes that are
-        worth it.
-    build : BuildOptions
     validate : bool
         Check the tree, and compare a sample of the pixels with the slow reference.
     """
 
     device: DeviceInfo | str | int | None = None
     layout: str = "auto"
-    builder: str = "sah"
-    workers: int | None = None
-    build: BuildOptions = field(default_factory=BuildOptions)
     validate: bool = False
 
+    allowed_builders: ClassVar[tuple[str, ...]] = (*BUILDERS, BRUTE)
+
     def __post_init__(self) -> None:
-        if self.builder not in (*BUILDERS, BRUTE):
-            raise ConfigError(f"builder must be one of {', '.join((*BUILDERS, BRUTE))}, not '{self.builder}'")
+        super().__post_init__()
         check_layout(self.layout)
-        if self.workers is not None and self.workers < 1:
-            raise ConfigError(f"workers must be at least 1, not {self.workers}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +80,15 @@ class Picture:
     device : DeviceInfo
     layout : str
     workers : int
-        Processes that built the tree.
+        Processes that built the tree; 0 when it came from the cache.
     timings : dict of str to float
-        Milliseconds: load, pool_start (overlaps with load), build, compile, upload, kernel, download, and total, the
-        wall time of all of it. Upload, kernel and download are the device's own times.
+        Milliseconds: load, pool_start (overlaps with load), cache (look for the tree, or keep it), build, compile,
+        upload, kernel, download, and total, the wall time of all of it. Upload, kernel and download are the device's
+        own times.
+    tree_from_cache : bool
+        Whether the tree was taken from the cache.
+    notes : tuple of str
+        What a user should know and what is no error.
     validated_pixels : int
         How many pixels were compared with the reference.
     """
@@ -110,6 +102,8 @@ class Picture:
     layout: str
     workers: int
     timings: dict[str, float]
+    tree_from_cache: bool = False
+    notes: tuple[str, ...] = ()
     validated_pixels: int = 0
 
     def report(self) -> dict[str, Any]:
@@ -122,6 +116,7 @@ class Picture:
             "nodes": 0 if self.bvh is None else self.bvh.node_count,
             "depth": 0 if self.bvh is None else self.bvh.depth,
             "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
+            "tree_from_cache": self.tree_from_cache,
             "workers": self.workers,
             "device": self.device.name,
             "layout": self.layout,
@@ -169,9 +164,9 @@ def render(
     options = options or RenderOptions()
     watch = Stopwatch()
     with ExitStack() as stack:
-        pool = _start_pool(scene, options)
-        if pool is not None:
-            stack.enter_context(pool)
+        maker = None
+        if options.builder != BRUTE:
+            maker = stack.enter_context(TreeMaker(options, scene.mesh.estimate_face_count()))
 
         on_phase("load")
         mesh = scene.transform.apply(scene.mesh.load())
@@ -179,12 +174,15 @@ def render(
         watch.lap("load")
 
         on_phase("build")
-        bvh = None if options.builder == BRUTE else _build(mesh, pool, options)
-        if options.builder == BRUTE and mesh.face_count > BRUTE_LIMIT:
+        made: MadeTree | None = None
+        if maker is not None:
+            made = maker.make(mesh)
+        elif mesh.face_count > BRUTE_LIMIT:
             raise ConfigError(
                 f"the brute builder tests every triangle for every ray: {mesh.face_count:,} triangles are more than "
                 f"its limit of {BRUTE_LIMIT:,}"
             )
+        bvh = None if made is None else made.bvh
         watch.lap("build")
 
         on_phase("compile")
@@ -203,8 +201,7 @@ def render(
         device_ms = session.times.sums_ms()
         timings = {
             "load": watch.laps_ms["load"],
-            "pool_start": 0.0 if pool is None else pool.start_ms,
-            "build": watch.laps_ms["build"],
+            **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
             "compile": watch.laps_ms["open"] + watch.laps_ms["compile"],
             "upload": device_ms["upload"],
             "kernel": device_ms["kernel"],
@@ -223,31 +220,11 @@ def render(
         bvh=bvh,
         device=session.info,
         layout=tree.layout,
-        workers=1 if pool is None else pool.workers,
+        workers=1 if made is None else made.workers,
         timings=timings,
+        tree_from_cache=made is not None and made.from_cache,
+        notes=() if made is None else made.notes,
         validated_pixels=validated,
-    )
-
-
-def _start_pool(scene: Scene, options: RenderOptions) -> SubtreePool | None:
-    """Start the workers, before anything else, if the build will need them."""
-    if options.builder == BRUTE or options.workers == 1:
-        return None
-    if options.workers is None and scene.mesh.estimate_face_count() < _POOL_PAYS_FROM:
-        return None
-    return SubtreePool(options.workers)
-
-
-def _build(mesh: Mesh, pool: SubtreePool | None, options: RenderOptions) -> Bvh:
-    wanted = options.build
-    return build(
-        mesh,
-        pool=pool,
-        builder=options.builder,
-        bins=wanted.bins,
-        leaf_size=wanted.leaf_size,
-        traversal_cost=wanted.traversal_cost,
-        task_threshold=wanted.task_threshold,
     )
 
 

@@ -34,10 +34,10 @@ end_header
 """
 
 REPORT_KEYS = {
-    "triangles", "nodes", "depth", "sah_cost", "workers", "device", "layout", "width", "height", "rays", "hits",
-    "mrays_per_s", "timings_ms",
+    "triangles", "nodes", "depth", "sah_cost", "tree_from_cache", "workers", "device", "layout", "width", "height",
+    "rays", "hits", "mrays_per_s", "timings_ms",
 }  # fmt: skip
-TIMING_KEYS = {"load", "pool_start", "build", "compile", "upload", "kernel", "download", "write", "total"}
+TIMING_KEYS = {"load", "pool_start", "cache", "build", "compile", "upload", "kernel", "download", "write", "total"}
 
 
 @pytest.fixture
@@ -218,7 +218,7 @@ def test_real_meshes_validate(real_mesh_path, tmp_path, name):
 def test_help_is_quick_and_complete():
     result = run_clbvh("--help")
     assert result.returncode == 0
-    for verb in ("render", "fetch", "devices", "doctor"):
+    for verb in ("render", "stats", "fetch", "devices", "doctor"):
         assert verb in result.stdout
 
 

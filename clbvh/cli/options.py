@@ -1,0 +1,85 @@
+"""Options that several verbs have: each is written down once, and means the same everywhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..build import BuildOptions
+
+TREE_PANEL = "Tree"
+
+# The defaults of `clbvh.build.BuildOptions`, written down again: to import them would make `clbvh --help` wait for the
+# compiler. A test compares them.
+DEFAULT_BUILDER = "sah"
+DEFAULT_BINS = 16
+DEFAULT_LEAF_SIZE = 4
+DEFAULT_TRAVERSAL_COST = 1.0
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="MESH|SCENE",
+        help="A mesh file (PLY, OBJ, STL, OFF, GLB), a scene file (.toml), or a shipped scene: "
+        "demo, bunny, dragon, drill, knot, terrain.",
+        show_default=False,
+    ),
+]
+Builder = Annotated[str, typer.Option(help="sah; to render also brute: no tree.", rich_help_panel=TREE_PANEL)]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        help="Processes that build; 1: no others.",
+        show_default="one per processor, for large meshes",
+        rich_help_panel=TREE_PANEL,
+    ),
+]
+Bins = Annotated[int, typer.Option(help="Bins per axis, 2 to 64.", rich_help_panel=TREE_PANEL)]
+LeafSize = Annotated[int, typer.Option(help="Most triangles in a leaf.", rich_help_panel=TREE_PANEL)]
+TraversalCost = Annotated[
+    float, typer.Option(help="Cost of a node step, in triangle tests.", rich_help_panel=TREE_PANEL)
+]
+TaskThreshold = Annotated[
+    int | None,
+    typer.Option(
+        help="Most triangles that become one worker's task.",
+        show_default="by mesh and workers",
+        rich_help_panel=TREE_PANEL,
+    ),
+]
+UseCache = Annotated[
+    bool,
+    typer.Option(
+        "--cache", help="Keep the tree for the next run, and use one that was kept.", rich_help_panel=TREE_PANEL
+    ),
+]
+CacheFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--cache-dir",
+        metavar="DIR",
+        help="The same, in this folder.",
+        show_default="the user's cache, CLBVH_CACHE",
+        rich_help_panel=TREE_PANEL,
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
+
+
+def make_build_options(bins: int, leaf_size: int, traversal_cost: float, task_threshold: int | None) -> BuildOptions:
+    """Return what the options say, checked."""
+    from ..build import BuildOptions
+
+    return BuildOptions(bins=bins, leaf_size=leaf_size, traversal_cost=traversal_cost, task_threshold=task_threshold)
+
+
+def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:
+    """Return the folder that `--cache` and `--cache-dir` mean, or None without either."""
+    from ..render.tree_cache import find_tree_cache
+
+    if folder is not None:
+        return folder
+    return find_tree_cache() if use_cache else None

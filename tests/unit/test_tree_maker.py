@@ -1,0 +1,229 @@
+"""Trees that are built, and trees that come from the cache; nothing about the cache is ever fatal."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build, validate_tree
+from clbvh.errors import ConfigError
+from clbvh.render import tree_maker
+from clbvh.render.tree_cache import cache_path, find_tree_cache
+from clbvh.render.tree_maker import TreeMaker, TreeOptions
+
+from ..soup import make_soup
+
+MESH = make_soup(500, 1)
+
+
+@pytest.fixture
+def cached(tmp_path):
+    """Options with a cache in a folder that does not exist yet."""
+    return TreeOptions(cache=tmp_path / "some" / "folder")
+
+
+def make(options, mesh=MESH):
+    with TreeMaker(options, mesh.face_count) as maker:
+        return maker.make(mesh)
+
+
+def file_of(options, mesh=MESH):
+    return cache_path(options.cache, mesh, options.builder, options.build)
+
+
+class FakePool:
+    """Counts the pools that are open; builds nothing."""
+
+    opened = closed = 0
+
+    def __init__(self, workers):
+        self.workers = workers or 7
+        self.start_ms = 1.5
+
+    def __enter__(self):
+        type(self).opened += 1
+        return self
+
+    def __exit__(self, *error):
+        type(self).closed += 1
+
+
+@pytest.fixture
+def fake_pool(monkeypatch):
+    FakePool.opened = FakePool.closed = 0
+    monkeypatch.setattr(tree_maker, "SubtreePool", FakePool)
+    monkeypatch.setattr(tree_maker, "build", lambda mesh, pool, **options: build(mesh))
+    return FakePool
+
+
+def test_without_a_cache_the_tree_is_built(tmp_path):
+    made = make(TreeOptions(build=BuildOptions(leaf_size=1)))
+    assert made.bvh.nodes.tobytes() == build(MESH, leaf_size=1).nodes.tobytes()
+    assert (made.from_cache, made.workers, made.notes) == (False, 1, ())
+    assert made.timings_ms["build"] > 0
+    assert made.timings_ms["cache"] == made.timings_ms["pool_start"] == 0
+
+
+def test_the_second_time_the_tree_comes_from_the_cache(cached):
+    first, second = make(cached), make(cached)
+    assert (first.from_cache, second.from_cache) == (False, True)
+    assert second.bvh.nodes.tobytes() == first.bvh.nodes.tobytes()
+    assert second.bvh.prim_ids.tobytes() == first.bvh.prim_ids.tobytes()
+    assert (second.workers, second.notes) == (0, ())
+    assert second.timings_ms["build"] == 0 < second.timings_ms["cache"]
+    assert [path.name for path in cached.cache.iterdir()] == [file_of(cached).name]
+
+
+def test_a_mesh_of_another_name_has_the_same_tree(cached):
+    make(cached)
+    assert make(cached, dataclasses.replace(MESH, name="other")).from_cache
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"build": BuildOptions(bins=8)},
+        {"build": BuildOptions(leaf_size=1)},
+        {"build": BuildOptions(traversal_cost=2.0)},
+    ],
+)
+def test_other_options_have_another_tree(cached, change):
+    make(cached)
+    other = dataclasses.replace(cached, **change)
+    made = make(other)
+    assert not made.from_cache
+    assert make(other).bvh.nodes.tobytes() == made.bvh.nodes.tobytes() != make(cached).bvh.nodes.tobytes()
+
+
+def test_every_option_but_the_threshold_is_in_the_name(tmp_path):
+    """Also those that the future brings."""
+    other = {int: 5, float: 5.0}
+    names = {cache_path(tmp_path, MESH, "sah", BuildOptions()), cache_path(tmp_path, MESH, "another", BuildOptions())}
+    fields = [field for field in dataclasses.fields(BuildOptions) if field.name != "task_threshold"]
+    for field in fields:
+        changed = BuildOptions(**{field.name: other[type(field.default)]})
+        names.add(cache_path(tmp_path, MESH, "sah", changed))
+    assert len(names) == 2 + len(fields)
+    threshold = BuildOptions(task_threshold=5)
+    assert cache_path(tmp_path, MESH, "sah", threshold) == cache_path(tmp_path, MESH, "sah", BuildOptions())
+
+
+def test_another_version_builds_again(cached, monkeypatch):
+    make(cached)
+    monkeypatch.setattr("clbvh.render.tree_cache.version", lambda package: "99.0")
+    assert not make(cached).from_cache
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:-1], lambda data: data + b"x", lambda data: b"", bytes.upper])
+def test_a_damaged_file_is_replaced(cached, damage):
+    make(cached)
+    path = file_of(cached)
+    good = path.read_bytes()
+    path.write_bytes(damage(good))
+    made = make(cached)
+    assert not made.from_cache
+    (note,) = made.notes
+    assert str(path) in note
+    assert "built again" in note
+    validate_tree(made.bvh)
+    assert path.read_bytes() == good
+    assert make(cached).from_cache
+
+
+def test_the_file_of_another_mesh_is_not_used(cached):
+    other = Mesh(MESH.vertices * 2, MESH.faces, MESH.origin)
+    make(cached, other)
+    file_of(cached, other).rename(file_of(cached))
+    made = make(cached)
+    assert not made.from_cache
+    assert "another mesh" in made.notes[0]
+    validate_tree(made.bvh)
+
+
+def test_a_folder_in_the_place_of_the_file_is_no_end(cached):
+    file_of(cached).mkdir(parents=True)
+    made = make(cached)
+    assert not made.from_cache
+    assert len(made.notes) == 2
+    assert "this is a folder" in made.notes[1]
+    validate_tree(made.bvh)
+
+
+def test_a_full_disk_is_no_end(cached, monkeypatch):
+    def fail(bvh, path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Bvh, "save", fail)
+    (note,) = make(cached).notes
+    assert "cannot be kept" in note
+    assert "No space left" in note
+
+
+def test_a_folder_that_cannot_be_made_is_found_before_the_work(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="trees cannot be kept in this folder"):
+        TreeMaker(TreeOptions(cache=tmp_path / "file" / "folder"), 1)
+
+
+def test_the_cache_lies_in_the_cache_of_the_user(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLBVH_CACHE", str(tmp_path))
+    assert find_tree_cache() == tmp_path / "trees"
+
+
+def test_workers_start_before_the_mesh_is_there(fake_pool):
+    with TreeMaker(TreeOptions(workers=2), 1) as maker:
+        assert fake_pool.opened == 1
+        made = maker.make(MESH)
+    assert fake_pool.closed == 1
+    assert (made.workers, made.timings_ms["pool_start"]) == (2, 1.5)
+
+
+def test_workers_end_when_the_mesh_fails(fake_pool):
+    with pytest.raises(RuntimeError), TreeMaker(TreeOptions(workers=2), 1):
+        raise RuntimeError
+    assert (fake_pool.opened, fake_pool.closed) == (1, 1)
+
+
+@pytest.mark.parametrize(("workers", "expected"), [(None, 0), (1, 0), (2, 1)])
+def test_small_meshes_have_workers_only_when_they_are_wanted(fake_pool, workers, expected):
+    make(TreeOptions(workers=workers))
+    assert fake_pool.opened == fake_pool.closed == expected
+
+
+def test_large_meshes_have_workers_of_themselves(fake_pool):
+    with TreeMaker(TreeOptions(), 10**7):
+        assert fake_pool.opened == 1
+    with TreeMaker(TreeOptions(workers=1), 10**7):
+        assert fake_pool.opened == 1
+
+
+def test_with_a_cache_workers_start_only_when_there_is_something_to_build(fake_pool, cached):
+    wanted = dataclasses.replace(cached, workers=2)
+    with TreeMaker(wanted, 10**7) as maker:
+        assert fake_pool.opened == 0
+        assert maker.make(MESH).workers == 2
+    assert make(wanted).from_cache
+    assert fake_pool.opened == fake_pool.closed == 1
+
+
+def test_real_workers_fill_the_cache_with_the_same_tree(cached):
+    wanted = dataclasses.replace(cached, workers=2, build=BuildOptions(task_threshold=100))
+    made = make(wanted)
+    assert (made.workers, made.from_cache) == (2, False)
+    again = make(cached)
+    assert again.from_cache
+    assert (again.bvh.nodes == made.bvh.nodes).all()
+    assert np.array_equal(again.bvh.prim_ids, build(MESH).prim_ids)
+
+
+def test_options_are_checked():
+    with pytest.raises(ConfigError, match="not 'brute'"):
+        TreeOptions(builder="brute")
+    assert RenderOptions(builder="brute").builder == "brute"
+    for kind in (TreeOptions, RenderOptions):
+        with pytest.raises(ConfigError, match="not 'magic'"):
+            kind(builder="magic")
+        with pytest.raises(ConfigError, match="workers must be at least 1, not 0"):
+            kind(workers=0)
