@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ..errors import ClbvhError, DeviceError
-from . import devices, doctor, fetch, render
+from . import devices, doctor, fetch, render, stats
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -24,6 +24,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command(name="render")(render.render)
+app.command(name="stats")(stats.stats)
 app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)
 app.command(name="doctor")(doctor.doctor)

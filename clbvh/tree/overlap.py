@@ -86,21 +86,24 @@ def measure_overlap(
     rows = np.ascontiguousarray(bvh.nodes).view(np.float32).reshape(-1, NODE_LANES)
     count = bvh.nodes["count"]
     costs = np.where(count > 0, count * float(intersection_cost), float(traversal_cost))
-    corners = bvh.mesh.vertices[bvh.mesh.faces[bvh.prim_ids[places]]].astype(np.float64)
-    overlap, area = _sum_overlaps(corners, places, rows, rows.view(np.int32), costs, bvh.depth)
+    overlap, area = _sum_overlaps(
+        bvh.mesh.vertices, bvh.mesh.faces, bvh.prim_ids, places, rows, rows.view(np.int32), costs, bvh.depth
+    )
     return Overlap(float(overlap / area) if area > 0 else 0.0, sample_count)
 
 
 @njit(cache=True, nogil=True)
-def _sum_overlaps(corners, places, rows, row_ints, costs, depth):  # type: ignore[no-untyped-def]
+def _sum_overlaps(  # type: ignore[no-untyped-def]
+    vertices, faces, prim_ids, places, rows, row_ints, costs, depth
+):
     """Return the summed costs times areas of the overlaps of some triangles, and the triangles' own area.
 
     Parameters
     ----------
-    corners : (n, 3, 3) float64
-        The triangles.
+    vertices, faces, prim_ids
+        Of the mesh and of the tree.
     places : (n,) int64
-        Where each stands in the order of the leaves.
+        Where the triangles stand in `prim_ids`.
     rows, row_ints : (N, 8) float32 and int32
         The nodes.
     costs : (N,) float64
@@ -121,7 +124,8 @@ def _sum_overlaps(corners, places, rows, row_ints, costs, depth):  # type: ignor
 
     overlap, total_area = 0.0, 0.0
     for number in range(len(places)):
-        polygon[:3] = corners[number]
+        for corner in range(3):
+            polygon[corner] = vertices[faces[prim_ids[places[number]], corner]]
         area = _measure_area(polygon, 3)
         total_area += area
         if area == 0:

@@ -1,0 +1,185 @@
+"""`clbvh stats`: what a mesh's tree consists of, how good it is, and how long it took."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import options
+
+if TYPE_CHECKING:
+    from ..render.tree_maker import TreeOptions
+    from ..tree import TreeStats
+
+_MIB = 1 << 20
+
+# Of the histograms in the terminal.
+_MOST_ROWS = 16
+_BAR_CELLS = 40
+
+
+def stats(
+    source: options.Source,
+    builder: options.Builder = options.DEFAULT_BUILDER,
+    workers: options.Workers = None,
+    bins: options.Bins = options.DEFAULT_BINS,
+    leaf_size: options.LeafSize = options.DEFAULT_LEAF_SIZE,
+    traversal_cost: options.TraversalCost = options.DEFAULT_TRAVERSAL_COST,
+    task_threshold: options.TaskThreshold = None,
+    exact: Annotated[
+        bool,
+        typer.Option("--exact", help="Measure the end-point overlap on all triangles, not on 200,000 at most."),
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the histograms of leaf sizes and depths.")
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Build a tree and measure it."""
+    from ..render import open_scene
+    from ..render.tree_maker import TreeMaker, TreeOptions
+    from ..stopwatch import Stopwatch
+    from ..study.tree_plot import check_plot_path, write_tree_plot
+    from ..tree import measure_tree
+    from ..tree.stats import OVERLAP_SAMPLE
+
+    # Everything that can be refused is refused before any work.
+    if plot is not None:
+        check_plot_path(plot)
+    scene = open_scene(source)
+    wanted = TreeOptions(
+        builder=builder,
+        workers=workers,
+        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold),
+    )
+
+    watch = Stopwatch()
+    with TreeMaker(wanted, scene.mesh.estimate_face_count()) as maker:
+        mesh = scene.transform.apply(scene.mesh.load())
+        watch.lap("load")
+        made = maker.make(mesh)
+    watch.lap("build")
+    measured = measure_tree(made.bvh, traversal_cost=traversal_cost, overlap_sample=None if exact else OVERLAP_SAMPLE)
+    watch.lap("measure")
+    if plot is not None:
+        write_tree_plot(plot, measured, f"{mesh.name}, builder {builder}")
+
+    root = made.bvh.nodes[0]
+    report = {
+        "mesh": {
+            "name": mesh.name,
+            "vertices": len(mesh.vertices),
+            "triangles": mesh.face_count,
+            "degenerate_triangles": mesh.degenerate_count,
+            "size": (root["aabb_max"] - root["aabb_min"]).tolist(),
+            "centre": mesh.origin.tolist(),
+            "bytes": mesh.vertices.nbytes + mesh.faces.nbytes,
+        },
+        "build": {
+            **_describe_options(wanted),
+            "workers": made.workers,
+            "timings_ms": {
+                "load": watch.laps_ms["load"],
+                "pool_start": made.timings_ms["pool_start"],
+                "build": made.timings_ms["build"],
+                "measure": watch.laps_ms["measure"],
+            },
+            "phases_ms": dict(made.bvh.timings_ms),
+        },
+        "tree": measured.as_dict(),
+    }
+    if as_json:
+        print(json.dumps(report, indent=2))
+    else:
+        _print_report(report, measured)
+
+
+def _describe_options(wanted: TreeOptions) -> dict[str, Any]:
+    import dataclasses
+
+    return {"builder": wanted.builder, **dataclasses.asdict(wanted.build)}
+
+
+def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    mesh, build = report["mesh"], report["build"]
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    facts.add_column(style="dim")
+    facts.add_column()
+    degenerate = mesh["degenerate_triangles"]
+    facts.add_row(
+        "mesh",
+        f"{escape(mesh['name'])}, {mesh['triangles']:,} triangles, {mesh['vertices']:,} vertices"
+        + (f", {degenerate:,} degenerate" if degenerate else ""),
+    )
+    facts.add_row("size", " x ".join(f"{length:.6g}" for length in mesh["size"]))
+    facts.add_row("centre", ", ".join(f"{coordinate:.9g}" for coordinate in mesh["centre"]))
+    facts.add_row(
+        "nodes",
+        f"{measured.node_count:,}: {measured.interior_count:,} interior, {measured.leaf_count:,} leaves",
+    )
+    facts.add_row("depth", f"{measured.depth}, of a leaf {measured.mean_leaf_depth:.2f} in the mean")
+    facts.add_row("SAH cost", f"{measured.sah_cost:.3f}, with a traversal cost of {measured.traversal_cost:g}")
+    sampled = measured.epo_triangles < measured.triangle_count
+    facts.add_row(
+        "EPO", f"{measured.epo:.3f}" + (f", on a sample of {measured.epo_triangles:,} triangles" if sampled else "")
+    )
+    facts.add_row("on the host", _format_bytes(measured.host_bytes, measured.host_bytes_per_triangle))
+    for layout, size in measured.device_bytes.items():
+        per_triangle = measured.device_bytes_per_triangle[layout]
+        facts.add_row(f"as {layout}", f"{_format_bytes(size, per_triangle)}, triangles included")
+
+    times = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("phase", "ms", ""):
+        times.add_column(heading, justify="right" if heading == "ms" else "left")
+    workers = f"{build['workers']} worker{'s' if build['workers'] > 1 else ''}"
+    rows = [
+        ("load", build["timings_ms"]["load"], "load and re-base the mesh"),
+        ("build", build["timings_ms"]["build"], f"builder {build['builder']}, {workers}; of this:"),
+        *((f"  {phase}", ms, "") for phase, ms in build["phases_ms"].items()),
+        ("measure", build["timings_ms"]["measure"], "what stands above"),
+    ]
+    for phase, ms, what in rows:
+        times.add_row(phase, f"{ms:,.1f}", f"[dim]{what}[/dim]")
+
+    console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
+    for table in (
+        facts,
+        _make_histogram("triangles", measured.leaf_sizes, measured.leaf_count),
+        _make_histogram("depth", measured.leaf_depths, measured.leaf_count),
+        times,
+    ):
+        console.print(table)
+        if table is not times:
+            console.print()
+
+
+def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
+    """Return a table of bars."""
+    from rich.table import Table
+
+    from ..tree.histogram import gather_bars
+
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    table.add_column(heading, justify="right")
+    table.add_column("leaves", justify="right")
+    table.add_column("")
+    table.add_column("")
+    bars = gather_bars(counts, _MOST_ROWS)
+    highest = max(bar.count for bar in bars)
+    for bar in bars:
+        # What there is at all can be seen.
+        cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
+        table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", "█" * cells)
+    return table
+
+
+def _format_bytes(size: int, per_triangle: float) -> str:
+    return f"{size / _MIB:,.1f} MiB, {per_triangle:.1f} bytes per triangle"

@@ -1,0 +1,153 @@
+"""One picture of a tree: how full its leaves are, and how deep they lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import ConfigError
+from ..tree import TreeStats
+from ..tree.histogram import Bar, gather_bars
+from ..whole_file import check_target, write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PLOT_SUFFIX = ".png"
+
+# The figure is 1500 x 750 pixels: sharp on a slide, and whole on a screen.
+_SIZE_INCHES = (10, 5)
+_DPI = 150
+
+_MOST_BARS = 40
+# Above this many bars, numbers on them would touch each other.
+_MOST_LABELS = 12
+# Of the space from one bar to the next.
+_BAR_WIDTH = 0.82
+# From the centre of the outermost bar to the edge, in bars.
+_MARGIN = 0.7
+# Room above the highest bar, for what is written there.
+_HEADROOM = 1.1
+# From the axis to its numbers, in points: the mark of the mean stands there.
+_TICK_PAD = 9
+
+_INK, _MUTED, _GRID = "#20262e", "#66707c", "#e3e7ec"
+_SIZE_COLOUR, _DEPTH_COLOUR = "#2f6f9f", "#c7772e"
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 10,
+    "text.color": _INK,
+    "axes.edgecolor": _MUTED,
+    "axes.labelcolor": _MUTED,
+    "xtick.color": _MUTED,
+    "ytick.color": _MUTED,
+}
+
+
+def check_plot_path(path: Path) -> None:
+    """Raise `ConfigError` unless a plot can be drawn and written there; for a check before the work begins."""
+    if path.suffix.lower() != PLOT_SUFFIX:
+        raise ConfigError(f"{path}: a plot's name must end in {PLOT_SUFFIX}")
+    check_target(path)
+    try:
+        import matplotlib as matplotlib
+    except ImportError as error:
+        raise ConfigError(f"a plot needs matplotlib: run 'pip install clbvh[study]' ({error})") from error
+
+
+def write_tree_plot(path: Path, stats: TreeStats, title: str) -> None:
+    """Draw a tree's histograms into a PNG file.
+
+    Parameters
+    ----------
+    path : Path
+    stats : TreeStats
+    title : str
+        What the figure calls the tree: mesh and builder.
+
+    Raises
+    ------
+    ConfigError
+        Matplotlib is not installed, or there can be no such file.
+    """
+    check_plot_path(path)
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE):
+        figure = _draw(stats, title)
+        write_whole(path, lambda file: figure.savefig(file, format="png", facecolor="white"))
+
+
+def _draw(stats: TreeStats, title: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI)
+    sizes, depths = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1, 1.6)})
+    figure.subplots_adjust(left=0.085, right=0.98, top=0.74, bottom=0.09, wspace=0.13)
+
+    # Dollar signs would begin a formula.
+    figure.text(0.02, 0.925, title.replace("$", r"\$"), fontsize=15, fontweight="bold")
+    figure.text(0.02, 0.87, _summary(stats), color=_MUTED)
+    for axes, histogram, colour, heading, mean in (
+        (sizes, stats.leaf_sizes, _SIZE_COLOUR, "Triangles in a leaf", stats.mean_leaf_size),
+        (depths, stats.leaf_depths, _DEPTH_COLOUR, "Depth of a leaf", stats.mean_leaf_depth),
+    ):
+        _draw_bars(axes, gather_bars(histogram, _MOST_BARS), stats.leaf_count, colour)
+        _mark_mean(axes, heading, mean)
+    sizes.set_ylabel("share of all leaves")
+    return figure
+
+
+def _summary(stats: TreeStats) -> str:
+    sampled = "" if stats.epo_triangles == stats.triangle_count else " (sampled)"
+    facts = (
+        f"triangles {stats.triangle_count:,}",
+        f"nodes {stats.node_count:,}",
+        f"leaves {stats.leaf_count:,}",
+        f"SAH cost {stats.sah_cost:.2f}",
+        f"EPO {stats.epo:.2f}{sampled}",
+        f"{stats.host_bytes_per_triangle:.0f} bytes per triangle",
+    )
+    return "   ·   ".join(facts)
+
+
+def _draw_bars(axes: Any, bars: list[Bar], total: int, colour: str) -> None:
+    """Draw a histogram as shares of all leaves, with the shares on the bars where there is room."""
+    width = bars[0].last + 1 - bars[0].first
+    centres = [bar.first + (width - 1) / 2 for bar in bars]
+    shares = [bar.count / total for bar in bars]
+    drawn = axes.bar(centres, shares, width=_BAR_WIDTH * width, color=colour, zorder=2)
+    if len(bars) <= _MOST_LABELS:
+        axes.bar_label(drawn, [_percent(share) for share in shares], padding=2, fontsize=9, color=_INK)
+        axes.set_xticks(centres, [bar.label for bar in bars])
+    else:
+        axes.xaxis.get_major_locator().set_params(integer=True)
+
+    axes.set_xlim(centres[0] - _MARGIN * width, centres[-1] + _MARGIN * width)
+    axes.set_ylim(0, _HEADROOM * max(shares))
+    axes.yaxis.set_major_formatter(lambda share, place: f"{100 * share:.3g} %")
+    axes.grid(axis="y", color=_GRID, linewidth=0.8, zorder=0)
+    axes.tick_params(length=0)
+    axes.tick_params(axis="x", pad=_TICK_PAD)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+
+
+def _mark_mean(axes: Any, heading: str, mean: float) -> None:
+    """Write the heading, and set a mark on the axis where the mean is."""
+    mark = {"marker": "D", "markersize": 7, "color": "white", "markeredgecolor": _INK, "clip_on": False}
+    axes.plot([mean], [0], zorder=4, **mark)
+    axes.set_title(heading, loc="left", fontsize=11, fontweight="bold", pad=10)
+    legend = axes.legend(
+        [axes.plot([], [], linestyle="none", **mark)[0]], [f"mean {mean:.2f}"],
+        loc="lower right", bbox_to_anchor=(1, 1), frameon=False, borderaxespad=0.1, handletextpad=0.2,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_color(_MUTED)
+
+
+def _percent(share: float) -> str:
+    """Return a share without decimals, unless that would say nothing."""
+    if share == 0:
+        return ""
+    return "<1 %" if share < 0.01 else f"{100 * share:.0f} %"

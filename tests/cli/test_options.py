@@ -1,0 +1,42 @@
+"""Options that several verbs share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clbvh import BuildOptions
+from clbvh.cli import options
+from clbvh.render.tree_maker import TreeOptions
+
+from .command import run_clbvh
+
+
+def test_the_defaults_are_those_of_the_library():
+    assert TreeOptions().builder == options.DEFAULT_BUILDER
+    made = options.make_build_options(
+        options.DEFAULT_BINS, options.DEFAULT_LEAF_SIZE, options.DEFAULT_TRAVERSAL_COST, None
+    )
+    assert made == BuildOptions()
+
+
+def test_every_option_arrives_where_it_belongs():
+    assert options.make_build_options(3, 5, 7.5, 9) == BuildOptions(
+        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9
+    )
+
+
+def test_the_folder_of_the_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("CLBVH_CACHE", str(tmp_path))
+    assert options.find_cache_folder(False, None) is None
+    assert options.find_cache_folder(True, None) == tmp_path / "trees"
+    assert options.find_cache_folder(True, Path("there")) == Path("there")
+    assert options.find_cache_folder(False, Path("there")) == Path("there")
+
+
+@pytest.mark.parametrize("verb", ["render", "stats"])
+def test_both_verbs_have_the_options_of_a_build(verb):
+    text = run_clbvh(verb, "--help", COLUMNS="200", NO_COLOR="1").stdout
+    for option in ("--builder", "--workers", "--bins", "--leaf-size", "--traversal-cost", "--task-threshold", "--json"):
+        assert option in text

@@ -1,0 +1,130 @@
+"""`clbvh stats` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+
+import imageio.v3 as imageio
+import pytest
+
+from clbvh import build, make_shape, measure_tree
+
+from .command import run_clbvh
+
+SCENE = '[mesh]\nshape = "knot"\ntriangles = 2000\n'
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "knot.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def knot():
+    return make_shape("knot", triangles=2000)
+
+
+def read(result):
+    """Return the object that a run printed, and nothing else."""
+    assert (result.returncode, result.stderr) == (0, "")
+    return json.loads(result.stdout)
+
+
+def test_json_has_what_the_library_measures(scene, knot):
+    report = read(run_clbvh("stats", scene, "--json"))
+    assert report.keys() == {"mesh", "build", "tree"}
+    assert report["tree"] == json.loads(json.dumps(measure_tree(build(knot)).as_dict()))
+    mesh = report["mesh"]
+    assert (mesh["triangles"], mesh["vertices"]) == (knot.face_count, len(knot.vertices))
+    assert (mesh["degenerate_triangles"], mesh["bytes"]) == (0, 12 * (knot.face_count + len(knot.vertices)))
+    assert mesh["centre"] == knot.origin.tolist()
+    assert mesh["size"] == pytest.approx((knot.vertices.max(axis=0) - knot.vertices.min(axis=0)).tolist())
+    assert report["build"]["phases_ms"].keys() == build(knot).timings_ms.keys()
+    assert report["build"]["timings_ms"].keys() == {"load", "pool_start", "build", "measure"}
+
+
+def test_options_reach_the_build_and_the_measures(scene, knot):
+    arguments = ("--leaf-size", 8, "--traversal-cost", 3, "--bins", 5, "--workers", 2, "--task-threshold", 100)
+    report = read(run_clbvh("stats", scene, "--json", *arguments))
+    expected = measure_tree(build(knot, leaf_size=8, traversal_cost=3, bins=5), traversal_cost=3)
+    assert report["tree"] == json.loads(json.dumps(expected.as_dict()))
+    made = report["build"]
+    assert (made["builder"], made["leaf_size"], made["traversal_cost"], made["bins"]) == ("sah", 8, 3, 5)
+    assert (made["workers"], made["task_threshold"]) == (2, 100)
+
+
+def test_the_tables_say_it_all(scene, knot):
+    stats = measure_tree(build(knot))
+    result = run_clbvh("stats", scene)
+    assert (result.returncode, result.stderr) == (0, "")
+    for word in (
+        f"{knot.face_count:,} triangles",
+        f"{stats.node_count:,}: {stats.interior_count:,} interior, {stats.leaf_count:,} leaves",
+        f"{stats.sah_cost:.3f}",
+        f"{stats.epo:.3f}",
+        f"{stats.host_bytes_per_triangle:.1f} bytes per triangle",
+        "as bvh2",
+        "builder sah, 1 worker",
+        *build(knot).timings_ms,
+    ):
+        assert word in result.stdout
+    for size, count in enumerate(stats.leaf_sizes):
+        if count:
+            assert f"{size}  " in result.stdout
+            assert f"{count:,}" in result.stdout
+    assert "sample" not in result.stdout
+
+
+def test_a_large_mesh_is_sampled_unless_exact(tmp_path):
+    scene = tmp_path / "terrain.toml"
+    scene.write_text('[mesh]\nshape = "terrain"\ntriangles = 210000\n')
+    sampled = read(run_clbvh("stats", scene, "--json"))["tree"]
+    exact = read(run_clbvh("stats", scene, "--json", "--exact"))["tree"]
+    assert sampled["epo_triangles"] == 200_000 < exact["epo_triangles"] == exact["triangle_count"]
+    assert sampled["epo"] == pytest.approx(exact["epo"], rel=0.02)
+    assert "on a sample of 200,000 triangles" in run_clbvh("stats", scene).stdout
+
+
+def test_a_plot_is_written(scene, tmp_path):
+    read(run_clbvh("stats", scene, "--json", "--plot", tmp_path / "a.png"))
+    assert imageio.imread(tmp_path / "a.png").shape[:2] == (750, 1500)
+
+
+def refuses(result, code, *words):
+    assert (result.returncode, result.stdout) == (code, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("clbvh: ")
+    for word in words:
+        assert word in line
+
+
+def test_a_missing_matplotlib_is_named(scene, tmp_path):
+    (tmp_path / "matplotlib.py").write_text("raise ImportError('no such thing')\n")
+    result = run_clbvh("stats", scene, "--plot", tmp_path / "a.png", PYTHONPATH=str(tmp_path))
+    refuses(result, 2, "pip install clbvh[study]", "matplotlib")
+    assert run_clbvh("stats", scene, PYTHONPATH=str(tmp_path)).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--plot", "a.pdf"), ("a.pdf", ".png")),
+        (("--plot", "gone/a.png"), ("does not exist",)),
+        (("--builder", "brute"), ("builder", "brute")),
+        (("--bins", "1"), ("bins", "1")),
+        (("--workers", "0"), ("workers", "0")),
+        (("--traversal-cost", "0"), ("traversal_cost", "0")),
+    ],
+)
+def test_options_out_of_range_are_wrong_usage(scene, arguments, words):
+    refuses(run_clbvh("stats", scene, *arguments), 2, *words)
+
+
+def test_a_missing_mesh_is_bad_input(tmp_path):
+    refuses(run_clbvh("stats", tmp_path / "gone.ply"), 2, "gone.ply", "no such file")
+
+
+def test_no_device_is_needed(scene, tmp_path):
+    assert run_clbvh("stats", scene, OCL_ICD_VENDORS=str(tmp_path / "gone.icd")).returncode == 0
