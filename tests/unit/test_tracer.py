@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Tracer, build
+from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, DeviceError
 from clbvh.geometry.shapes import make_shape
-from clbvh.layout import NO_PRIM
+from clbvh.layout import HIT, NO_PRIM, RAY
 from clbvh.trace import tracer as tracer_module
 
+from ..chain import make_chain
 from ..rays import aim, as_float32, centred, hard_rays
 
 COUNTS = [0, 1, 2, 63, 64, 65, 1023, 1024, 1025]
@@ -80,6 +82,17 @@ class TestBatches:
         hits = tracer.closest_hit(origins, directions)
         for field in FIELDS:
             assert getattr(hits, field)[:-1].tobytes() == getattr(expected, field).tobytes(), field
+
+    @pytest.mark.parametrize(("count", "rays_held"), [(0, 0), (7, 7), (100, 100), (101, 100), (1000, 100)])
+    def test_memory_is_that_of_one_chunk_at_most(self, tracer, rays, monkeypatch, count, rays_held):
+        sizes = []
+        allocate = tracer._session.allocate
+        monkeypatch.setattr(tracer_module, "CHUNK_RAYS", 100)
+        monkeypatch.setattr(
+            tracer._session, "allocate", lambda size, **how: sizes.append(size) or allocate(size, **how)
+        )
+        tracer.closest_hit(rays[0][:count], rays[1][:count])
+        assert sizes == [rays_held * RAY.itemsize, rays_held * HIT.itemsize]
 
     def test_memory_goes_back_after_each_batch(self, tracer, rays):
         session = tracer._session
@@ -348,6 +361,19 @@ class TestLife:
             Tracer(build(mesh), layout="bvh3")
         with pytest.raises(DeviceError, match="no such board"):
             Tracer(build(mesh), device="no such board")
+
+    def test_a_tree_that_is_refused_leaves_nothing_on_the_device(self, session, monkeypatch):
+        opened = []
+
+        class Recorded(DeviceSession):
+            def __init__(self, device):
+                super().__init__(device)
+                opened.append(self)
+
+        monkeypatch.setattr(tracer_module, "DeviceSession", Recorded)
+        with pytest.raises(ConfigError, match="levels deep"):
+            Tracer(make_chain(1026, "left")[1], device=session.info)
+        assert [session.is_closed for session in opened] == [True]
 
     def test_two_tracers_do_not_disturb_each_other(self, session, tracer, rays, expected):
         other_mesh = make_shape("icosphere", triangles=80)
