@@ -15,8 +15,10 @@ from clbvh.build.arena import Arena
 from clbvh.build.ladder import DEFAULT_BINS, LADDER, RUNGS, climb, order, steps
 from clbvh.build.ladder.divide import BINS, SELECT, SORT
 from clbvh.build.ladder.heap import COUNTER_WORDS, NODE_BYTES, WORDS, Heap, allocate_node
+from clbvh.build.ladder.linked import build_linked
 from clbvh.build.ladder.order import select, sort_range
-from clbvh.build.ladder.prims import Cached, Recomputed
+from clbvh.build.ladder.prims import Cached, Recomputed, fill_cache
+from clbvh.build.ladder.rows import build_rows
 from clbvh.build.ladder.rungs import Nodes
 from clbvh.build.options import MAX_DEPTH
 from clbvh.errors import InternalError
@@ -137,6 +139,20 @@ def test_the_others_build_the_tree_of_bins(mesh_name, leaf_size, bins):
         ), name  # fmt: skip
 
 
+def test_no_box_holds_a_negative_zero():
+    """Which of two zeros a minimum gives depends on their order, and the order on the way to the split."""
+    random = np.random.default_rng(8)
+    vertices = random.choice(np.array([-1, -0.0, 0.0, 1], np.float32), (300, 3))
+    mesh = Mesh(vertices, np.arange(300, dtype=np.int32).reshape(-1, 3), np.zeros(3))
+    for names in (MEDIAN_NAMES, BIN_NAMES):
+        trees = [LADDER[name](mesh, None, BuildOptions(bins=3)) for name in names]
+        assert len({bytes_of(tree) for tree in trees}) == 1
+        for field in ("aabb_min", "aabb_max"):
+            zeros = trees[0].nodes[field][trees[0].nodes[field] == 0]
+            assert len(zeros) > 10
+            assert not np.signbit(zeros).any()
+
+
 def test_the_frontier_is_the_size_of_the_leaves():
     mesh = make_soup(3000, seed=4)
     for frontier in (4, 100):
@@ -182,10 +198,13 @@ def test_each_phase_is_timed(name, phases, pool):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_mesh_is_not_changed_and_may_be_one_that_nobody_may_write_to(name):
     mesh = make_soup(300, seed=5)
+    LADDER[name](mesh, None, BuildOptions())
+    compiled = [len(function.signatures) for function in (build_linked, build_rows, fill_cache)]
     before = mesh.vertices.tobytes(), mesh.faces.tobytes()
     mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
     bvh = LADDER[name](mesh, None, BuildOptions())
     assert bvh.mesh is mesh
+    assert compiled == [len(function.signatures) for function in (build_linked, build_rows, fill_cache)]
     assert (mesh.vertices.tobytes(), mesh.faces.tobytes()) == before
 
 
