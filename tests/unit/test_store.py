@@ -146,12 +146,15 @@ def test_a_forged_number_of_nodes_allocates_nothing(tmp_path, count):
         pytest.param([*RIGHT_LINKS[:2], (1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child above its parent"),
         pytest.param([*RIGHT_LINKS[:2], (2, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child that is its parent"),
         pytest.param([(1, 0), (3, 0), (3, 0), (0, 2), (2, 2)], RIGHT_PRIMS, id="children of two parents"),
-        pytest.param([(1, 0), (2, 0), (0, 2), (2, 2), (0, 0)], RIGHT_PRIMS, id="one child of two parents"),
+        pytest.param([(1, 0), (2, 0), (0, 2), (2, 1), (3, 1)], RIGHT_PRIMS, id="a left child of two parents"),
+        pytest.param(
+            [(3, 0), (2, 0), (5, 0), (0, 1), (1, 1), (2, 1), (3, 1)], RIGHT_PRIMS, id="a right child of two parents"
+        ),
         pytest.param([*RIGHT_LINKS[:2], (4, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child behind the end"),
         pytest.param([*RIGHT_LINKS[:2], (2**31 - 1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child far behind"),
         pytest.param([*RIGHT_LINKS[:2], (-1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a negative child"),
         pytest.param([(1, 0), (0, 2), (2, 2), (2, 1), (3, 1)], RIGHT_PRIMS, id="rows that no one reaches"),
-        pytest.param([(1, 0), (0, 2), (2, 1), (3, 1), (0, 4)], RIGHT_PRIMS, id="leaves that no one reaches"),
+        pytest.param([(1, 0), (0, 1), (1, 1), (2, 1), (3, 1)], RIGHT_PRIMS, id="leaves that no one reaches"),
         pytest.param([(1, 0), (0, -2), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a negative count"),
         pytest.param([(1, 0), (0, -(2**31)), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="the lowest count"),
         pytest.param([(1, 0), (0, 2**31 - 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a huge count"),
@@ -161,12 +164,19 @@ def test_a_forged_number_of_nodes_allocates_nothing(tmp_path, count):
         pytest.param([*RIGHT_LINKS[:4], (-1, 1)], RIGHT_PRIMS, id="a leaf before the begin"),
         pytest.param(RIGHT_LINKS, [0, 2, 3, 3], id="a triangle twice"),
         pytest.param(RIGHT_LINKS, [0, 2, 3, 4], id="a triangle too high"),
-        pytest.param(RIGHT_LINKS, [0, 2, 3, -1], id="a negative triangle"),
+        pytest.param(RIGHT_LINKS, [0, 2, -1, 1], id="a negative triangle, the last one from behind"),
+        pytest.param(RIGHT_LINKS, [0, 2, 3, -(2**31)], id="the lowest triangle"),
     ],
 )
 def test_links_that_make_no_tree_are_refused(tmp_path, links, prim_ids):
     forge(tmp_path / "a.tree", links, prim_ids)
     assert "its nodes make no tree" in refused(tmp_path / "a.tree")
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_a_forged_number_of_triangles_is_refused(tmp_path, count):
+    forge(tmp_path / "a.tree", RIGHT_LINKS, range(count))
+    assert "damaged" in refused(tmp_path / "a.tree")
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
