@@ -117,6 +117,13 @@ def test_a_hit_where_nothing_is_is_found(mesh, hit):
     assert (found.expected_t, found.expected_prim_id) == (np.inf, NO_PRIM)
 
 
+def test_a_degenerate_triangle_is_never_hit(mesh):
+    # The ray meets the line that the third triangle is.
+    ray = ([[3, 0, 2]], [[0, 0, -1]])
+    assert len(differences_of(mesh, ray, (2, 1, 0, 2))) == 1
+    assert differences_of(mesh, ray, MISS) == []
+
+
 def test_a_difference_is_one_sentence():
     text = str(Difference(12, 2.5, 3, 2.0, 1))
     assert text == "ray 12: obtained t = 2.5 on triangle 3, expected t = 2 on triangle 1"
