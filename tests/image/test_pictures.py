@@ -171,7 +171,7 @@ def test_the_report_adds_up(knot_picture):
     assert report["rays"] == 96 * 64
     assert report["hits"] == (knot_picture.hits.prim_id >= 0).sum()
     times = report["timings_ms"]
-    assert list(times) == ["load", "pool_start", "build", "compile", "upload", "kernel", "download", "total"]
+    assert list(times) == ["load", "pool_start", "cache", "build", "compile", "upload", "kernel", "download", "total"]
     parts = sum(times[name] for name in times if name not in ("pool_start", "total"))
     assert 0 < parts <= times["total"]
     assert report["mrays_per_s"] == pytest.approx(report["rays"] / times["kernel"] / 1e3)
