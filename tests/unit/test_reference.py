@@ -64,6 +64,12 @@ class TestOneTriangle:
         assert differences_of(mesh, ray, (3, *point, 1)) == []
         assert differences_of(mesh, ray, MISS) == []
 
+    @pytest.mark.parametrize(
+        ("point", "u", "v"), [((0, 0.5), -1e-7, 0.5), ((0.5, 0), 0.5, -1e-7), ((0.5, 0.5), 0.5, 0.500002)]
+    )
+    def test_u_and_v_never_leave_the_triangle(self, mesh, point, u, v):
+        assert len(differences_of(mesh, ([[*point, 2]], [[0, 0, -1]]), (2, u, v, 0))) == 1
+
     def test_just_inside_the_edge_a_miss_is_wrong(self, mesh):
         assert len(differences_of(mesh, ([[0.5, 1e-5, 2]], [[0, 0, -1]]), MISS)) == 1
         assert len(differences_of(mesh, ([[0.5, -1e-5, 2]], [[0, 0, -1]]), (2, 0.5, 0, 0))) == 1
