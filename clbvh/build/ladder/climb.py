@@ -91,8 +91,7 @@ def _rehearse(name: str) -> None:
 def _build(rung: Rung, mesh: Mesh, crew: Crew, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
     count = mesh.face_count
-    leaf_size = options.frontier if rung.frontier else options.leaf_size
-    rule = Rule(rung.how, options.bins or DEFAULT_BINS, leaf_size, rung.copies)
+    rule = Rule(rung.how, options.bins or DEFAULT_BINS, rung.leaf_size(options), rung.copies)
     crew.share("vertices", mesh.vertices)
     crew.share("faces", mesh.faces)
     prim_ids = crew.create("prim_ids", (count,), np.int32)

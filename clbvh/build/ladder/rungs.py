@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from ..options import BuildOptions
 from .divide import BINS, SELECT, SORT
 
 
@@ -55,6 +56,10 @@ class Rung:
     nodes: Nodes = Nodes.HEAP
     flattens: bool = False
     frontier: bool = False
+
+    def leaf_size(self, options: BuildOptions) -> int:
+        """Return how many primitives a leaf of this rung holds at most."""
+        return options.frontier if self.frontier else options.leaf_size
 
 
 SEQUENTIAL = Rung(
