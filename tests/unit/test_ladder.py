@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -346,7 +347,7 @@ def test_every_node_of_the_atomic_rung_is_counted(monkeypatch, pool):
 
 
 def count_held(arrays):
-    return len(steps._held)
+    return len(steps._held.roots)
 
 
 def hold_one_more(arrays):
@@ -363,6 +364,14 @@ def test_workers_keep_no_linked_nodes_after_a_build(pool):
     assert pool.map(count_held, [(), ()]) == [0, 0]
     assert bytes_of(first) == bytes_of(LADDER["flatten"](mesh, None, BuildOptions()))
     assert count_held({}) == 0
+
+
+def test_threads_may_build_at_the_same_time():
+    mesh = make_soup(20_000, seed=9)
+    expected = bytes_of(LADDER["flatten"](mesh, None, BuildOptions()))
+    with ThreadPoolExecutor(2) as threads:
+        trees = list(threads.map(lambda _: LADDER["flatten"](mesh, None, BuildOptions()), range(20)))
+    assert [bytes_of(tree) == expected for tree in trees] == [True] * 20
 
 
 def test_a_subtree_that_gets_lost_is_an_error(monkeypatch):

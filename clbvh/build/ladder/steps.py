@@ -18,6 +18,7 @@ the index array holds them.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -33,8 +34,15 @@ from .rows import build_rows, place_rows
 Arrays = Mapping[str, NDArray[Any]]
 Ids = NDArray[np.int32] | None
 
-# Linked trees of this process that wait to become rows: the root's address by the first primitive's place.
-_held: dict[int, int] = {}
+
+class _Held(threading.local):
+    """Linked trees of this process that wait to become rows; each thread that builds has its own."""
+
+    def __init__(self) -> None:
+        self.roots: dict[int, int] = {}  # the root's address, by the place of the first primitive
+
+
+_held = _Held()
 
 
 class Halves(NamedTuple):
@@ -86,7 +94,7 @@ def divide_range(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rul
 def build_and_hold(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule: Rule) -> int:
     """Build a linked subtree in this process's own heap and keep it there; return its number of nodes."""
     heap = make_private_heap()
-    _held[begin] = _build_linked(arrays, begin, end, depth, ids, rule, heap)
+    _held.roots[begin] = _build_linked(arrays, begin, end, depth, ids, rule, heap)
     return int(heap.counter[0])
 
 
@@ -109,16 +117,16 @@ def build_flat(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule:
 def flatten_held(arrays: Arrays, placements: Sequence[Placement]) -> int:
     """Write those subtrees that this process holds as rows; return how many there are."""
     nodes = arrays["nodes"]
-    mine = [placement for placement in placements if placement.begin in _held]
+    mine = [placement for placement in placements if placement.begin in _held.roots]
     for begin, _, root_row, first_row in mine:
-        flatten(0, _held[begin], nodes, nodes.view(np.int32), root_row, first_row)
+        flatten(0, _held.roots[begin], nodes, nodes.view(np.int32), root_row, first_row)
     return len(mine)
 
 
 def free_held(arrays: Arrays) -> None:
-    """Free all linked trees of this process, those of an interrupted build included."""
-    while _held:
-        free_nodes(_held.popitem()[1])
+    """Free all linked trees that wait, those of an interrupted build included."""
+    while _held.roots:
+        free_nodes(_held.roots.popitem()[1])
 
 
 def link_counted(arrays: Arrays, top: Sequence[tuple[int, NDArray[np.float32], Sequence[int]]]) -> int:
