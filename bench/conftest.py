@@ -21,5 +21,5 @@ def mesh() -> clbvh.Mesh:
 
 @pytest.fixture(scope="session")
 def open3d():
-    """The peer, if it is installed."""
+    """Return the peer, if it is installed."""
     return pytest.importorskip("open3d", reason="peers: open3d is not installed, `make bench` does it")

@@ -17,9 +17,7 @@ def measure_ms(task: Callable[[], Any]) -> float:
     return (time.perf_counter() - begin) * 1e3
 
 
-def compare(
-    title: str, ours: Callable[[], float], theirs: Callable[[], float], *, runs: int = DEFAULT_RUNS
-) -> float:
+def compare(title: str, ours: Callable[[], float], theirs: Callable[[], float], *, runs: int = DEFAULT_RUNS) -> float:
     """Measure two things A B A B ..., print both medians, and return the median of the ratios ours / theirs.
 
     Parameters

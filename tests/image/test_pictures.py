@@ -60,7 +60,7 @@ def test_a_wrong_pixel_is_found(monkeypatch):
     render_rightly = frame_module.FrameRenderer.render
     monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
     scene = Scene(MeshSource(shape="icosphere", triangles=320), width=32, height=20)
-    with pytest.raises(ValidationError, match="1 of 640 pixels differ .* column 16, row 10"):
+    with pytest.raises(ValidationError, match=r"1 of 640 pixels differ .* column 16, row 10"):
         clbvh.render(scene, RenderOptions(validate=True))
 
 

@@ -49,7 +49,7 @@ def installed(request, tmp_path_factory):
 
 
 def test_it_renders_from_another_folder(installed, tmp_path):
-    kind, python = installed
+    _, python = installed
     (tmp_path / "scene.toml").write_text(SCENE)
     command = [python.with_name("clbvh"), "render", "scene.toml", "-o", "out.ppm", "--validate"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
