@@ -10,6 +10,11 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
 
+# numba notices a change in the file of a function, not in the files that it compiles into it; so each state of the
+# compiled rooms has a cache of its own.
+COMPILED := $(shell find clbvh/build clbvh/tree clbvh/trace clbvh/layout.py -name '*.py' | sort | xargs cat | cksum)
+NUMBA_CACHE := $(VENV)/numba-cache/$(firstword $(COMPILED))
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint bench clean
 
@@ -23,7 +28,7 @@ demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
 
 test: $(INSTALLED_DEV) ## run all tests on the OpenCL device at hand, PoCL if there is no other
-	$(BIN)/python -m pytest $(TESTS)
+	NUMBA_CACHE_DIR=$(CURDIR)/$(NUMBA_CACHE) $(BIN)/python -m pytest $(TESTS)
 
 lint: $(INSTALLED_DEV) ## ruff, mypy and import-linter
 	$(BIN)/ruff check .

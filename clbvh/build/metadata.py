@@ -14,19 +14,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .simd import LANES, merge_aabb, merge_centroid
+from .simd import centroid_of, empty_box, load_row, store_row, unite
 
 # Lanes of a record, of a bin and of any other box in the builder.
 PRIM_ID = 3
 NEGATED_MAX = 4
 PADDING = 7
-
-
-@njit(cache=True, nogil=True)
-def clear_box(boxes, row):  # type: ignore[no-untyped-def]
-    """Make a box empty: uniting it with any other gives the other."""
-    for lane in range(LANES):
-        boxes[row, lane] = np.inf
 
 
 @njit(cache=True, nogil=True)
@@ -45,8 +38,7 @@ def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # t
     bounds : (2, 8) float32, written
         Row 0: the box of the slice. Row 1: the box of its centroids.
     """
-    clear_box(bounds, 0)
-    clear_box(bounds, 1)
+    box, centroid_box = empty_box(), empty_box()
     for prim in range(begin, end):
         corner_a, corner_b, corner_c = faces[prim, 0], faces[prim, 1], faces[prim, 2]
         for axis in range(3):
@@ -58,5 +50,8 @@ def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # t
             records[prim, NEGATED_MAX + axis] = np.float32(0.0) - max(a, b, c)
         record_ids[prim, PRIM_ID] = prim
         record_ids[prim, PADDING] = 0
-        merge_aabb(bounds, 0, records, prim)
-        merge_centroid(bounds, 1, records, prim)
+        record = load_row(records, prim)
+        box = unite(record, box)
+        centroid_box = unite(centroid_of(record), centroid_box)
+    store_row(bounds, 0, box)
+    store_row(bounds, 1, centroid_box)

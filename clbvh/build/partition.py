@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-from .metadata import clear_box
-from .simd import copy_row, merge_aabb, merge_centroid
-from .splits import bin_of, bin_scale
+from .metadata import NEGATED_MAX
+from .simd import centroid_of, empty_box, lane_of, load_row, store_row, unite
+from .splits import bin_scales
 
 
 @njit(cache=True, nogil=True)
@@ -42,19 +43,23 @@ def partition(  # type: ignore[no-untyped-def]
     child_bounds : (2, 8) float32, written
         Bounds of the centroids of both sides of the slice.
     """
-    clear_box(child_bounds, 0)
-    clear_box(child_bounds, 1)
+    left_bounds, right_bounds = empty_box(), empty_box()
     lower = centroid_bounds[row, axis]
-    scale = bin_scale(centroid_bounds, row, axis, bin_count)
+    scale = lane_of(bin_scales(centroid_bounds, row, bin_count), axis)
     for record in range(begin, end):
-        if bin_of(source, record, axis, lower, scale) <= last_left_bin:
-            copy_row(target, left, source, record)
-            merge_centroid(child_bounds, 0, source, record)
+        box = load_row(source, record)
+        # The same arithmetic as `bins_of`, on one axis.
+        centroid = source[record, axis] - source[record, NEGATED_MAX + axis]
+        if np.int32((centroid - lower) * scale) <= last_left_bin:
+            store_row(target, left, box)
+            left_bounds = unite(centroid_of(box), left_bounds)
             left += 1
         else:
-            copy_row(target, right, source, record)
-            merge_centroid(child_bounds, 1, source, record)
+            store_row(target, right, box)
+            right_bounds = unite(centroid_of(box), right_bounds)
             right += 1
+    store_row(child_bounds, 0, left_bounds)
+    store_row(child_bounds, 1, right_bounds)
 
 
 @njit(cache=True, nogil=True)
@@ -69,8 +74,9 @@ def bound_halves(records, begin, middle, end, boxes, child_bounds):  # type: ign
         Row 0: left, row 1: right. The boxes, and the bounds of the centroids.
     """
     for side in range(2):
-        clear_box(boxes, side)
-        clear_box(child_bounds, side)
+        box, bounds = empty_box(), empty_box()
         for record in range(begin if side == 0 else middle, middle if side == 0 else end):
-            merge_aabb(boxes, side, records, record)
-            merge_centroid(child_bounds, side, records, record)
+            box = unite(load_row(records, record), box)
+            bounds = unite(centroid_of(load_row(records, record)), bounds)
+        store_row(boxes, side, box)
+        store_row(child_bounds, side, bounds)

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .metadata import NEGATED_MAX, clear_box
-from .simd import merge_aabb
+from .simd import LANES, bins_of, empty_box, half_area, load_row, scales_of, store_row, unite
 
 # A centroid on the upper bound must fall into the last bin, not behind it, whatever the rounding.
 _BELOW_ONE = np.float32(0.99999)
@@ -20,6 +19,10 @@ _BELOW_ONE = np.float32(0.99999)
 # bins / extent must not overflow float32: on an axis along which the centroids lie closer together than this
 # (object units), they count as equal.
 _SMALLEST_EXTENT = np.float32(2.0**-110)
+
+# A bin that gets two records in a row waits for the first to be stored. With two sets of bins, filled in turn, that is
+# rare: 3.7 ms instead of 6.9 ms for 871,306 records. Small ranges do not earn back the second set.
+_TWO_SETS_FROM = 256
 
 # A range of fewer primitives than bins would spend its time on empty ones.
 _FEWEST_BINS = 4
@@ -33,18 +36,15 @@ def bin_count_for(prim_count, bins):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def bin_scale(centroid_bounds, row, axis, bin_count):  # type: ignore[no-untyped-def]
-    """Return the factor from a centroid's distance to the lower bound to its bin; 0 on a flat axis."""
-    extent = -centroid_bounds[row, NEGATED_MAX + axis] - centroid_bounds[row, axis]
-    if not extent > _SMALLEST_EXTENT:
-        return np.float32(0.0)
-    return np.float32(bin_count) * _BELOW_ONE / extent
+def bin_scales(centroid_bounds, row, bin_count):  # type: ignore[no-untyped-def]
+    """Return the factors from a centroid's distance to the lower bound to its bin, as a box; 0 on a flat axis."""
+    return scales_of(load_row(centroid_bounds, row), np.float32(bin_count) * _BELOW_ONE, _SMALLEST_EXTENT)
 
 
 @njit(cache=True, nogil=True)
-def bin_of(records, record, axis, lower, scale):  # type: ignore[no-untyped-def]
-    """Return the bin of one record along one axis."""
-    return np.uint32((records[record, axis] - records[record, NEGATED_MAX + axis] - lower) * scale)
+def make_bins(bin_count):  # type: ignore[no-untyped-def]
+    """Return room for the bins of the three axes, twice: (6 * bin_count, 8) float32 boxes, int32 counts."""
+    return np.empty((6 * bin_count, LANES), np.float32), np.empty(6 * bin_count, np.int32)
 
 
 @njit(cache=True, nogil=True)
@@ -56,49 +56,54 @@ def fill_bins(records, begin, end, centroid_bounds, row, bin_count, boxes, count
     records : (n, 8) float32
     centroid_bounds : (k, 8) float32
         `centroid_bounds[row]` bounds the centroids of the whole node.
-    boxes : (3 * bin_count, 8) float32, written
-        Box of each bin, axis by axis.
-    counts : (3 * bin_count,) int32, written
+    boxes : (6 * bin_count, 8) float32, written
+        The first half: box of each bin, axis by axis. The second half is scratch.
+    counts : (6 * bin_count,) int32, written
     """
-    for index in range(3 * bin_count):
-        clear_box(boxes, index)
+    set_size = 3 * bin_count
+    second_y, second_z = bin_count, 2 * bin_count
+    lower, scales = load_row(centroid_bounds, row), bin_scales(centroid_bounds, row, bin_count)
+    use_two = end - begin > _TWO_SETS_FROM
+    for index in range(2 * set_size if use_two else set_size):
+        store_row(boxes, index, empty_box())
         counts[index] = 0
-    lower_x, lower_y, lower_z = centroid_bounds[row, 0], centroid_bounds[row, 1], centroid_bounds[row, 2]
-    scale_x = bin_scale(centroid_bounds, row, 0, bin_count)
-    scale_y = bin_scale(centroid_bounds, row, 1, bin_count)
-    scale_z = bin_scale(centroid_bounds, row, 2, bin_count)
-    first_y, first_z = np.uint32(bin_count), np.uint32(2 * bin_count)
-    for record in range(begin, end):
-        bin_x = bin_of(records, record, 0, lower_x, scale_x)
-        bin_y = first_y + bin_of(records, record, 1, lower_y, scale_y)
-        bin_z = first_z + bin_of(records, record, 2, lower_z, scale_z)
-        merge_aabb(boxes, bin_x, records, record)
-        merge_aabb(boxes, bin_y, records, record)
-        merge_aabb(boxes, bin_z, records, record)
-        counts[bin_x] += 1
-        counts[bin_y] += 1
-        counts[bin_z] += 1
+    paired_end = begin + (end - begin) // 2 * 2 if use_two else begin
+    for record in range(begin, paired_end, 2):
+        even, odd = load_row(records, record), load_row(records, record + 1)
+        x, y, z = bins_of(even, lower, scales)
+        other_x, other_y, other_z = bins_of(odd, lower, scales)
+        _put(even, x, boxes, counts)
+        _put(odd, set_size + other_x, boxes, counts)
+        _put(even, second_y + y, boxes, counts)
+        _put(odd, set_size + second_y + other_y, boxes, counts)
+        _put(even, second_z + z, boxes, counts)
+        _put(odd, set_size + second_z + other_z, boxes, counts)
+    for record in range(paired_end, end):
+        box = load_row(records, record)
+        x, y, z = bins_of(box, lower, scales)
+        _put(box, x, boxes, counts)
+        _put(box, second_y + y, boxes, counts)
+        _put(box, second_z + z, boxes, counts)
+    if use_two:
+        for index in range(set_size):
+            store_row(boxes, index, unite(load_row(boxes, index), load_row(boxes, set_size + index)))
+            counts[index] += counts[set_size + index]
 
 
 @njit(cache=True, nogil=True)
-def half_area(boxes, row):  # type: ignore[no-untyped-def]
-    """Return half the surface area of a box that is not empty."""
-    # In float64: areas of a mesh that is 1e20 units wide do not fit float32.
-    size_x = -(np.float64(boxes[row, 0]) + boxes[row, NEGATED_MAX])
-    size_y = -(np.float64(boxes[row, 1]) + boxes[row, NEGATED_MAX + 1])
-    size_z = -(np.float64(boxes[row, 2]) + boxes[row, NEGATED_MAX + 2])
-    return size_x * size_y + size_y * size_z + size_z * size_x
+def _put(box, index, boxes, counts):  # type: ignore[no-untyped-def]
+    store_row(boxes, index, unite(box, load_row(boxes, index)))
+    counts[index] += 1
 
 
 @njit(cache=True, nogil=True)
-def find_split(boxes, counts, bin_count, prim_count, sweep, right_costs):  # type: ignore[no-untyped-def]
+def find_split(boxes, counts, bin_count, prim_count, right_costs):  # type: ignore[no-untyped-def]
     """Return the cheapest boundary between two bins.
 
     Parameters
     ----------
     boxes, counts
         The bins, as `fill_bins` leaves them.
-    sweep : (>= 1, 8) float32, scratch
     right_costs : (>= bin_count,) float64, scratch
 
     Returns
@@ -114,24 +119,24 @@ def find_split(boxes, counts, bin_count, prim_count, sweep, right_costs):  # typ
     for axis in range(3):
         first = axis * bin_count
         # From the right: the cost of everything above each boundary.
-        clear_box(sweep, 0)
+        box = empty_box()
         right_count = 0
         for index in range(bin_count - 1, 0, -1):
             if counts[first + index] > 0:
-                merge_aabb(sweep, 0, boxes, first + index)
+                box = unite(load_row(boxes, first + index), box)
                 right_count += counts[first + index]
-            right_costs[index] = half_area(sweep, 0) * right_count if right_count > 0 else np.inf
+            right_costs[index] = half_area(box) * right_count if right_count > 0 else np.inf
         # From the left: what is below, and the sum.
-        clear_box(sweep, 0)
+        box = empty_box()
         left_count = 0
         for index in range(bin_count - 1):
             if counts[first + index] == 0:
                 continue  # the same cut as the boundary before
-            merge_aabb(sweep, 0, boxes, first + index)
+            box = unite(load_row(boxes, first + index), box)
             left_count += counts[first + index]
             if left_count == prim_count:
                 break
-            cost = half_area(sweep, 0) * left_count + right_costs[index + 1]
+            cost = half_area(box) * left_count + right_costs[index + 1]
             if cost < best_cost:
                 best_cost, best_axis, best_bin, best_left = cost, axis, index, left_count
     return best_cost, best_axis, best_bin, best_left
@@ -146,8 +151,13 @@ def unite_sides(boxes, counts, bin_count, axis, last_left_bin, children):  # typ
     children : (2, 8) float32, written
         Row 0: left, row 1: right.
     """
-    clear_box(children, 0)
-    clear_box(children, 1)
+    left, right = empty_box(), empty_box()
+    first = axis * bin_count
     for index in range(bin_count):
-        if counts[axis * bin_count + index] > 0:
-            merge_aabb(children, 0 if index <= last_left_bin else 1, boxes, axis * bin_count + index)
+        if counts[first + index] > 0:
+            if index <= last_left_bin:
+                left = unite(load_row(boxes, first + index), left)
+            else:
+                right = unite(load_row(boxes, first + index), right)
+    store_row(children, 0, left)
+    store_row(children, 1, right)

@@ -23,7 +23,7 @@ from .compact import Placement, place_subtree
 from .metadata import fill_records
 from .partition import partition
 from .simd import LANES
-from .splits import bin_count_for, fill_bins
+from .splits import bin_count_for, fill_bins, make_bins
 from .subtree import build_subtree
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -48,10 +48,9 @@ def bin_slices(arrays: Arrays, tasks: Sequence[BinTask]) -> list[tuple[NDArray[n
     """Fill the bins of one slice of each node; return (boxes, counts) of each."""
     results = []
     for begin, end, buffer, bounds, bin_count in tasks:
-        boxes = np.empty((3 * bin_count, LANES), np.float32)
-        counts = np.empty(3 * bin_count, np.int32)
+        boxes, counts = make_bins(bin_count)
         fill_bins(arrays["records"][buffer], begin, end, bounds, 1, bin_count, boxes, counts)
-        results.append((boxes, counts))
+        results.append((boxes[: 3 * bin_count], counts[: 3 * bin_count]))
     return results
 
 

@@ -14,8 +14,8 @@ from ..layout import NODE_COUNT, NODE_FIRST, NODE_MAX
 from .metadata import NEGATED_MAX, PRIM_ID
 from .options import MAX_DEPTH
 from .partition import bound_halves, partition
-from .simd import LANES, copy_row
-from .splits import bin_count_for, fill_bins, find_split, half_area, unite_sides
+from .simd import LANES, half_area, load_row, store_row
+from .splits import bin_count_for, fill_bins, find_split, make_bins, unite_sides
 
 
 @njit(cache=True, nogil=True)
@@ -80,9 +80,7 @@ def build_subtree(  # type: ignore[no-untyped-def]
     int
         Number of rows used, from 2 * begin on. Interior nodes name their children by these rows.
     """
-    bin_boxes = np.empty((3 * bins, LANES), np.float32)
-    bin_counts = np.empty(3 * bins, np.int32)
-    sweep = np.empty((1, LANES), np.float32)
+    bin_boxes, bin_counts = make_bins(bins)
     right_costs = np.empty(bins, np.float64)
     children = np.empty((2, LANES), np.float32)
     child_bounds = np.empty((2, LANES), np.float32)
@@ -95,8 +93,8 @@ def build_subtree(  # type: ignore[no-untyped-def]
 
     row = first_row = 2 * begin
     next_row = row + 1
-    copy_row(current, 0, bounds, 0)
-    copy_row(current, 1, bounds, 1)
+    store_row(current, 0, load_row(bounds, 0))
+    store_row(current, 1, load_row(bounds, 1))
     write_box(nodes, row, current, 0)
     while True:
         prim_count = end - begin
@@ -109,11 +107,11 @@ def build_subtree(  # type: ignore[no-untyped-def]
         if prim_count > 1 and not needs_halving(prim_count, depth):
             fill_bins(source, begin, end, current, 1, bin_count, bin_boxes, bin_counts)
             cost, axis, last_left_bin, left_count = find_split(
-                bin_boxes, bin_counts, bin_count, prim_count, sweep, right_costs
+                bin_boxes, bin_counts, bin_count, prim_count, right_costs
             )
 
         # A leaf, if that is allowed and no split is cheaper; then the next node that waits.
-        area = half_area(current, 0)
+        area = half_area(load_row(current, 0))
         if prim_count <= leaf_size and not traversal_cost * area + cost < prim_count * area:
             emit_leaf(node_ints, row, begin, end, record_ids[buffer], prim_ids)
             if waiting_count == 0:
@@ -123,8 +121,8 @@ def build_subtree(  # type: ignore[no-untyped-def]
                 waiting[waiting_count, 0], waiting[waiting_count, 1], waiting[waiting_count, 2],
                 waiting[waiting_count, 3], waiting[waiting_count, 4],
             )  # fmt: skip
-            copy_row(current, 0, waiting_bounds, 2 * waiting_count)
-            copy_row(current, 1, waiting_bounds, 2 * waiting_count + 1)
+            store_row(current, 0, load_row(waiting_bounds, 2 * waiting_count))
+            store_row(current, 1, load_row(waiting_bounds, 2 * waiting_count + 1))
             continue
 
         # Move the records to their sides, into the other buffer; halves stay where they are.
@@ -151,10 +149,10 @@ def build_subtree(  # type: ignore[no-untyped-def]
         waiting[waiting_count, 2] = end
         waiting[waiting_count, 3] = buffer
         waiting[waiting_count, 4] = depth
-        copy_row(waiting_bounds, 2 * waiting_count, children, 1)
-        copy_row(waiting_bounds, 2 * waiting_count + 1, child_bounds, 1)
+        store_row(waiting_bounds, 2 * waiting_count, load_row(children, 1))
+        store_row(waiting_bounds, 2 * waiting_count + 1, load_row(child_bounds, 1))
         waiting_count += 1
-        copy_row(current, 0, children, 0)
-        copy_row(current, 1, child_bounds, 0)
+        store_row(current, 0, load_row(children, 0))
+        store_row(current, 1, load_row(child_bounds, 0))
         row, end = next_row, middle
         next_row += 2

@@ -42,7 +42,7 @@ def warm_up() -> None:
     boxes = np.zeros((3 * bin_count, LANES), np.float32)
     counts = np.ones(3 * bin_count, np.int32)
     sides = np.empty((2, LANES), np.float32)
-    find_split(boxes, counts, bin_count_for(bin_count, bin_count), bin_count, sides[:1], np.empty(bin_count))
+    find_split(boxes, counts, bin_count_for(bin_count, bin_count), bin_count, np.empty(bin_count))
     unite_sides(boxes, counts, bin_count, 0, 0, sides)
     needs_halving(bin_count, 0)
 
@@ -80,14 +80,13 @@ def _choose_splits(
     ]
     slices = pool.map(steps.bin_slices, [(task,) for task in tasks])
 
-    sweep = np.empty((1, LANES), np.float32)
     right_costs = np.empty(options.bins, np.float64)
     chosen: list[tuple[Split, Boxes, list[Any]] | None] = []
     for index, (node, bin_count) in enumerate(zip(level, bin_counts, strict=True)):
         boxes = np.minimum.reduce([part[index][0] for part in slices])
         slice_counts = [part[index][1] for part in slices]
         counts = np.add.reduce(slice_counts, dtype=np.int32)
-        cost, axis, last_left_bin, left_count = find_split(boxes, counts, bin_count, len(node), sweep, right_costs)
+        cost, axis, last_left_bin, left_count = find_split(boxes, counts, bin_count, len(node), right_costs)
         if needs_halving(len(node), node.depth) or not cost < np.inf:
             chosen.append(None)
             continue

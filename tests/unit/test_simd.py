@@ -6,22 +6,24 @@ import numpy as np
 import pytest
 from numba import njit
 
-from clbvh.build.simd import LANES, copy_row, merge_aabb, merge_centroid
+from clbvh.build import simd
+from clbvh.build.simd import LANES
 
 
 @njit
 def copy(into, into_row, source, row):
-    copy_row(into, into_row, source, row)
+    simd.store_row(into, into_row, simd.load_row(source, row))
 
 
 @njit
 def unite(into, into_row, source, row):
-    merge_aabb(into, into_row, source, row)
+    simd.store_row(into, into_row, simd.unite(simd.load_row(source, row), simd.load_row(into, into_row)))
 
 
 @njit
 def unite_centroid(into, into_row, source, row):
-    merge_centroid(into, into_row, source, row)
+    centroid = simd.centroid_of(simd.load_row(source, row))
+    simd.store_row(into, into_row, simd.unite(centroid, simd.load_row(into, into_row)))
 
 
 def random_rows(seed, count=5):
@@ -44,7 +46,7 @@ def test_copy_keeps_every_bit_pattern(pattern):
     assert (target.view(np.int32)[0] == pattern).all()
 
 
-def test_merge_takes_the_minimum_lane_by_lane():
+def test_unite_takes_the_minimum_lane_by_lane():
     rows, target = random_rows(3), random_rows(4)
     expected = target.copy()
     expected[2] = np.minimum(target[2], rows[4])
@@ -52,7 +54,7 @@ def test_merge_takes_the_minimum_lane_by_lane():
     assert target.tobytes() == expected.tobytes()
 
 
-def test_merge_with_an_empty_box_gives_the_other():
+def test_unite_with_an_empty_box_gives_the_other():
     rows = random_rows(5, 1)
     empty = np.full((1, LANES), np.inf, np.float32)
     unite(empty, 0, rows, 0)
@@ -61,7 +63,7 @@ def test_merge_with_an_empty_box_gives_the_other():
     assert rows.tobytes() == empty.tobytes()
 
 
-def test_merge_ignores_a_lane_that_is_not_a_number():
+def test_unite_ignores_a_lane_that_is_not_a_number():
     rows, target = random_rows(6, 1), random_rows(7, 1)
     rows[0, 3] = np.nan
     expected = np.fmin(target, rows)
@@ -95,3 +97,38 @@ def test_rows_of_a_part_of_an_array_are_counted_from_its_beginning():
     expected[5] = whole[3]
     copy(whole[2:], 3, whole[2:], 1)
     assert whole.tobytes() == expected.tobytes()
+
+
+@njit
+def half_area(rows, row):
+    return simd.half_area(simd.load_row(rows, row))
+
+
+def test_half_area_is_in_float64():
+    box = np.array([[0, 0, 0, 0, -1e20, -2e20, -3e20, 0]], np.float32)
+    x, y, z = (np.float64(np.float32(size)) for size in (1e20, 2e20, 3e20))
+    assert half_area(box, 0) == x * y + y * z + z * x
+    assert half_area(box * np.float32(0), 0) == 0
+
+
+@njit
+def lanes(rows, row):
+    box = simd.load_row(rows, row)
+    return [simd.lane_of(box, lane) for lane in range(LANES)]
+
+
+def test_lanes_are_counted_from_the_minimum():
+    rows = random_rows(10)
+    assert lanes(rows, 2) == rows[2].tolist()
+
+
+@njit
+def bins(rows, row, lower, scale):
+    return simd.bins_of(simd.load_row(rows, row), simd.load_row(lower, 0), simd.load_row(scale, 0))
+
+
+def test_bins_are_counted_from_the_lower_bound_on_each_axis():
+    rows = np.array([[1, 2, 3, 0, -5, -7, -11, 0]], np.float32)  # doubled centroid (6, 9, 14)
+    lower = np.array([[5, 9, 4, 0, 0, 0, 0, 0]], np.float32)
+    scale = np.array([[3, 100, 0.25, 0, 0, 0, 0, 0]], np.float32)
+    assert bins(rows, 0, lower, scale) == (3, 0, 2)
