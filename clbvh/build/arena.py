@@ -16,12 +16,12 @@ import tempfile
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..closing import Closing
 from ..errors import PoolError
 
 _MEMINFO = Path("/proc/meminfo")
@@ -47,7 +47,7 @@ class ArrayHandle:
         return np.frombuffer(memory, self.dtype).reshape(self.shape)
 
 
-class Arena:
+class Arena(Closing):
     """Owner of the shared arrays of one build; a context manager that frees them all.
 
     An array that `create` returned stays valid after the arena is closed, for as long as it is referenced: what
@@ -94,17 +94,6 @@ class Arena:
         self._promised_bytes.clear()
         while self._names:
             self._names.pop().unlink(missing_ok=True)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _create_file(self, size: int) -> tuple[int, str]:
         """Return an open file of `size` bytes and a path by which workers can open it."""

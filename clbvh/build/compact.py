@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from ..layout import NODE_COUNT, NODE_FIRST
+from ..layout import NODE_COUNT, NODE_FIRST, NODE_LANES
 from .ranges import Range
 from .subtree import write_box
 
@@ -78,15 +79,22 @@ def write_top(plan: Plan, nodes: NDArray[np.float32]) -> None:
         node_ints[row, NODE_COUNT] = 0
 
 
-def place_subtree(scratch: NDArray[np.float32], placement: Placement, nodes: NDArray[np.float32]) -> None:
-    """Copy a subtree from the scratch rows to its final ones, and point its nodes at each other again."""
-    source, end = placement.source, placement.source + placement.row_count
-    root = nodes[placement.root_row : placement.root_row + 1]
-    descendants = nodes[placement.first_row : placement.first_row + placement.row_count - 1]
-    root[:] = scratch[source : source + 1]
-    descendants[:] = scratch[source + 1 : end]
+@njit(cache=True, nogil=True)
+def place_rows(scratch, source, row_count, nodes, root_row, first_row):  # type: ignore[no-untyped-def]
+    """Copy a subtree from the scratch rows to its final ones, and point its nodes at each other again.
 
-    shift = np.int32(placement.first_row - (source + 1))
-    for block in (root, descendants):
-        rows = block.view(np.int32)
-        rows[:, NODE_FIRST] += np.where(rows[:, NODE_COUNT] == 0, shift, np.int32(0))
+    Parameters
+    ----------
+    scratch : (2n, 8) int32
+        Rows of `layout.NODE`.
+    source, row_count, root_row, first_row : int
+        See `Placement`.
+    nodes : (N, 8) int32, written
+    """
+    shift = np.int32(first_row - (source + 1))
+    for index in range(row_count):
+        row = root_row if index == 0 else first_row + index - 1
+        for lane in range(NODE_LANES):
+            nodes[row, lane] = scratch[source + index, lane]
+        if nodes[row, NODE_COUNT] == 0:
+            nodes[row, NODE_FIRST] += shift

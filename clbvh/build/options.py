@@ -24,9 +24,9 @@ class BuildOptions:
 
     Attributes
     ----------
-    bins : int
-        Bins per axis in which the surface area heuristic looks for a split, 2 to 64. More find slightly better
-        splits and take longer.
+    bins : int or None
+        Bins per axis among which a split is looked for, 2 to 64. More find slightly better splits and take longer.
+        None: the builder's own number, 16 for `sah` and the report's 8 for the ladder.
     leaf_size : int
         Largest number of primitives in a leaf, 1 to 255. Smaller leaves mean more nodes and fewer triangle tests.
     traversal_cost : float
@@ -38,7 +38,7 @@ class BuildOptions:
         Largest number of primitives in a leaf of the builder `frontier`, in place of `leaf_size`, 4 to 8192.
     """
 
-    bins: int = 16
+    bins: int | None = None
     leaf_size: int = 4
     traversal_cost: float = 1.0
     task_threshold: int | None = None
@@ -47,7 +47,7 @@ class BuildOptions:
     def __post_init__(self) -> None:
         for name in ("bins", "leaf_size", "task_threshold", "frontier"):
             value = getattr(self, name)
-            if value is None and name == "task_threshold":
+            if value is None and name in ("bins", "task_threshold"):
                 continue
             if isinstance(value, bool) or not isinstance(value, Integral):
                 raise ConfigError(f"{name} must be a whole number, not {value!r}")
@@ -57,7 +57,7 @@ class BuildOptions:
         # Another type of number would make numba compile the builder once more, for seconds.
         object.__setattr__(self, "traversal_cost", float(self.traversal_cost))
 
-        if not MIN_BINS <= self.bins <= MAX_BINS:
+        if self.bins is not None and not MIN_BINS <= self.bins <= MAX_BINS:
             raise ConfigError(f"bins must be {MIN_BINS} to {MAX_BINS}, not {self.bins}")
         if not 1 <= self.leaf_size <= MAX_LEAF_SIZE:
             raise ConfigError(f"leaf_size must be 1 to {MAX_LEAF_SIZE}, not {self.leaf_size}")

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compact import Placement, place_subtree
+from .compact import Placement, place_rows
 from .metadata import fill_records
 from .partition import partition
 from .simd import LANES
@@ -84,8 +84,9 @@ def build_subtrees(
 
 def place_subtrees(arrays: Arrays, placements: Sequence[Placement]) -> None:
     """Copy finished subtrees to their rows in the final tree."""
-    for placement in placements:
-        place_subtree(arrays["scratch_nodes"], placement, arrays["nodes"])
+    scratch, nodes = arrays["scratch_nodes"].view(np.int32), arrays["nodes"].view(np.int32)
+    for place in placements:
+        place_rows(scratch, place.source, place.row_count, nodes, place.root_row, place.first_row)
 
 
 def warm_up() -> None:
@@ -104,4 +105,6 @@ def warm_up() -> None:
     bin_count = bin_count_for(count, count)
     bin_slices(arrays, [(0, count, 0, bounds, bin_count)])
     partition_slices(arrays, [(0, count, 0, bounds, bin_count, 0, 0, 0, 0)])
-    build_subtrees(arrays, [(0, count, 0, 0, bounds)], bin_count, 1, 1.0)
+    (row_count,) = build_subtrees(arrays, [(0, count, 0, 0, bounds)], bin_count, 1, 1.0)
+    arrays["nodes"] = np.zeros((row_count, LANES), np.float32)
+    place_subtrees(arrays, [Placement(0, row_count, 0, 1)])

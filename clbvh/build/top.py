@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import steps
-from .options import BuildOptions
 from .partition import bound_halves
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
@@ -47,7 +46,7 @@ def warm_up() -> None:
     needs_halving(bin_count, 0)
 
 
-def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: int, options: BuildOptions) -> None:
+def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: int, bins: int) -> None:
     """Split the root, and all ranges below it, until none has more than `threshold` primitives.
 
     Parameters
@@ -56,8 +55,8 @@ def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: 
         The shared records, as the coordinator sees them.
     """
     level = [root]
-    while level := [node for node in level if len(node) > max(threshold, options.leaf_size)]:
-        chosen = _choose_splits(pool, level, options)
+    while level := [node for node in level if len(node) > threshold]:
+        chosen = _choose_splits(pool, level, bins)
         planes = [(node, *pair) for node, pair in zip(level, chosen, strict=True) if pair is not None]
         _apply_splits(pool, planes)
         for node, pair in zip(level, chosen, strict=True):
@@ -66,11 +65,9 @@ def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: 
         level = [child for node in level for child in node.children or ()]
 
 
-def _choose_splits(
-    pool: SubtreePool, level: list[Range], options: BuildOptions
-) -> list[tuple[Split, Boxes, list[Any]] | None]:
+def _choose_splits(pool: SubtreePool, level: list[Range], bins: int) -> list[tuple[Split, Boxes, list[Any]] | None]:
     """Return each node's split, the boxes of its sides and the bin counts of its slices; None where no plane splits."""
-    bin_counts = [bin_count_for(len(node), options.bins) for node in level]
+    bin_counts = [bin_count_for(len(node), bins) for node in level]
     tasks = [
         [
             (*cut_slices(node.begin, node.end, pool.workers)[number], node.buffer, node.bounds, bin_count)
@@ -80,7 +77,7 @@ def _choose_splits(
     ]
     slices = pool.map(steps.bin_slices, [(task,) for task in tasks])
 
-    right_costs = np.empty(options.bins, np.float64)
+    right_costs = np.empty(bins, np.float64)
     chosen: list[tuple[Split, Boxes, list[Any]] | None] = []
     for index, (node, bin_count) in enumerate(zip(level, bin_counts, strict=True)):
         boxes = np.minimum.reduce([part[index][0] for part in slices])

@@ -15,9 +15,9 @@ TREE_PANEL = "Tree"
 # The defaults of `clbvh.build.BuildOptions`, written down again: to import them would make `clbvh --help` wait for the
 # compiler. A test compares them.
 DEFAULT_BUILDER = "sah"
-DEFAULT_BINS = 16
 DEFAULT_LEAF_SIZE = 4
 DEFAULT_TRAVERSAL_COST = 1.0
+DEFAULT_FRONTIER = 64
 
 Source = Annotated[
     str,
@@ -28,7 +28,14 @@ Source = Annotated[
         show_default=False,
     ),
 ]
-Builder = Annotated[str, typer.Option(help="sah; to render also brute: no tree.", rich_help_panel=TREE_PANEL)]
+Builder = Annotated[
+    str,
+    typer.Option(
+        help="sah, or a rung of the report's ladder: sequential, naive, range, cached, median, bin, atomic, flatten, "
+        "flat, frontier; to render also brute: no tree.",
+        rich_help_panel=TREE_PANEL,
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(
@@ -37,7 +44,12 @@ Workers = Annotated[
         rich_help_panel=TREE_PANEL,
     ),
 ]
-Bins = Annotated[int, typer.Option(help="Bins per axis, 2 to 64.", rich_help_panel=TREE_PANEL)]
+Bins = Annotated[
+    int | None,
+    typer.Option(
+        help="Bins per axis, 2 to 64.", show_default="16 for sah, 8 for the ladder", rich_help_panel=TREE_PANEL
+    ),
+]
 LeafSize = Annotated[int, typer.Option(help="Most triangles in a leaf.", rich_help_panel=TREE_PANEL)]
 TraversalCost = Annotated[
     float, typer.Option(help="Cost of a node step, in triangle tests.", rich_help_panel=TREE_PANEL)
@@ -49,6 +61,9 @@ TaskThreshold = Annotated[
         show_default="by mesh and workers",
         rich_help_panel=TREE_PANEL,
     ),
+]
+Frontier = Annotated[
+    int, typer.Option(help="Most triangles in a leaf of the builder frontier.", rich_help_panel=TREE_PANEL)
 ]
 UseCache = Annotated[
     bool,
@@ -69,11 +84,13 @@ CacheFolder = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
 
 
-def make_build_options(bins: int, leaf_size: int, traversal_cost: float, task_threshold: int | None) -> BuildOptions:
+def make_build_options(
+    bins: int | None, leaf_size: int, traversal_cost: float, task_threshold: int | None, frontier: int
+) -> BuildOptions:
     """Return what the options say, checked."""
     from ..build import BuildOptions
 
-    return BuildOptions(bins=bins, leaf_size=leaf_size, traversal_cost=traversal_cost, task_threshold=task_threshold)
+    return BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier)
 
 
 def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:

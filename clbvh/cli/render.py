@@ -76,10 +76,11 @@ def render(
     ] = None,
     builder: options.Builder = options.DEFAULT_BUILDER,
     workers: options.Workers = None,
-    bins: options.Bins = options.DEFAULT_BINS,
+    bins: options.Bins = None,
     leaf_size: options.LeafSize = options.DEFAULT_LEAF_SIZE,
     traversal_cost: options.TraversalCost = options.DEFAULT_TRAVERSAL_COST,
     task_threshold: options.TaskThreshold = None,
+    frontier: options.Frontier = options.DEFAULT_FRONTIER,
     cache: options.UseCache = False,
     cache_dir: options.CacheFolder = None,
     device: Annotated[
@@ -124,7 +125,7 @@ def render(
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
-        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold),
+        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier),
         cache=options.find_cache_folder(cache, cache_dir),
         device=device,
         layout=layout,

@@ -26,10 +26,11 @@ def stats(
     source: options.Source,
     builder: options.Builder = options.DEFAULT_BUILDER,
     workers: options.Workers = None,
-    bins: options.Bins = options.DEFAULT_BINS,
+    bins: options.Bins = None,
     leaf_size: options.LeafSize = options.DEFAULT_LEAF_SIZE,
     traversal_cost: options.TraversalCost = options.DEFAULT_TRAVERSAL_COST,
     task_threshold: options.TaskThreshold = None,
+    frontier: options.Frontier = options.DEFAULT_FRONTIER,
     exact: Annotated[
         bool,
         typer.Option("--exact", help="Measure the end-point overlap on all triangles, not on 200,000 at most."),
@@ -54,7 +55,7 @@ def stats(
     wanted = TreeOptions(
         builder=builder,
         workers=workers,
-        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold),
+        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier),
     )
 
     watch = Stopwatch()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..closing import Closing
 from ..errors import DeviceError
 from .select import DeviceInfo, choose_device
 from .timing import EventTimes
@@ -16,7 +16,7 @@ from .timing import EventTimes
 _SMALLEST_BUFFER_BYTES = 16
 
 
-class DeviceSession:
+class DeviceSession(Closing):
     """One device, opened; a context manager.
 
     Parameters
@@ -105,17 +105,6 @@ class DeviceSession:
         self.is_closed = True
         while self._buffers:
             self._buffers.pop().release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _errors(self, action: str) -> _DeviceErrors:
         return _DeviceErrors(self._cl, self.info, action)

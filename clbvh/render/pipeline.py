@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..build.builder import BUILDERS
+from ..build.builder import BUILDERS, leaf_limit
 from ..build.options import MAX_DEPTH
 from ..device.select import DeviceInfo
 from ..device.session import DeviceSession
@@ -231,7 +231,7 @@ def render(
 def _validate(mesh: Mesh, bvh: Bvh | None, camera: Camera, hits: Hits, options: RenderOptions) -> int:
     """Check the tree and a sample of the pixels; return how many pixels that was."""
     if bvh is not None:
-        validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=options.build.leaf_size)
+        validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_limit(options.builder, options.build))
     height, width = hits.prim_id.shape
     pixel_count = min(width * height, max(1, _VALIDATION_TESTS // mesh.face_count))
     # Evenly spread over the picture, the same ones each time; all of them when they are few.

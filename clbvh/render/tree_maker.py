@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import ClassVar
 
-from ..build import BuildOptions, SubtreePool, build
-from ..build.builder import BUILDERS
+from ..build import BuildOptions, SubtreePool
+from ..build.builder import BUILDERS, DEFAULT_BUILDER, build_tree
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..stopwatch import Stopwatch
@@ -42,7 +42,7 @@ class TreeOptions:
         Folder in which trees are looked for and kept; None for neither.
     """
 
-    builder: str = "sah"
+    builder: str = DEFAULT_BUILDER
     workers: int | None = None
     build: BuildOptions = field(default_factory=BuildOptions)
     cache: Path | None = None
@@ -128,7 +128,7 @@ class TreeMaker:
         if bvh is None:
             if path is not None:
                 self._start_pool(mesh.face_count, _LATE_POOL_PAYS_FROM)
-            bvh = self._build(mesh)
+            bvh = build_tree(mesh, options.builder, self._pool, options.build)
             watch.lap("build")
             if path is not None:
                 notes.append(keep_tree(path, bvh))
@@ -156,15 +156,3 @@ class TreeMaker:
         workers = self._options.workers
         if workers != 1 and (workers is not None or face_count >= pays_from):
             self._pool = self._stack.enter_context(SubtreePool(workers))
-
-    def _build(self, mesh: Mesh) -> Bvh:
-        wanted = self._options.build
-        return build(
-            mesh,
-            pool=self._pool,
-            builder=self._options.builder,
-            bins=wanted.bins,
-            leaf_size=wanted.leaf_size,
-            traversal_cost=wanted.traversal_cost,
-            task_threshold=wanted.task_threshold,
-        )

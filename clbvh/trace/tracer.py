@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..closing import Closing
 from ..device.program import build_kernel
 from ..device.select import DeviceInfo
 from ..device.session import DeviceSession
@@ -26,7 +26,7 @@ _GROUP_SIZE = 64
 _SHORT, _LONG = 2.0**-40, 2.0**40
 
 
-class Tracer:
+class Tracer(Closing):
     """Casts rays at one tree on one device; a context manager.
 
     Parameters
@@ -108,17 +108,6 @@ class Tracer:
     def close(self) -> None:
         """Give the device's memory back."""
         self._session.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"Tracer({self._mesh.name!r}, device={self._session.info.name!r}, layout={self.layout!r})"

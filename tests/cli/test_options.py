@@ -16,14 +16,14 @@ from .command import run_clbvh
 def test_the_defaults_are_those_of_the_library():
     assert TreeOptions().builder == options.DEFAULT_BUILDER
     made = options.make_build_options(
-        options.DEFAULT_BINS, options.DEFAULT_LEAF_SIZE, options.DEFAULT_TRAVERSAL_COST, None
+        None, options.DEFAULT_LEAF_SIZE, options.DEFAULT_TRAVERSAL_COST, None, options.DEFAULT_FRONTIER
     )
     assert made == BuildOptions()
 
 
 def test_every_option_arrives_where_it_belongs():
-    assert options.make_build_options(3, 5, 7.5, 9) == BuildOptions(
-        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9
+    assert options.make_build_options(3, 5, 7.5, 9, 128) == BuildOptions(
+        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9, frontier=128
     )
 
 
@@ -38,5 +38,14 @@ def test_the_folder_of_the_cache(monkeypatch, tmp_path):
 @pytest.mark.parametrize("verb", ["render", "stats"])
 def test_both_verbs_have_the_options_of_a_build(verb):
     text = run_clbvh(verb, "--help", COLUMNS="200", NO_COLOR="1").stdout
-    for option in ("--builder", "--workers", "--bins", "--leaf-size", "--traversal-cost", "--task-threshold", "--json"):
+    for option in (
+        "--builder",
+        "--workers",
+        "--bins",
+        "--leaf-size",
+        "--traversal-cost",
+        "--task-threshold",
+        "--frontier",
+        "--json",
+    ):
         assert option in text

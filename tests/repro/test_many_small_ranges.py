@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clbvh.build.builder import _build_subtrees
 from clbvh.build.options import BuildOptions
 from clbvh.build.ranges import Range
+from clbvh.build.sah import _build_subtrees
 
 RANGES = 4096
 LOOKS_PER_RANGE = 20

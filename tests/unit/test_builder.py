@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, SubtreePool, build, sah_cost, validate_tree
-from clbvh.build import builder as builder_module
+from clbvh.build import sah as sah_module
 from clbvh.build.options import MAX_DEPTH
 from clbvh.errors import MeshError
 from clbvh.geometry.shapes import make_shape
@@ -183,7 +183,7 @@ def test_a_small_mesh_does_not_touch_the_pool():
 
 
 def test_from_a_size_on_the_pool_builds(monkeypatch, pool):
-    monkeypatch.setattr(builder_module, "SMALL_MESH", 100)
+    monkeypatch.setattr(sah_module, "SMALL_MESH", 100)
     bvh = build(make_soup(100, seed=10), pool=pool)
     assert list(bvh.timings_ms) == ["share", "metadata", "top", "subtrees", "compact"]
     assert all(lap >= 0 for lap in bvh.timings_ms.values())

@@ -14,7 +14,7 @@ from clbvh.errors import ConfigError
 
 def test_defaults_are_allowed_and_fixed():
     options = BuildOptions()
-    assert (options.bins, options.leaf_size, options.traversal_cost, options.task_threshold) == (16, 4, 1.0, None)
+    assert (options.bins, options.leaf_size, options.traversal_cost, options.task_threshold) == (None, 4, 1.0, None)
     assert options.frontier == 64
     with pytest.raises(dataclasses.FrozenInstanceError):
         options.bins = 8
@@ -76,8 +76,9 @@ def test_counts_are_whole_numbers(name, value):
         BuildOptions(**{name: value})
 
 
-@pytest.mark.parametrize("name", ["bins", "leaf_size", "traversal_cost", "frontier"])
-def test_none_is_for_the_threshold_only(name):
+@pytest.mark.parametrize("name", ["leaf_size", "traversal_cost", "frontier"])
+def test_none_is_for_bins_and_the_threshold_only(name):
+    assert BuildOptions(bins=None, task_threshold=None) == BuildOptions()
     with pytest.raises(ConfigError, match=name):
         BuildOptions(**{name: None})
 
@@ -92,5 +93,5 @@ def test_a_build_refuses_the_same_and_an_unknown_builder():
     mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
     with pytest.raises(ConfigError, match="bins must be 2 to 64, not 1"):
         build(mesh, bins=1)
-    with pytest.raises(ConfigError, match="builder must be one of sah, not 'magic'"):
+    with pytest.raises(ConfigError, match=r"builder must be one of sah, sequential, .*, frontier, not 'magic'"):
         build(mesh, builder="magic")

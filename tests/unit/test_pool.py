@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from clbvh import SubtreePool, build, validate_tree
-from clbvh.build import builder as builder_module
+from clbvh.build import sah as sah_module
 from clbvh.build.arena import Arena
 from clbvh.build.pool import default_worker_count
 from clbvh.errors import ConfigError, PoolError
@@ -236,13 +236,13 @@ def test_a_worker_that_exits_is_an_error_with_its_code(doomed):
 
 
 def test_a_worker_killed_from_outside_during_a_build_is_an_error(doomed, monkeypatch):
-    real = builder_module.split_top
+    real = sah_module.split_top
 
     def kill_then_split(pool, *arguments):
         os.kill(pool._processes[0].pid, signal.SIGKILL)
         real(pool, *arguments)
 
-    monkeypatch.setattr(builder_module, "split_top", kill_then_split)
+    monkeypatch.setattr(sah_module, "split_top", kill_then_split)
     begin = time.perf_counter()
     with pytest.raises(PoolError, match="worker 0 died"):
         build(make_soup(2000, seed=1), pool=doomed, task_threshold=10)

@@ -54,7 +54,7 @@ class FakePool:
 def fake_pool(monkeypatch):
     FakePool.opened = FakePool.closed = 0
     monkeypatch.setattr(tree_maker, "SubtreePool", FakePool)
-    monkeypatch.setattr(tree_maker, "build", lambda mesh, pool, **options: build(mesh))
+    monkeypatch.setattr(tree_maker, "build_tree", lambda mesh, builder, pool, options: build(mesh))
     return FakePool
 
 
@@ -99,7 +99,7 @@ def test_other_options_have_another_tree(cached, change):
 
 def test_every_option_but_the_threshold_is_in_the_name(tmp_path):
     """Also those that the future brings."""
-    other = {int: 5, float: 5.0}
+    other = {int: 5, float: 5.0, type(None): 5}
     names = {cache_path(tmp_path, MESH, "sah", BuildOptions()), cache_path(tmp_path, MESH, "another", BuildOptions())}
     fields = [field for field in dataclasses.fields(BuildOptions) if field.name != "task_threshold"]
     for field in fields:

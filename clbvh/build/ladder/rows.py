@@ -1,11 +1,11 @@
-"""A range of primitives becomes rows of the flat tree at once; finished rows move to their final places."""
+"""A range of primitives becomes rows of the flat tree at once."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from ...layout import NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
+from ...layout import NODE_COUNT, NODE_FIRST, NODE_MAX
 from ..options import MAX_DEPTH
 from .divide import bound_range, divide, list_prims
 
@@ -67,24 +67,3 @@ def build_rows(prims, begin, end, depth, rule, prim_ids, scratch, nodes, node_in
         waiting_count += 1
         row, end = next_row, middle
         next_row += 2
-
-
-@njit(cache=True, nogil=True)
-def place_rows(scratch, source, row_count, nodes, root_row, first_row):  # type: ignore[no-untyped-def]
-    """Copy a subtree to its final rows, and point its nodes at each other again.
-
-    Parameters
-    ----------
-    scratch : (2n, 8) int32
-    source, row_count : int
-        Its rows there; the first one is its root.
-    nodes : (N, 8) int32, written
-    root_row, first_row : int
-        The final row of its root, and of the first of its descendants.
-    """
-    for index in range(row_count):
-        row = root_row if index == 0 else first_row + index - 1
-        for lane in range(NODE_LANES):
-            nodes[row, lane] = scratch[source + index, lane]
-        if nodes[row, NODE_COUNT] == 0:
-            nodes[row, NODE_FIRST] += first_row - (source + 1)
