@@ -39,7 +39,7 @@ class Light:
 
     direction: Vector | None = None
     colour: Vector = (0.92, 0.88, 0.82)
-    sky: Vector = (0.17, 0.19, 0.22)
+    sky: Vector = (0.19, 0.21, 0.24)
     ground: Vector = (0.07, 0.065, 0.06)
 
     def with_direction(self, direction: Vector | None) -> Light:

@@ -14,7 +14,7 @@ from .camera import Camera
 from .scene import Scene
 
 # The automatic light, in the camera's frame: towards the viewer, to the left, and well above.
-_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.75, 0.80, 0.50
+_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
 
 def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
