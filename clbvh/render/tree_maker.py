@@ -35,15 +35,15 @@ class TreeOptions:
     builder : str
         A builder of `clbvh.build`.
     workers : int or None
-        Processes that build; 1 builds in this process. None: as many as there are processors, for meshes that are
-        worth it.
+        Processes that build; 1 builds in this process, and so needs no ``if __name__ == "__main__":`` in a script.
+        None: as many as there are processors, for meshes that are worth it.
     build : BuildOptions
     cache : Path or None
         Folder in which trees are looked for and kept; None for neither.
     """
 
     builder: str = DEFAULT_BUILDER
-    workers: int | None = None
+    workers: int | None = 1
     build: BuildOptions = field(default_factory=BuildOptions)
     cache: Path | None = None
 

@@ -192,8 +192,14 @@ def test_small_meshes_have_workers_only_when_they_are_wanted(fake_pool, workers,
     assert fake_pool.opened == fake_pool.closed == expected
 
 
-def test_large_meshes_have_workers_of_themselves(fake_pool):
+def test_a_script_that_asks_for_no_workers_has_none(fake_pool):
+    """It may have no guard against being imported by them."""
     with TreeMaker(TreeOptions(), 10**7):
+        assert fake_pool.opened == 0
+
+
+def test_large_meshes_have_workers_of_themselves(fake_pool):
+    with TreeMaker(TreeOptions(workers=None), 10**7):
         assert fake_pool.opened == 1
     with TreeMaker(TreeOptions(workers=1), 10**7):
         assert fake_pool.opened == 1
