@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options
+from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
     from ..render import Picture, RenderOptions, Scene
@@ -182,24 +183,23 @@ def _write(picture: Picture, output: list[Path], hits: Path | None) -> float:
 
 
 def _print_report(report: dict[str, Any], picture: Picture) -> None:
-    from rich.console import Console
     from rich.markup import escape
-    from rich.table import Table
 
-    facts = Table(box=None, show_header=False, pad_edge=False)
-    facts.add_column(style="dim")
-    facts.add_column()
+    facts = make_facts()
     degenerate = report["degenerate_triangles"]
     facts.add_row(
         "mesh",
-        f"{escape(report['mesh'])}, {report['triangles']:,} triangles"
-        + (f", {degenerate:,} of them degenerate: never hit" if degenerate else ""),
+        describe_mesh(
+            report["mesh"],
+            f"{report['triangles']:,} triangles",
+            f"{degenerate:,} of them degenerate: never hit" if degenerate else "",
+        ),
     )
     if picture.bvh is not None:
         facts.add_row(
             "tree",
             f"{report['nodes']:,} nodes, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, "
-            + _say_who_built(report),
+            + ("from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])),
         )
     facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
     facts.add_row(
@@ -210,22 +210,9 @@ def _print_report(report: dict[str, Any], picture: Picture) -> None:
     if report["validated_pixels"]:
         facts.add_row("validated", f"tree and {report['validated_pixels']:,} pixels agree with the reference")
 
-    times = Table(box=None, pad_edge=False, header_style="dim")
-    times.add_column("phase")
-    times.add_column("ms", justify="right")
-    times.add_column("")
+    times = make_times()
     for phase, what in _PHASES.items():
-        if phase == "cache" and not report["timings_ms"][phase]:
-            continue
-        style = "bold" if phase == "total" else ""
-        times.add_row(phase, f"{report['timings_ms'][phase]:,.1f}", f"[dim]{what}[/dim]", style=style)
-    console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
-    console.print(facts)
-    console.print()
-    console.print(times)
-
-
-def _say_who_built(report: dict[str, Any]) -> str:
-    if report["tree_from_cache"]:
-        return "from the cache"
-    return f"{report['workers']} worker{'s' if report['workers'] > 1 else ''}"
+        ms = report["timings_ms"][phase]
+        if phase != "cache" or ms:
+            add_time(times, phase, ms, what, style="bold" if phase == "total" else "")
+    print_tables(facts, times)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from . import options
+from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
     from ..render.tree_maker import TreeOptions
@@ -106,19 +106,17 @@ def _describe_options(wanted: TreeOptions) -> dict[str, Any]:
 
 
 def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     mesh, build = report["mesh"], report["build"]
-    facts = Table(box=None, show_header=False, pad_edge=False)
-    facts.add_column(style="dim")
-    facts.add_column()
+    facts = make_facts()
     degenerate = mesh["degenerate_triangles"]
     facts.add_row(
         "mesh",
-        f"{escape(mesh['name'])}, {mesh['triangles']:,} triangles, {mesh['vertices']:,} vertices"
-        + (f", {degenerate:,} degenerate" if degenerate else ""),
+        describe_mesh(
+            mesh["name"],
+            f"{mesh['triangles']:,} triangles",
+            f"{mesh['vertices']:,} vertices",
+            f"{degenerate:,} degenerate" if degenerate else "",
+        ),
     )
     facts.add_row("size", " x ".join(f"{length:.6g}" for length in mesh["size"]))
     facts.add_row("centre", ", ".join(f"{coordinate:.9g}" for coordinate in mesh["centre"]))
@@ -137,29 +135,17 @@ def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
         per_triangle = measured.device_bytes_per_triangle[layout]
         facts.add_row(f"as {layout}", f"{_format_bytes(size, per_triangle)}, triangles included")
 
-    times = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("phase", "ms", ""):
-        times.add_column(heading, justify="right" if heading == "ms" else "left")
-    workers = f"{build['workers']} worker{'s' if build['workers'] > 1 else ''}"
-    rows = [
-        ("load", build["timings_ms"]["load"], "load and re-base the mesh"),
-        ("build", build["timings_ms"]["build"], f"builder {build['builder']}, {workers}; of this:"),
-        *((f"  {phase}", ms, "") for phase, ms in build["phases_ms"].items()),
-        ("measure", build["timings_ms"]["measure"], "what stands above"),
-    ]
-    for phase, ms, what in rows:
-        times.add_row(phase, f"{ms:,.1f}", f"[dim]{what}[/dim]")
+    times = make_times()
+    add_time(times, "load", build["timings_ms"]["load"], "load and re-base the mesh")
+    who = describe_workers(build["workers"])
+    add_time(times, "build", build["timings_ms"]["build"], f"builder {build['builder']}, {who}; of this:")
+    for phase, ms in build["phases_ms"].items():
+        add_time(times, f"  {phase}", ms, "")
+    add_time(times, "measure", build["timings_ms"]["measure"], "what stands above")
 
-    console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
-    for table in (
-        facts,
-        _make_histogram("triangles", measured.leaf_sizes, measured.leaf_count),
-        _make_histogram("depth", measured.leaf_depths, measured.leaf_count),
-        times,
-    ):
-        console.print(table)
-        if table is not times:
-            console.print()
+    sizes = _make_histogram("triangles", measured.leaf_sizes, measured.leaf_count)
+    depths = _make_histogram("depth", measured.leaf_depths, measured.leaf_count)
+    print_tables(facts, sizes, depths, times)
 
 
 def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:

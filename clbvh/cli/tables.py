@@ -1,0 +1,54 @@
+"""The tables that verbs print: they look the same everywhere."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+
+def make_facts() -> Any:
+    """Return an empty table of names and what there is to say of each."""
+    from rich.table import Table
+
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    facts.add_column(style="dim")
+    facts.add_column()
+    return facts
+
+
+def make_times() -> Any:
+    """Return an empty table of phases, their milliseconds, and what they are."""
+    from rich.table import Table
+
+    times = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("phase", "ms", ""):
+        times.add_column(heading, justify="right" if heading == "ms" else "left")
+    return times
+
+
+def add_time(times: Any, phase: str, ms: float, what: str, style: str = "") -> None:
+    """Add a row to a table of `make_times`."""
+    times.add_row(phase, f"{ms:,.1f}", f"[dim]{what}[/dim]", style=style)
+
+
+def describe_mesh(name: str, *facts: str) -> str:
+    """Return a line about a mesh; its name is shown as it is, brackets and all."""
+    from rich.markup import escape
+
+    return ", ".join([escape(name), *(fact for fact in facts if fact)])
+
+
+def describe_workers(count: int) -> str:
+    """Return ``1 worker``, or ``2 workers``."""
+    return f"{count} worker{'s' if count > 1 else ''}"
+
+
+def print_tables(*tables: Any) -> None:
+    """Print tables to stdout, with an empty line between them."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
+    for number, table in enumerate(tables):
+        if number:
+            console.print()
+        console.print(table)
