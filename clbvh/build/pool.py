@@ -19,8 +19,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.util import get_temp_dir
 from numbers import Integral
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, cast
 
+from ..closing import Closing
 from ..errors import ConfigError, PoolError
 from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
@@ -43,7 +44,7 @@ def default_worker_count() -> int:
     return os.cpu_count() or 1
 
 
-class SubtreePool:
+class SubtreePool(Closing):
     """Worker processes that build subtrees.
 
     The workers start in the background at once, by a fork server (or by spawning where there is none): never by
@@ -156,16 +157,10 @@ class SubtreePool:
         """Stop the workers. Closing twice is allowed."""
         self._stop(_STOP_PATIENCE_S)
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        super().__exit__(kind, error, trace)
         if error is None and self._unguarded and self._start_error is not None:
             # A mesh small enough to be built without the workers would hide it.
             raise self._start_error
