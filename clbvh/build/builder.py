@@ -8,18 +8,20 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..tree import Bvh
 from .ladder import LADDER, RUNGS
-from .options import BuildOptions
+from .options import DEFAULT_QUALITY, BuildOptions
 from .pool import SubtreePool
 from .sah import build_sah
 
 DEFAULT_BUILDER = "sah"
 
-_BUILDERS: dict[str, Callable[[Mesh, SubtreePool | None, BuildOptions], Bvh]] = {
-    DEFAULT_BUILDER: build_sah,
-    **LADDER,
+_Builder = Callable[[Mesh, SubtreePool | None, BuildOptions], Bvh]
+
+# What the default builder does for each of `options.QUALITIES`.
+_QUALITIES: dict[str, _Builder] = {
+    DEFAULT_QUALITY: build_sah,
 }
 
-BUILDERS = tuple(_BUILDERS)
+BUILDERS = (DEFAULT_BUILDER, *LADDER)
 
 
 def build(
@@ -32,6 +34,7 @@ def build(
     traversal_cost: float = BuildOptions.traversal_cost,
     task_threshold: int | None = BuildOptions.task_threshold,
     frontier: int = BuildOptions.frontier,
+    quality: str = BuildOptions.quality,
 ) -> Bvh:
     """Build a bounding volume hierarchy over a mesh.
 
@@ -45,8 +48,9 @@ def build(
         ``"sah"``: binned surface area heuristic on three axes, parallel from the root. Or a rung of the report's
         ladder, see `docs/ladder.md`: ``"sequential"``, ``"naive"``, ``"range"``, ``"cached"``, ``"median"``,
         ``"bin"``, ``"atomic"``, ``"flatten"``, ``"flat"``, ``"frontier"``.
-    bins, leaf_size, traversal_cost, task_threshold, frontier : optional
-        See `clbvh.BuildOptions`. A builder heeds those that it has a use for.
+    bins, leaf_size, traversal_cost, task_threshold, frontier, quality : optional
+        See `clbvh.BuildOptions`. A builder heeds those that it has a use for; a quality that it does not have is
+        refused.
 
     Returns
     -------
@@ -56,21 +60,32 @@ def build(
     Raises
     ------
     ConfigError
-        An option outside its range, or an unknown builder.
+        An option outside its range, an unknown builder, or a quality that it does not have.
     MeshError
         A mesh wider than about 1.7e38 units: distances between doubled centroids do not fit float32.
     PoolError
         A worker failed or died, or there is not enough memory to share.
     """
-    options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier)
+    options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
     return build_tree(mesh, builder, pool, options)
 
 
 def build_tree(mesh: Mesh, builder: str, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
     """Do what `build` does, with the options in one struct."""
-    if builder not in _BUILDERS:
-        raise ConfigError(f"builder must be one of {', '.join(BUILDERS)}, not '{builder}'")
-    return _BUILDERS[builder](mesh, pool, options)
+    check_builder(builder, options)
+    build_here = LADDER[builder] if builder in LADDER else _QUALITIES[options.quality]
+    return build_here(mesh, pool, options)
+
+
+def check_builder(builder: str, options: BuildOptions, allowed: tuple[str, ...] = BUILDERS) -> None:
+    """Raise `ConfigError` for an unknown builder, and for a quality that it does not have."""
+    if builder not in allowed:
+        raise ConfigError(f"builder must be one of {', '.join(allowed)}, not '{builder}'")
+    if builder != DEFAULT_BUILDER and options.quality != DEFAULT_QUALITY:
+        raise ConfigError(
+            f"the builder {builder} has one quality, {DEFAULT_QUALITY}: leave '{options.quality}' out, or take the "
+            f"builder {DEFAULT_BUILDER}"
+        )
 
 
 def leaf_limit(builder: str, options: BuildOptions) -> int:

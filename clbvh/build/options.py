@@ -12,6 +12,8 @@ MAX_BINS = 64
 MAX_LEAF_SIZE = 255
 MIN_FRONTIER = 4
 MAX_FRONTIER = 8192
+DEFAULT_QUALITY = "default"
+QUALITIES = (DEFAULT_QUALITY,)
 
 # A leaf never lies deeper. The builder keeps the promise by construction: as soon as a node's primitives need all
 # levels that are left, it splits by halves. Spatial splits of real meshes stay below 40.
@@ -36,6 +38,9 @@ class BuildOptions:
         together. None chooses from the mesh size and the worker count. The tree does not depend on it.
     frontier : int
         Largest number of primitives in a leaf of the builder `frontier`, in place of `leaf_size`, 4 to 8192.
+    quality : str
+        What the builder `sah` does: ``"default"``, the build that docs/build.md describes. Other builders have this
+        one only.
     """
 
     bins: int | None = None
@@ -43,6 +48,7 @@ class BuildOptions:
     traversal_cost: float = 1.0
     task_threshold: int | None = None
     frontier: int = 64
+    quality: str = DEFAULT_QUALITY
 
     def __post_init__(self) -> None:
         for name in ("bins", "leaf_size", "task_threshold", "frontier"):
@@ -57,6 +63,8 @@ class BuildOptions:
         # Another type of number would make numba compile the builder once more, for seconds.
         object.__setattr__(self, "traversal_cost", float(self.traversal_cost))
 
+        if self.quality not in QUALITIES:
+            raise ConfigError(f"quality must be one of {', '.join(QUALITIES)}, not {self.quality!r}")
         if self.bins is not None and not MIN_BINS <= self.bins <= MAX_BINS:
             raise ConfigError(f"bins must be {MIN_BINS} to {MAX_BINS}, not {self.bins}")
         if not 1 <= self.leaf_size <= MAX_LEAF_SIZE:

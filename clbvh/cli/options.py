@@ -18,6 +18,7 @@ DEFAULT_BUILDER = "sah"
 DEFAULT_LEAF_SIZE = 4
 DEFAULT_TRAVERSAL_COST = 1.0
 DEFAULT_FRONTIER = 64
+DEFAULT_QUALITY = "default"
 
 Source = Annotated[
     str,
@@ -65,6 +66,7 @@ TaskThreshold = Annotated[
 Frontier = Annotated[
     int, typer.Option(help="Most triangles in a leaf of the builder frontier.", rich_help_panel=TREE_PANEL)
 ]
+Quality = Annotated[str, typer.Option(help="Of the builder sah: default.", rich_help_panel=TREE_PANEL)]
 UseCache = Annotated[
     bool,
     typer.Option(
@@ -85,12 +87,12 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 
 
 def make_build_options(
-    bins: int | None, leaf_size: int, traversal_cost: float, task_threshold: int | None, frontier: int
+    bins: int | None, leaf_size: int, traversal_cost: float, task_threshold: int | None, frontier: int, quality: str
 ) -> BuildOptions:
     """Return what the options say, checked."""
     from ..build import BuildOptions
 
-    return BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier)
+    return BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
 
 
 def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:

@@ -82,6 +82,7 @@ def render(
     traversal_cost: options.TraversalCost = options.DEFAULT_TRAVERSAL_COST,
     task_threshold: options.TaskThreshold = None,
     frontier: options.Frontier = options.DEFAULT_FRONTIER,
+    quality: options.Quality = options.DEFAULT_QUALITY,
     cache: options.UseCache = False,
     cache_dir: options.CacheFolder = None,
     device: Annotated[
@@ -126,7 +127,7 @@ def render(
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
-        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier),
+        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
         cache=options.find_cache_folder(cache, cache_dir),
         device=device,
         layout=layout,

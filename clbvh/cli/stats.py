@@ -31,6 +31,7 @@ def stats(
     traversal_cost: options.TraversalCost = options.DEFAULT_TRAVERSAL_COST,
     task_threshold: options.TaskThreshold = None,
     frontier: options.Frontier = options.DEFAULT_FRONTIER,
+    quality: options.Quality = options.DEFAULT_QUALITY,
     exact: Annotated[
         bool,
         typer.Option("--exact", help="Measure the end-point overlap on all triangles, not on 200,000 at most."),
@@ -55,7 +56,7 @@ def stats(
     wanted = TreeOptions(
         builder=builder,
         workers=workers,
-        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier),
+        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
     )
 
     watch = Stopwatch()

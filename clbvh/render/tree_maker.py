@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import ClassVar
 
 from ..build import BuildOptions, SubtreePool
-from ..build.builder import BUILDERS, DEFAULT_BUILDER, build_tree
+from ..build.builder import BUILDERS, DEFAULT_BUILDER, build_tree, check_builder
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..stopwatch import Stopwatch
@@ -46,8 +46,7 @@ class TreeOptions:
     allowed_builders: ClassVar[tuple[str, ...]] = BUILDERS
 
     def __post_init__(self) -> None:
-        if self.builder not in self.allowed_builders:
-            raise ConfigError(f"builder must be one of {', '.join(self.allowed_builders)}, not '{self.builder}'")
+        check_builder(self.builder, self.build, self.allowed_builders)
         if self.workers is not None and self.workers < 1:
             raise ConfigError(f"workers must be at least 1, not {self.workers}")
 

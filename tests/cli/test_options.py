@@ -8,6 +8,7 @@ import pytest
 
 from clbvh import BuildOptions
 from clbvh.cli import options
+from clbvh.errors import ConfigError
 from clbvh.render.tree_maker import TreeOptions
 
 from .command import run_clbvh
@@ -16,15 +17,22 @@ from .command import run_clbvh
 def test_the_defaults_are_those_of_the_library():
     assert TreeOptions().builder == options.DEFAULT_BUILDER
     made = options.make_build_options(
-        None, options.DEFAULT_LEAF_SIZE, options.DEFAULT_TRAVERSAL_COST, None, options.DEFAULT_FRONTIER
+        None,
+        options.DEFAULT_LEAF_SIZE,
+        options.DEFAULT_TRAVERSAL_COST,
+        None,
+        options.DEFAULT_FRONTIER,
+        options.DEFAULT_QUALITY,
     )
     assert made == BuildOptions()
 
 
 def test_every_option_arrives_where_it_belongs():
-    assert options.make_build_options(3, 5, 7.5, 9, 128) == BuildOptions(
-        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9, frontier=128
+    assert options.make_build_options(3, 5, 7.5, 9, 128, "default") == BuildOptions(
+        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9, frontier=128, quality="default"
     )
+    with pytest.raises(ConfigError, match=r"quality must be .* not 'best'"):
+        options.make_build_options(3, 5, 7.5, 9, 128, "best")
 
 
 def test_the_folder_of_the_cache(monkeypatch, tmp_path):
@@ -46,6 +54,7 @@ def test_both_verbs_have_the_options_of_a_build(verb):
         "--traversal-cost",
         "--task-threshold",
         "--frontier",
+        "--quality",
         "--json",
     ):
         assert option in text

@@ -165,6 +165,7 @@ def test_a_bad_scene_is_bad_input(tmp_path):
         (("--builder", "magic"), ("builder", "magic")),
         (("--layout", "magic"), ("layout", "magic")),
         (("--bins", "1"), ("bins", "1")),
+        (("--quality", "best"), ("quality", "best")),
         (("--leaf-size", "0"), ("leaf_size", "0")),
         (("--fov", "180"), ("fov", "180")),
         (("--hits", "hits.csv"), ("hits.csv", ".npz")),

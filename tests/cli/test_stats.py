@@ -114,6 +114,7 @@ def test_a_missing_matplotlib_is_named(scene, tmp_path):
         (("--plot", "gone/a.png"), ("does not exist",)),
         (("--builder", "brute"), ("builder", "brute")),
         (("--bins", "1"), ("bins", "1")),
+        (("--quality", "best"), ("quality", "best")),
         (("--workers", "0"), ("workers", "0")),
         (("--traversal-cost", "0"), ("traversal_cost", "0")),
     ],

@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, build
-from clbvh.build.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER
+from clbvh.build import options as options_module
+from clbvh.build.builder import _QUALITIES
+from clbvh.build.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER, QUALITIES
 from clbvh.errors import ConfigError
+from clbvh.render import RenderOptions
 
 
 def test_defaults_are_allowed_and_fixed():
     options = BuildOptions()
     assert (options.bins, options.leaf_size, options.traversal_cost, options.task_threshold) == (None, 4, 1.0, None)
-    assert options.frontier == 64
+    assert (options.frontier, options.quality) == (64, "default")
     with pytest.raises(dataclasses.FrozenInstanceError):
         options.bins = 8
 
@@ -85,8 +88,31 @@ def test_none_is_for_bins_and_the_threshold_only(name):
 
 def test_numpy_numbers_become_plain_ones():
     options = BuildOptions(np.int64(8), np.uint8(3), np.float32(2), np.int16(100), np.uint16(500))
-    assert dataclasses.astuple(options) == (8, 3, 2.0, 100, 500)
-    assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int, int]
+    assert dataclasses.astuple(options) == (8, 3, 2.0, 100, 500, "default")
+    assert [type(value) for value in dataclasses.astuple(options)] == [int, int, float, int, int, str]
+
+
+def test_every_quality_has_its_build():
+    assert tuple(_QUALITIES) == QUALITIES
+    for quality in QUALITIES:
+        assert BuildOptions(quality=quality).quality == quality
+
+
+@pytest.mark.parametrize("value", ["best", "Default", "", None, 1, ["default"]])
+def test_an_unknown_quality_is_refused(value):
+    with pytest.raises(ConfigError, match="quality must be one of default") as caught:
+        BuildOptions(quality=value)
+    assert str(caught.value).endswith(f"not {value!r}")
+
+
+def test_a_rung_of_the_ladder_refuses_another_quality(monkeypatch):
+    monkeypatch.setattr(options_module, "QUALITIES", ("default", "other"))
+    mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
+    with pytest.raises(ConfigError, match="the builder median has one quality, default: leave 'other' out"):
+        build(mesh, builder="median", quality="other")
+    with pytest.raises(ConfigError, match="the builder brute has one quality"):
+        RenderOptions(builder="brute", build=BuildOptions(quality="other"))
+    assert build(mesh, builder="median", quality="default").depth == 0
 
 
 def test_a_build_refuses_the_same_and_an_unknown_builder():
