@@ -1,4 +1,4 @@
-// The nearest crossing of a ray with a triangle found so far.
+// One crossing of a ray with a triangle.
 
 #include "ray.cl"
 
@@ -7,7 +7,7 @@ typedef struct {
     float u;
     float v;
     int prim_id;
-    int place;  // where the triangle is in the array of triangles
+    int place;  // where the triangle is on the device, see corners_at
 } crossing_t;
 
 crossing_t no_crossing(void)
@@ -19,12 +19,6 @@ crossing_t no_crossing(void)
 bool is_found(const crossing_t *crossing)
 {
     return crossing->prim_id != NO_PRIM;
-}
-
-// How far along the ray a nearer crossing can still be.
-float search_limit(const crossing_t *crossing, const path_t *path)
-{
-    return smaller(crossing->t, path->t_max);
 }
 
 hit_t as_hit(const crossing_t *crossing)

@@ -42,14 +42,15 @@ float3 shade_depth(const global view_t *view, const float3 position)
 
 // Whether nothing stands between a surface and the light.
 bool sees_light(
-    const global view_t *view, const surface_t *surface, const global bvh2_node_t *nodes,
-    const global triangle_t *triangles, const int triangle_count)
+    const global view_t *view, const surface_t *surface, const global node_t *nodes,
+    const global group_t *groups, const int group_count)
 {
     const float3 to_light = vload3(0, view->to_light);
     if (!(dot(surface->normal, to_light) > 0.0f)) {
         return false;
     }
     const path_t path = make_path(point_above(surface), to_light, 0.0f, INFINITY);
-    const crossing_t blocker = traverse(nodes, triangles, triangle_count, &path, true);
-    return !is_found(&blocker);
+    search_t blockers = begin_search(1, 0);
+    traverse(nodes, groups, group_count, &path, &blockers, QUERY_COUNT);
+    return blockers.count == 0;
 }

@@ -1,6 +1,6 @@
 // Where on a triangle a crossing lies, and which way the surface faces there.
 
-#include "crossing.cl"
+#include "triangle.cl"
 
 typedef struct {
     float3 position;
@@ -8,14 +8,11 @@ typedef struct {
     float3 error;   // bound on the rounding of each coordinate of the position
 } surface_t;
 
-surface_t surface_at(const global triangle_t *triangle, const crossing_t *crossing, const float3 direction)
+surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const float3 direction)
 {
-    const float3 a = vload3(0, triangle->a);
-    const float3 b = vload3(0, triangle->b);
-    const float3 c = vload3(0, triangle->c);
-    const float3 from_a = (1.0f - crossing->u - crossing->v) * a;
-    const float3 from_b = crossing->u * b;
-    const float3 from_c = crossing->v * c;
+    const float3 from_a = (1.0f - crossing->u - crossing->v) * corners->a;
+    const float3 from_b = crossing->u * corners->b;
+    const float3 from_c = crossing->v * corners->c;
 
     surface_t surface;
     surface.position = from_a + from_b + from_c;
@@ -23,8 +20,8 @@ surface_t surface_at(const global triangle_t *triangle, const crossing_t *crossi
     // rendering", section 6.8, 2023).
     surface.error = ERROR_BOUND(7) * (fabs(from_a) + fabs(from_b) + fabs(from_c));
     // Scaled first: the product of two edges of a very small or very large triangle would leave float32.
-    const float3 ab = b - a;
-    const float3 ac = c - a;
+    const float3 ab = corners->b - corners->a;
+    const float3 ac = corners->c - corners->a;
     const float3 normal = normalize(cross(normalize(ab), normalize(ac)));
     surface.normal = dot(normal, direction) > 0.0f ? -normal : normal;
     return surface;

@@ -1,10 +1,17 @@
-// Picks the traversal that the host asks for. Each defines `traverse` with the same arguments.
+// Picks the layout that the host asks for. Each defines
+//
+// node_t, group_t    what `nodes` and `groups` hold; a group is the triangles that are tested together
+// traverse           report each crossing of a ray to a search, until that is settled
+// corners_at         the corners of the triangle at a crossing's place
 
 // What several of them need comes first: the host expands each include once, where it first stands, and that must
 // not be inside a branch that is left out.
 #include "aabb.cl"
-#include "crossing.cl"
+#include "search.cl"
 #include "triangle.cl"
+#if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
+#include "one_triangle.cl"
+#endif
 
 #if LAYOUT == LAYOUT_BVH2
 #include "traverse_bvh2.cl"

@@ -4,29 +4,28 @@
 // entry is a child that waits, as 2 * node + child, in 4 bytes.
 
 #include "aabb.cl"
-#include "crossing.cl"
-#include "triangle.cl"
+#include "one_triangle.cl"
+
+typedef bvh2_node_t node_t;
 
 bool meets_child(
-    const global bvh2_node_t *node, const int child, const path_t *path, const float t_max, float *entry)
+    const global node_t *node, const int child, const path_t *path, const float t_max, float *entry)
 {
     return meets_aabb(vload3(0, node->aabb_min[child]), vload3(0, node->aabb_max[child]), path, t_max, entry);
 }
 
-// The nearest crossing; with `any`, the first one found.
-crossing_t traverse(
-    const global bvh2_node_t *nodes, const global triangle_t *triangles, const int triangle_count,
-    const path_t *path, const bool any)
+void traverse(
+    const global node_t *nodes, const global group_t *groups, const int group_count, const path_t *path,
+    search_t *search, const int query)
 {
     int stack[STACK_SIZE];
     int waiting = 0;
     int node = 0;
-    crossing_t nearest = no_crossing();
 
     while (true) {
         // Which children does the ray meet, and which first?
         float entry_left, entry_right;
-        const float limit = search_limit(&nearest, path);
+        const float limit = search_limit(search, path, query);
         const bool meets_left = meets_child(nodes + node, 0, path, limit, &entry_left);
         const bool meets_right = meets_child(nodes + node, 1, path, limit, &entry_right);
 
@@ -40,7 +39,7 @@ crossing_t traverse(
         } else if (waiting > 0) {
             next = stack[--waiting];
         } else {
-            return nearest;
+            return;
         }
 
         // Leaves are tested at once, until an interior child comes up.
@@ -48,10 +47,10 @@ crossing_t traverse(
             const int first = nodes[next >> 1].first[next & 1];
             const int end = first + nodes[next >> 1].count[next & 1];
             for (int place = first; place < end; place++) {
-                intersect_triangle(triangles, place, path, &nearest);
+                intersect_triangle(groups, place, path, search, query);
             }
-            if ((any && is_found(&nearest)) || waiting == 0) {
-                return nearest;
+            if (is_settled(search, query) || waiting == 0) {
+                return;
             }
             next = stack[--waiting];
         }

@@ -1,11 +1,19 @@
-// The watertight triangle test (Woop, Benthin and Wald, "Watertight ray/triangle intersection", 2013).
+// The watertight triangle test (Woop, Benthin and Wald, "Watertight ray/triangle intersection", 2013), with every edge
+// on one side only.
 //
 // The ray becomes the z axis by a shear that is the same for every vertex, so the vertex that two triangles share
 // stays shared. Edge functions never have the wrong sign, so a shared edge that one triangle has on its left has the
-// other on its right; zero counts as inside. So a ray that crosses a closed mesh crosses one of its triangles at least.
+// other on its right. A ray exactly through an edge is taken for one that passes beside it, at (e, e * e) for an
+// infinitely small e (Edelsbrunner and Muecke, "Simulation of simplicity", 1990): the same side for both triangles, and
+// no vertex or edge is left to be met. So a ray crosses a closed mesh exactly as often as it goes in and out.
 
-#include "crossing.cl"
-#include "ray.cl"
+#include "search.cl"
+
+typedef struct {
+    float3 a;
+    float3 b;
+    float3 c;
+} corners_t;
 
 // A vertex seen along the ray: x and y across it, z along it.
 float3 shear_vertex(const float3 vertex, const path_t *path)
@@ -30,15 +38,22 @@ bool disagree(const float a, const float b, const float c)
     return (a < 0.0f || b < 0.0f || c < 0.0f) && (a > 0.0f || b > 0.0f || c > 0.0f);
 }
 
-// Replaces *nearest when the ray meets the triangle nearer, or just as near with a smaller number: ties are broken the
-// same way whatever the order of the tests. Every comparison is written so that NaN means no hit.
-void intersect_triangle(
-    const global triangle_t *triangles, const int place, const path_t *path, crossing_t *nearest)
+// An edge function, and what stands for it where it is zero: the first of its derivatives along x and y that is not,
+// for a ray that moves to (e, e * e). Only the sign counts.
+float side_of_edge(const float edge, const float3 begin, const float3 end)
 {
-    const global triangle_t *triangle = triangles + place;
-    const float3 a = shear_vertex(vload3(0, triangle->a), path);
-    const float3 b = shear_vertex(vload3(0, triangle->b), path);
-    const float3 c = shear_vertex(vload3(0, triangle->c), path);
+    return edge != 0.0f ? edge : begin.y != end.y ? end.y - begin.y : begin.x - end.x;
+}
+
+// Reports the crossing of the ray with the triangle, if there is one. Every comparison is written so that NaN means
+// none.
+void intersect_corners(
+    const corners_t *corners, const int prim_id, const int place, const path_t *path, search_t *search,
+    const int query)
+{
+    const float3 a = shear_vertex(corners->a, path);
+    const float3 b = shear_vertex(corners->b, path);
+    const float3 c = shear_vertex(corners->c, path);
 
     // Twice the signed areas that the ray spans with the edges opposite a, b and c. Plain differences may vanish but
     // never have the wrong sign: they dismiss most triangles at once.
@@ -49,17 +64,13 @@ void intersect_triangle(
     const float edge_b = exact_difference(a.x, c.y, a.y, c.x);
     const float edge_c = exact_difference(b.x, a.y, b.y, a.x);
     const float area = edge_a + edge_b + edge_c;
-    if (disagree(edge_a, edge_b, edge_c) || area == 0.0f) {
+    if (disagree(side_of_edge(edge_a, b, c), side_of_edge(edge_b, c, a), side_of_edge(edge_c, a, b)) || area == 0.0f) {
         return;
     }
 
     const float t = (edge_a * a.z + edge_b * b.z + edge_c * c.z) / area;
-    const bool nearer = t < nearest->t || (t == nearest->t && triangle->prim_id < nearest->prim_id);
-    if (t >= path->t_min && t <= path->t_max && nearer) {
-        nearest->t = t;
-        nearest->u = edge_b / area;
-        nearest->v = edge_c / area;
-        nearest->prim_id = triangle->prim_id;
-        nearest->place = place;
+    if (t >= path->t_min && t <= path->t_max) {
+        const crossing_t crossing = {t, edge_b / area, edge_c / area, prim_id, place};
+        note_crossing(search, crossing, query);
     }
 }

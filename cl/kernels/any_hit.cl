@@ -1,13 +1,13 @@
 // Whether anything lies on each ray between its t_min and its t_max.
 //
-// nodes[node_count], triangles[triangle_count]   the tree, see clbvh/layout.py
+// nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
 // rays[ray_count]                                object units, relative to the mesh's origin
 // blocked[ray_count]                             written; 1 or 0
 
 #include "traverse.cl"
 
 kernel void any_hit(
-    const global bvh2_node_t *restrict nodes, const global triangle_t *restrict triangles, const int triangle_count,
+    const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
     const global ray_t *restrict rays, global uchar *restrict blocked, const int ray_count)
 {
     const int ray = get_global_id(0);
@@ -15,6 +15,7 @@ kernel void any_hit(
         return;
     }
     const path_t path = load_path(rays + ray);
-    const crossing_t blocker = traverse(nodes, triangles, triangle_count, &path, true);
-    blocked[ray] = is_found(&blocker);
+    search_t search = begin_search(1, 0);
+    traverse(nodes, groups, group_count, &path, &search, QUERY_COUNT);
+    blocked[ray] = search.count;
 }

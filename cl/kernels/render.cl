@@ -1,6 +1,6 @@
 // A picture: one work-item per pixel finds the closest hit and its colour.
 //
-// nodes[node_count], triangles[triangle_count]   the tree, see clbvh/layout.py
+// nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
 // view[1]                                        camera, light and colours
 // first_row, row_count                           the rows of the picture that this launch renders
 // colours[row_count * width]                     written; red, green, blue, and 255 where something is hit
@@ -12,7 +12,7 @@
 #include "shade.cl"
 
 kernel void render(
-    const global bvh2_node_t *restrict nodes, const global triangle_t *restrict triangles, const int triangle_count,
+    const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
     const global view_t *restrict view, const int first_row, const int row_count,
     global uchar4 *restrict colours, global hit_t *restrict hits)
 {
@@ -25,14 +25,17 @@ kernel void render(
     const int row = first_row + band_row;
 
     const path_t path = primary_path(view, column, row);
-    const crossing_t nearest = traverse(nodes, triangles, triangle_count, &path, false);
+    search_t search = begin_search(1, 0);
+    traverse(nodes, groups, group_count, &path, &search, QUERY_CLOSEST);
+    const crossing_t nearest = search.nearest;
     hits[pixel] = as_hit(&nearest);
 
     float3 colour;
     if (!is_found(&nearest)) {
         colour = shade_background(view, row);
     } else {
-        const surface_t surface = surface_at(triangles + nearest.place, &nearest, path.direction);
+        const corners_t corners = corners_at(groups, nearest.place);
+        const surface_t surface = surface_at(&corners, &nearest, path.direction);
         switch (view->shading) {
         case SHADE_NORMAL:
             colour = 0.5f * surface.normal + 0.5f;
@@ -42,7 +45,7 @@ kernel void render(
             break;
         case SHADE_LAMBERT_SHADOW:
             colour = shade_lambert(
-                view, surface.normal, sees_light(view, &surface, nodes, triangles, triangle_count));
+                view, surface.normal, sees_light(view, &surface, nodes, groups, group_count));
             break;
         default:
             colour = shade_lambert(view, surface.normal, true);

@@ -26,9 +26,8 @@ from ..layout import (
 )
 from .bvh import Bvh
 
-# A box at the end of the number range: the second child of a tree that is one leaf. A ray that passes there all the
-# same tests the leaf once more, which changes nothing.
-_UNREACHABLE = np.finfo(np.float32).max
+# A child that is not there has its box turned inside out, from the greatest number to the least: no ray is between.
+_GREATEST = np.finfo(np.float32).max
 
 
 def make_bvh2_nodes(bvh: Bvh) -> NDArray[np.void]:
@@ -49,7 +48,7 @@ def make_bvh2_nodes(bvh: Bvh) -> NDArray[np.void]:
     if len(rows) == 1:
         lone = nodes.view(BVH2_NODE)[0, 0]
         lone["aabb_min"][0], lone["aabb_max"][0] = bvh.nodes["aabb_min"][0], bvh.nodes["aabb_max"][0]
-        lone["aabb_min"][1] = lone["aabb_max"][1] = _UNREACHABLE
+        lone["aabb_min"][1], lone["aabb_max"][1] = _GREATEST, -_GREATEST
         lone["first"], lone["count"] = bvh.nodes["first"][0], bvh.nodes["count"][0]
     else:
         _pair_children(rows, rows.view(np.int32), nodes, nodes.view(np.int32))

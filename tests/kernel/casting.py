@@ -11,7 +11,8 @@ from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.tracer import pack_rays
 
 GROUP_SIZE = 64
-RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8)}
+RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8), "count_hits": np.dtype(np.int32), "all_hits": HIT}
+NO_LIMIT = np.iinfo(np.int32).max
 
 
 @cache
@@ -22,24 +23,39 @@ def compiled(session, name, defines):
 
 @contextmanager
 def open_caster(session, mesh, bvh):
-    """Give a function from a kernel's name and rays to its results; `bvh` None for no tree."""
+    """Give a function from a kernel's name and rays to its results; `bvh` None for no tree.
+
+    Of all_hits these are the hits and the (n + 1,) offsets of each ray's.
+    """
     tree = DeviceTree(session, mesh, bvh)
     kernels = {name: compiled(session, name, tuple(tree.defines.items())) for name in RESULT_TYPES}
 
-    def cast(name, origins, directions, t_min=0.0, t_max=np.inf):
-        rays, exponents = pack_rays(origins, directions, t_min, t_max, mesh.origin)
-        assert exponents is None
-        results = np.zeros(len(rays), RESULT_TYPES[name])
+    def run(name, rays, results, *more):
         given, written = session.upload(rays), session.upload(results)
         try:
-            session.run(
-                kernels[name], (len(rays),), (GROUP_SIZE,), *tree.arguments, given, written, np.int32(len(rays))
-            )
+            arguments = (*tree.arguments, given, written, np.int32(len(rays)), *more)
+            session.run(kernels[name], (len(rays),), (GROUP_SIZE,), *arguments)
             session.download(written, results)
         finally:
             session.release(given)
             session.release(written)
         return results
+
+    def cast(name, origins, directions, t_min=0.0, t_max=np.inf, max_hits=NO_LIMIT):
+        rays, exponents = pack_rays(origins, directions, t_min, t_max, mesh.origin)
+        assert exponents is None
+        if name not in ("count_hits", "all_hits"):
+            return run(name, rays, np.zeros(len(rays), RESULT_TYPES[name]))
+        counts = run("count_hits", rays, np.zeros(len(rays), np.int32), np.int32(max_hits))
+        if name == "count_hits":
+            return counts
+        offsets = np.zeros(len(rays) + 1, np.int32)
+        np.cumsum(counts, out=offsets[1:])
+        uploaded = session.upload(offsets)
+        try:
+            return run(name, rays, np.zeros(offsets[-1], HIT), uploaded), offsets
+        finally:
+            session.release(uploaded)
 
     try:
         yield cast

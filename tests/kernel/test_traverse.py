@@ -114,7 +114,7 @@ def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
 def find_any(run_shell, make_rays, bvh, origins, directions):
     """The triangles at which a search for anything ends."""
     nodes, triangles = make_bvh2_nodes(bvh), gather_triangles(bvh.mesh, bvh.prim_ids)
-    defines = {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64, "TRIANGLE_COUNT": len(triangles)}
+    defines = {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64, "GROUP_COUNT": len(triangles)}
     (hits,) = run_shell("find_any", [make_rays(origins, directions), nodes, triangles], [HIT], defines)
     return hits["prim_id"].tolist()
 

@@ -93,12 +93,39 @@ def test_beside_the_triangle_is_a_miss(cross):
     assert cross(beside, [0, 0, -1], UNIT).tolist() == [MISS] * len(beside)
 
 
-def test_edges_and_corners_belong_to_the_triangle(cross):
-    points = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [0.5, 0, 1], [0, 0.25, 1], [0.5, 0.5, 1]])
-    hits = cross(points, [0, 0, -1], UNIT)
-    assert (hits["prim_id"] == 0).all()
-    np.testing.assert_array_equal(hits["u"], points[:, 0])
-    np.testing.assert_array_equal(hits["v"], points[:, 1])
+def test_a_ray_through_an_edge_is_taken_for_one_beside_it(cross):
+    # Seen along z, it is moved by a little in x, and by much less in y.
+    inside = np.array([[0, 0, 1], [0.5, 0, 1], [0, 0.25, 1]])
+    outside = np.array([[1, 0, 1], [0, 1, 1], [0.5, 0.5, 1]])
+    for corners in (UNIT, UNIT[[1, 2, 0]], UNIT[[0, 2, 1]]):
+        hits = cross(inside, [0, 0, -1], corners)
+        assert (hits["prim_id"] == 0).all()
+        np.testing.assert_array_equal(hits["t"], 1)
+        assert cross(outside, [0, 0, -1], corners).tolist() == [MISS] * 3
+        # The triangle on the other side of the slanted edge has what this one has not.
+        assert (cross(outside, [0, 0, 1] * -np.ones(3), [1, 1, 0] - corners)["prim_id"] == [NO_PRIM, NO_PRIM, 0]).all()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_edge_or_a_corner_that_triangles_share_is_crossed_once(cross, seed):
+    """Six triangles around a corner, in a plane or on a cone, and rays through the corner and through their edges."""
+    generator = np.random.default_rng([14, seed])
+    count = 20_000
+    corner = generator.integers(-8, 9, (count, 1, 3))
+    axis = generator.integers(0, 3, count)[:, None, None]
+    ring = np.array([[2, 0], [1, 2], [-1, 2], [-2, 0], [-1, -2], [1, -2]]) * generator.integers(1, 4, (count, 1, 1))
+    lift = generator.integers(-1, 2, (count, 1, 1)) * np.ones((1, 6, 1), int)
+    around = np.take_along_axis(np.concatenate((ring, lift), axis=2), (np.arange(3) - axis - 1) % 3, axis=2)
+    turned = np.where(generator.integers(0, 2, (count, 1, 1)) > 0, around, around[:, ::-1])
+    towards = np.array([2.0**i for i in range(3)])[generator.integers(0, 3, count)]
+    along = (axis[:, 0] == np.arange(3)) * towards[:, None] * generator.choice([-1, 1], (count, 1))
+    # Half the rays meet the corner, the others the middle of an edge to it.
+    target = np.where(generator.integers(0, 2, (count, 1)) > 0, corner[:, 0], corner[:, 0] + turned[:, 0] / 2)
+    found = np.zeros(count, int)
+    for i in range(6):
+        fan = np.stack((corner[:, 0], corner[:, 0] + turned[:, i], corner[:, 0] + turned[:, (i + 1) % 6]), axis=1)
+        found += cross(target - 4 * along, along, fan.astype(np.float64))["prim_id"] != NO_PRIM
+    np.testing.assert_array_equal(found, 1)
 
 
 def test_limits_are_inclusive(cross):

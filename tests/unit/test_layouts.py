@@ -59,16 +59,16 @@ def test_a_walk_meets_the_same_boxes_and_leaves(count, leaf_size):
 
 
 @pytest.mark.parametrize("count", [1, 4])
-def test_a_tree_of_one_leaf_has_a_second_child_that_no_ray_needs(count):
+def test_a_tree_of_one_leaf_has_a_second_child_that_no_ray_meets(count):
     bvh = make_leaf(count)
     nodes = make_bvh2_nodes(bvh)
     assert len(nodes) == 1
     assert (nodes["first"][0, 0], nodes["count"][0, 0]) == (0, count)
     assert nodes["aabb_min"][0, 0].tolist() == bvh.nodes["aabb_min"][0].tolist()
     assert nodes["aabb_max"][0, 0].tolist() == bvh.nodes["aabb_max"][0].tolist()
-    # Should a ray meet the box at the end of the number range, it finds the same leaf.
+    # Its box is turned inside out.
     assert (nodes["aabb_min"][0, 1] == np.finfo(np.float32).max).all()
-    assert (nodes["aabb_max"][0, 1] == np.finfo(np.float32).max).all()
+    assert (nodes["aabb_max"][0, 1] == -np.finfo(np.float32).max).all()
     assert (nodes["first"][0, 1], nodes["count"][0, 1]) == (0, count)
 
 

@@ -4,7 +4,7 @@
 // earlier[count]                   what was nearest before; prim_id NO_PRIM for nothing
 // hits[count], places[count]       written; what is nearest after
 
-#include "triangle.cl"
+#include "one_triangle.cl"
 
 kernel void cross_triangles(
     const global ray_t *restrict rays, const global triangle_t *restrict triangles,
@@ -15,8 +15,10 @@ kernel void cross_triangles(
         return;
     }
     const path_t path = load_path(rays + i);
-    crossing_t nearest = {earlier[i].t, earlier[i].u, earlier[i].v, earlier[i].prim_id, -1};
-    intersect_triangle(triangles, i, &path, &nearest);
-    hits[i] = as_hit(&nearest);
-    places[i] = nearest.place;
+    search_t search = begin_search(1, 0);
+    const crossing_t before = {earlier[i].t, earlier[i].u, earlier[i].v, earlier[i].prim_id, -1};
+    search.nearest = before;
+    intersect_triangle(triangles, i, &path, &search, QUERY_CLOSEST);
+    hits[i] = as_hit(&search.nearest);
+    places[i] = search.nearest.place;
 }

@@ -1,11 +1,11 @@
-// no_crossing, is_found, search_limit and as_hit.
+// no_crossing, is_found, as_hit and search_limit.
 //
 // rays[count], earlier[count]       a ray and the nearest crossing so far
 // none[count], hits[count]          written; no_crossing and the crossing, as hits
 // is_found_yet[count]               written; whether no_crossing counts as found, plus 2 if the crossing does
 // limits[count]                     written; how far the search goes on
 
-#include "crossing.cl"
+#include "search.cl"
 
 kernel void keep_crossing(
     const global ray_t *restrict rays, const global hit_t *restrict earlier, global hit_t *restrict none,
@@ -21,5 +21,7 @@ kernel void keep_crossing(
     none[i] = as_hit(&nothing);
     hits[i] = as_hit(&nearest);
     is_found_yet[i] = (is_found(&nothing) ? 1 : 0) + (is_found(&nearest) ? 2 : 0);
-    limits[i] = search_limit(&nearest, &path);
+    search_t search = begin_search(1, 0);
+    search.nearest = nearest;
+    limits[i] = search_limit(&search, &path, QUERY_CLOSEST);
 }

@@ -1,0 +1,30 @@
+// The hits of each ray, in the order along it.
+//
+// nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
+// rays[ray_count]                                object units, relative to the mesh's origin
+// hits[offsets[ray_count]]                       written; those of ray i are offsets[i] to offsets[i + 1]
+// offsets[ray_count + 1]                         running sums of what count_hits found
+//
+// Where a ray has more hits than places, it gets the nearest ones. Ties are in the order of the face numbers.
+
+#include "traverse.cl"
+
+kernel void all_hits(
+    const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
+    const global ray_t *restrict rays, global hit_t *restrict hits, const int ray_count,
+    const global int *restrict offsets)
+{
+    const int ray = get_global_id(0);
+    if (ray >= ray_count) {
+        return;
+    }
+    const int begin = offsets[ray];
+    const int places = offsets[ray + 1] - begin;
+    if (places == 0) {
+        return;
+    }
+    const path_t path = load_path(rays + ray);
+    search_t search = begin_search(places, hits + begin);
+    traverse(nodes, groups, group_count, &path, &search, QUERY_KEEP);
+    sort_hits(&search);
+}
