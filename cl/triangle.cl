@@ -3,9 +3,10 @@
 //
 // The ray becomes the z axis by a shear that is the same for every vertex, so the vertex that two triangles share
 // stays shared. Edge functions never have the wrong sign, so a shared edge that one triangle has on its left has the
-// other on its right. A ray exactly through an edge is taken for one that passes beside it, at (e, e * e) for an
-// infinitely small e (Edelsbrunner and Muecke, "Simulation of simplicity", 1990): the same side for both triangles, and
-// no vertex or edge is left to be met. So a ray crosses a closed mesh exactly as often as it goes in and out.
+// other on its right. A ray exactly through an edge is taken for one that passes beside it (Edelsbrunner and Muecke,
+// "Simulation of simplicity", 1990): the same side for both triangles, and no vertex or edge is left to be met. So a ray
+// crosses a closed mesh exactly as often as it goes in and out. It leans towards the mesh's origin, its middle, so that
+// the outline of a convex mesh belongs to it: by e * lean + (e * e, e * e * e) for an infinitely small e.
 
 #include "search.cl"
 
@@ -38,11 +39,17 @@ bool disagree(const float a, const float b, const float c)
     return (a < 0.0f || b < 0.0f || c < 0.0f) && (a > 0.0f || b > 0.0f || c > 0.0f);
 }
 
-// An edge function, and what stands for it where it is zero: the first of its derivatives along x and y that is not,
-// for a ray that moves to (e, e * e). Only the sign counts.
-float side_of_edge(const float edge, const float3 begin, const float3 end)
+// An edge function, and what stands for it where it is zero: the first of its derivatives, along `lean`, x and y, that
+// is not. Only the sign counts. Where a vertex is met it is at zero, so the differences are exact; elsewhere it is
+// enough that the two triangles at the edge have them with opposite signs.
+float side_of_edge(const float edge, const float3 begin, const float3 end, const float2 lean)
 {
-    return edge != 0.0f ? edge : begin.y != end.y ? end.y - begin.y : begin.x - end.x;
+    if (edge != 0.0f) {
+        return edge;
+    }
+    const float2 along = end.xy - begin.xy;
+    const float leaning = exact_difference(lean.x, along.y, lean.y, along.x);
+    return leaning != 0.0f ? leaning : along.y != 0.0f ? along.y : -along.x;
 }
 
 // Reports the crossing of the ray with the triangle, if there is one. Every comparison is written so that NaN means
@@ -64,7 +71,10 @@ void intersect_corners(
     const float edge_b = exact_difference(a.x, c.y, a.y, c.x);
     const float edge_c = exact_difference(b.x, a.y, b.y, a.x);
     const float area = edge_a + edge_b + edge_c;
-    if (disagree(side_of_edge(edge_a, b, c), side_of_edge(edge_b, c, a), side_of_edge(edge_c, a, b)) || area == 0.0f) {
+    const float side_a = side_of_edge(edge_a, b, c, path->lean);
+    const float side_b = side_of_edge(edge_b, c, a, path->lean);
+    const float side_c = side_of_edge(edge_c, a, b, path->lean);
+    if (disagree(side_a, side_b, side_c) || area == 0.0f) {
         return;
     }
 

@@ -94,16 +94,23 @@ def test_beside_the_triangle_is_a_miss(cross):
 
 
 def test_a_ray_through_an_edge_is_taken_for_one_beside_it(cross):
-    # Seen along z, it is moved by a little in x, and by much less in y.
-    inside = np.array([[0, 0, 1], [0.5, 0, 1], [0, 0.25, 1]])
-    outside = np.array([[1, 0, 1], [0, 1, 1], [0.5, 0.5, 1]])
+    # It is moved towards zero by a little, and by much less in x and then in y.
+    border = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [0.5, 0, 1], [0, 0.25, 1], [0.5, 0.5, 1], [0.25, 0.75, 1]])
+    slanted = np.arange(len(border)) >= 5
+    corner, middle, far = np.zeros(3), np.array([0.25, 0.25, 0]), np.array([8, 8, 0])
     for corners in (UNIT, UNIT[[1, 2, 0]], UNIT[[0, 2, 1]]):
-        hits = cross(inside, [0, 0, -1], corners)
-        assert (hits["prim_id"] == 0).all()
-        np.testing.assert_array_equal(hits["t"], 1)
-        assert cross(outside, [0, 0, -1], corners).tolist() == [MISS] * 3
+
+        def is_hit(zero, corners=corners):
+            return cross(border - zero, [0, 0, -1], corners - zero)["prim_id"] == 0
+
+        # All of the border belongs to the triangle when zero is inside, and what faces away from it elsewhere.
+        assert is_hit(corner).all()
+        assert is_hit(middle).all()
+        np.testing.assert_array_equal(is_hit(-far), slanted)
+        np.testing.assert_array_equal(is_hit(far), [True, False, False, True, True, False, False])
         # The triangle on the other side of the slanted edge has what this one has not.
-        assert (cross(outside, [0, 0, 1] * -np.ones(3), [1, 1, 0] - corners)["prim_id"] == [NO_PRIM, NO_PRIM, 0]).all()
+        np.testing.assert_array_equal(is_hit(far, [1, 1, 0] - corners), slanted)
+        assert not is_hit(-far, [1, 1, 0] - corners)[slanted].any()
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -120,14 +120,12 @@ def test_a_cube_is_closed_along_its_faces_and_edges(session):
     grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     with Tracer(build(mesh, leaf_size=1), device=session.info) as tracer:
         for direction in AXES.astype(np.float64):
-            # From outside, one size away; the rays on the border run in the sides of the cube, and those on two of
-            # them are taken for rays that pass it by.
+            # From outside, one size away; the rays on the border run in the sides of the cube.
             axis = int(np.argmax(np.abs(direction)))
             origins = grid.copy()
             origins[:, axis] = -1.5 * direction[axis]
             hits = tracer.closest_hit(origins, np.broadcast_to(direction, origins.shape))
-            np.testing.assert_array_equal(hits.is_hit, (np.delete(origins, axis, axis=1) < 0.5).all(axis=1))
-            assert (hits.t[hits.is_hit] == 1).all()
+            assert (hits.t == 1).all()
             # From inside.
             inner = grid[(np.abs(grid) < 0.5).all(axis=1)]
             hits = tracer.closest_hit(inner, np.broadcast_to(direction, inner.shape))
