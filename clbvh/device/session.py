@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -43,7 +45,7 @@ class DeviceSession(Closing):
         self.info = device if isinstance(device, DeviceInfo) else choose_device(device)
         import pyopencl as cl
 
-        self._cl = cl
+        self._cl: Any = cl
         self.is_closed = False
         self.times = EventTimes()
         self._buffers: list[Any] = []
@@ -64,9 +66,11 @@ class DeviceSession(Closing):
             event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
         self.times.note("upload", event)
 
-    def allocate(self, size: int, *, writable: bool = True) -> Any:
-        """Return a new buffer of `size` bytes."""
+    def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> Any:
+        """Return a new buffer of `size` bytes; `for_mapping` where the host can reach it without a copy."""
         flags = self._cl.mem_flags.READ_WRITE if writable else self._cl.mem_flags.READ_ONLY
+        if for_mapping:
+            flags |= self._cl.mem_flags.ALLOC_HOST_PTR
         with self._errors(f"hold a buffer of {size / 1e6:,.1f} MB"):
             buffer = self._cl.Buffer(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
         self._buffers.append(buffer)
@@ -83,6 +87,33 @@ class DeviceSession(Closing):
             with self._errors(f"give back {into.nbytes / 1e6:,.1f} MB"):
                 event = self._cl.enqueue_copy(self.queue, into, buffer, is_blocking=True)
             self.times.note("download", event)
+
+    @contextmanager
+    def mapped(self, buffer: Any, row_count: int, dtype: np.dtype, *, write: bool) -> Iterator[NDArray[Any]]:
+        """Give the beginning of a buffer as an array: to be filled, or else to be read. Nothing is copied on a CPU.
+
+        Parameters
+        ----------
+        buffer : buffer
+        row_count : int
+            At least 1.
+        dtype : numpy.dtype
+        write : bool
+            Whether the array is to be filled, all of it; otherwise it must not be written to.
+        """
+        flags = self._cl.map_flags.WRITE_INVALIDATE_REGION if write else self._cl.map_flags.READ
+        label = "upload" if write else "download"
+        with self._errors(f"share {row_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
+            # As bytes: PyOpenCL takes no dtype that holds arrays.
+            array, event = self._cl.enqueue_map_buffer(
+                self.queue, buffer, flags, 0, row_count * dtype.itemsize, np.uint8, is_blocking=True
+            )
+        self.times.note(label, event)
+        try:
+            yield array.view(dtype)
+        finally:
+            with self._errors("take back what it shared with the host"):
+                self.times.note(label, array.base.release(self.queue))
 
     def run(self, kernel: Any, work_size: tuple[int, ...], group_size: tuple[int, ...], *arguments: Any) -> None:
         """Run a kernel once per work-item and wait for it.

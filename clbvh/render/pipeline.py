@@ -196,7 +196,7 @@ def render(
         on_phase("render")
         colours, device_hits = renderer.render(make_view(scene, camera, mesh))
         total_ms = watch.total_ms
-        hits = Hits.from_device(device_hits)
+        hits = Hits.from_device(device_hits, mesh)
 
         device_ms = session.times.sums_ms()
         timings = {

@@ -1,6 +1,6 @@
 """Rays in, hits out."""
 
-from .hits import Hits
+from .hits import AllHits, Hits
 from .tracer import Tracer
 
-__all__ = ["Hits", "Tracer"]
+__all__ = ["AllHits", "Hits", "Tracer"]

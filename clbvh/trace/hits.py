@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import ConfigError
+from ..geometry import Mesh
 from ..layout import NO_PRIM
+from .surface import find_locations, find_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,23 +19,26 @@ class Hits:
 
     Attributes
     ----------
-    t : (...,) float32, lengths of the ray's direction
+    t : (...,) float64, or float32 in a picture, lengths of the ray's direction
         Distance from the ray's origin; infinite on a miss.
-    u, v : (...,) float32
+    u, v : (...,) of the same dtype
         Barycentric coordinates; 0 on a miss.
     prim_id : (...,) int32
         Face of the mesh; -1 on a miss.
+    mesh : Mesh or None
+        What was hit.
     """
 
-    t: NDArray[np.float32]
-    u: NDArray[np.float32]
-    v: NDArray[np.float32]
+    t: NDArray[np.floating]
+    u: NDArray[np.floating]
+    v: NDArray[np.floating]
     prim_id: NDArray[np.int32]
+    mesh: Mesh | None = field(default=None, repr=False)
 
     @classmethod
-    def from_device(cls, hits: NDArray[np.void]) -> Hits:
+    def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
         """Take an array of `layout.HIT` apart; the fields are views of it."""
-        return cls(hits["t"], hits["u"], hits["v"], hits["prim_id"])
+        return cls(hits["t"], hits["u"], hits["v"], hits["prim_id"], mesh)
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:
@@ -44,9 +50,52 @@ class Hits:
         """Number of rays that hit something."""
         return int(np.count_nonzero(self.is_hit))
 
+    @property
+    def locations(self) -> NDArray[np.float64]:
+        """(..., 3) float64, the file's coordinates: where the triangle is hit; NaN on a miss."""
+        return find_locations(self._known_mesh(), self.prim_id, self.u, self.v)
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """(..., 3) float64: the triangle's normal of length 1, on the side from which a, b, c run anticlockwise.
+
+        NaN on a miss. The ray may come from either side.
+        """
+        return find_normals(self._known_mesh(), self.prim_id)
+
     def take(self, rays: NDArray[np.int64]) -> Hits:
         """Return the hits of some rays, by their numbers in C order."""
-        return Hits(self.t.flat[rays], self.u.flat[rays], self.v.flat[rays], self.prim_id.flat[rays])
+        return Hits(self.t.flat[rays], self.u.flat[rays], self.v.flat[rays], self.prim_id.flat[rays], self.mesh)
 
     def __len__(self) -> int:
         return len(self.prim_id)
+
+    def _known_mesh(self) -> Mesh:
+        if self.mesh is None:
+            raise ConfigError("these hits do not know their mesh: make them with Hits(..., mesh=...)")
+        return self.mesh
+
+
+@dataclass(frozen=True, eq=False)
+class AllHits(Hits):
+    """Every crossing of every ray, ray after ray, each ray's in the order along it.
+
+    The fields of `Hits` have one entry per crossing; none is a miss.
+
+    Attributes
+    ----------
+    offsets : (n + 1,) int64
+        The crossings of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
+    """
+
+    offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(n,) int64: crossings of each ray."""
+        return np.diff(self.offsets)
+
+    @property
+    def ray_id(self) -> NDArray[np.int64]:
+        """(m,) int64: the ray of each crossing."""
+        return np.repeat(np.arange(len(self.offsets) - 1), self.counts)

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from clbvh.device.program import build_kernel
-from clbvh.layout import HIT
+from clbvh.layout import HIT, RAY
 from clbvh.trace.device_tree import DeviceTree
-from clbvh.trace.tracer import pack_rays
+from clbvh.trace.rays import RayBox, pack_rays, read_rays
 
 GROUP_SIZE = 64
 RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8), "count_hits": np.dtype(np.int32), "all_hits": HIT}
@@ -30,6 +30,8 @@ def open_caster(session, mesh, bvh):
     tree = DeviceTree(session, mesh, bvh)
     kernels = {name: compiled(session, name, tuple(tree.defines.items())) for name in RESULT_TYPES}
 
+    box = RayBox(mesh.origin, np.full(3, 2.0**100))  # nothing is outside: the device casts what is given
+
     def run(name, rays, results, *more):
         given, written = session.upload(rays), session.upload(results)
         try:
@@ -42,8 +44,9 @@ def open_caster(session, mesh, bvh):
         return results
 
     def cast(name, origins, directions, t_min=0.0, t_max=np.inf, max_hits=NO_LIMIT):
-        rays, exponents = pack_rays(origins, directions, t_min, t_max, mesh.origin)
-        assert exponents is None
+        batch = read_rays(origins, directions, t_min, t_max)
+        rays = np.empty(len(batch), RAY)
+        pack_rays(batch.part(0, len(batch)), box, rays)
         if name not in ("count_hits", "all_hits"):
             return run(name, rays, np.zeros(len(rays), RESULT_TYPES[name]))
         counts = run("count_hits", rays, np.zeros(len(rays), np.int32), np.int32(max_hits))

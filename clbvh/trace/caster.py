@@ -1,0 +1,131 @@
+"""Runs a traversal kernel over a batch of rays, chunk by chunk; what a chunk's results become is the caller's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..closing import Closing
+from ..device.program import build_kernel
+from ..device.session import DeviceSession
+from ..layout import RAY
+from .device_tree import DeviceTree
+from .host_threads import HostThreads
+from .rays import RayBatch, RayBox, pack_rays
+
+# Rays per kernel launch: 48 MiB of rays and hits, whatever the size of the batch.
+CHUNK_RAYS = 2**20
+
+# Work-items per work-group. Small groups balance better on CPUs; GPUs run at least one whole warp or wavefront.
+_GROUP_SIZE = 64
+
+Progress = Callable[[int, int], None]
+
+
+class Caster(Closing):
+    """One tree on one device, and the buffers through which rays and results pass.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Closed with the caster.
+    tree : DeviceTree
+    box : RayBox
+        Around the tree.
+    """
+
+    def __init__(self, session: DeviceSession, tree: DeviceTree, box: RayBox) -> None:
+        self.session = session
+        self.tree = tree
+        self.threads = HostThreads()
+        self._box = box
+        self._kernels: dict[str, Any] = {}
+        self._buffers: dict[str, tuple[Any, int]] = {}
+
+    def chunks(self, batch: RayBatch, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
+        """Put the batch on the device, chunk by chunk, and yield where each one begins and ends.
+
+        Parameters
+        ----------
+        batch : RayBatch
+        progress : function, optional
+            Called with the number of rays that are done, and of all rays, after each chunk.
+
+        Raises
+        ------
+        ValueError
+            A row is bad, or the tree is no longer on the device.
+        """
+        if self.session.is_closed:
+            raise ValueError("the tracer is closed: its tree is no longer on the device")
+        for begin in range(0, len(batch), CHUNK_RAYS):
+            end = min(begin + CHUNK_RAYS, len(batch))
+            self.upload(batch, begin, end)
+            yield begin, end
+            if progress is not None:
+                progress(end, len(batch))
+
+    def upload(self, batch: RayBatch, begin: int, end: int) -> None:
+        """Put some of the rays on the device, in the place of those that are there."""
+        with self.session.mapped(self._buffer("rays", end - begin, RAY), end - begin, RAY, write=True) as rays:
+
+            def pack(first: int, last: int) -> None:
+                part = batch.part(begin + first, begin + last)
+                pack_rays(part, self._box, rays[first:last], first_row=begin + first)
+
+            self.threads.for_ranges(end - begin, pack)
+
+    @contextmanager
+    def cast(
+        self, query: str, ray_count: int, dtype: np.dtype, *arguments: Any, result_count: int | None = None
+    ) -> Iterator[NDArray[Any]]:
+        """Run a kernel over the rays on the device and give its results, for as long as the block lasts.
+
+        Parameters
+        ----------
+        query : str
+            The kernel's name.
+        ray_count : int
+            At least 1.
+        dtype : numpy.dtype
+            Of a result.
+        *arguments
+            What the kernel takes behind the number of rays.
+        result_count : int, optional
+            Where there is not one result for each ray.
+        """
+        count = ray_count if result_count is None else result_count
+        results = self._buffer("results", count, dtype)
+        self.session.run(
+            self._kernel(query), (ray_count,), (_GROUP_SIZE,),
+            *self.tree.arguments, self._buffer("rays", ray_count, RAY), results, np.int32(ray_count), *arguments,
+        )  # fmt: skip
+        with self.session.mapped(results, count, dtype, write=False) as found:
+            yield found
+
+    def close(self) -> None:
+        """Give the device's memory back."""
+        self._buffers.clear()
+        self.threads.close()
+        self.session.close()
+
+    def _kernel(self, query: str) -> Any:
+        if query not in self._kernels:
+            self._kernels[query] = build_kernel(self.session, query, self.tree.defines)
+        return self._kernels[query]
+
+    def _buffer(self, name: str, row_count: int, dtype: np.dtype) -> Any:
+        """Return a buffer that is kept between calls; a larger one replaces it when needed."""
+        size = row_count * dtype.itemsize
+        kept, kept_size = self._buffers.get(name, (None, 0))
+        if kept_size < size:
+            if kept is not None:
+                del self._buffers[name]
+                self.session.release(kept)
+            kept = self.session.allocate(size, for_mapping=True)
+            self._buffers[name] = kept, size
+        return kept
