@@ -19,6 +19,7 @@ from ..tree import Bvh
 from . import steps
 from .arena import Arena
 from .compact import plan_rows, write_top
+from .few import FEW
 from .metadata import NEGATED_MAX
 from .options import BuildOptions
 from .pool import SubtreePool
@@ -98,7 +99,7 @@ def _build_in_pool(mesh: Mesh, pool: SubtreePool, options: BuildOptions) -> Bvh:
 
         # All workers together, until there are enough subtrees for all.
         threshold = options.task_threshold or max(1, count // (pool.workers * _RANGES_PER_WORKER))
-        split_top(pool, root, records, max(threshold, options.leaf_size), options.bins or DEFAULT_BINS)
+        split_top(pool, root, records, max(threshold, options.leaf_size, FEW), options.bins or DEFAULT_BINS)
         watch.lap("top")
 
         # Each worker on its own: subtrees, largest first.

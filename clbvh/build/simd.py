@@ -3,9 +3,9 @@
 The one place where we write LLVM by hand: numba's optimiser neither finds the eight-lane minimum by itself nor keeps a
 running box in a register.
 
-A row of an (n, 8) float32 array is ``(min_x, min_y, min_z, tag, -max_x, -max_y, -max_z, unused)``. The maximum is kept
-negated, so that one eight-lane minimum unites two boxes. What stands in the tag and the unused lane after a minimum is
-garbage.
+A row of an (n, 8) float32 array is ``(min_x, min_y, min_z, tag, -max_x, -max_y, -max_z, tally)``. The maximum is kept
+negated, so that one eight-lane minimum unites two boxes. What stands in the tag and in the tally after a minimum is
+garbage; `add_to_row` alone keeps the tally, an integer.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
 LANES = 8
+TALLY = 7
 _HALF = 4
 _BYTES_PER_LANE = 4
 
@@ -24,9 +25,15 @@ _FLOAT = ir.FloatType()
 _DOUBLE = ir.DoubleType()
 _INT = ir.IntType(32)
 _ROW = ir.VectorType(_FLOAT, LANES)
+_BYTES = ir.IntType(8).as_pointer()
+_INT_ROW = ir.VectorType(_INT, LANES)
 
 # Each lane of the minimum in the place of its maximum, and the other way round.
 _SWAPPED = [4, 5, 6, 7, 0, 1, 2, 3]
+# All lanes of one row but the last, which is that of another.
+_LAST_OF_OTHER = [0, 1, 2, 3, 4, 5, 6, LANES + TALLY]
+# What LLVM's prefetch wants to know: reading, high locality, data.
+_TO_READ_INTO_ALL_CACHES = (0, 3, 1)
 # The three axes in half a row; the fourth lane repeats one, so that it holds a number.
 _LOWER_AXES = [0, 1, 2, 2]
 _UPPER_AXES = [4, 5, 6, 6]
@@ -78,6 +85,20 @@ def load_row(typing_context, rows, row):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def prefetch_row(typing_context, rows, row):  # type: ignore[no-untyped-def]
+    """Ask for `rows[row]` before it is needed; it may lie behind the end."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = builder.bitcast(_row_pointer(context, builder, signature.args[0], *arguments), _BYTES)
+        types_of_call = ir.FunctionType(ir.VoidType(), [_BYTES, _INT, _INT, _INT])
+        prefetch = builder.module.declare_intrinsic("llvm.prefetch", [_BYTES], types_of_call)
+        builder.call(prefetch, [pointer, *(ir.Constant(_INT, value) for value in _TO_READ_INTO_ALL_CACHES)])
+        return context.get_dummy_value()
+
+    return types.void(rows, types.intp), generate
+
+
+@intrinsic
 def store_row(typing_context, rows, row, box):  # type: ignore[no-untyped-def]
     """Write a box to `rows[row]`, bit by bit: the tag lane may hold an integer."""
 
@@ -101,11 +122,39 @@ def unite(typing_context, left, right):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def empty_box(typing_context):  # type: ignore[no-untyped-def]
-    """Return the box that changes nothing when it is united with another."""
+def add_to_row(typing_context, rows, row, box):  # type: ignore[no-untyped-def]
+    """Unite a box into `rows[row]`, and count it in the row's tally."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return ir.Constant(_ROW, [float("inf")] * LANES)
+        pointer = _row_pointer(context, builder, signature.args[0], *arguments[:2])
+        row, box = builder.load(pointer, align=_BYTES_PER_LANE), arguments[2]
+        united = builder.select(builder.fcmp_ordered("<", box, row), box, row)
+        counted = builder.add(builder.bitcast(row, _INT_ROW), ir.Constant(_INT_ROW, [1] * LANES))
+        mask = ir.Constant(_INT_ROW, _LAST_OF_OTHER)
+        result = builder.shuffle_vector(united, builder.bitcast(counted, _ROW), mask)
+        builder.store(result, pointer, align=_BYTES_PER_LANE)
+        return context.get_dummy_value()
+
+    return types.void(rows, types.intp, BOX), generate
+
+
+@intrinsic
+def tally_of(typing_context, box):  # type: ignore[no-untyped-def]
+    """Return the tally of a row."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        lanes = builder.bitcast(arguments[0], _INT_ROW)
+        return builder.zext(builder.extract_element(lanes, ir.Constant(_INT, TALLY)), ir.IntType(64))
+
+    return types.intp(BOX), generate
+
+
+@intrinsic
+def empty_box(typing_context):  # type: ignore[no-untyped-def]
+    """Return the box that changes nothing when it is united with another; its tally is 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return ir.Constant(_ROW, [float("inf")] * TALLY + [0.0])
 
     return BOX(), generate
 

@@ -44,13 +44,13 @@ def record_slice(arrays: Arrays, begin: int, end: int) -> NDArray[np.float32]:
     return bounds
 
 
-def bin_slices(arrays: Arrays, tasks: Sequence[BinTask]) -> list[tuple[NDArray[np.float32], NDArray[np.int32]]]:
-    """Fill the bins of one slice of each node; return (boxes, counts) of each."""
+def bin_slices(arrays: Arrays, tasks: Sequence[BinTask]) -> list[NDArray[np.float32]]:
+    """Return the bins of one slice of each node."""
     results = []
     for begin, end, buffer, bounds, bin_count in tasks:
-        boxes, counts = make_bins(bin_count)
-        fill_bins(arrays["records"][buffer], begin, end, bounds, 1, bin_count, boxes, counts)
-        results.append((boxes[: 3 * bin_count], counts[: 3 * bin_count]))
+        bins = make_bins(bin_count)
+        fill_bins(arrays["records"][buffer], begin, end, bounds, 1, bin_count, bins)
+        results.append(bins)
     return results
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from ..layout import NODE_COUNT, NODE_FIRST, NODE_MAX
+from .few import FEW, count_left, divide, find_division
 from .metadata import NEGATED_MAX, PRIM_ID
 from .options import MAX_DEPTH
 from .partition import bound_halves, partition
@@ -80,8 +81,8 @@ def build_subtree(  # type: ignore[no-untyped-def]
     int
         Number of rows used, from 2 * begin on. Interior nodes name their children by these rows.
     """
-    bin_boxes, bin_counts = make_bins(bins)
-    right_costs = np.empty(bins, np.float64)
+    node_bins = make_bins(bins)
+    right_costs = np.empty(3 * bins, np.float64)
     children = np.empty((2, LANES), np.float32)
     child_bounds = np.empty((2, LANES), np.float32)
     current = np.empty((2, LANES), np.float32)  # box and centroid bounds of the node at hand
@@ -102,13 +103,14 @@ def build_subtree(  # type: ignore[no-untyped-def]
 
         # Find the cheapest split, unless there is nothing to split or no level left to be choosy.
         cost = np.inf
-        axis, last_left_bin, left_count = 0, 0, 0
+        axis, last_left_bin, left_count, left = 0, 0, 0, 0
         bin_count = bin_count_for(prim_count, bins)
         if prim_count > 1 and not needs_halving(prim_count, depth):
-            fill_bins(source, begin, end, current, 1, bin_count, bin_boxes, bin_counts)
-            cost, axis, last_left_bin, left_count = find_split(
-                bin_boxes, bin_counts, bin_count, prim_count, right_costs
-            )
+            if prim_count <= FEW:
+                cost, left = find_division(source, begin, prim_count)
+            else:
+                fill_bins(source, begin, end, current, 1, bin_count, node_bins)
+                cost, axis, last_left_bin, left_count = find_split(node_bins, bin_count, right_costs)
 
         # A leaf, if that is allowed and no split is cheaper; then the next node that waits.
         area = half_area(load_row(current, 0))
@@ -126,17 +128,21 @@ def build_subtree(  # type: ignore[no-untyped-def]
             continue
 
         # Move the records to their sides, into the other buffer; halves stay where they are.
-        if cost < np.inf:
+        if not cost < np.inf:
+            middle = begin + prim_count // 2
+            bound_halves(source, begin, middle, end, children, child_bounds)
+        elif prim_count <= FEW:
+            middle = begin + count_left(left)
+            divide(source, begin, prim_count, left, records[1 - buffer], children)
+            buffer = 1 - buffer
+        else:
             middle = begin + left_count
-            unite_sides(bin_boxes, bin_counts, bin_count, axis, last_left_bin, children)
+            unite_sides(node_bins, bin_count, axis, last_left_bin, children)
             partition(
                 source, begin, end, current, 1, bin_count, axis, last_left_bin,
                 records[1 - buffer], begin, middle, child_bounds,
             )  # fmt: skip
             buffer = 1 - buffer
-        else:
-            middle = begin + prim_count // 2
-            bound_halves(source, begin, middle, end, children, child_bounds)
 
         # Two rows for the children; the right one waits, the left one is next.
         node_ints[row, NODE_FIRST] = next_row

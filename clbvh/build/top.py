@@ -20,7 +20,7 @@ from . import steps
 from .partition import bound_halves
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
-from .simd import LANES
+from .simd import LANES, TALLY
 from .splits import bin_count_for, find_split, unite_sides
 from .subtree import needs_halving
 
@@ -38,11 +38,10 @@ class Split:
 def warm_up() -> None:
     """Load the compiled code that the coordinator needs, while it would otherwise wait for its workers to start."""
     bin_count = 2
-    boxes = np.zeros((3 * bin_count, LANES), np.float32)
-    counts = np.ones(3 * bin_count, np.int32)
+    bins = np.zeros((3 * bin_count, LANES), np.float32)
     sides = np.empty((2, LANES), np.float32)
-    find_split(boxes, counts, bin_count_for(bin_count, bin_count), bin_count, np.empty(bin_count))
-    unite_sides(boxes, counts, bin_count, 0, 0, sides)
+    find_split(bins, bin_count_for(bin_count, bin_count), np.empty(3 * bin_count))
+    unite_sides(bins, bin_count, 0, 0, sides)
     needs_halving(bin_count, 0)
 
 
@@ -77,18 +76,19 @@ def _choose_splits(pool: SubtreePool, level: list[Range], bins: int) -> list[tup
     ]
     slices = pool.map(steps.bin_slices, [(task,) for task in tasks])
 
-    right_costs = np.empty(bins, np.float64)
+    right_costs = np.empty(3 * bins, np.float64)
     chosen: list[tuple[Split, Boxes, list[Any]] | None] = []
     for index, (node, bin_count) in enumerate(zip(level, bin_counts, strict=True)):
-        boxes = np.minimum.reduce([part[index][0] for part in slices])
-        slice_counts = [part[index][1] for part in slices]
-        counts = np.add.reduce(slice_counts, dtype=np.int32)
-        cost, axis, last_left_bin, left_count = find_split(boxes, counts, bin_count, len(node), right_costs)
+        slice_bins = [part[index] for part in slices]
+        slice_counts = [part.view(np.int32)[:, TALLY] for part in slice_bins]
+        united = np.minimum.reduce(slice_bins)
+        united.view(np.int32)[:, TALLY] = np.add.reduce(slice_counts)
+        cost, axis, last_left_bin, left_count = find_split(united, bin_count, right_costs)
         if needs_halving(len(node), node.depth) or not cost < np.inf:
             chosen.append(None)
             continue
         sides = np.empty((2, LANES), np.float32)
-        unite_sides(boxes, counts, bin_count, axis, last_left_bin, sides)
+        unite_sides(united, bin_count, axis, last_left_bin, sides)
         chosen.append((Split(bin_count, axis, last_left_bin, left_count), sides, slice_counts))
     return chosen
 

@@ -100,6 +100,34 @@ def test_rows_of_a_part_of_an_array_are_counted_from_its_beginning():
 
 
 @njit
+def add(rows, row, source):
+    for added in range(len(source)):
+        simd.add_to_row(rows, row, simd.load_row(source, added))
+    return simd.tally_of(simd.load_row(rows, row))
+
+
+def test_boxes_are_united_and_counted():
+    source, target = random_rows(11, 300), np.full((2, LANES), np.inf, np.float32)
+    target.view(np.int32)[:, simd.TALLY] = 7
+    assert add(target, 1, source) == 307
+    assert target[1, : simd.TALLY].tolist() == source[:, : simd.TALLY].min(axis=0).tolist()
+    assert (target[0, : simd.TALLY] == np.inf).all()
+
+
+@njit
+def prefetch_all(rows):
+    for row in range(2 * len(rows)):
+        simd.prefetch_row(rows, row)
+
+
+def test_asking_for_rows_changes_none_and_may_pass_the_end():
+    rows = random_rows(12)
+    expected = rows.copy()
+    prefetch_all(rows)
+    assert rows.tobytes() == expected.tobytes()
+
+
+@njit
 def half_area(rows, row):
     return simd.half_area(simd.load_row(rows, row))
 

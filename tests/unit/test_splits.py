@@ -7,11 +7,14 @@ import pytest
 from numba import njit
 
 from clbvh import Mesh
-from clbvh.build.simd import LANES, lane_of
+from clbvh.build.simd import LANES, TALLY, lane_of
 from clbvh.build.splits import bin_count_for, bin_scales, fill_bins, find_split, make_bins, unite_sides
 
 from ..soup import make_soup
 from .records import bins_by_numpy, boxes_of, make_records, split_by_numpy
+
+# The lanes of a row that are its box.
+BOX = [0, 1, 2, 4, 5, 6]
 
 # Few grid points make many equal centroids, equal costs and empty bins.
 SOUPS = {
@@ -26,10 +29,14 @@ SOUPS = {
 
 
 def fill(records, bounds, bin_count, begin=0, end=None):
-    boxes, counts = make_bins(bin_count)
-    boxes[:], counts[:] = np.nan, -1
-    fill_bins(records, begin, len(records) if end is None else end, bounds, 1, bin_count, boxes, counts)
-    return boxes[: 3 * bin_count], counts[: 3 * bin_count]
+    bins = make_bins(bin_count)
+    bins[:] = np.nan
+    fill_bins(records, begin, len(records) if end is None else end, bounds, 1, bin_count, bins)
+    return bins
+
+
+def counts_of(bins):
+    return bins.view(np.int32)[:, TALLY]
 
 
 @njit
@@ -37,13 +44,13 @@ def scale_of(bounds, row, axis, bin_count):
     return lane_of(bin_scales(bounds, row, bin_count), axis)
 
 
-def find(boxes, counts, bin_count, prim_count):
-    return find_split(boxes, counts, bin_count, prim_count, np.empty(bin_count, np.float64))
+def find(bins, bin_count):
+    return find_split(bins, bin_count, np.empty(3 * bin_count, np.float64))
 
 
 @pytest.mark.parametrize(
     ("prim_count", "bins", "expected"),
-    [(1, 16, 4), (8, 16, 4), (10, 16, 5), (31, 16, 15), (32, 16, 16), (10**6, 16, 16), (1, 2, 2), (10**6, 64, 64)],
+    [(1, 16, 4), (16, 16, 4), (20, 16, 5), (63, 16, 15), (64, 16, 16), (10**6, 16, 16), (1, 2, 2), (10**6, 64, 64)],
 )
 def test_small_ranges_get_fewer_bins(prim_count, bins, expected):
     assert bin_count_for(prim_count, bins) == expected
@@ -53,19 +60,19 @@ def test_small_ranges_get_fewer_bins(prim_count, bins, expected):
 @pytest.mark.parametrize("soup", SOUPS)
 def test_bins_are_those_of_the_oracle(soup, bin_count):
     records, bounds = make_records(make_soup(seed=1, **SOUPS[soup]))
-    boxes, counts = fill(records[0], bounds, bin_count)
-    bins = bins_by_numpy(records[0], bounds[1], bin_count)
-    assert bins.min() >= 0
-    assert bins.max() < bin_count
+    bins = fill(records[0], bounds, bin_count)
+    expected = bins_by_numpy(records[0], bounds[1], bin_count)
+    assert expected.min() >= 0
+    assert expected.max() < bin_count
     for axis in range(3):
         for number in range(bin_count):
             row = axis * bin_count + number
-            inside = records[0][bins[:, axis] == number]
-            assert counts[row] == len(inside)
+            inside = records[0][expected[:, axis] == number]
+            assert counts_of(bins)[row] == len(inside)
             if len(inside):
-                assert boxes[row, [0, 1, 2, 4, 5, 6]].tolist() == inside[:, [0, 1, 2, 4, 5, 6]].min(axis=0).tolist()
+                assert bins[row, BOX].tolist() == inside[:, BOX].min(axis=0).tolist()
             else:
-                assert (boxes[row] == np.inf).all()
+                assert (bins[row, BOX] == np.inf).all()
 
 
 @pytest.mark.parametrize("bin_count", [2, 4, 16])
@@ -73,23 +80,22 @@ def test_bins_are_those_of_the_oracle(soup, bin_count):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_split_is_the_cheapest_and_the_first_of_equals(soup, bin_count, seed):
     records, bounds = make_records(make_soup(seed=seed, **SOUPS[soup]))
-    boxes, counts = fill(records[0], bounds, bin_count)
-    bins = bins_by_numpy(records[0], bounds[1], bin_count)
-    assert find(boxes, counts, bin_count, len(bins)) == split_by_numpy(records[0], bins, bin_count)
+    found = find(fill(records[0], bounds, bin_count), bin_count)
+    expected = bins_by_numpy(records[0], bounds[1], bin_count)
+    assert found == split_by_numpy(records[0], expected, bin_count)
 
 
 def test_slices_of_a_range_add_up():
     records, bounds = make_records(make_soup(100, seed=4))
-    whole_boxes, whole_counts = fill(records[0], bounds, 16)
+    whole = fill(records[0], bounds, 16)
     parts = [fill(records[0], bounds, 16, begin, end) for begin, end in ((0, 10), (10, 10), (10, 77), (77, 100))]
-    boxes = np.minimum.reduce([part[0] for part in parts])
-    assert boxes[:, [0, 1, 2, 4, 5, 6]].tobytes() == whole_boxes[:, [0, 1, 2, 4, 5, 6]].tobytes()
-    assert (sum(part[1] for part in parts) == whole_counts).all()
+    assert np.minimum.reduce(parts)[:, BOX].tobytes() == whole[:, BOX].tobytes()
+    assert (sum(counts_of(part) for part in parts) == counts_of(whole)).all()
 
 
 def test_equal_centroids_have_no_split():
     records, bounds = make_records(make_soup(10, seed=5, grid=0, size=0))
-    assert find(*fill(records[0], bounds, 16), 16, 10)[0] == np.inf
+    assert find(fill(records[0], bounds, 16), 16)[0] == np.inf
 
 
 def test_a_flat_axis_is_one_bin_and_the_others_split():
@@ -97,9 +103,9 @@ def test_a_flat_axis_is_one_bin_and_the_others_split():
     corners[:, 1] = 7
     records, bounds = make_records(Mesh.from_arrays(corners, np.arange(150).reshape(-1, 3)))
     assert scale_of(bounds, 1, 1, 16) == 0
-    boxes, counts = fill(records[0], bounds, 16)
-    assert counts[16] == 50
-    assert find(boxes, counts, 16, 50)[1] in (0, 2)
+    bins = fill(records[0], bounds, 16)
+    assert counts_of(bins)[16] == 50
+    assert find(bins, 16)[1] in (0, 2)
 
 
 @pytest.mark.parametrize(("extent", "flat"), [(2.0**-110, True), (2.0**-109, False), (1e-45, True), (3e38, False)])
@@ -122,7 +128,7 @@ def test_the_upper_end_falls_into_the_last_bin_whatever_the_rounding(seed):
         bounds = np.zeros((2, LANES), np.float32)
         bounds[1, 0], bounds[1, 4] = 2 * lower, -2 * upper
         for bin_count in (2, 3, 16, 64):
-            _, counts = fill(records, bounds, bin_count)
+            counts = counts_of(fill(records, bounds, bin_count))
             assert counts[0] == counts[bin_count - 1] == 1
 
 
@@ -130,9 +136,8 @@ def test_the_upper_end_falls_into_the_last_bin_whatever_the_rounding(seed):
 @pytest.mark.parametrize("last_left", [0, 7, 14])
 def test_the_sides_are_the_union_of_their_bins(axis, last_left):
     records, bounds = make_records(make_soup(200, seed=8))
-    boxes, counts = fill(records[0], bounds, 16)
     sides = np.empty((2, LANES), np.float32)
-    unite_sides(boxes, counts, 16, axis, last_left, sides)
+    unite_sides(fill(records[0], bounds, 16), 16, axis, last_left, sides)
     left = bins_by_numpy(records[0], bounds[1], 16)[:, axis] <= last_left
     for side, chosen in enumerate((left, ~left)):
         lower, upper = boxes_of(records[0][chosen])
