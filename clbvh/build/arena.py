@@ -13,7 +13,7 @@ import mmap
 import os
 import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -33,18 +33,42 @@ _serials = itertools.count()
 
 @dataclass(frozen=True)
 class ArrayHandle:
-    """What a worker needs to attach to a shared array."""
+    """What a worker needs to attach to a shared array.
+
+    Attributes
+    ----------
+    path : str
+        The memory's file.
+    size : int
+        Its bytes; the array may be smaller.
+    serial : int
+        The memory's number: no other in this process has it.
+    shape : tuple of int
+    dtype : numpy.dtype
+    """
 
     path: str
+    size: int
+    serial: int
     shape: tuple[int, ...]
     dtype: np.dtype
-    serial: int
 
     def attach(self) -> NDArray[Any]:
         """Map the array into this process; the mapping ends with the last reference to the array."""
+        return self.view(self.map())
+
+    def map(self) -> mmap.mmap:
+        """Map the memory into this process."""
         with open(self.path, "r+b", buffering=0) as file:  # noqa: PTH123 - Path.open adds nothing here
-            memory = mmap.mmap(file.fileno(), prod(self.shape) * self.dtype.itemsize)
-        return np.frombuffer(memory, self.dtype).reshape(self.shape)
+            return mmap.mmap(file.fileno(), self.size)
+
+    def view(self, memory: Any) -> NDArray[Any]:
+        """Return the array that lies in the mapped memory."""
+        return np.frombuffer(memory, self.dtype, prod(self.shape)).reshape(self.shape)
+
+    def reshape(self, shape: tuple[int, ...], dtype: DTypeLike) -> ArrayHandle:
+        """Return a handle of another array in the same memory."""
+        return replace(self, shape=shape, dtype=np.dtype(dtype))
 
 
 class Arena(Closing):
@@ -73,7 +97,7 @@ class Arena(Closing):
         size = prod(shape) * dtype.itemsize
         descriptor, path = self._create_file(size)
         self._files[path] = descriptor
-        handle = ArrayHandle(path, shape, dtype, next(_serials))
+        handle = ArrayHandle(path, size, next(_serials), shape, dtype)
         return handle, handle.attach()
 
     def share(self, array: NDArray[Any]) -> ArrayHandle:

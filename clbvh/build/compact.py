@@ -1,20 +1,22 @@
 """Finished subtrees move to their final rows: depth-first order, without gaps.
 
-The final tree has the rows that `subtree.build_subtree` would have used for the whole mesh: siblings side by side,
-then the left child's descendants, then the right one's. So a subtree is one block of rows, apart from its root.
+In it, siblings lie side by side, then come the left child's descendants, then the right one's. So a subtree is one
+block of rows, apart from its root.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..layout import NODE_COUNT, NODE_FIRST, NODE_LANES
+from ..layout import NODE_COUNT, NODE_FIRST
 from .ranges import Range
-from .subtree import write_box
+from .simd import load_row, store_row
+from .subtree import finish_node, node_place
 
 
 @dataclass(frozen=True)
@@ -23,14 +25,14 @@ class Placement:
 
     Attributes
     ----------
-    source, row_count : int
-        Its rows in the scratch nodes; the first one is its root.
+    end, node_count : int
+        End of its range, and how many nodes it has: `subtree.node_place` tells where they are.
     root_row, first_row : int
         The final row of its root, and of the first of its descendants.
     """
 
-    source: int
-    row_count: int
+    end: int
+    node_count: int
     root_row: int
     first_row: int
 
@@ -60,8 +62,8 @@ def plan_rows(root: Range) -> Plan:
     while waiting:
         node, row = waiting.pop()
         if node.children is None:
-            plan.subtrees.append(Placement(2 * node.begin, node.row_count, row, plan.row_count))
-            plan.row_count += node.row_count - 1
+            plan.subtrees.append(Placement(node.end, node.node_count, row, plan.row_count))
+            plan.row_count += node.node_count - 1
         else:
             left, right = node.children
             plan.interior.append((row, plan.row_count, node))
@@ -72,29 +74,34 @@ def plan_rows(root: Range) -> Plan:
 
 def write_top(plan: Plan, nodes: NDArray[np.float32]) -> None:
     """Write the nodes of the top into the final rows, (N, 8) float32."""
-    node_ints = nodes.view(np.int32)
     for row, first_child, node in plan.interior:
-        write_box(nodes, row, node.bounds, 0)
-        node_ints[row, NODE_FIRST] = first_child
-        node_ints[row, NODE_COUNT] = 0
+        nodes[row] = node.bounds[0]
+        finish_node(nodes, row, first_child, 0)
 
 
 @njit(cache=True, nogil=True)
-def place_rows(scratch, source, row_count, nodes, root_row, first_row):  # type: ignore[no-untyped-def]
-    """Copy a subtree from the scratch rows to its final ones, and point its nodes at each other again.
+def place_subtree(records, end, node_count, nodes, node_ints, root_row, first_row):  # type: ignore[no-untyped-def]
+    """Copy a subtree to its final rows, and let its nodes name their children by these.
 
     Parameters
     ----------
-    scratch : (2n, 8) int32
-        Rows of `layout.NODE`.
-    source, row_count, root_row, first_row : int
+    records : (2, n, 8) float32
+        Where `subtree.build_subtree` left the nodes of a range that ends at `end`.
+    end, node_count, root_row, first_row : int
         See `Placement`.
-    nodes : (N, 8) int32, written
+    nodes, node_ints : (N, 8) float32 and int32, the same memory, written
     """
-    shift = np.int32(first_row - (source + 1))
-    for index in range(row_count):
+    for index in range(node_count):
         row = root_row if index == 0 else first_row + index - 1
-        for lane in range(NODE_LANES):
-            nodes[row, lane] = scratch[source + index, lane]
-        if nodes[row, NODE_COUNT] == 0:
-            nodes[row, NODE_FIRST] += shift
+        buffer, source = node_place(end, node_count - 1 - index)
+        store_row(nodes, row, load_row(records[buffer], source))
+        if node_ints[row, NODE_COUNT] == 0:
+            left_index = node_count - 1 - node_ints[row, NODE_FIRST]
+            node_ints[row, NODE_FIRST] = first_row + left_index - 1
+
+
+def place_subtrees(records: NDArray[np.float32], placements: Sequence[Placement], nodes: NDArray[np.float32]) -> None:
+    """Do so for several subtrees."""
+    node_ints = nodes.view(np.int32)
+    for place in placements:
+        place_subtree(records, place.end, place.node_count, nodes, node_ints, place.root_row, place.first_row)

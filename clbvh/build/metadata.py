@@ -13,8 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from .simd import centroid_of, empty_box, load_row, store_row, unite
+from ..geometry import Mesh
+from .ranges import Boxes
+from .simd import LANES, centroid_of, empty_box, load_point, store_row, unite
 
 # Lanes of a record, of a bin and of any other box in the builder.
 PRIM_ID = 3
@@ -40,18 +43,22 @@ def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # t
     """
     box, centroid_box = empty_box(), empty_box()
     for prim in range(begin, end):
-        corner_a, corner_b, corner_c = faces[prim, 0], faces[prim, 1], faces[prim, 2]
-        for axis in range(3):
-            a = vertices[corner_a, axis]
-            b = vertices[corner_b, axis]
-            c = vertices[corner_c, axis]
-            # -0.0 + 0.0 and 0.0 - 0.0 are 0.0.
-            records[prim, axis] = min(a, b, c) + np.float32(0.0)
-            records[prim, NEGATED_MAX + axis] = np.float32(0.0) - max(a, b, c)
+        a, b, c = (
+            load_point(vertices, faces[prim, 0]),
+            load_point(vertices, faces[prim, 1]),
+            load_point(vertices, faces[prim, 2]),
+        )
+        record = unite(c, unite(b, a))
+        store_row(records, prim, record)
         record_ids[prim, PRIM_ID] = prim
-        record_ids[prim, PADDING] = 0
-        record = load_row(records, prim)
         box = unite(record, box)
         centroid_box = unite(centroid_of(record), centroid_box)
     store_row(bounds, 0, box)
     store_row(bounds, 1, centroid_box)
+
+
+def record_slice(mesh: Mesh, begin: int, end: int, records: NDArray[np.float32]) -> Boxes:
+    """Write the records of primitives `begin` to `end` of a mesh, (F, 8); return their (2, 8) bounds."""
+    bounds = np.empty((2, LANES), np.float32)
+    fill_records(mesh.vertices, mesh.faces, begin, end, records, records.view(np.int32), bounds)
+    return bounds

@@ -21,10 +21,13 @@ from numbers import Integral
 from types import TracebackType
 from typing import Any, cast
 
+from numpy.typing import NDArray
+
 from ..closing import Closing
 from ..errors import ConfigError, PoolError
 from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
+from .workspace import Shapes, Workspace
 
 # Exit code of a worker that finds itself creating a pool while it imports the main script.
 _UNGUARDED = 73
@@ -93,6 +96,9 @@ class SubtreePool(Closing):
         self._start_error: BaseException | None = None
         self._unguarded = False
         self._closed = False
+        self._workspace = Workspace()
+        # Two threads that build with one pool take turns.
+        self._one_build = threading.Lock()
         # Starting the fork server blocks until it has imported the builder, so a thread does it.
         self._starter = threading.Thread(target=self._start, name="clbvh-pool-start", daemon=True)
         self._starter.start()
@@ -116,6 +122,30 @@ class SubtreePool(Closing):
             while waiting:
                 worker, _ = self._receive(waiting)
                 del waiting[worker]
+
+    @contextmanager
+    def lend(self, shapes: Shapes) -> Iterator[dict[str, NDArray[Any]]]:
+        """Lend shared arrays that every worker holds, too, for the length of a `with` block.
+
+        Their memory stays mapped in all processes between builds, up to 1 GiB; they begin with whatever it holds.
+
+        Parameters
+        ----------
+        shapes : mapping of str to (shape, dtype)
+
+        Raises
+        ------
+        PoolError
+            A worker died, or there is not enough memory to share.
+        """
+        self.wait_ready()
+        with self._one_build:
+            arrays, handles = self._workspace.take(shapes)
+            self.attach(handles)
+            yield arrays
+            if self._workspace.is_too_large:
+                self._workspace.close()
+                self.attach({})
 
     def map(self, step: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Run ``step(arrays, *task)`` for every task, on whichever worker is free, in the order given.
@@ -218,6 +248,7 @@ class SubtreePool(Closing):
             if process.is_alive():
                 process.kill()
                 process.join()
+        self._workspace.close()
 
     def _send(self, worker: int, message: tuple[Any, ...]) -> None:
         """Send a message to a worker that waits for one."""

@@ -24,8 +24,8 @@ class Range:
     bounds : (2, 8) float32
         Row 0: its box. Row 1: the box of its centroids.
     children : pair of Range, or None
-    row_count : int
-        Rows of its subtree in the scratch nodes, when a worker built it.
+    node_count : int
+        Nodes of its subtree, when that is built.
     """
 
     begin: int
@@ -34,7 +34,7 @@ class Range:
     depth: int
     bounds: Boxes
     children: tuple[Range, Range] | None = None
-    row_count: int = 0
+    node_count: int = 0
 
     def __len__(self) -> int:
         return self.end - self.begin

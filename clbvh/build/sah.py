@@ -6,8 +6,6 @@ and any task threshold.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,21 +15,25 @@ from ..layout import NODE
 from ..stopwatch import Stopwatch
 from ..tree import Bvh
 from . import steps
-from .arena import Arena
-from .compact import plan_rows, write_top
+from .compact import place_subtrees, plan_rows, write_top
+from .crew import Crew, gather
 from .few import FEW
-from .metadata import NEGATED_MAX
+from .metadata import NEGATED_MAX, record_slice
 from .options import BuildOptions
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
 from .simd import LANES
+from .threads import run_in_threads
 from .top import split_top, warm_up
+from .workspace import Shapes
 
 # Below this many primitives the calling process is faster than handing over.
 SMALL_MESH = 20_000
 
-# Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees.
+# Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees. Smaller ranges would
+# cost more messages than they even out.
 _RANGES_PER_WORKER = 8
+_SMALLEST_RANGE = 10_000
 
 DEFAULT_BINS = 16
 
@@ -41,83 +43,53 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
 
     Notes
     -----
-    O(n log n) in the number of triangles. Besides the mesh and the result it sets aside 128 bytes per triangle, of
-    which it touches about 100; with a pool, it needs a copy of the mesh at first.
+    O(n log n) in the number of triangles. Besides the mesh and the result it needs 68 bytes per triangle; a pool keeps
+    up to 1 GiB of them for the next build.
     """
-    if pool is None or (mesh.face_count < SMALL_MESH and options.task_threshold is None):
-        return _build_here(mesh, options)
-    return _build_in_pool(mesh, pool, options)
-
-
-def _build_here(mesh: Mesh, options: BuildOptions) -> Bvh:
-    """Build in the calling process: the whole tree is one subtree."""
-    watch = Stopwatch()
     count = mesh.face_count
-    arrays: dict[str, NDArray[Any]] = {
-        "vertices": mesh.vertices,
-        "faces": mesh.faces,
-        "records": np.empty((2, count, LANES), np.float32),
-        "scratch_nodes": np.empty((2 * count, LANES), np.float32),
-        "prim_ids": np.empty(count, np.int32),
-    }
-    bounds = steps.record_slice(arrays, 0, count)
-    _check_width(mesh, bounds)
-    watch.lap("metadata")
-
-    whole = (0, count, 0, 0, bounds)
-    (row_count,) = steps.build_subtrees(arrays, [whole], *_subtree_options(options))
-    watch.lap("subtrees")
-
-    nodes = arrays["scratch_nodes"][:row_count].copy()
-    watch.lap("compact")
-    return Bvh(_as_nodes(nodes), arrays["prim_ids"], mesh, watch.laps_ms)
-
-
-def _build_in_pool(mesh: Mesh, pool: SubtreePool, options: BuildOptions) -> Bvh:
-    """Build with all workers of a pool."""
-    warm_up()
-    pool.wait_ready()
+    if count < SMALL_MESH and options.task_threshold is None:
+        pool = None
+    if pool is not None:
+        warm_up()
+        pool.wait_ready()
     watch = Stopwatch()
-    count = mesh.face_count
-    with Arena() as arena:
-        # Share the mesh, and the memory that workers write to.
-        shared = {"vertices": arena.share(mesh.vertices), "faces": arena.share(mesh.faces)}
-        shared["records"], records = arena.create((2, count, LANES), np.float32)
-        shared["scratch_nodes"] = arena.create((2 * count, LANES), np.float32)[0]
-        shared["prim_ids"], prim_ids = arena.create((count,), np.int32)
-        pool.attach(shared)
-        watch.lap("share")
-
-        # One record per primitive; the workers need the mesh no longer.
-        bounds = pool.map(steps.record_slice, cut_slices(0, count, pool.workers))
-        root = Range(0, count, 0, 0, np.minimum.reduce(bounds))
+    shapes: Shapes = {"records": ((2, count, LANES), np.float32), "prim_ids": ((count,), np.int32)}
+    with gather(pool, shapes) as crew:
+        # One record per primitive.
+        records = crew.arrays["records"]
+        slices = [(mesh, *cut, records[0]) for cut in cut_slices(0, count, crew.workers)]
+        root = Range(0, count, 0, 0, np.minimum.reduce(run_in_threads(record_slice, slices)))
         _check_width(mesh, root.bounds)
-        arena.free(shared.pop("vertices"))
-        arena.free(shared.pop("faces"))
-        pool.attach(shared)
         watch.lap("metadata")
 
         # All workers together, until there are enough subtrees for all.
-        threshold = options.task_threshold or max(1, count // (pool.workers * _RANGES_PER_WORKER))
-        split_top(pool, root, records, max(threshold, options.leaf_size, FEW), options.bins or DEFAULT_BINS)
+        split_top(crew, root, _choose_threshold(crew, count, options), options.bins or DEFAULT_BINS)
         watch.lap("top")
 
         # Each worker on its own: subtrees, largest first.
-        _build_subtrees(pool, root, options)
-        del records
-        arena.free(shared.pop("records"))
+        _build_subtrees(crew, root, options)
         watch.lap("subtrees")
 
         # Into depth-first order, without gaps.
         plan = plan_rows(root)
-        shared["nodes"], nodes = arena.create((plan.row_count, LANES), np.float32)
-        pool.attach(shared)
+        nodes = np.empty((plan.row_count, LANES), np.float32)
         write_top(plan, nodes)
-        shares = [plan.subtrees[number :: pool.workers] for number in range(pool.workers)]
-        pool.map(steps.place_subtrees, [(share,) for share in shares])
-        pool.attach({})
+        shares = [plan.subtrees[number :: crew.workers] for number in range(crew.workers)]
+        run_in_threads(place_subtrees, [(records, share, nodes) for share in shares])
+        prim_ids = crew.arrays["prim_ids"]
+        # A pool's arrays are lent.
+        prim_ids = prim_ids if pool is None else prim_ids.copy()
         watch.lap("compact")
     return Bvh(_as_nodes(nodes), prim_ids, mesh, watch.laps_ms)
+
+
+def _choose_threshold(crew: Crew, count: int, options: BuildOptions) -> int:
+    """Return up to how many primitives a range is one worker's task."""
+    threshold = options.task_threshold
+    if threshold is None:
+        fair_share = count // (crew.workers * _RANGES_PER_WORKER)
+        threshold = count if crew.workers == 1 else max(fair_share, _SMALLEST_RANGE)
+    return max(threshold, options.leaf_size, FEW)
 
 
 def _check_width(mesh: Mesh, bounds: Boxes) -> None:
@@ -128,11 +100,11 @@ def _check_width(mesh: Mesh, bounds: Boxes) -> None:
         raise MeshError(f"{mesh.name}: the mesh is too wide for distances in float32: give it in a larger unit")
 
 
-def _build_subtrees(pool: SubtreePool, root: Range, options: BuildOptions) -> None:
-    """Build the subtree of every range that the top left, and note its row count."""
+def _build_subtrees(crew: Crew, root: Range, options: BuildOptions) -> None:
+    """Build the subtree of every range that the top left, and note its number of nodes."""
     ranges = sorted(root.leaves(), key=len, reverse=True)
     # Many small ranges travel together, so that messages do not outweigh the work.
-    smallest_batch = len(root) // (pool.workers * _RANGES_PER_WORKER)
+    smallest_batch = len(root) // (crew.workers * _RANGES_PER_WORKER)
     batches: list[list[Range]] = []
     batch_size = smallest_batch
     for node in ranges:
@@ -142,21 +114,13 @@ def _build_subtrees(pool: SubtreePool, root: Range, options: BuildOptions) -> No
         batches[-1].append(node)
         batch_size += len(node)
 
+    how = (options.bins or DEFAULT_BINS, options.leaf_size, options.traversal_cost)
     tasks = [
-        (
-            [(node.begin, node.end, node.buffer, node.depth, node.bounds) for node in batch],
-            *_subtree_options(options),
-        )
-        for batch in batches
+        ([(node.begin, node.end, node.buffer, node.depth, node.bounds) for node in batch], *how) for batch in batches
     ]
-    for batch, row_counts in zip(batches, pool.map(steps.build_subtrees, tasks), strict=True):
-        for node, row_count in zip(batch, row_counts, strict=True):
-            node.row_count = row_count
-
-
-def _subtree_options(options: BuildOptions) -> tuple[int, int, float]:
-    """Return what a subtree's builder needs to know of the options."""
-    return options.bins or DEFAULT_BINS, options.leaf_size, options.traversal_cost
+    for batch, node_counts in zip(batches, crew.map(steps.build_subtrees, tasks), strict=True):
+        for node, node_count in zip(batch, node_counts, strict=True):
+            node.node_count = node_count
 
 
 def _as_nodes(rows: NDArray[np.float32]) -> NDArray[np.void]:

@@ -17,8 +17,10 @@ from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
 LANES = 8
+TAG = 3
 TALLY = 7
 _HALF = 4
+_AXES = 3
 _BYTES_PER_LANE = 4
 
 _FLOAT = ir.FloatType()
@@ -32,6 +34,8 @@ _INT_ROW = ir.VectorType(_INT, LANES)
 _SWAPPED = [4, 5, 6, 7, 0, 1, 2, 3]
 # All lanes of one row but the last, which is that of another.
 _LAST_OF_OTHER = [0, 1, 2, 3, 4, 5, 6, LANES + TALLY]
+# The lower half of one row, and the upper half of another.
+_UPPER_HALF_OF_OTHER = [0, 1, 2, 3, 12, 13, 14, 15]
 # What LLVM's prefetch wants to know: reading, high locality, data.
 _TO_READ_INTO_ALL_CACHES = (0, 3, 1)
 # The three axes in half a row; the fourth lane repeats one, so that it holds a number.
@@ -82,6 +86,24 @@ def load_row(typing_context, rows, row):  # type: ignore[no-untyped-def]
         return builder.load(_row_pointer(context, builder, signature.args[0], *arguments), align=_BYTES_PER_LANE)
 
     return BOX(rows, types.intp), generate
+
+
+@intrinsic
+def load_point(typing_context, points, point):  # type: ignore[no-untyped-def]
+    """Return row `point` of a C-contiguous (n, 3) float32 array as a box without extent; it holds no negative zero."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        points, point = arguments
+        data = context.make_array(signature.args[0])(context, builder, points).data
+        first = builder.gep(data, [builder.mul(point, ir.Constant(point.type, _AXES))])
+        half: Any = ir.Constant(ir.VectorType(_FLOAT, _HALF), [0.0] * _HALF)
+        for axis in range(_AXES):
+            coordinate = builder.load(builder.gep(first, [ir.Constant(point.type, axis)]), align=_BYTES_PER_LANE)
+            half = builder.insert_element(half, coordinate, ir.Constant(_INT, axis))
+        both = builder.shuffle_vector(half, builder.fneg(half), ir.Constant(_INT_ROW, list(range(LANES))))
+        return builder.fadd(both, ir.Constant(_ROW, [0.0] * LANES))  # -0.0 + 0.0 is 0.0
+
+    return BOX(points, types.intp), generate
 
 
 @intrinsic
@@ -147,6 +169,24 @@ def tally_of(typing_context, box):  # type: ignore[no-untyped-def]
         return builder.zext(builder.extract_element(lanes, ir.Constant(_INT, TALLY)), ir.IntType(64))
 
     return types.intp(BOX), generate
+
+
+@intrinsic
+def as_node(typing_context, box, first, count):  # type: ignore[no-untyped-def]
+    """Return a box with its maximum as it is, and two int32 in the tag and in the tally: a row of `layout.NODE`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        box, *numbers = arguments
+        zero = ir.Constant(_ROW, [0.0] * LANES)
+        # Not negated but subtracted from 0: there shall be no -0.0.
+        positive = builder.fsub(zero, box)
+        row = builder.shuffle_vector(box, positive, ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER))
+        lanes = builder.bitcast(row, _INT_ROW)
+        for lane, number in zip((TAG, TALLY), numbers, strict=True):
+            lanes = builder.insert_element(lanes, builder.trunc(number, _INT), ir.Constant(_INT, lane))
+        return builder.bitcast(lanes, _ROW)
+
+    return BOX(BOX, types.intp, types.intp), generate
 
 
 @intrinsic

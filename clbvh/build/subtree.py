@@ -1,8 +1,12 @@
 """One range of primitives becomes a subtree, in one compiled loop on one core.
 
-A range [begin, end) writes only to node rows 2 * begin to 2 * end - 1 and to prim_ids[begin:end]. A tree over n
-primitives has at most 2n - 1 nodes, so ranges that do not overlap own rows that do not overlap, before anyone
-starts: no shared counter, no lock.
+A range [begin, end) writes only to its own records and to prim_ids[begin:end], so ranges that do not overlap need
+neither a shared counter nor a lock.
+
+Finished nodes take the place of finished records. The loop works from right to left, and the records of a leaf are
+needed no more, in both buffers: 2 rows for each primitive. A tree over n primitives has at most 2n - 1 nodes, and so
+have its parts, so there is always room. Nodes come in the reverse of depth-first order: all below the right child,
+all below the left child, then the right child and the left child themselves. `node_place` says where the n-th is.
 """
 
 from __future__ import annotations
@@ -10,12 +14,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..layout import NODE_COUNT, NODE_FIRST, NODE_MAX
 from .few import FEW, count_left, divide, find_division
-from .metadata import NEGATED_MAX, PRIM_ID
+from .metadata import PRIM_ID
 from .options import MAX_DEPTH
 from .partition import bound_halves, partition
-from .simd import LANES, half_area, load_row, store_row
+from .simd import LANES, as_node, half_area, load_row, store_row
 from .splits import bin_count_for, fill_bins, find_split, make_bins, unite_sides
 
 
@@ -29,26 +32,28 @@ def needs_halving(prim_count, depth):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def write_box(nodes, row, boxes, box):  # type: ignore[no-untyped-def]
-    """Write a box of the builder as the aabb of a node."""
-    for axis in range(3):
-        nodes[row, axis] = boxes[box, axis]
-        nodes[row, NODE_MAX + axis] = np.float32(0.0) - boxes[box, NEGATED_MAX + axis]
+def node_place(end, number):  # type: ignore[no-untyped-def]
+    """Return (buffer, row) of the n-th finished node of a range that ends at `end`."""
+    return number & 1, end - 1 - (number >> 1)
 
 
 @njit(cache=True, nogil=True)
-def emit_leaf(node_ints, row, begin, end, record_ids, prim_ids):  # type: ignore[no-untyped-def]
-    """Make a node a leaf over [begin, end) and list its primitives."""
-    node_ints[row, NODE_FIRST] = begin
-    node_ints[row, NODE_COUNT] = end - begin
-    for record in range(begin, end):
-        prim_ids[record] = record_ids[record, PRIM_ID]
+def finish_node(boxes, box, first, count):  # type: ignore[no-untyped-def]
+    """Make a row of `layout.NODE` of the box `boxes[box]`."""
+    store_row(boxes, box, as_node(load_row(boxes, box), first, count))
+
+
+@njit(cache=True, nogil=True)
+def emit_node(records, end, number, nodes, node):  # type: ignore[no-untyped-def]
+    """Write `nodes[node]` as the n-th finished node of a range that ends at `end`; see `node_place`."""
+    buffer, row = node_place(end, number)
+    store_row(records[buffer], row, load_row(nodes, node))
 
 
 @njit(cache=True, nogil=True)
 def build_subtree(  # type: ignore[no-untyped-def]
     records,
-    record_ids,
+    record_ints,
     begin,
     end,
     buffer,
@@ -57,29 +62,28 @@ def build_subtree(  # type: ignore[no-untyped-def]
     bins,
     leaf_size,
     traversal_cost,
-    nodes,
-    node_ints,
     prim_ids,
 ):
-    """Build the subtree over one range, in depth-first order and without gaps.
+    """Build the subtree over one range.
 
     Parameters
     ----------
-    records, record_ids : (2, n, 8) float32 and int32, the same memory, overwritten
-        Two buffers of records; the range is read from buffer `buffer`.
+    records, record_ints : (2, n, 8) float32 and int32, the same memory, overwritten
+        Two buffers of records; the range is read from buffer `buffer`. Afterwards they hold the nodes, see
+        `node_place`: rows of `layout.NODE`, except that an interior node's `first` is its left child's number. The root
+        is the last one.
     begin, end, buffer, depth : int
         The range, where it is, and how deep its root lies in the whole tree.
     bounds : (2, 8) float32
         Row 0: the box of the range. Row 1: the box of its centroids.
     bins, leaf_size, traversal_cost
         See `BuildOptions`.
-    nodes, node_ints : (2n, 8) float32 and int32, the same memory, rows of `layout.NODE`, written
     prim_ids : (n,) int32, written
 
     Returns
     -------
     int
-        Number of rows used, from 2 * begin on. Interior nodes name their children by these rows.
+        Number of nodes.
     """
     node_bins = make_bins(bins)
     right_costs = np.empty(3 * bins, np.float64)
@@ -87,16 +91,18 @@ def build_subtree(  # type: ignore[no-untyped-def]
     child_bounds = np.empty((2, LANES), np.float32)
     current = np.empty((2, LANES), np.float32)  # box and centroid bounds of the node at hand
 
-    # Nodes that wait for their turn: at most one per level, because the left child is taken at once.
-    waiting = np.empty((MAX_DEPTH + 1, 5), np.int64)
-    waiting_bounds = np.empty((2 * (MAX_DEPTH + 1), LANES), np.float32)
-    waiting_count = 0
+    # The nodes above the one at hand, one per level, and their children: row 2 * level is the left one. A left child
+    # waits until all below the right one is finished.
+    levels = MAX_DEPTH + 1
+    boxes = np.empty((2 * levels, LANES), np.float32)
+    waiting = np.empty((levels, 3), np.int64)  # begin, end, buffer of the left child; end is 0 once it is taken
+    waiting_bounds = np.empty((levels, LANES), np.float32)
+    level = 0
 
-    row = first_row = 2 * begin
-    next_row = row + 1
+    range_end = end
+    node_count = 0
     store_row(current, 0, load_row(bounds, 0))
     store_row(current, 1, load_row(bounds, 1))
-    write_box(nodes, row, current, 0)
     while True:
         prim_count = end - begin
         source = records[buffer]
@@ -105,26 +111,42 @@ def build_subtree(  # type: ignore[no-untyped-def]
         cost = np.inf
         axis, last_left_bin, left_count, left = 0, 0, 0, 0
         bin_count = bin_count_for(prim_count, bins)
-        if prim_count > 1 and not needs_halving(prim_count, depth):
+        if prim_count > 1 and not needs_halving(prim_count, depth + level):
             if prim_count <= FEW:
                 cost, left = find_division(source, begin, prim_count)
             else:
                 fill_bins(source, begin, end, current, 1, bin_count, node_bins)
                 cost, axis, last_left_bin, left_count = find_split(node_bins, bin_count, right_costs)
 
-        # A leaf, if that is allowed and no split is cheaper; then the next node that waits.
+        # A leaf, if that is allowed and no split is cheaper.
         area = half_area(load_row(current, 0))
         if prim_count <= leaf_size and not traversal_cost * area + cost < prim_count * area:
-            emit_leaf(node_ints, row, begin, end, record_ids[buffer], prim_ids)
-            if waiting_count == 0:
-                return next_row - first_row
-            waiting_count -= 1
-            row, begin, end, buffer, depth = (
-                waiting[waiting_count, 0], waiting[waiting_count, 1], waiting[waiting_count, 2],
-                waiting[waiting_count, 3], waiting[waiting_count, 4],
-            )  # fmt: skip
-            store_row(current, 0, load_row(waiting_bounds, 2 * waiting_count))
-            store_row(current, 1, load_row(waiting_bounds, 2 * waiting_count + 1))
+            source_ids = record_ints[buffer]
+            for record in range(begin, end):
+                prim_ids[record] = source_ids[record, PRIM_ID]
+            first, count = begin, prim_count
+
+            # It may have been the last one below the node above, and that one below its own.
+            while level > 0 and waiting[level - 1, 1] == 0:
+                level -= 1
+                finish_node(boxes, 2 * level, first, count)
+                emit_node(records, range_end, node_count, boxes, 2 * level + 1)
+                emit_node(records, range_end, node_count + 1, boxes, 2 * level)
+                first, count = node_count + 1, 0
+                node_count += 2
+            if level == 0:
+                store_row(current, 0, load_row(bounds, 0))
+                finish_node(current, 0, first, count)
+                emit_node(records, range_end, node_count, current, 0)
+                return node_count + 1
+
+            # What is finished is a right child; the left one is next.
+            above = level - 1
+            finish_node(boxes, 2 * above + 1, first, count)
+            begin, end, buffer = waiting[above, 0], waiting[above, 1], waiting[above, 2]
+            waiting[above, 1] = 0
+            store_row(current, 0, load_row(boxes, 2 * above))
+            store_row(current, 1, load_row(waiting_bounds, above))
             continue
 
         # Move the records to their sides, into the other buffer; halves stay where they are.
@@ -144,21 +166,12 @@ def build_subtree(  # type: ignore[no-untyped-def]
             )  # fmt: skip
             buffer = 1 - buffer
 
-        # Two rows for the children; the right one waits, the left one is next.
-        node_ints[row, NODE_FIRST] = next_row
-        node_ints[row, NODE_COUNT] = 0
-        write_box(nodes, next_row, children, 0)
-        write_box(nodes, next_row + 1, children, 1)
-        depth += 1
-        waiting[waiting_count, 0] = next_row + 1
-        waiting[waiting_count, 1] = middle
-        waiting[waiting_count, 2] = end
-        waiting[waiting_count, 3] = buffer
-        waiting[waiting_count, 4] = depth
-        store_row(waiting_bounds, 2 * waiting_count, load_row(children, 1))
-        store_row(waiting_bounds, 2 * waiting_count + 1, load_row(child_bounds, 1))
-        waiting_count += 1
-        store_row(current, 0, load_row(children, 0))
-        store_row(current, 1, load_row(child_bounds, 0))
-        row, end = next_row, middle
-        next_row += 2
+        # The left child waits, the right one is next.
+        waiting[level, 0], waiting[level, 1], waiting[level, 2] = begin, middle, buffer
+        store_row(waiting_bounds, level, load_row(child_bounds, 0))
+        store_row(boxes, 2 * level, load_row(children, 0))
+        store_row(boxes, 2 * level + 1, load_row(children, 1))
+        store_row(current, 0, load_row(children, 1))
+        store_row(current, 1, load_row(child_bounds, 1))
+        begin = middle
+        level += 1

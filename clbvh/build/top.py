@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import steps
+from .crew import Crew
 from .partition import bound_halves
-from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
 from .simd import LANES, TALLY
 from .splits import bin_count_for, find_split, unite_sides
@@ -45,36 +45,30 @@ def warm_up() -> None:
     needs_halving(bin_count, 0)
 
 
-def split_top(pool: SubtreePool, root: Range, records: NDArray[Any], threshold: int, bins: int) -> None:
-    """Split the root, and all ranges below it, until none has more than `threshold` primitives.
-
-    Parameters
-    ----------
-    records : (2, n, 8) float32
-        The shared records, as the coordinator sees them.
-    """
+def split_top(crew: Crew, root: Range, threshold: int, bins: int) -> None:
+    """Split the root, and all ranges below it, until none has more than `threshold` primitives."""
     level = [root]
     while level := [node for node in level if len(node) > threshold]:
-        chosen = _choose_splits(pool, level, bins)
+        chosen = _choose_splits(crew, level, bins)
         planes = [(node, *pair) for node, pair in zip(level, chosen, strict=True) if pair is not None]
-        _apply_splits(pool, planes)
+        _apply_splits(crew, planes)
         for node, pair in zip(level, chosen, strict=True):
             if pair is None:
-                _halve(node, records)
+                _halve(node, crew.arrays["records"])
         level = [child for node in level for child in node.children or ()]
 
 
-def _choose_splits(pool: SubtreePool, level: list[Range], bins: int) -> list[tuple[Split, Boxes, list[Any]] | None]:
+def _choose_splits(crew: Crew, level: list[Range], bins: int) -> list[tuple[Split, Boxes, list[Any]] | None]:
     """Return each node's split, the boxes of its sides and the bin counts of its slices; None where no plane splits."""
     bin_counts = [bin_count_for(len(node), bins) for node in level]
     tasks = [
         [
-            (*cut_slices(node.begin, node.end, pool.workers)[number], node.buffer, node.bounds, bin_count)
+            (*cut_slices(node.begin, node.end, crew.workers)[number], node.buffer, node.bounds, bin_count)
             for node, bin_count in zip(level, bin_counts, strict=True)
         ]
-        for number in range(pool.workers)
+        for number in range(crew.workers)
     ]
-    slices = pool.map(steps.bin_slices, [(task,) for task in tasks])
+    slices = crew.map(steps.bin_slices, [(task,) for task in tasks])
 
     right_costs = np.empty(3 * bins, np.float64)
     chosen: list[tuple[Split, Boxes, list[Any]] | None] = []
@@ -93,20 +87,20 @@ def _choose_splits(pool: SubtreePool, level: list[Range], bins: int) -> list[tup
     return chosen
 
 
-def _apply_splits(pool: SubtreePool, planes: list[tuple[Range, Split, Boxes, list[Any]]]) -> None:
+def _apply_splits(crew: Crew, planes: list[tuple[Range, Split, Boxes, list[Any]]]) -> None:
     """Move the records of all nodes to their sides, and give the nodes their children."""
-    tasks: list[list[steps.PartitionTask]] = [[] for _ in range(pool.workers)]
+    tasks: list[list[steps.PartitionTask]] = [[] for _ in range(crew.workers)]
     for node, split, _, slice_counts in planes:
         left, right = node.begin, node.begin + split.left_count
         first_bin = split.axis * split.bin_count
-        for number, (begin, end) in enumerate(cut_slices(node.begin, node.end, pool.workers)):
+        for number, (begin, end) in enumerate(cut_slices(node.begin, node.end, crew.workers)):
             plane = (split.bin_count, split.axis, split.last_left_bin)
             tasks[number].append((begin, end, node.buffer, node.bounds, *plane, left, right))
             # The slice's own bins say how many of its records go left.
             to_left = int(slice_counts[number][first_bin : first_bin + split.last_left_bin + 1].sum())
             left += to_left
             right += end - begin - to_left
-    slices = pool.map(steps.partition_slices, [(task,) for task in tasks])
+    slices = crew.map(steps.partition_slices, [(task,) for task in tasks])
 
     for index, (node, split, sides, _) in enumerate(planes):
         centroid_bounds = np.minimum.reduce([part[index] for part in slices])

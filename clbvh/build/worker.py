@@ -8,7 +8,9 @@ import signal
 import traceback
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from typing import Any
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 # What a message asks for, and what follows it.
 ATTACH = "attach"  # name -> ArrayHandle
@@ -35,7 +37,7 @@ def serve(connection: Connection, folder: str | None) -> None:
     # Done already where a fork server started this process.
     from . import preload  # noqa: F401
 
-    attached: dict[str, tuple[Any, Any]] = {}  # name -> (handle, array)
+    attached: dict[str, _Attached] = {}
     try:
         connection.send((True, None))  # ready
         while True:
@@ -58,17 +60,26 @@ def serve(connection: Connection, folder: str | None) -> None:
             shutil.rmtree(folder, ignore_errors=True)  # other workers do the same
 
 
-def _answer(message: tuple[Any, ...], attached: dict[str, tuple[Any, Any]]) -> Any:
+class _Attached(NamedTuple):
+    """An array, and the memory that it lies in."""
+
+    serial: int
+    memory: Any
+    array: NDArray[Any]
+
+
+def _answer(message: tuple[Any, ...], attached: dict[str, _Attached]) -> Any:
     if message[0] == RUN:
         _, step, arguments = message
-        return step({name: array for name, (_, array) in attached.items()}, *arguments)
+        return step({name: item.array for name, item in attached.items()}, *arguments)
 
-    # Keep what stays, drop the rest before mapping anything new.
+    # Keep the memory that stays, drop the rest before mapping anything new.
     _, handles = message
-    kept = {name: pair for name, pair in attached.items() if pair[0] == handles.get(name)}
+    memories = {item.serial: item.memory for item in attached.values()}
     attached.clear()
-    attached.update(kept)
+    wanted = {handle.serial for handle in handles.values()}
+    memories = {serial: memory for serial, memory in memories.items() if serial in wanted}
     for name, handle in handles.items():
-        if name not in attached:
-            attached[name] = (handle, handle.attach())
+        memory = memories.get(handle.serial) or handle.map()
+        attached[name] = _Attached(handle.serial, memory, handle.view(memory))
     return None

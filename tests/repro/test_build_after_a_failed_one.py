@@ -10,23 +10,27 @@ from clbvh.build.arena import Arena
 from clbvh.errors import PoolError
 
 
-def random_mesh(seed):
-    vertices = np.random.default_rng(seed).random((3000, 3))
-    return Mesh.from_arrays(vertices, np.arange(3000).reshape(-1, 3))
+def random_mesh(seed, triangles):
+    vertices = np.random.default_rng(seed).random((3 * triangles, 3))
+    return Mesh.from_arrays(vertices, np.arange(3 * triangles).reshape(-1, 3))
 
 
-def test_a_pool_whose_build_ran_out_of_memory_builds_the_next_mesh_right(monkeypatch):
+@pytest.mark.parametrize("failing", [0, 1])
+def test_a_pool_whose_build_ran_out_of_memory_builds_the_next_mesh_right(monkeypatch, failing):
     create = Arena.create
+    sizes = []
 
-    def refuse_the_last_array(self, shape, dtype):
-        if len(shape) == 2 and shape[1] == 8 and shape[0] != 2000:  # neither the mesh nor the scratch nodes
+    def refuse_one_array(self, shape, dtype):
+        sizes.append(shape)
+        if len(sizes) == 1 + failing:
             raise PoolError("no memory left")
         return create(self, shape, dtype)
 
     with SubtreePool(workers=2) as pool:
+        build(random_mesh(0, 500), pool=pool, task_threshold=7)
         with monkeypatch.context() as patch:
-            patch.setattr(Arena, "create", refuse_the_last_array)
+            patch.setattr(Arena, "create", refuse_one_array)
             with pytest.raises(PoolError, match="no memory left"):
-                build(random_mesh(1), pool=pool, task_threshold=7)
-        bvh = build(random_mesh(2), pool=pool, task_threshold=7)
+                build(random_mesh(1, 1000), pool=pool, task_threshold=7)
+        bvh = build(random_mesh(2, 1000), pool=pool, task_threshold=7)
     validate_tree(bvh)

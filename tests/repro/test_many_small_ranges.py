@@ -42,4 +42,4 @@ def test_each_range_is_looked_at_a_few_times():
     CountedRange.looks = 0
     _build_subtrees(OneWorker(), root, BuildOptions())
     assert CountedRange.looks < LOOKS_PER_RANGE * RANGES
-    assert all(node.row_count == 1 for node in root.leaves())
+    assert all(node.node_count == 1 for node in root.leaves())

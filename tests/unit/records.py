@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from clbvh.build import steps
+from clbvh.build.metadata import record_slice
 from clbvh.build.simd import LANES
 
 
 def make_records(mesh):
     """Return the (2, n, 8) buffers that a build starts with, and the (2, 8) bounds of all."""
     records = np.zeros((2, mesh.face_count, LANES), np.float32)
-    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "records": records}
-    return records, steps.record_slice(arrays, 0, mesh.face_count)
+    return records, record_slice(mesh, 0, mesh.face_count, records[0])
 
 
 def boxes_of(rows):

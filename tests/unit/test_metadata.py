@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh.build import steps
+from clbvh.build.metadata import record_slice
 from clbvh.build.simd import LANES, TALLY
 
 from ..soup import make_soup
@@ -40,16 +40,14 @@ def test_slices_together_give_what_one_gives(cuts):
     mesh = make_soup(100, seed=3)
     records, bounds = make_records(mesh)
     sliced = np.zeros_like(records)
-    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "records": sliced}
-    parts = [steps.record_slice(arrays, begin, end) for begin, end in itertools.pairwise(cuts)]
+    parts = [record_slice(mesh, begin, end, sliced[0]) for begin, end in itertools.pairwise(cuts)]
     assert np.minimum.reduce(parts).tobytes() == bounds.tobytes()
     assert sliced.tobytes() == records.tobytes()
 
 
 def test_an_empty_slice_has_empty_bounds():
     mesh = make_soup(5, seed=4)
-    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "records": np.zeros((2, 5, LANES), np.float32)}
-    assert (steps.record_slice(arrays, 3, 3)[:, :TALLY] == np.inf).all()
+    assert (record_slice(mesh, 3, 3, np.zeros((5, LANES), np.float32))[:, :TALLY] == np.inf).all()
 
 
 def test_no_lane_holds_a_negative_zero():

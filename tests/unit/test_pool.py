@@ -14,8 +14,10 @@ import pytest
 
 from clbvh import SubtreePool, build, validate_tree
 from clbvh.build import sah as sah_module
+from clbvh.build import workspace
 from clbvh.build.arena import Arena
 from clbvh.build.pool import default_worker_count
+from clbvh.build.threads import run_in_threads
 from clbvh.errors import ConfigError, PoolError
 
 from ..processes import list_session, start_script, wait_until
@@ -130,9 +132,26 @@ def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
     assert count_open_files() == open_before
 
 
-def test_workers_hold_nothing_after_a_build(pool):
+def test_workers_keep_the_working_memory_after_a_build_unless_it_is_large(pool, monkeypatch):
     build(make_soup(100, seed=0), pool=pool, task_threshold=10)
+    assert [sorted(arrays) for arrays in pool.map(list_arrays, [()] * 2)] == [["prim_ids", "records"]] * 2
+    monkeypatch.setattr(workspace, "_KEPT_BYTES", 2 * 100 * 32)
+    build(make_soup(99, seed=0), pool=pool, task_threshold=10)
     assert pool.map(list_arrays, [()] * 2) == [{}] * 2
+
+
+def test_builds_of_two_threads_take_turns(pool):
+    meshes = [make_soup(3000, seed=seed) for seed in range(4)]
+    trees = run_in_threads(lambda mesh: build(mesh, pool=pool, task_threshold=100), [(mesh,) for mesh in meshes])
+    for mesh, tree in zip(meshes, trees, strict=True):
+        assert tree.nodes.tobytes() == build(mesh).nodes.tobytes()
+
+
+def test_a_tree_is_not_touched_by_the_next_build(pool):
+    bvh = build(make_soup(2000, seed=1), pool=pool, task_threshold=100)
+    before = bvh.nodes.tobytes(), bvh.prim_ids.tobytes()
+    build(make_soup(2000, seed=2), pool=pool, task_threshold=100)
+    assert (bvh.nodes.tobytes(), bvh.prim_ids.tobytes()) == before
 
 
 def test_the_start_is_timed(pool):
@@ -238,9 +257,9 @@ def test_a_worker_that_exits_is_an_error_with_its_code(doomed):
 def test_a_worker_killed_from_outside_during_a_build_is_an_error(doomed, monkeypatch):
     real = sah_module.split_top
 
-    def kill_then_split(pool, *arguments):
-        os.kill(pool._processes[0].pid, signal.SIGKILL)
-        real(pool, *arguments)
+    def kill_then_split(*arguments):
+        os.kill(doomed._processes[0].pid, signal.SIGKILL)
+        real(*arguments)
 
     monkeypatch.setattr(sah_module, "split_top", kill_then_split)
     begin = time.perf_counter()

@@ -8,6 +8,7 @@ from numba import njit
 
 from clbvh.build import simd
 from clbvh.build.simd import LANES
+from clbvh.layout import NODE
 
 
 @njit
@@ -97,6 +98,41 @@ def test_rows_of_a_part_of_an_array_are_counted_from_its_beginning():
     expected[5] = whole[3]
     copy(whole[2:], 3, whole[2:], 1)
     assert whole.tobytes() == expected.tobytes()
+
+
+@njit
+def load_points(points, rows):
+    for point in range(len(points)):
+        simd.store_row(rows, point, simd.load_point(points, point))
+
+
+def test_a_point_is_a_box_without_extent_and_without_negative_zeros():
+    points = np.random.default_rng(13).normal(size=(4, 3)).astype(np.float32)
+    points[1] = -0.0
+    points[2] = 0.0
+    rows = np.full((4, LANES), np.nan, np.float32)
+    load_points(points, rows)
+    assert rows[:, :3].tolist() == points.tolist()
+    assert (rows[:, 4:7] == -points).all()
+    assert not np.signbit(rows[1:3]).any()
+
+
+@njit
+def make_node(rows, row, first, count):
+    simd.store_row(rows, row, simd.as_node(simd.load_row(rows, row), first, count))
+
+
+@pytest.mark.parametrize(("first", "count"), [(0, 0), (7, 4), (2**31 - 1, 255)])
+def test_a_node_has_its_maximum_as_it_is(first, count):
+    rows = random_rows(14)
+    rows[2, 4:7] = [0.0, -0.0, 3.0]
+    box = rows[2].copy()
+    make_node(rows, 2, first, count)
+    node = rows[2:3].view(NODE)[0, 0]
+    assert node["aabb_min"].tolist() == box[:3].tolist()
+    assert node["aabb_max"].tolist() == [0.0, 0.0, -3.0]
+    assert not np.signbit(node["aabb_max"][:2]).any()
+    assert (node["first"], node["count"]) == (first, count)
 
 
 @njit

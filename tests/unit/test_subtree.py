@@ -1,4 +1,4 @@
-"""One range becomes a subtree: its rows, its depth, and nothing outside its range."""
+"""One range becomes a subtree: its nodes, its depth, and nothing outside its range."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from clbvh import Mesh
+from clbvh.build.compact import place_subtree
 from clbvh.build.options import MAX_DEPTH
 from clbvh.build.simd import LANES
 from clbvh.build.subtree import build_subtree, needs_halving
@@ -20,7 +22,7 @@ UNTOUCHED = -99
 
 
 def run(mesh, begin=0, end=None, *, buffer=0, depth=0, bins=16, leaf_size=4, traversal_cost=1.0):
-    """Build the subtree of a range of a mesh; return its row count and the arrays."""
+    """Build the subtree of a range of a mesh; return its nodes in depth-first order, the records and the prim_ids."""
     count = mesh.face_count
     end = count if end is None else end
     records, _ = make_records(mesh)
@@ -31,33 +33,23 @@ def run(mesh, begin=0, end=None, *, buffer=0, depth=0, bins=16, leaf_size=4, tra
     bounds = np.zeros((2, LANES), np.float32)
     bounds[0] = rows.min(axis=0)
     bounds[1, :3], bounds[1, 4:7] = centroids.min(axis=0), -centroids.max(axis=0)
-    nodes = np.full((2 * count, LANES), UNTOUCHED, np.float32)
     prim_ids = np.full(count, UNTOUCHED, np.int32)
-    row_count = build_subtree(
-        records, records.view(np.int32), begin, end, buffer, depth, bounds, bins, leaf_size, traversal_cost,
-        nodes, nodes.view(np.int32), prim_ids,
-    )  # fmt: skip
-    return row_count, records, nodes, prim_ids
-
-
-def as_tree(nodes, first_row, row_count):
-    """Return the subtree's rows as nodes that count from its root."""
-    tree = nodes[first_row : first_row + row_count].copy().view(NODE).reshape(-1)
-    tree["first"][tree["count"] == 0] -= first_row
-    return tree
+    node_count = build_subtree(
+        records, records.view(np.int32), begin, end, buffer, depth, bounds, bins, leaf_size, traversal_cost, prim_ids
+    )
+    nodes = np.empty((node_count, LANES), np.float32)
+    place_subtree(records, end, node_count, nodes, nodes.view(np.int32), 0, 1)
+    return nodes.view(NODE).reshape(-1), records, prim_ids
 
 
 @pytest.mark.parametrize("leaf_size", [1, 4])
 @pytest.mark.parametrize(("begin", "end"), [(0, 1), (0, 100), (37, 38), (37, 39), (37, 90), (99, 100)])
-def test_a_range_writes_to_its_own_rows_only(begin, end, leaf_size):
+def test_a_range_writes_to_its_own_records_only(begin, end, leaf_size):
     mesh = make_soup(100, seed=1, copies=0.1)
-    row_count, records, nodes, prim_ids = run(mesh, begin, end, leaf_size=leaf_size)
+    tree, records, prim_ids = run(mesh, begin, end, leaf_size=leaf_size)
     untouched, _ = make_records(mesh)
 
-    assert 1 <= row_count <= 2 * (end - begin) - 1
-    rows = np.arange(len(nodes))
-    mine = (rows >= 2 * begin) & (rows < 2 * begin + row_count)
-    assert (nodes[~mine] == UNTOUCHED).all()
+    assert 1 <= len(tree) <= 2 * (end - begin) - 1
     assert sorted(prim_ids[begin:end]) == list(range(begin, end))
     assert (prim_ids[:begin] == UNTOUCHED).all()
     assert (prim_ids[end:] == UNTOUCHED).all()
@@ -68,17 +60,14 @@ def test_a_range_writes_to_its_own_rows_only(begin, end, leaf_size):
 
 def test_the_buffer_it_starts_from_does_not_matter():
     mesh = make_soup(300, seed=2)
-    count, _, nodes, prim_ids = run(mesh)
-    other_count, _, other_nodes, other_prim_ids = run(mesh, buffer=1)
-    assert count == other_count
-    assert nodes[:count].tobytes() == other_nodes[:count].tobytes()
+    tree, _, prim_ids = run(mesh)
+    other_tree, _, other_prim_ids = run(mesh, buffer=1)
+    assert tree.tobytes() == other_tree.tobytes()
     assert prim_ids.tobytes() == other_prim_ids.tobytes()
 
 
 def test_rows_are_in_depth_first_order():
-    mesh = make_soup(300, seed=3)
-    row_count, _, nodes, _ = run(mesh, 10, 250, leaf_size=1)
-    tree = as_tree(nodes, 20, row_count)
+    tree, _, _ = run(make_soup(300, seed=3), 10, 250, leaf_size=1)
     expected_row = 1
     waiting = [0]
     while waiting:
@@ -87,7 +76,19 @@ def test_rows_are_in_depth_first_order():
             assert tree["first"][row] == expected_row
             expected_row += 2
             waiting += [tree["first"][row] + 1, tree["first"][row]]
-    assert expected_row == row_count
+    assert expected_row == len(tree)
+
+
+def test_a_finished_node_finds_room_among_finished_records():
+    """The worst case: every leaf has one primitive, and the tree is as deep as it may be on one side."""
+    corners = np.float32(2.0) ** np.arange(-60, 60, 2)
+    vertices = np.repeat(corners, 3)[:, None] * np.float32([[1, 0, 0], [0, 1, 0], [0, 0, 1]] * len(corners))
+    for mirrored in (vertices, -vertices):
+        mesh = Mesh.from_arrays(mirrored, np.arange(3 * len(corners)).reshape(-1, 3))
+        tree, _, prim_ids = run(mesh, leaf_size=1)
+        assert len(tree) == 2 * len(corners) - 1
+        assert sorted(prim_ids) == list(range(len(corners)))
+        assert sorted(tree["first"][tree["count"] == 1]) == list(range(len(corners)))
 
 
 @pytest.mark.parametrize(
@@ -114,43 +115,42 @@ def test_halving_begins_when_all_levels_are_needed(prim_count, depth, needed):
 def test_a_root_near_the_limit_still_fits_above_it(prim_count, spare):
     levels = math.ceil(math.log2(prim_count))
     depth = MAX_DEPTH - levels - spare
-    row_count, _, nodes, prim_ids = run(make_soup(prim_count, seed=4), depth=depth, leaf_size=1)
-    tree = as_tree(nodes, 0, row_count)
-    assert row_count == 2 * prim_count - 1
+    tree, _, prim_ids = run(make_soup(prim_count, seed=4), depth=depth, leaf_size=1)
+    assert len(tree) == 2 * prim_count - 1
     assert measure_depth(tree["first"], tree["count"]) <= levels + spare
     assert sorted(prim_ids) == list(range(prim_count))
 
 
 def test_at_the_limit_halves_keep_the_order_of_the_primitives():
-    row_count, _, nodes, prim_ids = run(make_soup(64, seed=5), depth=MAX_DEPTH - 6, leaf_size=1)
+    tree, _, prim_ids = run(make_soup(64, seed=5), depth=MAX_DEPTH - 6, leaf_size=1)
     assert prim_ids.tolist() == list(range(64))
-    assert row_count == 127
-    assert measure_depth(*(as_tree(nodes, 0, row_count)[field] for field in ("first", "count"))) == 6
+    assert len(tree) == 127
+    assert measure_depth(tree["first"], tree["count"]) == 6
 
 
 @pytest.mark.parametrize("leaf_size", [1, 2, 7, 255])
 def test_a_dear_step_fills_the_leaves_and_a_cheap_one_empties_them(leaf_size):
     mesh = make_soup(500, seed=6)
-    full_rows, _, full, _ = run(mesh, leaf_size=leaf_size, traversal_cost=1e6)
-    cheap_rows, _, cheap, _ = run(mesh, leaf_size=leaf_size, traversal_cost=1e-6)
-    full_counts = as_tree(full, 0, full_rows)["count"]
+    full, _, _ = run(mesh, leaf_size=leaf_size, traversal_cost=1e6)
+    cheap, _, _ = run(mesh, leaf_size=leaf_size, traversal_cost=1e-6)
+    full_counts = full["count"]
     assert full_counts.max() <= leaf_size
     # No split pays, so only ranges above the leaf size are split.
     assert full_counts.max() > leaf_size // 2
-    assert full_rows <= cheap_rows
-    assert (as_tree(cheap, 0, cheap_rows)["count"] == 1).sum() > 480
+    assert len(full) <= len(cheap)
+    assert (cheap["count"] == 1).sum() > 480
 
 
 def test_a_leaf_is_taken_where_a_split_costs_as_much():
     # Two flat squares side by side, half area 1 each and 2 together: a leaf costs 2 * 2, a split traversal * 2 + 1 + 1.
     mesh = make_soup(2, seed=7)
     mesh.vertices[:] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
-    assert run(mesh, leaf_size=2, traversal_cost=1.0)[0] == 1
-    assert run(mesh, leaf_size=2, traversal_cost=0.999)[0] == 3
-    assert run(mesh, leaf_size=1, traversal_cost=1.0)[0] == 3
+    assert len(run(mesh, leaf_size=2, traversal_cost=1.0)[0]) == 1
+    assert len(run(mesh, leaf_size=2, traversal_cost=0.999)[0]) == 3
+    assert len(run(mesh, leaf_size=1, traversal_cost=1.0)[0]) == 3
 
 
 def test_triangles_without_extent_share_a_leaf():
     mesh = make_soup(4, seed=7, grid=0, size=0)
-    assert run(mesh, leaf_size=4)[0] == 1
-    assert run(mesh, leaf_size=3)[0] == 3
+    assert len(run(mesh, leaf_size=4)[0]) == 1
+    assert len(run(mesh, leaf_size=3)[0]) == 3

@@ -1,11 +1,11 @@
-"""A range of primitives becomes rows of the flat tree at once."""
+"""A range of primitives becomes rows of the flat tree at once, and the rows move to their final places."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from ...layout import NODE_COUNT, NODE_FIRST, NODE_MAX
+from ...layout import NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ..options import MAX_DEPTH
 from .divide import bound_range, divide, list_prims
 
@@ -67,3 +67,24 @@ def build_rows(prims, begin, end, depth, rule, prim_ids, scratch, nodes, node_in
         waiting_count += 1
         row, end = next_row, middle
         next_row += 2
+
+
+@njit(cache=True, nogil=True)
+def place_rows(scratch, source, row_count, nodes, root_row, first_row):  # type: ignore[no-untyped-def]
+    """Copy a subtree from the scratch rows to its final ones, and point its nodes at each other again.
+
+    Parameters
+    ----------
+    scratch : (2n, 8) int32
+        Rows of `layout.NODE`.
+    source, row_count, root_row, first_row : int
+        Its rows, the first one being its root; the final row of its root, and of the first of its descendants.
+    nodes : (N, 8) int32, written
+    """
+    shift = np.int32(first_row - (source + 1))
+    for index in range(row_count):
+        row = root_row if index == 0 else first_row + index - 1
+        for lane in range(NODE_LANES):
+            nodes[row, lane] = scratch[source + index, lane]
+        if nodes[row, NODE_COUNT] == 0:
+            nodes[row, NODE_FIRST] += shift

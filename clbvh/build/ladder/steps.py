@@ -25,12 +25,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compact import place_rows
 from .divide import Rule, bound_range, divide, make_scratch
 from .heap import COUNT, LEFT, NODE_BYTES, RIGHT, Heap, allocate_node, free_nodes, make_private_heap
 from .linked import build_linked, flatten
 from .prims import BOX, Cached, Recomputed, fill_cache
-from .rows import build_rows
+from .rows import build_rows, place_rows
 
 Arrays = Mapping[str, NDArray[Any]]
 Ids = NDArray[np.int32] | None

@@ -1,0 +1,49 @@
+"""Who builds: the calling process alone, or together with the workers of a pool. A build does not know which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .pool import SubtreePool
+from .workspace import Shapes
+
+
+@dataclass(frozen=True, eq=False)
+class Crew:
+    """Some workers, and arrays that all of them see.
+
+    Attributes
+    ----------
+    workers : int
+    arrays : mapping of str to array
+        With arbitrary contents at first.
+    map : function
+        ``map(step, tasks)`` returns ``step(arrays, *task)`` for each task, in the order given.
+    """
+
+    workers: int
+    arrays: Mapping[str, NDArray[Any]]
+    map: Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
+
+
+@contextmanager
+def gather(pool: SubtreePool | None, shapes: Shapes) -> Iterator[Crew]:
+    """Give a crew the arrays that it needs for one build; without a pool the calling process is the crew.
+
+    Raises
+    ------
+    PoolError
+        A worker failed or died, or there is not enough memory to share.
+    """
+    if pool is not None:
+        with pool.lend(shapes) as arrays:
+            yield Crew(pool.workers, arrays, pool.map)
+        return
+    arrays = {name: np.empty(shape, dtype) for name, (shape, dtype) in shapes.items()}
+    yield Crew(1, arrays, lambda step, tasks: [step(arrays, *task) for task in tasks])
