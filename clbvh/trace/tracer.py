@@ -167,6 +167,11 @@ class Tracer(Closing):
         return find_crossings(self._caster, self._mesh, read_rays(origins, directions, t_min, t_max), limit, progress)
 
     @property
+    def device(self) -> DeviceInfo:
+        """The device that the tree is on."""
+        return self._caster.session.info
+
+    @property
     def layout(self) -> str:
         """The layout that the tree has on the device."""
         return self._caster.tree.layout
@@ -186,7 +191,7 @@ class Tracer(Closing):
         self._caster.close()
 
     def __repr__(self) -> str:
-        return f"Tracer({self._mesh.name!r}, device={self._caster.session.info.name!r}, layout={self.layout!r})"
+        return f"Tracer({self._mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
     def _refine(self, batch: RayBatch, begin: int, found: NDArray[np.void], hits: Hits) -> None:
         """Write the hits of a chunk whose first ray is number `begin`."""

@@ -1,0 +1,294 @@
+"""The ray engine of a `trimesh.Trimesh`: assign it to ``mesh.ray``, and everything of trimesh that casts rays uses it.
+
+Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pyembree.RayMeshIntersector``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from ..build import build
+from ..device.select import choose_device
+from ..errors import DeviceError
+from ..geometry import Mesh
+from ..trace import Tracer
+from ..tree import Bvh
+
+# What each ray gets at most, unless said otherwise: trimesh's default.
+_MAX_HITS = 100
+
+# Directions along which it is counted how often a point's rays leave the mesh. Any will do that no mesh is modelled
+# along; another one is tried where there and back do not agree, which only happens in meshes that are not closed.
+_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
+
+
+class RayMeshIntersector:
+    """Ray queries of a mesh on an OpenCL device.
+
+    Parameters
+    ----------
+    geometry : trimesh.Trimesh
+        May change later: the tree is built when first needed, refitted when only vertices have moved, and built again
+        when faces have changed.
+    scale_to_box : bool
+        Taken for trimesh's sake. Any scale is exact as it is.
+    device : str, int or None
+        See `clbvh.Tracer`.
+    layout : str
+        See `clbvh.Tracer`.
+
+    Notes
+    -----
+    One hit per surface crossing, whatever the triangles that meet there; hits are found by one traversal, never by
+    casting again from where the last one was. Rays without direction, or that are not finite, hit nothing.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import RayMeshIntersector
+    >>> mesh = trimesh.creation.box()
+    >>> mesh.ray = RayMeshIntersector(mesh)
+    >>> mesh.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])
+    array([ True])
+    """
+
+    def __init__(
+        self, geometry: Any, scale_to_box: bool = True, *, device: str | int | None = None, layout: str = "auto"
+    ) -> None:
+        self.mesh = geometry
+        self._scale_to_box = scale_to_box
+        self._device = device
+        self._layout = layout
+        self._forget()
+
+    def intersects_location(
+        self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return where rays hit the mesh.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length.
+        multiple_hits : bool
+            All hits of each ray, up to 100, or only the first one.
+
+        Returns
+        -------
+        locations : (m, 3) float64
+        index_ray : (m,) int64
+        index_tri : (m,) int64
+            All rays' first hits in the order of the rays, then all second hits, and so on.
+        """
+        index_tri, index_ray, locations = self.intersects_id(
+            ray_origins, ray_directions, multiple_hits=multiple_hits, return_locations=True
+        )
+        return locations, index_ray, index_tri
+
+    def intersects_id(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        multiple_hits: bool = True,
+        max_hits: int = _MAX_HITS,
+        return_locations: bool = False,
+    ) -> tuple[NDArray[Any], ...]:
+        """Return which triangles rays hit.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length.
+        multiple_hits : bool
+            All hits of each ray, or only the first one.
+        max_hits : int
+            Hits of each ray at most.
+        return_locations : bool
+
+        Returns
+        -------
+        index_tri : (m,) int64
+        index_ray : (m,) int64
+            All rays' first hits in the order of the rays, then all second hits, and so on.
+        locations : (m, 3) float64
+            Only with `return_locations`.
+        """
+        rays = _read_rays(ray_origins, ray_directions)
+        if max_hits < 1:
+            nothing = np.empty(0, np.int64)
+            return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
+        if multiple_hits:
+            all_hits = self._cast("all_hits", rays, max_hits=int(max_hits))
+            order, index_ray = _order_by_depth(all_hits.offsets)
+            hits = all_hits.take(order)
+        elif return_locations:
+            closest = self._cast("closest_hit", rays)
+            index_ray = np.flatnonzero(closest.is_hit)
+            hits = closest.take(index_ray)
+        else:
+            prim_id = self._cast("closest_prim", rays)
+            index_ray = np.flatnonzero(prim_id >= 0)
+            return prim_id[index_ray].astype(np.int64), index_ray
+        index_tri = hits.prim_id.astype(np.int64)
+        return (index_tri, index_ray, hits.locations) if return_locations else (index_tri, index_ray)
+
+    def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
+        """Return (n,) int32: the first triangle that each ray hits, -1 if there is none.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length.
+        """
+        return self._cast("closest_prim", _read_rays(ray_origins, ray_directions))
+
+    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
+        """Return (n,) bool: whether each ray hits the mesh.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length.
+        """
+        return self._cast("any_hit", _read_rays(ray_origins, ray_directions))
+
+    def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Return (n,) bool: whether the mesh contains points; on its surface the answer is either.
+
+        Parameters
+        ----------
+        points : (n, 3) float
+
+        Notes
+        -----
+        A point is inside when rays from it in two opposite directions leave the mesh an odd number of times. In a
+        closed mesh they always agree. Where they do not, a point from which one of them meets nothing is outside, and
+        the others get another pair of rays.
+        """
+        places = np.asarray(points, np.float64)
+        if places.ndim != 2 or places.shape[1] != 3:
+            raise ValueError("points must be (n,3)")
+        contains = np.zeros(len(places), np.bool_)
+        open_rows = np.flatnonzero(((places > self.mesh.bounds[0]) & (places < self.mesh.bounds[1])).all(axis=1))
+        for direction in _DIRECTIONS:
+            if len(open_rows) == 0:
+                break
+            there, back = (
+                self._cast("count_hits", (places[open_rows], np.tile(sign * direction, (len(open_rows), 1))))
+                for sign in (1, -1)
+            )
+            agree = there % 2 == back % 2
+            contains[open_rows] = agree & (there % 2 == 1)
+            open_rows = open_rows[~agree & (there > 0) & (back > 0)]
+        return contains
+
+    def close(self) -> None:
+        """Give the device's memory back; the next query takes it again."""
+        if self._tracer is not None:
+            self._tracer.close()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._tracer: Tracer | None = None
+        self._bvh: Bvh | None = None
+        self._content: int | None = None
+
+    def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
+        """Run a query of the tracer; rays that it would refuse hit nothing."""
+        tracer = self._open_tracer()
+        try:
+            return getattr(tracer, query)(*rays, **more)
+        except ValueError:
+            if rays[0].ndim != 2:
+                raise
+            origins, directions = (np.array(values, np.float64) for values in rays)
+            bad = ~(np.isfinite(origins) & np.isfinite(directions)).all(axis=1) | (directions == 0).all(axis=1)
+            if not bad.any():
+                raise
+            origins[bad], directions[bad] = 0.0, 1.0
+            return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
+
+    def _open_tracer(self) -> Tracer:
+        """Return a tracer of the mesh as it is now."""
+        content = hash(self.mesh)
+        if self._tracer is None or content != self._content:
+            vertices, faces = np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces)
+            known = self._bvh
+            same_faces = (
+                known is not None
+                and len(known.mesh.vertices) == len(vertices)
+                and np.array_equal(known.mesh.faces, faces)
+            )
+            self.close()
+            if known is not None and same_faces:
+                bvh = known.refit(vertices)
+            else:
+                bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
+            self._tracer = Tracer(bvh, device=self._device, layout=self._layout)
+            self._bvh, self._content = bvh, content
+        return self._tracer
+
+    def __repr__(self) -> str:
+        if self._tracer is not None:
+            device, layout = self._tracer.device.name, self._tracer.layout
+        else:
+            try:
+                info = choose_device(self._device)
+            except DeviceError:
+                device, layout = "none", self._layout
+            else:
+                device, layout = info.name, info.layout if self._layout == "auto" else self._layout
+        return f"clbvh.RayMeshIntersector({self.mesh!r}, device={device!r}, layout={layout!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "mesh": self.mesh,
+            "_scale_to_box": self._scale_to_box,
+            "_device": self._device,
+            "_layout": self._layout,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._forget()
+
+    def __copy__(self) -> RayMeshIntersector:
+        return type(self)(self.mesh, self._scale_to_box, device=self._device, layout=self._layout)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> RayMeshIntersector:
+        # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
+        return self.__copy__()
+
+
+def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return both as arrays of one shape."""
+    rays = np.asarray(origins), np.asarray(directions)
+    if rays[0].shape != rays[1].shape:
+        raise ValueError("Ray origin and direction don't match!")
+    return rays
+
+
+@njit(cache=True, nogil=True)
+def _order_by_depth(offsets):  # type: ignore[no-untyped-def]
+    """Return in which order crossings come when the first ones of all rays stand first, and the ray of each."""
+    ray_count = len(offsets) - 1
+    most = 0
+    for ray in range(ray_count):
+        most = max(most, offsets[ray + 1] - offsets[ray])
+    # How many rays get as deep, and so where each depth begins.
+    next_place = np.zeros(most + 1, np.int64)
+    for ray in range(ray_count):
+        for depth in range(offsets[ray + 1] - offsets[ray]):
+            next_place[depth + 1] += 1
+    next_place = np.cumsum(next_place)
+    order, index_ray = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
+    for ray in range(ray_count):
+        for depth in range(offsets[ray + 1] - offsets[ray]):
+            place = next_place[depth]
+            next_place[depth] += 1
+            order[place], index_ray[place] = offsets[ray] + depth, ray
+    return order, index_ray
