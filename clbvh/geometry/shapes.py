@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ..errors import ConfigError
 from .mesh import Mesh
 from .noise import fractal_noise
-
-_Arrays = tuple[NDArray[np.float64], NDArray[np.int64]]
+from .palace import make_palace
+from .solids import CUBE_CORNERS, CUBE_FACES, Solid, cut_quads
 
 
 def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) -> Mesh:
@@ -46,6 +46,8 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
           of 20, 80, 320 or 1280, the more the larger the mesh.
         - `boxes`: a cloud of overlapping boxes that lie anyhow; the same options. Multiples of 12.
         - `icosphere`: the unit sphere, closed. 20 n^2.
+        - `palace`: halls with columns, stairs, windows and vases, y up, in metres: a scene with huge, long thin and
+          tiny triangles. Not closed. Any number, less up to a few hundred.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def _make_knot(
     crossings: float = 44,
     relief: float = 0.2,
     roughness: float = 0.03,
-) -> _Arrays:
+) -> Solid:
     for key, value in {"turns": turns, "loops": loops, "strands": strands, "crossings": crossings}.items():
         if value != int(value) or value < 1:
             raise ConfigError(f"the option '{key}' of the shape 'knot' must be a whole number from 1, not {value!r}")
@@ -130,7 +132,7 @@ def _make_knot(
     # The grid closes in both directions.
     row, column = np.divmod(np.arange(along * across), across)
     next_row, next_column = (row + 1) % along, (column + 1) % across
-    faces = _cut_quads(
+    faces = cut_quads(
         row * across + column,
         row * across + next_column,
         next_row * across + next_column,
@@ -145,7 +147,7 @@ def _strand(phase: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.cos(distance * 0.62)
 
 
-def _make_terrain(triangles: int, generator: np.random.Generator, *, height: float = 2.4) -> _Arrays:
+def _make_terrain(triangles: int, generator: np.random.Generator, *, height: float = 2.4) -> Solid:
     _require("terrain", triangles, 2)
     columns = math.isqrt(triangles // 2)
     rows = triangles // (2 * columns)
@@ -166,10 +168,10 @@ def _make_terrain(triangles: int, generator: np.random.Generator, *, height: flo
     row, column = np.divmod(np.arange(rows * columns), columns)
     corner = row * (columns + 1) + column
     below = corner + columns + 1
-    return vertices, _cut_quads(corner, below, below + 1, corner + 1)
+    return vertices, cut_quads(corner, below, below + 1, corner + 1)
 
 
-def _make_blobs(triangles: int, generator: np.random.Generator, *, spread: float = 1.0, size: float = 1.0) -> _Arrays:
+def _make_blobs(triangles: int, generator: np.random.Generator, *, spread: float = 1.0, size: float = 1.0) -> Solid:
     _require("blobs", triangles, 20)
     # As round as leaves at least 300 of them.
     frequency = next((n for n in (8, 4, 2) if triangles >= 300 * 20 * n * n), 1)
@@ -185,12 +187,10 @@ def _make_blobs(triangles: int, generator: np.random.Generator, *, spread: float
     return _repeat_faces(vertices, ball_faces)
 
 
-def _make_boxes(triangles: int, generator: np.random.Generator, *, spread: float = 1.0, size: float = 1.0) -> _Arrays:
+def _make_boxes(triangles: int, generator: np.random.Generator, *, spread: float = 1.0, size: float = 1.0) -> Solid:
     _require("boxes", triangles, 12)
     count = triangles // 12
     centres, radii = _scatter(count, generator, spread, size)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-    a, b, c, d = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]).T
 
     # A random rotation is a random unit quaternion (Ken Shoemake, "Uniform Random Rotations", 1992).
     q = generator.normal(size=(count, 4))
@@ -203,11 +203,11 @@ def _make_boxes(triangles: int, generator: np.random.Generator, *, spread: float
         ]
     ).transpose(2, 0, 1)
     sides = radii[:, None] * generator.uniform(0.35, 1.0, (count, 3))
-    vertices = centres[:, None, :] + (corners * sides[:, None, :]) @ rotation.transpose(0, 2, 1)
-    return _repeat_faces(vertices, _cut_quads(a, b, c, d))
+    vertices = centres[:, None, :] + (CUBE_CORNERS * sides[:, None, :]) @ rotation.transpose(0, 2, 1)
+    return _repeat_faces(vertices, CUBE_FACES)
 
 
-def _make_icosphere(triangles: int, generator: np.random.Generator) -> _Arrays:
+def _make_icosphere(triangles: int, generator: np.random.Generator) -> Solid:
     _require("icosphere", triangles, 20)
     frequency = math.isqrt(triangles // 20)
     golden = (1 + math.sqrt(5)) / 2
@@ -250,6 +250,11 @@ def _make_icosphere(triangles: int, generator: np.random.Generator) -> _Arrays:
     return points, vertex_of.reshape(len(sides), -1)[:, cells].reshape(-1, 3)
 
 
+def _make_palace(triangles: int, generator: np.random.Generator) -> Solid:
+    _require("palace", triangles, 12)
+    return make_palace(triangles, generator)
+
+
 def _scatter(
     count: int, generator: np.random.Generator, spread: float, size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -261,18 +266,11 @@ def _scatter(
     return centres, radii
 
 
-def _repeat_faces(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> _Arrays:
+def _repeat_faces(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Solid:
     """Join copies of one mesh: (n, v, 3) vertices, each with the same (f, 3) faces."""
     count, vertex_count, _ = vertices.shape
     offsets = np.arange(count)[:, None, None] * vertex_count
     return vertices.reshape(-1, 3), (faces[None] + offsets).reshape(-1, 3)
-
-
-def _cut_quads(
-    a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return two triangles per quad a, b, c, d, one behind the other."""
-    return np.column_stack((a, b, c, a, c, d)).reshape(-1, 3)
 
 
 def _require(name: str, triangles: int, least: int) -> None:
@@ -280,10 +278,11 @@ def _require(name: str, triangles: int, least: int) -> None:
         raise ConfigError(f"the shape '{name}' needs at least {least} triangles, not {triangles}")
 
 
-SHAPES: dict[str, Callable[..., _Arrays]] = {
+SHAPES: dict[str, Callable[..., Solid]] = {
     "knot": _make_knot,
     "terrain": _make_terrain,
     "blobs": _make_blobs,
     "boxes": _make_boxes,
     "icosphere": _make_icosphere,
+    "palace": _make_palace,
 }
