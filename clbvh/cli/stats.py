@@ -12,8 +12,9 @@ from . import options
 from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
+    from ..render import Scene
     from ..render.tree_maker import TreeOptions
-    from ..tree import TreeStats
+    from ..tree import Bvh, TreeStats
 
 _MIB = 1 << 20
 
@@ -35,6 +36,9 @@ def stats(
     exact: Annotated[
         bool,
         typer.Option("--exact", help="Measure the end-point overlap on all triangles, not on 200,000 at most."),
+    ] = False,
+    rays: Annotated[
+        bool, typer.Option("--rays", help="Count what rays visit: node steps and triangle tests per ray.")
     ] = False,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the histograms of leaf sizes and depths.")
@@ -67,6 +71,8 @@ def stats(
     watch.lap("build")
     measured = measure_tree(made.bvh, traversal_cost=traversal_cost, overlap_sample=None if exact else OVERLAP_SAMPLE)
     watch.lap("measure")
+    ray_costs = _measure_rays(made.bvh, scene) if rays else None
+    watch.lap("rays")
     if plot is not None:
         write_tree_plot(plot, measured, f"{mesh.name}, builder {builder}")
 
@@ -89,15 +95,35 @@ def stats(
                 "pool_start": made.timings_ms["pool_start"],
                 "build": made.timings_ms["build"],
                 "measure": watch.laps_ms["measure"],
+                **({"rays": watch.laps_ms["rays"]} if rays else {}),
             },
             "phases_ms": dict(made.bvh.timings_ms),
         },
         "tree": measured.as_dict(),
+        **({"rays": ray_costs} if rays else {}),
     }
     if as_json:
         print(json.dumps(report, indent=2))
     else:
         _print_report(report, measured)
+
+
+def _measure_rays(bvh: Bvh, scene: Scene) -> dict[str, dict[str, float]]:
+    """Return what a ray of each kind does in the mean."""
+    from ..study.ray_cost import measure_rays
+
+    visits = measure_rays(bvh, scene.camera(bvh.mesh), scene.width / scene.height)
+    return {
+        kind: {
+            "rays": len(visited.prim_id),
+            "hit": float((visited.prim_id >= 0).mean()) if len(visited.prim_id) else 0.0,
+            "node_steps": visited.node_steps_per_ray,
+            "leaf_visits": visited.leaf_visits_per_ray,
+            "triangle_tests": visited.triangle_tests_per_ray,
+            "tests": visited.tests_per_ray,
+        }
+        for kind, visited in visits.items()
+    }
 
 
 def _describe_options(wanted: TreeOptions) -> dict[str, Any]:
@@ -136,6 +162,13 @@ def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
         per_triangle = measured.device_bytes_per_triangle[layout]
         facts.add_row(f"as {layout}", f"{_format_bytes(size, per_triangle)}, triangles included")
 
+    for kind, cost in report.get("rays", {}).items():
+        facts.add_row(
+            f"{kind} rays",
+            f"{cost['tests']:.2f} tests: {cost['node_steps']:.2f} node steps, {cost['triangle_tests']:.2f} triangles; "
+            f"{100 * cost['hit']:.1f} % of {cost['rays']:,} hit",
+        )
+
     times = make_times()
     add_time(times, "load", build["timings_ms"]["load"], "load and re-base the mesh")
     who = describe_workers(build["workers"])
@@ -143,6 +176,8 @@ def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
     for phase, ms in build["phases_ms"].items():
         add_time(times, f"  {phase}", ms, "")
     add_time(times, "measure", build["timings_ms"]["measure"], "what stands above")
+    if "rays" in report:
+        add_time(times, "rays", build["timings_ms"]["rays"], "cast on the host, step for step as layout bvh2")
 
     sizes = _make_histogram("triangles", measured.leaf_sizes, measured.leaf_count)
     depths = _make_histogram("depth", measured.leaf_depths, measured.leaf_count)
