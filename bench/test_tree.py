@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import clbvh
+from clbvh.render.camera import frame_points
+from clbvh.study.ray_cost import measure_rays
 
 from .paired import compare, measure_ms
 
@@ -33,3 +35,22 @@ def test_load_against_a_build(mesh, bvh, tmp_path):
         return measure_ms(lambda: clbvh.Bvh.load(path, fresh))
 
     compare("load with fingerprint, build in one process", load, lambda: measure_ms(lambda: clbvh.build(mesh)))
+
+
+def test_high_against_default(mesh):
+    compare("quality high, default, both in one process", lambda: measure_ms(lambda: clbvh.build(mesh, quality="high")),
+            lambda: measure_ms(lambda: clbvh.build(mesh)), runs=3)  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", [None, "palace", "boxes", "blobs", "knot"])
+def test_what_rays_save_by_high(mesh, shape):
+    """Node steps and triangle tests per ray: no time is measured, so the figures are exact."""
+    measured = mesh if shape is None else clbvh.make_shape(shape, triangles=200_000, seed=1)
+    aspect = 16 / 9
+    camera = frame_points(measured.vertices, measured.origin, aspect=aspect)
+    default, high = (measure_rays(clbvh.build(measured, quality=word), camera, aspect) for word in ("default", "high"))
+    print(f"\n{measured}")
+    for kind in default:
+        tests, default_tests = high[kind].tests_per_ray, default[kind].tests_per_ray
+        print(f"  {kind} rays: {tests:.2f} tests, default {default_tests:.2f}, ratio {tests / default_tests:.3f}")
+        assert tests < default_tests

@@ -129,3 +129,19 @@ def test_a_missing_mesh_is_bad_input(tmp_path):
 
 def test_no_device_is_needed(scene, tmp_path):
     assert run_clbvh("stats", scene, OCL_ICD_VENDORS=str(tmp_path / "gone.icd")).returncode == 0
+
+
+def test_rays_are_counted_on_demand(scene, knot):
+    report = read(run_clbvh("stats", scene, "--json", "--rays"))
+    assert report.keys() == {"mesh", "build", "tree", "rays"}
+    assert report["rays"].keys() == {"picture", "random", "surface"}
+    for cost in report["rays"].values():
+        assert cost["tests"] == pytest.approx(cost["node_steps"] + cost["triangle_tests"])
+        assert 0 < cost["hit"] < 1
+    assert "rays" in report["build"]["timings_ms"]
+    high = read(run_clbvh("stats", scene, "--json", "--rays", "--quality", "high"))
+    assert high["rays"]["random"]["tests"] < report["rays"]["random"]["tests"]
+    shown = run_clbvh("stats", scene, "--rays").stdout
+    for kind, cost in report["rays"].items():
+        assert f"{kind} rays" in shown
+        assert f"{cost['tests']:.2f} tests: {cost['node_steps']:.2f} node steps" in shown
