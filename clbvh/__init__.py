@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .device import DeviceInfo, choose_device, list_devices
     from .geometry import Mesh, load_mesh, make_shape
     from .render import Picture, RenderOptions, Scene, open_scene, render
-    from .trace import AllHits, Hits, Tracer
+    from .trace import AllHits, ClosestPoints, Hits, Tracer
     from .tree import Bvh, TreeStats, measure_tree, sah_cost, validate_tree
 
 _HOME_OF = {
@@ -33,6 +33,7 @@ _HOME_OF = {
     "choose_device": "device",
     "list_devices": "device",
     "AllHits": "trace",
+    "ClosestPoints": "trace",
     "Hits": "trace",
     "Tracer": "trace",
     "Picture": "render",
@@ -58,6 +59,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "choose_device",
     "list_devices",
     "AllHits",
+    "ClosestPoints",
     "Hits",
     "Tracer",
     "Picture",

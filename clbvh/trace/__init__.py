@@ -1,6 +1,7 @@
 """Rays in, hits out."""
 
 from .hits import AllHits, Hits
+from .points import ClosestPoints
 from .tracer import Tracer
 
-__all__ = ["AllHits", "Hits", "Tracer"]
+__all__ = ["AllHits", "ClosestPoints", "Hits", "Tracer"]

@@ -1,4 +1,4 @@
-"""Runs a traversal kernel over a batch of rays, chunk by chunk; what a chunk's results become is the caller's."""
+"""Runs a traversal kernel over rays or points, chunk by chunk; what a chunk's results become is the caller's."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from .device_tree import DeviceTree
 from .host_threads import HostThreads
 from .rays import RayBatch, RayBox, pack_rays
 
-# Rays per kernel launch: 48 MiB of rays and hits, whatever the size of the batch.
+# Rays or points per kernel launch: 48 MiB of rays and hits, whatever the size of the batch.
 CHUNK_RAYS = 2**20
 
 # Work-items per work-group. Small groups balance better on CPUs; GPUs run at least one whole warp or wavefront.
 _GROUP_SIZE = 64
 
 Progress = Callable[[int, int], None]
+Packer = Callable[[int, int, NDArray[np.void]], None]
 
 
 class Caster(Closing):
@@ -42,18 +43,28 @@ class Caster(Closing):
         self.session = session
         self.tree = tree
         self.threads = HostThreads()
-        self._box = box
+        self.box = box
         self._kernels: dict[str, Any] = {}
         self._buffers: dict[str, tuple[Any, int]] = {}
 
-    def chunks(self, batch: RayBatch, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
-        """Put the batch on the device, chunk by chunk, and yield where each one begins and ends.
+    def ray_chunks(self, batch: RayBatch, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
+        """Put rays on the device, chunk by chunk, and yield where each one begins and ends; see `chunks`."""
+        return self.chunks(len(batch), RAY, self._ray_packer(batch), progress)
+
+    def chunks(
+        self, row_count: int, dtype: np.dtype, pack: Packer, progress: Progress | None = None
+    ) -> Iterator[tuple[int, int]]:
+        """Put a batch on the device, chunk by chunk, and yield where each one begins and ends.
 
         Parameters
         ----------
-        batch : RayBatch
+        row_count : int
+        dtype : numpy.dtype
+            Of a row on the device.
+        pack : function
+            Called with where a range of rows begins and ends, and the array to write them to; from several threads.
         progress : function, optional
-            Called with the number of rays that are done, and of all rays, after each chunk.
+            Called with the number of rows that are done, and of all rows, after each chunk.
 
         Raises
         ------
@@ -62,56 +73,69 @@ class Caster(Closing):
         """
         if self.session.is_closed:
             raise ValueError("the tracer is closed: its tree is no longer on the device")
-        for begin in range(0, len(batch), CHUNK_RAYS):
-            end = min(begin + CHUNK_RAYS, len(batch))
-            self.upload(batch, begin, end)
+        for begin in range(0, row_count, CHUNK_RAYS):
+            end = min(begin + CHUNK_RAYS, row_count)
+            self._upload(dtype, pack, begin, end)
             yield begin, end
             if progress is not None:
-                progress(end, len(batch))
+                progress(end, row_count)
 
-    def upload(self, batch: RayBatch, begin: int, end: int) -> None:
+    def upload_rays(self, batch: RayBatch, begin: int, end: int) -> None:
         """Put some of the rays on the device, in the place of those that are there."""
-        with self.session.mapped(self._buffer("rays", end - begin, RAY), end - begin, RAY, write=True) as rays:
+        self._upload(RAY, self._ray_packer(batch), begin, end)
 
-            def pack(first: int, last: int) -> None:
-                part = batch.part(begin + first, begin + last)
-                pack_rays(part, self._box, rays[first:last], first_row=begin + first)
+    def _ray_packer(self, batch: RayBatch) -> Packer:
+        def pack(begin: int, end: int, rays: NDArray[np.void]) -> None:
+            pack_rays(batch.part(begin, end), self.box, rays, first_row=begin)
 
-            self.threads.for_ranges(end - begin, pack)
+        return pack
+
+    def _upload(self, dtype: np.dtype, pack: Packer, begin: int, end: int) -> None:
+        """Put rows on the device, in the place of those that are there."""
+        with self.session.mapped(self._buffer("given", end - begin, dtype), end - begin, dtype, write=True) as rows:
+            self.threads.for_ranges(
+                end - begin, lambda first, last: pack(begin + first, begin + last, rows[first:last])
+            )
 
     @contextmanager
     def cast(
-        self, query: str, ray_count: int, dtype: np.dtype, *arguments: Any, result_count: int | None = None
+        self, query: str, row_count: int, dtype: np.dtype, *arguments: Any, result_count: int | None = None
     ) -> Iterator[NDArray[Any]]:
-        """Run a kernel over the rays on the device and give its results, for as long as the block lasts.
+        """Run a kernel over the rows on the device and give its results, for as long as the block lasts.
 
         Parameters
         ----------
         query : str
             The kernel's name.
-        ray_count : int
+        row_count : int
             At least 1.
         dtype : numpy.dtype
             Of a result.
         *arguments
-            What the kernel takes behind the number of rays.
+            What the kernel takes behind the number of rows.
         result_count : int, optional
-            Where there is not one result for each ray.
+            Where there is not one result for each row.
         """
-        count = ray_count if result_count is None else result_count
+        count = row_count if result_count is None else result_count
         results = self._buffer("results", count, dtype)
         self.session.run(
-            self._kernel(query), (ray_count,), (_GROUP_SIZE,),
-            *self.tree.arguments, self._buffer("rays", ray_count, RAY), results, np.int32(ray_count), *arguments,
+            self._kernel(query), (row_count,), (_GROUP_SIZE,),
+            *self.tree.arguments, self._buffers["given"][0], results, np.int32(row_count), *arguments,
         )  # fmt: skip
         with self.session.mapped(results, count, dtype, write=False) as found:
             yield found
 
     def close(self) -> None:
         """Give the device's memory back."""
-        self._buffers.clear()
-        self.threads.close()
+        self.release()
         self.session.close()
+
+    def release(self) -> None:
+        """Give back what rays and results pass through; the tree stays."""
+        self.threads.close()
+        for buffer, _ in self._buffers.values():
+            self.session.release(buffer)
+        self._buffers.clear()
 
     def _kernel(self, query: str) -> Any:
         if query not in self._kernels:

@@ -30,7 +30,7 @@ def count_crossings(
 ) -> NDArray[np.int32]:
     """Return (n,) int32: how often each ray crosses the mesh, `max_hits` at most."""
     counts = np.empty(len(batch), np.int32)
-    for begin, end in caster.chunks(batch, progress):
+    for begin, end in caster.ray_chunks(batch, progress):
         with caster.cast("count_hits", end - begin, _COUNT, np.int32(max_hits or NO_LIMIT)) as found:
             counts[begin:end] = found
     return counts
@@ -42,13 +42,13 @@ def find_crossings(
     """Return the crossings of each ray in the order along it, the `max_hits` nearest ones at most."""
     offsets = np.zeros(len(batch) + 1, np.int64)
     pieces = [AllHits(np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int32), mesh)]
-    for begin, end in caster.chunks(batch, progress):
+    for begin, end in caster.ray_chunks(batch, progress):
         with caster.cast("count_hits", end - begin, _COUNT, np.int32(max_hits or NO_LIMIT)) as counts:
             np.cumsum(counts, out=offsets[begin + 1 : end + 1])
         local = np.concatenate(([0], offsets[begin + 1 : end + 1]))
         for first, last in _cut(local):
             if (first, last) != (0, end - begin):
-                caster.upload(batch, begin + first, begin + last)
+                caster.upload_rays(batch, begin + first, begin + last)
             pieces.append(_fill(caster, mesh, batch, begin + first, local[first : last + 1] - local[first]))
         offsets[begin + 1 : end + 1] += offsets[begin]
     t, u, v, prim_id = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in _FIELDS)

@@ -14,7 +14,9 @@ from .caster import Caster, Progress
 from .crossings import NO_LIMIT, count_crossings, find_crossings
 from .device_tree import DeviceTree, check_layout
 from .hits import AllHits, Hits
-from .rays import RayBatch, RayBox, read_rays
+from .nearest import find_closest, find_inside
+from .points import ClosestPoints
+from .rays import RayBatch, RayBox, read_rays, read_rows
 from .refine import refine_hits
 
 
@@ -82,7 +84,7 @@ class Tracer(Closing):
         batch = read_rays(origins, directions, t_min, t_max)
         count = len(batch)
         hits = Hits(np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.int32), self._mesh)
-        for begin, end in self._caster.chunks(batch, progress):
+        for begin, end in self._caster.ray_chunks(batch, progress):
             with self._caster.cast("closest_hit", end - begin, HIT) as found:
                 self._refine(batch, begin, found, hits)
         return hits
@@ -102,7 +104,7 @@ class Tracer(Closing):
         """
         batch = read_rays(origins, directions, t_min, t_max)
         prim_id = np.empty(len(batch), np.int32)
-        for begin, end in self._caster.chunks(batch, progress):
+        for begin, end in self._caster.ray_chunks(batch, progress):
             with self._caster.cast("closest_hit", end - begin, HIT) as found:
                 prim_id[begin:end] = found["prim_id"]
         return prim_id
@@ -122,7 +124,7 @@ class Tracer(Closing):
         """
         batch = read_rays(origins, directions, t_min, t_max)
         blocked = np.empty(len(batch), np.bool_)
-        for begin, end in self._caster.chunks(batch, progress):
+        for begin, end in self._caster.ray_chunks(batch, progress):
             with self._caster.cast("any_hit", end - begin, np.dtype(np.uint8)) as found:
                 blocked[begin:end] = found
         return blocked
@@ -165,6 +167,47 @@ class Tracer(Closing):
         """
         limit = _check_max_hits(max_hits)
         return find_crossings(self._caster, self._mesh, read_rays(origins, directions, t_min, t_max), limit, progress)
+
+    def closest_point(self, points: ArrayLike, *, progress: Progress | None = None) -> ClosestPoints:
+        """Return the nearest point of the surface for each point.
+
+        Parameters
+        ----------
+        points : (n, 3) float, the file's coordinates
+        progress : function, optional
+            Called with the number of points that are done, and of all points, after each chunk.
+
+        Returns
+        -------
+        ClosestPoints
+            Distance, point and face, in float64. Where an edge or a vertex is nearest, the smallest face number at it.
+            Degenerate triangles are nobody's nearest.
+
+        Raises
+        ------
+        ValueError
+            Wrong shape, or a value that is not finite: the message names the first bad row. Or the tracer is closed.
+        """
+        return find_closest(self._caster, self._mesh, read_rows(points, "points"), progress)
+
+    def contains(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.bool_]:
+        """Return (n,) bool: whether a closed mesh contains each point.
+
+        A ray from the point crosses the surface an odd number of times; so which way the triangles face is of no
+        matter, and what is inside of two shells is outside. On the surface, as far as float32 can tell, the answer is
+        either. Takes and raises the same as `closest_point`.
+        """
+        return find_inside(self._caster, read_rows(points, "points"), progress)
+
+    def signed_distance(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.float64]:
+        """Return (n,) float64: the distance to the surface of a closed mesh, positive inside and negative outside.
+
+        The distance is that of `closest_point`, the sign that of `contains`. Takes and raises the same as
+        `closest_point`.
+        """
+        rows = read_rows(points, "points")
+        distance = find_closest(self._caster, self._mesh, rows, progress).distance
+        return np.where(find_inside(self._caster, rows, None), distance, -distance)
 
     @property
     def device(self) -> DeviceInfo:

@@ -1,0 +1,114 @@
+"""Whole Python calls, arrays in and arrays out, beside embreex and trimesh over embreex."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.integrations.trimesh import RayMeshIntersector
+from clbvh.render.camera import frame_points
+
+from .paired import compare, measure_ms
+
+WIDTH, HEIGHT = 1920, 1080
+TRIMESH_RAYS = 1_000_000
+POINTS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def primary(mesh):
+    """Primary rays of a Full HD picture: (n, 3) origins and directions, float32."""
+    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    return tuple(np.ascontiguousarray(a.reshape(-1, 3), np.float32) for a in camera.rays(WIDTH, HEIGHT))
+
+
+@pytest.fixture(scope="module")
+def tracer(mesh):
+    with clbvh.Tracer(clbvh.build(mesh)) as opened:
+        print(f"\n{opened}, {opened.memory_bytes / mesh.face_count:.0f} bytes per triangle")
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def engines(mesh):
+    """Return this engine and trimesh's own over embreex, of one trimesh."""
+    trimesh = pytest.importorskip("trimesh")
+    embree = pytest.importorskip("trimesh.ray.ray_pyembree", reason="peers: embreex is not installed")
+    loaded = trimesh.Trimesh(mesh.vertices + mesh.origin, mesh.faces, process=False)
+    return RayMeshIntersector(loaded), embree.RayMeshIntersector(loaded)
+
+
+@pytest.fixture(scope="module")
+def scattered(mesh):
+    """Rays from all around towards the box, float64; somewhat more than a quarter hit the dragon."""
+    generator = np.random.default_rng(1)
+    size = np.ptp(mesh.vertices, axis=0).max()
+    origins = generator.normal(size=(TRIMESH_RAYS, 3))
+    origins *= 2 * size / np.linalg.norm(origins, axis=1)[:, None]
+    targets = generator.uniform(-0.5, 0.5, (TRIMESH_RAYS, 3)) * np.ptp(mesh.vertices, axis=0)
+    return origins + mesh.origin, targets - origins
+
+
+def host_share(tracer, call) -> None:
+    """Print what a call takes beside the kernel."""
+    shares = []
+    for _ in range(5):
+        before = tracer.timings_ms.get("kernel", 0.0)
+        whole = measure_ms(call)
+        kernel = tracer.timings_ms["kernel"] - before
+        shares.append((whole - kernel, whole, kernel))
+    host, whole, kernel = min(shares)
+    print(f"whole {whole:.1f} ms, kernel {kernel:.1f} ms, host {host:.1f} ms, {host / kernel:.0%} of the kernel")
+
+
+def test_closest_hit_against_embreex(mesh, primary, tracer):
+    scene_module = pytest.importorskip("embreex.rtcore_scene", reason="peers: embreex is not installed")
+    from embreex.mesh_construction import TriangleMesh
+
+    scene = scene_module.EmbreeScene()
+    TriangleMesh(scene=scene, vertices=(mesh.vertices + mesh.origin).astype(np.float32), indices=mesh.faces)
+    host_share(tracer, lambda: tracer.closest_hit(*primary))
+    ratio = compare(
+        f"{len(primary[0]):,} coherent rays, whole closest_hit, embreex's run",
+        lambda: measure_ms(lambda: tracer.closest_hit(*primary)),
+        lambda: measure_ms(lambda: scene.run(*primary)),
+    )
+    print(f"{1 / ratio:.2f} times embreex's rays per second")
+
+
+@pytest.mark.parametrize("query", ["intersects_first", "intersects_any", "intersects_location"])
+def test_trimesh_against_embreex(engines, scattered, query):
+    ours, theirs = (getattr(engine, query) for engine in engines)
+    hit = ours(*scattered)
+    print(
+        f"\n{len(hit[0]) if isinstance(hit, tuple) else np.count_nonzero(hit + (query == 'intersects_first')):,} hits"
+    )
+    ratio = compare(
+        f"{TRIMESH_RAYS:,} rays, {query}, trimesh over embreex",
+        lambda: measure_ms(lambda: ours(*scattered)),
+        lambda: measure_ms(lambda: theirs(*scattered)),
+    )
+    print(f"{1 / ratio:.2f} times trimesh over embreex")
+
+
+def test_any_hit_against_closest_hit(primary, tracer, mesh):
+    """Shadow rays: from what the primary rays hit towards one light."""
+    hits = tracer.closest_hit(*primary)
+    found = hits.is_hit
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    away = hits.normals[found] * -np.sign((hits.normals[found] * primary[1][found]).sum(axis=1))[:, None]
+    origins = hits.locations[found] + 1e-4 * size * away
+    directions = np.broadcast_to([0.4, 0.8, 0.45], origins.shape)
+
+    def kernel_ms(query) -> float:
+        before = tracer.timings_ms["kernel"]
+        query(origins, directions)
+        return tracer.timings_ms["kernel"] - before
+
+    ratio = compare(
+        f"{len(origins):,} shadow rays, any_hit, closest_hit, kernels",
+        lambda: kernel_ms(tracer.any_hit),
+        lambda: kernel_ms(tracer.closest_hit),
+    )
+    print(f"{1 / ratio:.2f} times the rays per second")

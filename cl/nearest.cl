@@ -1,0 +1,14 @@
+// The triangle that is nearest to a point, in the layout that the host asks for. Each file that this one includes
+// defines `visit_nearest`, which hands every triangle that may be nearest to a search.
+
+#include "traverse.cl"
+
+#include "nearest_search.cl"
+
+#if LAYOUT == LAYOUT_BVH2
+#include "nearest_bvh2.cl"
+#elif LAYOUT == LAYOUT_BRUTE
+#include "nearest_brute.cl"
+#else
+#error "LAYOUT must be one of the LAYOUT_ constants"
+#endif

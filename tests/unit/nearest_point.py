@@ -1,0 +1,37 @@
+"""What is nearest to a point, by slower ways: every triangle in float64, and the device without a tree."""
+
+import numpy as np
+import trimesh
+
+from clbvh import build
+from clbvh.trace.caster import Caster
+from clbvh.trace.device_tree import DeviceTree
+from clbvh.trace.nearest import find_closest
+from clbvh.trace.rays import RayBox
+
+# The device chooses the triangle in float32, after about sixteen roundings.
+CHOICE = 16 * 2.0**-24
+
+
+def expected_distance(mesh, points):
+    """The smallest distance to any triangle in float64, by trimesh's formula."""
+    corners = mesh.vertices.astype(np.float64)[mesh.faces[~mesh.degenerate_faces]] + mesh.origin
+    best = np.full(len(points), np.inf)
+    for triangle in corners:
+        nearest = trimesh.triangles.closest_point(np.broadcast_to(triangle, (len(points), 3, 3)), points)
+        best = np.minimum(best, np.linalg.norm(nearest - points, axis=1))
+    return best
+
+
+def check_tree_and_brute_agree(session, mesh, points, **options):
+    """Compare the bytes of what is found with a tree and without; return the faces."""
+    bvh = build(mesh, **options)
+    casters = [Caster(session, DeviceTree(session, mesh, tree), RayBox.around(bvh)) for tree in (bvh, None)]
+    try:
+        found, expected = (find_closest(caster, mesh, points, None) for caster in casters)
+    finally:
+        for caster in casters:
+            caster.release()
+    for obtained, brute in zip(found, expected, strict=True):
+        assert obtained.tobytes() == brute.tobytes()
+    return found.prim_id
