@@ -38,3 +38,15 @@ def test_workers_against_one_process(mesh, pool):
         lambda: measure_ms(lambda: clbvh.build(mesh, pool=pool)),
         lambda: measure_ms(lambda: clbvh.build(mesh)),
     )
+
+
+@pytest.mark.parametrize("alone", [False, True], ids=["pool", "alone"])
+def test_fast_against_default(mesh, pool, alone):
+    who = None if alone else pool
+    compare(
+        f"build, quality fast, {'one process' if alone else f'{pool.workers} workers'}, default",
+        lambda: measure_ms(lambda: clbvh.build(mesh, pool=who, quality="fast")),
+        lambda: measure_ms(lambda: clbvh.build(mesh, pool=who)),
+    )
+    fast, default = clbvh.build(mesh, pool=who, quality="fast"), clbvh.build(mesh, pool=who)
+    print(f"SAH cost {clbvh.sah_cost(fast):.2f} against {clbvh.sah_cost(default):.2f}, phases in ms: {fast.timings_ms}")

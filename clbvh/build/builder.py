@@ -8,8 +8,9 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..tree import Bvh
 from .ladder import LADDER, RUNGS
+from .morton import build_fast
 from .optimise import build_high
-from .options import DEFAULT_QUALITY, HIGH_QUALITY, BuildOptions
+from .options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions
 from .pool import SubtreePool
 from .sah import build_sah
 
@@ -19,6 +20,7 @@ _Builder = Callable[[Mesh, SubtreePool | None, BuildOptions], Bvh]
 
 # What the default builder does for each of `options.QUALITIES`.
 _QUALITIES: dict[str, _Builder] = {
+    FAST_QUALITY: build_fast,
     DEFAULT_QUALITY: build_sah,
     HIGH_QUALITY: build_high,
 }

@@ -26,6 +26,17 @@ PADDING = 7
 
 
 @njit(cache=True, nogil=True)
+def box_of(vertices, faces, prim):  # type: ignore[no-untyped-def]
+    """Return the box of one primitive."""
+    a, b, c = (
+        load_point(vertices, faces[prim, 0]),
+        load_point(vertices, faces[prim, 1]),
+        load_point(vertices, faces[prim, 2]),
+    )
+    return unite(c, unite(b, a))
+
+
+@njit(cache=True, nogil=True)
 def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # type: ignore[no-untyped-def]
     """Write the records of primitives `begin` to `end`, and their common bounds.
 
@@ -43,12 +54,7 @@ def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # t
     """
     box, centroid_box = empty_box(), empty_box()
     for prim in range(begin, end):
-        a, b, c = (
-            load_point(vertices, faces[prim, 0]),
-            load_point(vertices, faces[prim, 1]),
-            load_point(vertices, faces[prim, 2]),
-        )
-        record = unite(c, unite(b, a))
+        record = box_of(vertices, faces, prim)
         store_row(records, prim, record)
         record_ids[prim, PRIM_ID] = prim
         box = unite(record, box)

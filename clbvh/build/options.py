@@ -13,8 +13,9 @@ MAX_LEAF_SIZE = 255
 MIN_FRONTIER = 4
 MAX_FRONTIER = 8192
 DEFAULT_QUALITY = "default"
+FAST_QUALITY = "fast"
 HIGH_QUALITY = "high"
-QUALITIES = (DEFAULT_QUALITY, HIGH_QUALITY)
+QUALITIES = (FAST_QUALITY, DEFAULT_QUALITY, HIGH_QUALITY)
 
 # A leaf never lies deeper. The builder keeps the promise by construction: as soon as a node's primitives need all
 # levels that are left, it splits by halves. Spatial splits of real meshes stay below 40.
@@ -40,9 +41,9 @@ class BuildOptions:
     frontier : int
         Largest number of primitives in a leaf of the builder `frontier`, in place of `leaf_size`, 4 to 8192.
     quality : str
-        What the builder `sah` does: ``"default"``, the build that docs/build.md describes; ``"high"``, which
-        rearranges that tree in several times its time, for scenes that are traced for long. Other builders have
-        ``"default"`` only.
+        What the builder `sah` does: ``"fast"``, a tree in about half the time, with a SAH cost about 10 % higher;
+        ``"default"``; ``"high"``, which rearranges that tree in several times its time, for scenes that are traced for
+        long. Other builders have ``"default"`` only. See docs/build.md.
     """
 
     bins: int | None = None

@@ -59,7 +59,7 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
         records = crew.arrays["records"]
         slices = [(mesh, *cut, records[0]) for cut in cut_slices(0, count, crew.workers)]
         root = Range(0, count, 0, 0, np.minimum.reduce(run_in_threads(record_slice, slices)))
-        _check_width(mesh, root.bounds)
+        check_width(mesh, root.bounds)
         watch.lap("metadata")
 
         # All workers together, until there are enough subtrees for all.
@@ -92,7 +92,7 @@ def _choose_threshold(crew: Crew, count: int, options: BuildOptions) -> int:
     return max(threshold, options.leaf_size, FEW)
 
 
-def _check_width(mesh: Mesh, bounds: Boxes) -> None:
+def check_width(mesh: Mesh, bounds: Boxes) -> None:
     """Refuse a mesh in which the distance of two doubled centroids overflows: it has no bin."""
     with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is refused
         extents = -bounds[1, NEGATED_MAX : NEGATED_MAX + 3] - bounds[1, :3]

@@ -66,7 +66,9 @@ TaskThreshold = Annotated[
 Frontier = Annotated[
     int, typer.Option(help="Most triangles in a leaf of the builder frontier.", rich_help_panel=TREE_PANEL)
 ]
-Quality = Annotated[str, typer.Option(help="Of the builder sah: default or high.", rich_help_panel=TREE_PANEL)]
+Quality = Annotated[
+    str, typer.Option(help="Of the builder sah: fast (to build), default or high.", rich_help_panel=TREE_PANEL)
+]
 UseCache = Annotated[
     bool,
     typer.Option(

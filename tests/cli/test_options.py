@@ -28,8 +28,8 @@ def test_the_defaults_are_those_of_the_library():
 
 
 def test_every_option_arrives_where_it_belongs():
-    assert options.make_build_options(3, 5, 7.5, 9, 128, "default") == BuildOptions(
-        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9, frontier=128, quality="default"
+    assert options.make_build_options(3, 5, 7.5, 9, 128, "fast") == BuildOptions(
+        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9, frontier=128, quality="fast"
     )
     with pytest.raises(ConfigError, match=r"quality must be .* not 'best'"):
         options.make_build_options(3, 5, 7.5, 9, 128, "best")

@@ -55,6 +55,12 @@ def test_options_reach_the_build_and_the_measures(scene, knot):
     assert (made["workers"], made["task_threshold"]) == (2, 100)
 
 
+def test_the_quality_reaches_the_build(scene, knot):
+    report = read(run_clbvh("stats", scene, "--json", "--quality", "fast"))
+    assert report["tree"] == json.loads(json.dumps(measure_tree(build(knot, quality="fast")).as_dict()))
+    assert report["build"]["quality"] == "fast"
+
+
 def test_the_tables_say_it_all(scene, knot):
     stats = measure_tree(build(knot))
     result = run_clbvh("stats", scene)

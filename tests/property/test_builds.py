@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from clbvh import Mesh, build, validate_tree
-from clbvh.build.options import MAX_DEPTH
+from clbvh.build.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH
 
 from ..soup import make_soup
 
@@ -57,42 +58,46 @@ def assert_right(bvh, options):
     assert starts.issuperset(descents.tolist()), "the primitives of a leaf must ascend"
 
 
+@pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
 @settings(max_examples=150)
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
-def test_a_tree_is_right(mesh, options):
-    assert_right(build(mesh, **options), options)
+def test_a_tree_is_right(mesh, options, quality):
+    assert_right(build(mesh, quality=quality, **options), options)
 
 
+@pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
 @settings(max_examples=30)
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
 @example(mesh=make_soup(3000, seed=1), options={"bins": 16, "leaf_size": 4, "traversal_cost": 1.0})
 @example(mesh=make_soup(1, seed=1), options={"bins": 16, "leaf_size": 4, "traversal_cost": 1.0})
-def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, options, pools):
-    serial = build(mesh, **options)
+def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, options, quality, pools):
+    serial = build(mesh, quality=quality, **options)
     assert_right(serial, options)
     for workers in WORKERS:
         for threshold in THRESHOLDS:
-            parallel = build(mesh, pool=pools[workers], task_threshold=threshold, **options)
+            parallel = build(mesh, pool=pools[workers], task_threshold=threshold, quality=quality, **options)
             who = f"{workers} workers, threshold {threshold}"
             assert parallel.nodes.tobytes() == serial.nodes.tobytes(), who
             assert parallel.prim_ids.tobytes() == serial.prim_ids.tobytes(), who
 
 
+@pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
 @settings(max_examples=30)
 @given(mesh=SOUPS, options=OPTIONS)
-def test_a_second_build_gives_the_same_bytes(mesh, options):
-    first, second = build(mesh, **options), build(mesh, **options)
+def test_a_second_build_gives_the_same_bytes(mesh, options, quality):
+    first, second = build(mesh, quality=quality, **options), build(mesh, quality=quality, **options)
     assert first.nodes.tobytes() == second.nodes.tobytes()
     assert first.prim_ids.tobytes() == second.prim_ids.tobytes()
 
 
+@pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
 @settings(max_examples=50)
 @given(mesh=SOUPS, shift=st.sampled_from([-3, 1, 6]))
-def test_a_power_of_two_as_unit_of_length_does_not_matter(mesh, shift):
+def test_a_power_of_two_as_unit_of_length_does_not_matter(mesh, shift, quality):
     """Scaling by it is exact, so every comparison comes out the same."""
     scale = np.float32(2.0**shift)
     scaled = Mesh(mesh.vertices * scale, mesh.faces, mesh.origin)
-    before, after = build(mesh), build(scaled)
+    before, after = build(mesh, quality=quality), build(scaled, quality=quality)
     assert before.prim_ids.tobytes() == after.prim_ids.tobytes()
     for field in ("aabb_min", "aabb_max"):
         assert (before.nodes[field] * scale == after.nodes[field]).all()

@@ -10,7 +10,7 @@ import pytest
 
 from clbvh import Mesh, SubtreePool, build, sah_cost, validate_tree
 from clbvh.build import sah as sah_module
-from clbvh.build.options import MAX_DEPTH
+from clbvh.build.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH
 from clbvh.errors import MeshError
 from clbvh.geometry.shapes import make_shape
 
@@ -91,13 +91,14 @@ MESHES = {
 }
 
 
+@pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
 @pytest.mark.parametrize("leaf_size", [1, 4])
 @pytest.mark.parametrize("name", MESHES)
-def test_every_mesh_gives_a_right_tree(name, leaf_size, pool):
+def test_every_mesh_gives_a_right_tree(name, leaf_size, quality, pool):
     mesh = MESHES[name]()
-    bvh = build(mesh, leaf_size=leaf_size)
+    bvh = build(mesh, leaf_size=leaf_size, quality=quality)
     validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
-    parallel = build(mesh, leaf_size=leaf_size, pool=pool, task_threshold=50)
+    parallel = build(mesh, leaf_size=leaf_size, pool=pool, task_threshold=50, quality=quality)
     assert parallel.nodes.tobytes() == bvh.nodes.tobytes()
     assert parallel.prim_ids.tobytes() == bvh.prim_ids.tobytes()
 
@@ -192,8 +193,9 @@ def test_from_a_size_on_the_pool_builds(monkeypatch, pool):
     build(make_soup(99, seed=10), pool=Untouchable())
 
 
+@pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
 @pytest.mark.parametrize("name", ["copies", "nested", "line", "exponential"])
-def test_no_mesh_takes_quadratic_time(name):
+def test_no_mesh_takes_quadratic_time(name, quality):
     count = 100_000
     mesh = {
         "copies": lambda: from_corners(np.broadcast_to(TRIANGLE, (count, 3, 3))),
@@ -201,9 +203,9 @@ def test_no_mesh_takes_quadratic_time(name):
         "line": lambda: make_line([1, 0, 0], count),
         "exponential": lambda: make_exponential(1.5, copies=count // 748),
     }[name]()
-    build(make_soup(10, seed=11))  # the compiled code is loaded
+    build(make_soup(10, seed=11), quality=quality)  # the compiled code is loaded
     begin = time.process_time()
-    bvh = build(mesh)
+    bvh = build(mesh, quality=quality)
     # 0.3 s at most on a 2-core x86-64 server; 1e10 steps would take longer than this.
     assert time.process_time() - begin < 4
     assert bvh.depth <= MAX_DEPTH

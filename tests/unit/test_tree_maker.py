@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build, validate_tree
-from clbvh.build import options as options_module
 from clbvh.errors import ConfigError
 from clbvh.render import tree_maker
 from clbvh.render.tree_cache import cache_path, find_tree_cache
@@ -88,6 +87,7 @@ def test_a_mesh_of_another_name_has_the_same_tree(cached):
         {"build": BuildOptions(bins=8)},
         {"build": BuildOptions(leaf_size=1)},
         {"build": BuildOptions(traversal_cost=2.0)},
+        {"build": BuildOptions(quality="fast")},
     ],
 )
 def test_other_options_have_another_tree(cached, change):
@@ -98,10 +98,9 @@ def test_other_options_have_another_tree(cached, change):
     assert make(other).bvh.nodes.tobytes() == made.bvh.nodes.tobytes() != make(cached).bvh.nodes.tobytes()
 
 
-def test_every_option_but_the_threshold_is_in_the_name(tmp_path, monkeypatch):
+def test_every_option_but_the_threshold_is_in_the_name(tmp_path):
     """Also those that the future brings."""
-    monkeypatch.setattr(options_module, "QUALITIES", ("default", "other"))
-    other = {int: 5, float: 5.0, type(None): 5, str: "other"}
+    other = {int: 5, float: 5.0, type(None): 5, str: "fast"}
     names = {cache_path(tmp_path, MESH, "sah", BuildOptions()), cache_path(tmp_path, MESH, "another", BuildOptions())}
     fields = [field for field in dataclasses.fields(BuildOptions) if field.name != "task_threshold"]
     for field in fields:
