@@ -10,7 +10,7 @@
 #define SLAB_SLACK (1.0f + ERROR_BOUND(7 + 17))
 
 // Returns whether the ray meets the box between path.t_min and t_max; *entry is where it enters.
-bool meets_aabb(const float3 aabb_min, const float3 aabb_max, const path_t *path, const float t_max, float *entry)
+INLINED bool meets_aabb(const float3 aabb_min, const float3 aabb_max, const path_t *path, const float t_max, float *entry)
 {
     // A ray parallel to a slab gives infinities of the right signs, and 0 * infinity = NaN on a side that it lies in.
     // So the direction says which side is the near one, not a comparison; and NaN comes first in each comparison,

@@ -10,18 +10,18 @@ typedef struct {
     int place;  // where the triangle is on the device, see corners_at
 } crossing_t;
 
-crossing_t no_crossing(void)
+INLINED crossing_t no_crossing(void)
 {
     const crossing_t none = {INFINITY, 0.0f, 0.0f, NO_PRIM, -1};
     return none;
 }
 
-bool is_found(const crossing_t *crossing)
+INLINED bool is_found(const crossing_t *crossing)
 {
     return crossing->prim_id != NO_PRIM;
 }
 
-hit_t as_hit(const crossing_t *crossing)
+INLINED hit_t as_hit(const crossing_t *crossing)
 {
     const hit_t hit = {crossing->t, crossing->u, crossing->v, crossing->prim_id};
     return hit;

@@ -9,6 +9,8 @@
 #include "nearest_bvh2.cl"
 #elif LAYOUT == LAYOUT_BRUTE
 #include "nearest_brute.cl"
+#elif LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8
+#include "nearest_wide.cl"
 #else
 #error "LAYOUT must be one of the LAYOUT_ constants"
 #endif

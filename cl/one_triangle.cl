@@ -4,14 +4,14 @@
 
 typedef triangle_t group_t;
 
-corners_t corners_at(const global group_t *groups, const int place)
+INLINED corners_t corners_at(const global group_t *groups, const int place)
 {
     const global triangle_t *triangle = groups + place;
-    const corners_t corners = {vload3(0, triangle->a), vload3(0, triangle->b), vload3(0, triangle->c)};
+    const corners_t corners = {load3(triangle->a), load3(triangle->b), load3(triangle->c)};
     return corners;
 }
 
-void intersect_triangle(
+INLINED void intersect_triangle(
     const global group_t *groups, const int place, const path_t *path, search_t *search, const int query)
 {
     const corners_t corners = corners_at(groups, place);

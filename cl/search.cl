@@ -20,20 +20,20 @@ typedef struct {
     global hit_t *kept;  // [most]; a heap with the farthest hit on top
 } search_t;
 
-search_t begin_search(const int most, global hit_t *kept)
+INLINED search_t begin_search(const int most, global hit_t *kept)
 {
     const search_t search = {no_crossing(), 0, most, kept};
     return search;
 }
 
 // Whether no further crossing can change the answer.
-bool is_settled(const search_t *search, const int query)
+INLINED bool is_settled(const search_t *search, const int query)
 {
     return query == QUERY_COUNT && search->count >= search->most;
 }
 
 // How far along the ray a crossing can still change the answer.
-float search_limit(const search_t *search, const path_t *path, const int query)
+INLINED float search_limit(const search_t *search, const path_t *path, const int query)
 {
     if (query == QUERY_CLOSEST) {
         return smaller(search->nearest.t, path->t_max);
@@ -42,13 +42,13 @@ float search_limit(const search_t *search, const path_t *path, const int query)
 }
 
 // The order of hits along a ray.
-bool is_before(const hit_t *a, const hit_t *b)
+INLINED bool is_before(const hit_t *a, const hit_t *b)
 {
     return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
 }
 
 // Put a hit where kept[place] was, which moves down until no hit below it is farther (Williams, "Heapsort", 1964).
-void sink_hit(global hit_t *kept, const int count, int place, const hit_t hit)
+INLINED void sink_hit(global hit_t *kept, const int count, int place, const hit_t hit)
 {
     for (int below = 2 * place + 1; below < count; below = 2 * place + 1) {
         hit_t farther = kept[below];
@@ -69,7 +69,7 @@ void sink_hit(global hit_t *kept, const int count, int place, const hit_t hit)
 }
 
 // Put a hit behind the others, and move it up until the one above is farther.
-void append_hit(global hit_t *kept, int place, const hit_t hit)
+INLINED void append_hit(global hit_t *kept, int place, const hit_t hit)
 {
     while (place > 0) {
         const hit_t above = kept[(place - 1) / 2];
@@ -83,7 +83,7 @@ void append_hit(global hit_t *kept, int place, const hit_t hit)
 }
 
 // Bring the kept hits into the order along the ray.
-void sort_hits(const search_t *search)
+INLINED void sort_hits(const search_t *search)
 {
     for (int end = search->count - 1; end > 0; end--) {
         const hit_t last = search->kept[end];
@@ -93,7 +93,7 @@ void sort_hits(const search_t *search)
 }
 
 // Takes a crossing into account. It lies between the ray's t_min and t_max.
-void note_crossing(search_t *search, const crossing_t crossing, const int query)
+INLINED void note_crossing(search_t *search, const crossing_t crossing, const int query)
 {
     if (query == QUERY_CLOSEST) {
         const hit_t hit = as_hit(&crossing);

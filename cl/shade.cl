@@ -4,7 +4,7 @@
 #include "traverse.cl"
 
 // Linear light to what a screen expects (IEC 61966-2-1, sRGB).
-float3 encode_srgb(const float3 linear)
+INLINED float3 encode_srgb(const float3 linear)
 {
     const float3 clamped = clamp(linear, 0.0f, 1.0f);
     const float3 curved = 1.055f * pow(clamped, (float3)(1.0f / 2.4f)) - 0.055f;
@@ -12,40 +12,40 @@ float3 encode_srgb(const float3 linear)
 }
 
 // A vertical gradient; black where colours are measurements.
-float3 shade_background(const global view_t *view, const int row)
+INLINED float3 shade_background(const global view_t *view, const int row)
 {
     if (view->shading == SHADE_NORMAL || view->shading == SHADE_DEPTH) {
         return (float3)(0.0f);
     }
     const float down = (row + 0.5f) / view->height;
-    return encode_srgb(mix(vload3(0, view->background_top), vload3(0, view->background_bottom), down));
+    return encode_srgb(mix(load3(view->background_top), load3(view->background_bottom), down));
 }
 
 // A matt surface under one directed light, the sky and the ground.
-float3 shade_lambert(const global view_t *view, const float3 normal, const bool is_lit)
+INLINED float3 shade_lambert(const global view_t *view, const float3 normal, const bool is_lit)
 {
-    const float up = 0.5f + 0.5f * dot(normal, vload3(0, view->to_sky));
-    float3 light = mix(vload3(0, view->ground_colour), vload3(0, view->sky_colour), up);
+    const float up = 0.5f + 0.5f * dot(normal, load3(view->to_sky));
+    float3 light = mix(load3(view->ground_colour), load3(view->sky_colour), up);
     if (is_lit) {
-        light += larger(dot(normal, vload3(0, view->to_light)), 0.0f) * vload3(0, view->light_colour);
+        light += larger(dot(normal, load3(view->to_light)), 0.0f) * load3(view->light_colour);
     }
-    return encode_srgb(light * vload3(0, view->surface_colour));
+    return encode_srgb(light * load3(view->surface_colour));
 }
 
 // White is near, black is far; the same steps everywhere, so that grey values can be read as distances.
-float3 shade_depth(const global view_t *view, const float3 position)
+INLINED float3 shade_depth(const global view_t *view, const float3 position)
 {
-    const float depth = dot(position - vload3(0, view->eye), vload3(0, view->forward));
+    const float depth = dot(position - load3(view->eye), load3(view->forward));
     const float share = (depth - view->depth_near) / (view->depth_far - view->depth_near);
     return (float3)(1.0f - clamp(share, 0.0f, 1.0f));
 }
 
 // Whether nothing stands between a surface and the light.
-bool sees_light(
+INLINED bool sees_light(
     const global view_t *view, const surface_t *surface, const global node_t *nodes,
     const global group_t *groups, const int group_count)
 {
-    const float3 to_light = vload3(0, view->to_light);
+    const float3 to_light = load3(view->to_light);
     if (!(dot(surface->normal, to_light) > 0.0f)) {
         return false;
     }

@@ -8,7 +8,7 @@ typedef struct {
     float3 error;   // bound on the rounding of each coordinate of the position
 } surface_t;
 
-surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const float3 direction)
+INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const float3 direction)
 {
     const float3 from_a = (1.0f - crossing->u - crossing->v) * corners->a;
     const float3 from_b = crossing->u * corners->b;
@@ -29,7 +29,7 @@ surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const
 
 // A point just above the surface, far enough that a ray from there cannot meet the triangle it leaves, whatever the
 // size of the mesh: the distance is the rounding of the position itself, and no constant.
-float3 point_above(const surface_t *surface)
+INLINED float3 point_above(const surface_t *surface)
 {
     const float distance = dot(fabs(surface->normal), surface->error);
     return surface->position + 2.0f * distance * surface->normal;

@@ -11,12 +11,22 @@
 #include "triangle.cl"
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
 #include "one_triangle.cl"
+#elif LAYOUT == LAYOUT_BVH4
+#define WIDTH 4
+typedef bvh4_node_t node_t;
+typedef group4_t group_t;
+#elif LAYOUT == LAYOUT_BVH8
+#define WIDTH 8
+typedef bvh8_node_t node_t;
+typedef group8_t group_t;
 #endif
 
 #if LAYOUT == LAYOUT_BVH2
 #include "traverse_bvh2.cl"
 #elif LAYOUT == LAYOUT_BRUTE
 #include "traverse_brute.cl"
+#elif LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8
+#include "traverse_wide.cl"
 #else
 #error "LAYOUT must be one of the LAYOUT_ constants"
 #endif

@@ -5,7 +5,7 @@
 // Not used.
 typedef bvh2_node_t node_t;
 
-void traverse(
+INLINED void traverse(
     const global node_t *nodes, const global group_t *groups, const int group_count, const path_t *path,
     search_t *search, const int query)
 {

@@ -8,13 +8,13 @@
 
 typedef bvh2_node_t node_t;
 
-bool meets_child(
+INLINED bool meets_child(
     const global node_t *node, const int child, const path_t *path, const float t_max, float *entry)
 {
-    return meets_aabb(vload3(0, node->aabb_min[child]), vload3(0, node->aabb_max[child]), path, t_max, entry);
+    return meets_aabb(load3(node->aabb_min[child]), load3(node->aabb_max[child]), path, t_max, entry);
 }
 
-void traverse(
+INLINED void traverse(
     const global node_t *nodes, const global group_t *groups, const int group_count, const path_t *path,
     search_t *search, const int query)
 {

@@ -8,6 +8,7 @@
 // crosses a closed mesh exactly as often as it goes in and out. It leans towards the mesh's origin, its middle, so that
 // the outline of a convex mesh belongs to it: by e * lean + (e * e, e * e * e) for an infinitely small e.
 
+#include "numeric.cl"
 #include "search.cl"
 
 typedef struct {
@@ -17,7 +18,7 @@ typedef struct {
 } corners_t;
 
 // A vertex seen along the ray: x and y across it, z along it.
-float3 shear_vertex(const float3 vertex, const path_t *path)
+INLINED float3 shear_vertex(const float3 vertex, const path_t *path)
 {
     const float3 turned = permute_axes(vertex - path->origin, path->axis);
     return (float3)(
@@ -27,14 +28,14 @@ float3 shear_vertex(const float3 vertex, const path_t *path)
 // a * b - c * d to 1.5 units in the last place, so never with the wrong sign, and zero only where it is zero
 // (Jeannerod, Louvet and Muller, "Further analysis of Kahan's algorithm for the accurate computation of 2x2
 // determinants", 2013). A plain difference cancels: a triangle seen edge-on would be hit where the ray passes beside it.
-float exact_difference(const float a, const float b, const float c, const float d)
+INLINED float exact_difference(const float a, const float b, const float c, const float d)
 {
     const float rounded = c * d;
-    return fma(a, b, -rounded) + fma(-c, d, rounded);
+    return FUSED(a, b, -rounded) + FUSED(-c, d, rounded);
 }
 
 // Whether two of the three are on opposite sides of zero. NaN is on neither.
-bool disagree(const float a, const float b, const float c)
+INLINED bool disagree(const float a, const float b, const float c)
 {
     return (a < 0.0f || b < 0.0f || c < 0.0f) && (a > 0.0f || b > 0.0f || c > 0.0f);
 }
@@ -42,7 +43,7 @@ bool disagree(const float a, const float b, const float c)
 // An edge function, and what stands for it where it is zero: the first of its derivatives, along `lean`, x and y, that
 // is not. Only the sign counts. Where a vertex is met it is at zero, so the differences are exact; elsewhere it is
 // enough that the two triangles at the edge have them with opposite signs.
-float side_of_edge(const float edge, const float3 begin, const float3 end, const float2 lean)
+INLINED float side_of_edge(const float edge, const float3 begin, const float3 end, const float2 lean)
 {
     if (edge != 0.0f) {
         return edge;
@@ -52,21 +53,13 @@ float side_of_edge(const float edge, const float3 begin, const float3 end, const
     return leaning != 0.0f ? leaning : along.y != 0.0f ? along.y : -along.x;
 }
 
-// Reports the crossing of the ray with the triangle, if there is one. Every comparison is written so that NaN means
-// none.
-void intersect_corners(
-    const corners_t *corners, const int prim_id, const int place, const path_t *path, search_t *search,
-    const int query)
+// Reports the crossing of the ray with the triangle of three sheared vertices, if there is one. Every comparison is
+// written so that NaN means none.
+INLINED void cross_sheared(
+    const float3 a, const float3 b, const float3 c, const int prim_id, const int place, const path_t *path,
+    search_t *search, const int query)
 {
-    const float3 a = shear_vertex(corners->a, path);
-    const float3 b = shear_vertex(corners->b, path);
-    const float3 c = shear_vertex(corners->c, path);
-
-    // Twice the signed areas that the ray spans with the edges opposite a, b and c. Plain differences may vanish but
-    // never have the wrong sign: they dismiss most triangles at once.
-    if (disagree(c.x * b.y - c.y * b.x, a.x * c.y - a.y * c.x, b.x * a.y - b.y * a.x)) {
-        return;
-    }
+    // Twice the signed areas that the ray spans with the edges opposite a, b and c.
     const float edge_a = exact_difference(c.x, b.y, c.y, b.x);
     const float edge_b = exact_difference(a.x, c.y, a.y, c.x);
     const float edge_c = exact_difference(b.x, a.y, b.y, a.x);
@@ -77,10 +70,23 @@ void intersect_corners(
     if (disagree(side_a, side_b, side_c) || area == 0.0f) {
         return;
     }
-
     const float t = (edge_a * a.z + edge_b * b.z + edge_c * c.z) / area;
     if (t >= path->t_min && t <= path->t_max) {
         const crossing_t crossing = {t, edge_b / area, edge_c / area, prim_id, place};
         note_crossing(search, crossing, query);
+    }
+}
+
+// The same for a triangle as it lies in space.
+INLINED void intersect_corners(
+    const corners_t *corners, const int prim_id, const int place, const path_t *path, search_t *search,
+    const int query)
+{
+    const float3 a = shear_vertex(corners->a, path);
+    const float3 b = shear_vertex(corners->b, path);
+    const float3 c = shear_vertex(corners->c, path);
+    // Plain differences may vanish but never have the wrong sign: they dismiss most triangles at once.
+    if (!disagree(c.x * b.y - c.y * b.x, a.x * c.y - a.y * c.x, b.x * a.y - b.y * a.x)) {
+        cross_sheared(a, b, c, prim_id, place, path, search, query);
     }
 }

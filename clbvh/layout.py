@@ -44,6 +44,24 @@ BVH2_MAX = 6
 BVH2_FIRST = 12
 BVH2_COUNT = 14
 
+# A node of the `bvh4` and `bvh8` device layouts: the boxes of all children, one after the other for each coordinate, so
+# that a vector unit takes a coordinate of all of them at once. `child[i] >= 0` is the number of a node, another one is
+# the complement (`~child[i]`) of the number of a leaf's group. A child that is not there has its box turned inside out.
+WIDE_NODES = {
+    width: np.dtype(
+        [
+            ("aabb_min", np.float32, (3, width)),
+            ("aabb_max", np.float32, (3, width)),
+            ("child", np.int32, width),
+        ]
+    )
+    for width in (4, 8)
+}
+
+# The triangles of a leaf in the same way: `corners[i][axis]` is a coordinate of corner i of all of them. Lanes without
+# a triangle, and those of degenerate ones, are NaN, which no ray hits.
+GROUPS = {width: np.dtype([("corners", np.float32, (3, 3, width)), ("prim_id", np.int32, width)]) for width in (4, 8)}
+
 # A triangle in leaf order, with the number of its face in the mesh. A degenerate triangle is stored with three
 # equal corners: that makes its determinant exactly zero, so that no rounding can let a ray hit it.
 TRIANGLE = np.dtype(
@@ -110,6 +128,10 @@ TRIANGLE_PRIM_ID = 9
 DEVICE_STRUCTS = {
     "bvh2_node_t": BVH2_NODE,
     "triangle_t": TRIANGLE,
+    "bvh4_node_t": WIDE_NODES[4],
+    "bvh8_node_t": WIDE_NODES[8],
+    "group4_t": GROUPS[4],
+    "group8_t": GROUPS[8],
     "ray_t": RAY,
     "hit_t": HIT,
     "view_t": VIEW,
@@ -121,7 +143,10 @@ NO_PRIM = -1
 SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3}
 
 # How a tree lies in the device's memory; `brute` is no tree at all.
-LAYOUTS = {"bvh2": 0, "brute": 1}
+LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
+
+# Children of a node, at most, by layout; and in the wide layouts triangles of a group.
+LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8}
 
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,

@@ -94,7 +94,7 @@ def render(
         ),
     ] = None,
     layout: Annotated[
-        str, typer.Option(help="Layout of the tree on the device: auto or bvh2.", rich_help_panel=_DEVICE)
+        str, typer.Option(help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8.", rich_help_panel=_DEVICE)
     ] = "auto",
     validate: Annotated[
         bool, typer.Option("--validate", help="Check the tree, and pixels against a slow reference.")

@@ -23,7 +23,8 @@ KINDS = ("gpu", "accelerator", "cpu")
 # What an OpenCL loader answers when no driver is registered (extension cl_khr_icd).
 _PLATFORM_NOT_FOUND = -1001
 
-_LAYOUT_OF_KIND = {"gpu": "bvh2", "accelerator": "bvh2", "cpu": "bvh2"}
+# A CPU's vector unit works inside a work-item, a GPU's across them.
+_LAYOUT_OF_KIND = {"gpu": "bvh2", "accelerator": "bvh2", "cpu": "bvh8"}
 _LAYOUT_OF_ANY = "bvh2"
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ..device.session import DeviceSession
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..layout import BVH2_NODE, LAYOUTS
+from ..layout import BVH2_NODE, LAYOUT_WIDTHS, LAYOUTS
 from ..tree import Bvh
-from ..tree.layouts import gather_triangles, make_bvh2_nodes
+from ..tree.device_arrays import DeviceArrays, make_device_arrays
+from ..tree.layouts import gather_triangles
 
 BRUTE = "brute"
 
@@ -20,8 +20,9 @@ BRUTE = "brute"
 # a second on PoCL.
 _STACK_STEP = 16
 
-# A deeper tree is not traversed: its stack would not fit a work-item's private memory. Our builders stay below 64.
-_MAX_DEPTH = 1024
+# A tree that needs more is not traversed: its stack would not fit a work-item's private memory. Those of our builders,
+# at most 64 levels deep, need less in any layout.
+_LONGEST_STACK = 1024
 
 
 class DeviceTree:
@@ -45,7 +46,7 @@ class DeviceTree:
     Attributes
     ----------
     arguments : tuple
-        What every traversal kernel takes first: nodes, triangles, triangle count.
+        What every traversal kernel takes first: nodes, groups, group count.
     defines : dict of str to int
         Macros that every traversal kernel needs.
     memory_bytes : int
@@ -55,25 +56,24 @@ class DeviceTree:
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:
         self.layout = _resolve_layout(layout, session, bvh)
         if bvh is None:
-            nodes: Any = np.empty(0, BVH2_NODE)
             order = np.arange(mesh.face_count, dtype=np.int32)
-            depth = 0
+            arrays = DeviceArrays(np.empty(0, BVH2_NODE), gather_triangles(mesh, order), 0)
         else:
-            nodes = make_bvh2_nodes(bvh)
-            order = bvh.prim_ids
-            depth = bvh.depth
-            if depth > _MAX_DEPTH:
-                raise ConfigError(f"the tree is {depth} levels deep; the traversal's stack holds {_MAX_DEPTH}")
-        triangles = gather_triangles(mesh, order)
-        self.arguments = (session.upload(nodes), session.upload(triangles), np.int32(len(triangles)))
-        stack_size = _STACK_STEP * max(1, math.ceil(depth / _STACK_STEP))
+            arrays = make_device_arrays(bvh, self.layout)
+            if arrays.waiting > _LONGEST_STACK:
+                raise ConfigError(
+                    f"the tree is {bvh.depth} levels deep: as {self.layout} it needs a stack of {arrays.waiting} "
+                    f"entries, and the traversal's holds {_LONGEST_STACK}"
+                )
+        self.arguments = (session.upload(arrays.nodes), session.upload(arrays.groups), np.int32(len(arrays.groups)))
+        stack_size = _STACK_STEP * max(1, math.ceil(arrays.waiting / _STACK_STEP))
         self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
-        self.memory_bytes = nodes.nbytes + triangles.nbytes
+        self.memory_bytes = arrays.nodes.nbytes + arrays.groups.nbytes
 
 
 def check_layout(layout: str) -> None:
     """Raise `ConfigError` unless this is ``"auto"`` or the layout of a tree."""
-    known = ("auto", *(name for name in LAYOUTS if name != BRUTE))
+    known = ("auto", *LAYOUT_WIDTHS)
     if layout not in known:
         raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
 

@@ -29,7 +29,7 @@ class Tracer(Closing):
     device : DeviceInfo, str, int or None
         The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; without it a GPU, if there is one.
     layout : str
-        ``"auto"`` or ``"bvh2"``.
+        ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
 
     Raises
     ------

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..layout import BVH2_NODE, TRIANGLE
+from ..layout import LAYOUT_WIDTHS
 from .bvh import Bvh
 from .descent import find_depths
+from .device_arrays import measure_device_bytes
 from .overlap import measure_overlap
 
 # The end-point overlap of larger meshes is measured on this many triangles. Of the 871,306-triangle dragon that gives
@@ -72,7 +73,7 @@ class TreeStats:
     host_bytes : int
         Nodes and the order of the primitives, without the mesh.
     device_bytes : mapping of str to int
-        By layout: nodes, and the triangles in leaf order.
+        By layout: nodes, and the groups of triangles.
     """
 
     triangle_count: int
@@ -165,8 +166,5 @@ def measure_tree(
         epo=overlap.epo,
         epo_triangles=overlap.triangle_count,
         host_bytes=bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-        # A tree that is one leaf still has one node on the device.
-        device_bytes={
-            "bvh2": max(1, interior_count) * BVH2_NODE.itemsize + len(bvh.prim_ids) * TRIANGLE.itemsize,
-        },
+        device_bytes={layout: measure_device_bytes(bvh, layout) for layout in LAYOUT_WIDTHS},
     )

@@ -22,12 +22,12 @@ def compiled(session, name, defines):
 
 
 @contextmanager
-def open_caster(session, mesh, bvh):
+def open_caster(session, mesh, bvh, layout="auto"):
     """Give a function from a kernel's name and rays to its results; `bvh` None for no tree.
 
     Of all_hits these are the hits and the (n + 1,) offsets of each ray's.
     """
-    tree = DeviceTree(session, mesh, bvh)
+    tree = DeviceTree(session, mesh, bvh, layout)
     kernels = {name: compiled(session, name, tuple(tree.defines.items())) for name in RESULT_TYPES}
 
     box = RayBox(mesh.origin, np.full(3, 2.0**100))  # nothing is outside: the device casts what is given

@@ -6,9 +6,9 @@ import pytest
 from clbvh import build
 from clbvh.geometry import Mesh
 from clbvh.geometry.shapes import make_shape
-from clbvh.layout import HIT, LAYOUTS, NO_PRIM
+from clbvh.layout import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
 from clbvh.trace.device_tree import DeviceTree
-from clbvh.tree.layouts import gather_triangles, make_bvh2_nodes
+from clbvh.tree.device_arrays import make_device_arrays
 
 from ..chain import make_chain
 from ..rays import centred, hard_rays
@@ -20,16 +20,20 @@ SHAPES = {"icosphere": 500, "knot": 1200, "terrain": 800, "blobs": 640, "boxes":
 
 
 def check_tree_and_brute_agree(session, mesh, bvh, rays, **limits):
-    """Compare all results of both traversals, byte for byte; return the closest hits."""
-    with open_caster(session, mesh, bvh) as with_tree, open_caster(session, mesh, None) as without:
-        hits = with_tree("closest_hit", *rays, **limits)
-        expected = without("closest_hit", *rays, **limits)
-        for field in hits.dtype.names:
-            np.testing.assert_array_equal(hits[field], expected[field], err_msg=field)
-        assert hits.tobytes() == expected.tobytes()
-        is_hit = (hits["prim_id"] != NO_PRIM).astype(np.uint8)
-        np.testing.assert_array_equal(with_tree("any_hit", *rays, **limits), is_hit)
-        np.testing.assert_array_equal(without("any_hit", *rays, **limits), is_hit)
+    """Compare all results of all layouts with those of no tree, byte for byte; return the closest hits."""
+    with open_caster(session, mesh, None) as without:
+        expected = {query: without(query, *rays, **limits) for query in ("closest_hit", "any_hit", "count_hits")}
+        crossings = without("all_hits", *rays, **limits)[0]
+    hits = expected["closest_hit"]
+    np.testing.assert_array_equal(expected["any_hit"], (hits["prim_id"] != NO_PRIM).astype(np.uint8))
+    for layout in LAYOUT_WIDTHS:
+        with open_caster(session, mesh, bvh, layout) as with_tree:
+            obtained = with_tree("closest_hit", *rays, **limits)
+            for field in hits.dtype.names:
+                np.testing.assert_array_equal(obtained[field], hits[field], err_msg=f"{layout}: {field}")
+            for query, results in expected.items():
+                assert with_tree(query, *rays, **limits).tobytes() == results.tobytes(), (layout, query)
+            assert with_tree("all_hits", *rays, **limits)[0].tobytes() == crossings.tobytes(), layout
     return hits
 
 
@@ -43,11 +47,13 @@ def test_procedural_meshes(session, shape, seed):
     assert len(np.unique(hits["prim_id"])) > 0.5 * mesh.face_count
 
 
-@pytest.mark.parametrize("leaf_size", [1, 2, 15])
+@pytest.mark.parametrize("leaf_size", [1, 2, 15, 255])
 def test_leaves_of_any_size(session, leaf_size):
     mesh = centred(make_shape("knot", triangles=1200))
     rays = hard_rays(mesh, RAYS, np.random.default_rng(21))
-    check_tree_and_brute_agree(session, mesh, build(mesh, leaf_size=leaf_size), rays)
+    bvh = build(mesh, leaf_size=leaf_size, traversal_cost=1000 if leaf_size > 2 else 1)
+    assert bvh.nodes["count"].max() > 0.5 * leaf_size
+    check_tree_and_brute_agree(session, mesh, bvh, rays)
 
 
 def test_limits_cut_both_ends(session):
@@ -100,7 +106,7 @@ CHAIN = 49
 def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
     """Seen from the far end every leaf waits on the stack while the traversal goes down: it is full, and suffices."""
     mesh, bvh = make_chain(CHAIN, leaf_side)
-    assert DeviceTree(session, mesh, bvh).defines["STACK_SIZE"] == bvh.depth == CHAIN - 1
+    assert DeviceTree(session, mesh, bvh, "bvh2").defines["STACK_SIZE"] == bvh.depth == CHAIN - 1
     x, y = np.random.default_rng(27).uniform(0, 2, (2, 2000))
     distinct = np.abs(x + y - 2) > 1e-3
     x, y = x[distinct], y[distinct]
@@ -113,9 +119,9 @@ def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
 
 def find_any(run_shell, make_rays, bvh, origins, directions):
     """The triangles at which a search for anything ends."""
-    nodes, triangles = make_bvh2_nodes(bvh), gather_triangles(bvh.mesh, bvh.prim_ids)
-    defines = {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64, "GROUP_COUNT": len(triangles)}
-    (hits,) = run_shell("find_any", [make_rays(origins, directions), nodes, triangles], [HIT], defines)
+    arrays = make_device_arrays(bvh, "bvh2")
+    defines = {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64, "GROUP_COUNT": len(arrays.groups)}
+    (hits,) = run_shell("find_any", [make_rays(origins, directions), arrays.nodes, arrays.groups], [HIT], defines)
     return hits["prim_id"].tolist()
 
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clbvh import Mesh, build
+from clbvh.layout import LAYOUT_WIDTHS
 from clbvh.trace import Hits
 from clbvh.trace.reference import find_differences
 
@@ -61,10 +62,13 @@ def opened(_opened_device):
 @given(scene=scenes())
 def test_hits_are_right_with_and_without_a_tree(opened, scene):
     mesh, leaf_size, origins, directions = scene
-    with open_caster(opened, mesh, build(mesh, leaf_size=leaf_size)) as cast, open_caster(opened, mesh, None) as brute:
-        hits = cast("closest_hit", origins, directions)
-        assert hits.tobytes() == brute("closest_hit", origins, directions).tobytes()
-        is_hit = cast("any_hit", origins, directions)
-    np.testing.assert_array_equal(is_hit, hits["prim_id"] >= 0)
+    bvh = build(mesh, leaf_size=leaf_size)
+    with open_caster(opened, mesh, None) as brute:
+        hits = brute("closest_hit", origins, directions)
+    for layout in LAYOUT_WIDTHS:
+        with open_caster(opened, mesh, bvh, layout) as cast:
+            assert hits.tobytes() == cast("closest_hit", origins, directions).tobytes(), layout
+            is_hit = cast("any_hit", origins, directions)
+        np.testing.assert_array_equal(is_hit, hits["prim_id"] >= 0)
     differences = find_differences(mesh, origins, directions, Hits.from_device(hits))
     assert [str(difference) for difference in differences] == []

@@ -4,6 +4,7 @@ import numpy as np
 import trimesh
 
 from clbvh import build
+from clbvh.layout import LAYOUT_WIDTHS
 from clbvh.trace.caster import Caster
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.nearest import find_closest
@@ -24,14 +25,16 @@ def expected_distance(mesh, points):
 
 
 def check_tree_and_brute_agree(session, mesh, points, **options):
-    """Compare the bytes of what is found with a tree and without; return the faces."""
+    """Compare the bytes of what is found with a tree, in any layout, and without; return the faces."""
     bvh = build(mesh, **options)
-    casters = [Caster(session, DeviceTree(session, mesh, tree), RayBox.around(bvh)) for tree in (bvh, None)]
+    trees = [DeviceTree(session, mesh, None), *(DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
+    casters = [Caster(session, tree, RayBox.around(bvh)) for tree in trees]
     try:
-        found, expected = (find_closest(caster, mesh, points, None) for caster in casters)
+        expected, *found = (find_closest(caster, mesh, points, None) for caster in casters)
     finally:
         for caster in casters:
             caster.release()
-    for obtained, brute in zip(found, expected, strict=True):
-        assert obtained.tobytes() == brute.tobytes()
-    return found.prim_id
+    for of_layout in found:
+        for obtained, brute in zip(of_layout, expected, strict=True):
+            assert obtained.tobytes() == brute.tobytes()
+    return expected.prim_id

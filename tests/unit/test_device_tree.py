@@ -6,9 +6,9 @@ import pytest
 from clbvh import build
 from clbvh.errors import ConfigError
 from clbvh.geometry.shapes import make_shape
-from clbvh.layout import BVH2_NODE, LAYOUTS, TRIANGLE
+from clbvh.layout import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
 from clbvh.trace.device_tree import DeviceTree, check_layout
-from clbvh.tree.layouts import gather_triangles, make_bvh2_nodes
+from clbvh.tree.device_arrays import make_device_arrays
 
 from ..chain import make_chain
 
@@ -18,18 +18,19 @@ def bvh():
     return build(make_shape("blobs", triangles=640))
 
 
-def test_a_tree_is_uploaded_in_leaf_order(session, bvh):
-    tree = DeviceTree(session, bvh.mesh, bvh)
-    nodes, triangles, count = tree.arguments
-    assert count == bvh.mesh.face_count
-    for buffer, expected in (
-        (nodes, make_bvh2_nodes(bvh)),
-        (triangles, gather_triangles(bvh.mesh, bvh.prim_ids)),
-    ):
+@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
+    tree = DeviceTree(session, bvh.mesh, bvh, layout)
+    arrays = make_device_arrays(bvh, layout)
+    nodes, groups, count = tree.arguments
+    assert count == len(arrays.groups)
+    for buffer, expected in ((nodes, arrays.nodes), (groups, arrays.groups)):
         obtained = np.empty_like(expected)
         session.download(buffer, obtained)
         assert obtained.tobytes() == expected.tobytes()
-    assert tree.memory_bytes == (bvh.node_count // 2) * BVH2_NODE.itemsize + count * TRIANGLE.itemsize
+    assert tree.memory_bytes == arrays.nodes.nbytes + arrays.groups.nbytes
+    assert tree.defines["LAYOUT"] == LAYOUTS[layout]
+    assert arrays.waiting <= tree.defines["STACK_SIZE"] < arrays.waiting + 16
 
 
 @pytest.mark.parametrize(("triangles", "stack_size"), [(1, 16), (2, 16), (17, 16), (18, 32), (33, 32), (34, 48)])
@@ -40,9 +41,9 @@ def test_the_stack_holds_the_depth_of_the_tree(session, triangles, stack_size):
 
 
 def test_a_tree_that_is_too_deep_is_refused(session):
-    assert DeviceTree(session, *make_chain(1025, "left")).defines["STACK_SIZE"] == 1024
-    with pytest.raises(ConfigError, match="the tree is 1025 levels deep; the traversal's stack holds 1024"):
-        DeviceTree(session, *make_chain(1026, "left"))
+    assert DeviceTree(session, *make_chain(1025, "left"), "bvh2").defines["STACK_SIZE"] == 1024
+    with pytest.raises(ConfigError, match="the tree is 1025 levels deep: as bvh2 it needs a stack of 1025 entries"):
+        DeviceTree(session, *make_chain(1026, "left"), "bvh2")
 
 
 def test_without_a_tree_there_are_triangles_only(session, bvh):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, measure_tree, sah_cost
-from clbvh.tree.layouts import gather_triangles, make_bvh2_nodes
+from clbvh.layout import LAYOUT_WIDTHS
+from clbvh.tree.device_arrays import make_device_arrays
 from clbvh.tree.overlap import measure_overlap
 
 from ..soup import make_soup
@@ -66,8 +67,9 @@ def test_stats_of_the_hand_made_tree():
     assert (stats.epo, stats.epo_triangles) == (measure_overlap(make_tree()).epo, 4)
     assert stats.host_bytes == 5 * 32 + 4 * 4
     assert stats.host_bytes_per_triangle == 44
-    assert stats.device_bytes == {"bvh2": 2 * 64 + 4 * 40}
-    assert stats.device_bytes_per_triangle == {"bvh2": 72}
+    # Four triangles are one group.
+    assert stats.device_bytes == {"bvh2": 2 * 64 + 4 * 40, "bvh4": 112 + 160, "bvh8": 224 + 320}
+    assert stats.device_bytes_per_triangle == {"bvh2": 72, "bvh4": 68, "bvh8": 136}
 
 
 @pytest.mark.parametrize("count", [1, 4])
@@ -77,14 +79,17 @@ def test_stats_of_a_leaf(count):
     assert (stats.mean_leaf_depth, stats.mean_leaf_size, stats.epo) == (0, count, 0)
     assert stats.leaf_sizes == (0,) * count + (1,)
     assert stats.leaf_depths == (1,)
-    assert stats.device_bytes == {"bvh2": 64 + 40 * count}
+    assert stats.device_bytes == {"bvh2": 64 + 40 * count, "bvh4": 112 + 160, "bvh8": 224 + 320}
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_reported_for_the_device_is_what_it_gets(seed):
     bvh = build(make_soup(500, seed))
-    expected = make_bvh2_nodes(bvh).nbytes + gather_triangles(bvh.mesh, bvh.prim_ids).nbytes
-    assert measure_tree(bvh).device_bytes["bvh2"] == expected
+    measured = measure_tree(bvh).device_bytes
+    assert measured.keys() == LAYOUT_WIDTHS.keys()
+    for layout, size in measured.items():
+        arrays = make_device_arrays(bvh, layout)
+        assert size == arrays.nodes.nbytes + arrays.groups.nbytes
 
 
 def test_costs_reach_both_measures():
@@ -117,7 +122,7 @@ def test_stats_become_json_and_back():
     stats = measure_tree(make_tree())
     read = json.loads(json.dumps(stats.as_dict()))
     assert read["leaf_sizes"] == [0, 2, 1]
-    assert read["device_bytes_per_triangle"] == {"bvh2": 72}
+    assert read["device_bytes_per_triangle"] == {"bvh2": 72, "bvh4": 68, "bvh8": 136}
     assert read.keys() == {field.name for field in dataclasses.fields(stats)} | {
         "host_bytes_per_triangle",
         "device_bytes_per_triangle",

@@ -416,7 +416,7 @@ class TestLife:
 
         monkeypatch.setattr(tracer_module, "DeviceSession", Recorded)
         with pytest.raises(ConfigError, match="levels deep"):
-            Tracer(make_chain(1026, "left")[1], device=session.info)
+            Tracer(make_chain(1026, "left")[1], device=session.info, layout="bvh2")
         assert [session.is_closed for session in opened] == [True]
 
     def test_two_tracers_do_not_disturb_each_other(self, session, tracer, rays, expected):

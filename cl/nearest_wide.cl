@@ -1,0 +1,70 @@
+// Nearest triangle in the `bvh4` and `bvh8` layouts: depth first, the nearest child first. A waiting child is held
+// against the nearest triangle again when its turn comes.
+//
+// Assumes STACK_SIZE >= the number of children that can wait, at least 1.
+
+#include "nearest_search.cl"
+#include "traverse_wide.cl"
+
+// The slack of may_be_nearer, and two more roundings: of the root, and of taking the slack off.
+#define NEAREST_SLACK_OF_LANES ERROR_BOUND(18)
+
+// Returns how far outside a box the point is along one axis; *farthest grows by the distance of the farther side.
+INLINED lanes_t outside_of(
+    const global float *aabb_min, const global float *aabb_max, const float scale, const float point, lanes_t *farthest)
+{
+    const lanes_t below = scale * load_lanes(aabb_min) - point;
+    const lanes_t above = scale * load_lanes(aabb_max) - point;
+    *farthest += larger_lanes(larger_lanes(below, -below), larger_lanes(above, -above));
+    return larger_lanes(larger_lanes(below, -above), (lanes_t)(0.0f));
+}
+
+// Returns a bit for each child that may have something as near as the nearest so far; *entry is the least distance that
+// something in it can have.
+INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *entry)
+{
+    lanes_t farthest = (lanes_t)(0.0f);
+    const float3 point = nearest->point;
+    const float scale = nearest->scale;
+    const lanes_t x = outside_of(node->aabb_min[0], node->aabb_max[0], scale, point.x, &farthest);
+    const lanes_t y = outside_of(node->aabb_min[1], node->aabb_max[1], scale, point.y, &farthest);
+    const lanes_t z = outside_of(node->aabb_min[2], node->aabb_max[2], scale, point.z, &farthest);
+    *entry = sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest;
+    // A box that is inside out is infinitely far away, or as far as numbers go.
+    return mask_bits((*entry <= nearest->distance) & (load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0])));
+}
+
+void visit_nearest(
+    const global node_t *nodes, const global group_t *groups, const int group_count, nearest_t *nearest)
+{
+    int stack[STACK_SIZE];
+    float entries[STACK_SIZE];
+    int waiting = 0;
+    int next = 0;
+
+    while (true) {
+        if (next >= 0) {
+            const global node_t *node = nodes + next;
+            lanes_t entry;
+            const uint near = children_may_be_nearer(node, nearest, &entry);
+            if (near != 0) {
+                const bool is_one = (near & (near - 1)) == 0;
+                next = is_one ? node->child[lowest_bit(near)]
+                              : stack_children(node->child, near, entry, stack, entries, &waiting);
+                continue;
+            }
+        } else {
+            const int group = ~next;
+            for (int lane = 0; lane < WIDTH && groups[group].prim_id[lane] != NO_PRIM; lane++) {
+                const corners_t corners = corners_at(groups, WIDTH * group + lane);
+                note_triangle(nearest, &corners, groups[group].prim_id[lane]);
+            }
+        }
+        do {
+            if (waiting == 0) {
+                return;
+            }
+            next = stack[--waiting];
+        } while (entries[waiting] > nearest->distance);
+    }
+}
