@@ -1,13 +1,33 @@
-"""How long a tree takes."""
+"""How long a tree takes, and how much memory."""
 
 from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import clbvh
 
-from .paired import compare, measure_ms
+from .paired import DEFAULT_RUNS, compare, measure_ms
+
+# From the start of the interpreter's first statement to the first answer of a pool.
+POOL_START = """
+import time
+begin = time.perf_counter()
+from clbvh import SubtreePool
+if __name__ == "__main__":
+    with SubtreePool(2) as pool:
+        pool.map(len, [()])
+        print((time.perf_counter() - begin) * 1e3)
+"""
+
+# The coordinator's counters in the kernel: the largest resident size so far, and a switch that resets it.
+_STATUS = Path("/proc/self/status")
+_RESET_PEAK = Path("/proc/self/clear_refs")
 
 
 @pytest.fixture(scope="module")
@@ -28,16 +48,23 @@ def test_build_against_open3d(mesh, pool, open3d):
         return measure_ms(lambda: scene.cast_rays(open3d.core.Tensor(np.float32([[0, 0, 0, 0, 0, 1]]))))
 
     compare(f"build, {pool.workers} workers, Open3D", lambda: measure_ms(lambda: clbvh.build(mesh, pool=pool)), commit)
+    compare("build, one process, Open3D", lambda: measure_ms(lambda: clbvh.build(mesh)), commit)
     bvh = clbvh.build(mesh, pool=pool)
     print(f"{bvh}, SAH cost {clbvh.sah_cost(bvh):.2f}, phases in ms: {bvh.timings_ms}")
 
 
-def test_workers_against_one_process(mesh, pool):
-    compare(
-        f"build, {pool.workers} workers, in one process",
-        lambda: measure_ms(lambda: clbvh.build(mesh, pool=pool)),
-        lambda: measure_ms(lambda: clbvh.build(mesh)),
-    )
+def test_two_workers_against_one(mesh):
+    with clbvh.SubtreePool(1) as one, clbvh.SubtreePool(2) as two:
+        ratio = compare(
+            "build, 2 workers, 1 worker",
+            lambda: measure_ms(lambda: clbvh.build(mesh, pool=two)),
+            lambda: measure_ms(lambda: clbvh.build(mesh, pool=one)),
+            runs=3 * DEFAULT_RUNS,
+        )
+    # Amdahl's law, 1 / speedup = serial + (1 - serial) / workers, solved for the serial part and put in again.
+    serial = max(0.0, 2 * ratio - 1)
+    predicted = ", ".join(f"{workers}: {1 / (serial + (1 - serial) / workers):.1f}" for workers in (4, 8, 16))
+    print(f"{1 / ratio:.2f} times as fast; serial part {serial:.2f}, which allows for workers {predicted}")
 
 
 @pytest.mark.parametrize("alone", [False, True], ids=["pool", "alone"])
@@ -50,3 +77,37 @@ def test_fast_against_default(mesh, pool, alone):
     )
     fast, default = clbvh.build(mesh, pool=who, quality="fast"), clbvh.build(mesh, pool=who)
     print(f"SAH cost {clbvh.sah_cost(fast):.2f} against {clbvh.sah_cost(default):.2f}, phases in ms: {fast.timings_ms}")
+
+
+def test_ten_million_against_one(pool):
+    small, large = (clbvh.make_shape("knot", triangles=count, seed=1) for count in (1_000_000, 10_000_000))
+    for name, helpers in (("one process", None), (f"{pool.workers} workers", pool)):
+        millions = [_median_of_builds(mesh, helpers) for mesh in (small, large)]
+        linear = millions[0] * large.face_count / small.face_count
+        print(f"\n10 million, {name}: {millions[1]:.0f} ms, {millions[1] / linear:.2f} of linear from 1 million")
+
+
+def test_memory_beyond_the_mesh_and_the_result(mesh):
+    clbvh.build(mesh)  # the compiled code is loaded
+    before = _status_bytes("VmRSS")
+    _RESET_PEAK.write_text("5")
+    bvh = clbvh.build(mesh)
+    beyond = _status_bytes("VmHWM") - before - bvh.nodes.nbytes - bvh.prim_ids.nbytes
+    print(f"\nbuild, one process: {beyond / mesh.face_count:.0f} bytes per triangle beside the mesh and the result")
+
+
+def test_start_of_a_pool():
+    def start() -> float:
+        return float(subprocess.run([sys.executable, "-c", POOL_START], check=True, capture_output=True).stdout)
+
+    start()
+    print(f"\nimport and start of 2 workers: {statistics.median(start() for _ in range(DEFAULT_RUNS)):.0f} ms")
+
+
+def _median_of_builds(mesh, pool):
+    return statistics.median(measure_ms(lambda: clbvh.build(mesh, pool=pool)) for _ in range(3))
+
+
+def _status_bytes(name: str) -> int:
+    (line,) = (line for line in _STATUS.read_text().splitlines() if line.startswith(name + ":"))
+    return int(line.split()[1]) * 1024

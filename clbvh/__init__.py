@@ -6,8 +6,9 @@ nothing and a build needs no OpenCL driver.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from .lazy import import_on_use
 
 if TYPE_CHECKING:
     from .build import BuildOptions, SubtreePool, build
@@ -70,11 +71,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used (PEP 562)."""
-    if name not in _HOME_OF:
-        raise AttributeError(f"module 'clbvh' has no attribute '{name}'")
-    return getattr(import_module(f".{_HOME_OF[name]}", __name__), name)
+__getattr__ = import_on_use(__name__, _HOME_OF)
 
 
 def __dir__() -> list[str]:

@@ -11,13 +11,17 @@ of the tree would depend on how many workers shared the work.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
 from .ranges import Boxes
 from .simd import LANES, centroid_of, empty_box, load_point, store_row, unite
+
+if TYPE_CHECKING:
+    from ..geometry import Mesh
 
 # Lanes of a record, of a bin and of any other box in the builder.
 PRIM_ID = 3

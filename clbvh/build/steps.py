@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .options import MIN_BINS
 from .partition import partition
 from .simd import LANES
-from .splits import bin_count_for, fill_bins, make_bins
+from .splits import fill_bins
 from .subtree import build_subtree
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -36,7 +37,7 @@ def bin_slices(arrays: Arrays, tasks: Sequence[BinTask]) -> list[NDArray[np.floa
     """Return the bins of one slice of each node."""
     results = []
     for begin, end, buffer, bounds, bin_count in tasks:
-        bins = make_bins(bin_count)
+        bins = np.empty((3 * bin_count, LANES), np.float32)
         fill_bins(arrays["records"][buffer], begin, end, bounds, 1, bin_count, bins)
         results.append(bins)
     return results
@@ -77,7 +78,7 @@ def warm_up() -> None:
         "prim_ids": np.zeros(_WARM_UP_PRIMS, np.int32),
     }
     bounds = np.zeros((2, LANES), np.float32)
-    bin_count = bin_count_for(_WARM_UP_PRIMS, _WARM_UP_PRIMS)
+    bin_count = MIN_BINS
     bin_slices(arrays, [(0, _WARM_UP_PRIMS, 0, bounds, bin_count)])
     partition_slices(arrays, [(0, _WARM_UP_PRIMS, 0, bounds, bin_count, 0, 0, 0, 0)])
     build_subtrees(arrays, [(0, _WARM_UP_PRIMS, 0, 0, bounds)], bin_count, 1, 1.0)

@@ -18,11 +18,16 @@ from numpy.typing import NDArray
 
 from . import steps
 from .crew import Crew
+from .options import MIN_BINS
 from .partition import bound_halves
 from .ranges import Boxes, Range, cut_slices
 from .simd import LANES, TALLY
 from .splits import bin_count_for, find_split, unite_sides
 from .subtree import needs_halving
+
+# As plain Python: for a few nodes that is fast enough, and loading a compiled function takes 20 ms.
+_bin_count_for = bin_count_for.py_func
+_needs_halving = needs_halving.py_func
 
 
 @dataclass(frozen=True)
@@ -37,12 +42,11 @@ class Split:
 
 def warm_up() -> None:
     """Load the compiled code that the coordinator needs, while it would otherwise wait for its workers to start."""
-    bin_count = 2
+    bin_count = MIN_BINS
     bins = np.zeros((3 * bin_count, LANES), np.float32)
     sides = np.empty((2, LANES), np.float32)
-    find_split(bins, bin_count_for(bin_count, bin_count), np.empty(3 * bin_count))
+    find_split(bins, bin_count, np.empty(3 * bin_count))
     unite_sides(bins, bin_count, 0, 0, sides)
-    needs_halving(bin_count, 0)
 
 
 def split_top(crew: Crew, root: Range, threshold: int, bins: int) -> None:
@@ -60,7 +64,7 @@ def split_top(crew: Crew, root: Range, threshold: int, bins: int) -> None:
 
 def _choose_splits(crew: Crew, level: list[Range], bins: int) -> list[tuple[Split, Boxes, list[Any]] | None]:
     """Return each node's split, the boxes of its sides and the bin counts of its slices; None where no plane splits."""
-    bin_counts = [bin_count_for(len(node), bins) for node in level]
+    bin_counts = [_bin_count_for(len(node), bins) for node in level]
     tasks = [
         [
             (*cut_slices(node.begin, node.end, crew.workers)[number], node.buffer, node.bounds, bin_count)
@@ -78,7 +82,7 @@ def _choose_splits(crew: Crew, level: list[Range], bins: int) -> list[tuple[Spli
         united = np.minimum.reduce(slice_bins)
         united.view(np.int32)[:, TALLY] = np.add.reduce(slice_counts)
         cost, axis, last_left_bin, left_count = find_split(united, bin_count, right_costs)
-        if needs_halving(len(node), node.depth) or not cost < np.inf:
+        if _needs_halving(len(node), node.depth) or not cost < np.inf:
             chosen.append(None)
             continue
         sides = np.empty((2, LANES), np.float32)
