@@ -16,6 +16,7 @@ from ..device.select import choose_device
 from ..errors import DeviceError
 from ..geometry import Mesh
 from ..trace import Tracer
+from ..trace.surface import find_locations
 from ..tree import Bvh
 
 # What each ray gets at most, unless said otherwise: trimesh's default.
@@ -122,19 +123,19 @@ class RayMeshIntersector:
             nothing = np.empty(0, np.int64)
             return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
         if multiple_hits:
-            all_hits = self._cast("all_hits", rays, max_hits=int(max_hits))
-            order, index_ray = _order_by_depth(all_hits.offsets)
-            hits = all_hits.take(order)
+            hits = self._cast("all_hits", rays, max_hits=int(max_hits))
+            order, index_ray = _order_by_depth(hits.offsets)
         elif return_locations:
-            closest = self._cast("closest_hit", rays)
-            index_ray = np.flatnonzero(closest.is_hit)
-            hits = closest.take(index_ray)
+            hits = self._cast("closest_hit", rays)
+            order = index_ray = np.flatnonzero(hits.is_hit)
         else:
             prim_id = self._cast("closest_prim", rays)
             index_ray = np.flatnonzero(prim_id >= 0)
             return prim_id[index_ray].astype(np.int64), index_ray
-        index_tri = hits.prim_id.astype(np.int64)
-        return (index_tri, index_ray, hits.locations) if return_locations else (index_tri, index_ray)
+        index_tri = hits.prim_id[order].astype(np.int64)
+        if not return_locations:
+            return index_tri, index_ray
+        return index_tri, index_ray, find_locations(hits.mesh, hits.prim_id, hits.u, hits.v, order)
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
         """Return (n,) int32: the first triangle that each ray hits, -1 if there is none.

@@ -47,12 +47,25 @@ class Caster(Closing):
         self._kernels: dict[str, Any] = {}
         self._buffers: dict[str, tuple[Any, int]] = {}
 
-    def ray_chunks(self, batch: RayBatch, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
+    @property
+    def most_rows(self) -> int:
+        """Rays or points of a chunk."""
+        return CHUNK_RAYS
+
+    def ray_chunks(
+        self, batch: RayBatch, progress: Progress | None = None, *, most_rows: int | None = None
+    ) -> Iterator[tuple[int, int]]:
         """Put rays on the device, chunk by chunk, and yield where each one begins and ends; see `chunks`."""
-        return self.chunks(len(batch), RAY, self._ray_packer(batch), progress)
+        return self.chunks(len(batch), RAY, self._ray_packer(batch), progress, most_rows=most_rows)
 
     def chunks(
-        self, row_count: int, dtype: np.dtype, pack: Packer, progress: Progress | None = None
+        self,
+        row_count: int,
+        dtype: np.dtype,
+        pack: Packer,
+        progress: Progress | None = None,
+        *,
+        most_rows: int | None = None,
     ) -> Iterator[tuple[int, int]]:
         """Put a batch on the device, chunk by chunk, and yield where each one begins and ends.
 
@@ -65,6 +78,8 @@ class Caster(Closing):
             Called with where a range of rows begins and ends, and the array to write them to; from several threads.
         progress : function, optional
             Called with the number of rows that are done, and of all rows, after each chunk.
+        most_rows : int, optional
+            Where a chunk is to have fewer rows than usual.
 
         Raises
         ------
@@ -73,8 +88,9 @@ class Caster(Closing):
         """
         if self.session.is_closed:
             raise ValueError("the tracer is closed: its tree is no longer on the device")
-        for begin in range(0, row_count, CHUNK_RAYS):
-            end = min(begin + CHUNK_RAYS, row_count)
+        chunk_rows = min(CHUNK_RAYS, most_rows or CHUNK_RAYS)
+        for begin in range(0, row_count, chunk_rows):
+            end = min(begin + chunk_rows, row_count)
             self._upload(dtype, pack, begin, end)
             yield begin, end
             if progress is not None:

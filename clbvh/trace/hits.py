@@ -65,7 +65,8 @@ class Hits:
 
     def take(self, rays: NDArray[np.int64]) -> Hits:
         """Return the hits of some rays, by their numbers in C order."""
-        return Hits(self.t.flat[rays], self.u.flat[rays], self.v.flat[rays], self.prim_id.flat[rays], self.mesh)
+        t, u, v = (field.reshape(-1)[rays] for field in (self.t, self.u, self.v))
+        return Hits(t, u, v, self.prim_id.reshape(-1)[rays], self.mesh)
 
     def __len__(self) -> int:
         return len(self.prim_id)

@@ -62,6 +62,15 @@ class RayBatch:
     def __len__(self) -> int:
         return len(self.origins)
 
+    def take(self, rows: NDArray[np.int64]) -> RayBatch:
+        """Return some of the rays, by their numbers."""
+        return RayBatch(
+            self.origins[rows],
+            self.directions[rows],
+            self.t_min if len(self.t_min) == 1 else self.t_min[rows],
+            self.t_max if len(self.t_max) == 1 else self.t_max[rows],
+        )
+
     def part(self, begin: int, end: int) -> RayBatch:
         """Return some of the rays, contiguous; both arrays have the same dtype."""
         dtype = np.result_type(self.origins, self.directions)
