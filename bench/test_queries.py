@@ -12,7 +12,7 @@ from clbvh.render.camera import frame_points
 from .paired import compare, measure_ms
 
 WIDTH, HEIGHT = 1920, 1080
-TRIMESH_RAYS = 1_000_000
+TRIMESH_WIDTH, TRIMESH_HEIGHT = 1155, 866  # about a million rays
 POINTS = 1_000_000
 
 
@@ -39,14 +39,17 @@ def engines(mesh):
     return RayMeshIntersector(loaded), embree.RayMeshIntersector(loaded)
 
 
-@pytest.fixture(scope="module")
-def scattered(mesh):
-    """Rays from all around towards the box, float64; somewhat more than a quarter hit the dragon."""
+@pytest.fixture(scope="module", params=["primary", "scattered"])
+def million(request, mesh):
+    """Return a million rays in float64: those of a picture, or from all around towards the box in any order."""
+    if request.param == "primary":
+        camera = frame_points(mesh.vertices, mesh.origin, aspect=TRIMESH_WIDTH / TRIMESH_HEIGHT)
+        return tuple(np.ascontiguousarray(a.reshape(-1, 3)) for a in camera.rays(TRIMESH_WIDTH, TRIMESH_HEIGHT))
     generator = np.random.default_rng(1)
     size = np.ptp(mesh.vertices, axis=0).max()
-    origins = generator.normal(size=(TRIMESH_RAYS, 3))
+    origins = generator.normal(size=(TRIMESH_WIDTH * TRIMESH_HEIGHT, 3))
     origins *= 2 * size / np.linalg.norm(origins, axis=1)[:, None]
-    targets = generator.uniform(-0.5, 0.5, (TRIMESH_RAYS, 3)) * np.ptp(mesh.vertices, axis=0)
+    targets = generator.uniform(-0.5, 0.5, origins.shape) * np.ptp(mesh.vertices, axis=0)
     return origins + mesh.origin, targets - origins
 
 
@@ -78,16 +81,16 @@ def test_closest_hit_against_embreex(mesh, primary, tracer):
 
 
 @pytest.mark.parametrize("query", ["intersects_first", "intersects_any", "intersects_location"])
-def test_trimesh_against_embreex(engines, scattered, query):
+def test_trimesh_against_embreex(engines, million, query):
     ours, theirs = (getattr(engine, query) for engine in engines)
-    hit = ours(*scattered)
     print(
-        f"\n{len(hit[0]) if isinstance(hit, tuple) else np.count_nonzero(hit + (query == 'intersects_first')):,} hits"
+        f"\n{len(engines[0].intersects_id(*million)[0]):,} hits, {engines[0].intersects_any(*million).mean():.0%} hit"
     )
     ratio = compare(
-        f"{TRIMESH_RAYS:,} rays, {query}, trimesh over embreex",
-        lambda: measure_ms(lambda: ours(*scattered)),
-        lambda: measure_ms(lambda: theirs(*scattered)),
+        f"{len(million[0]):,} rays, {query}, trimesh over embreex",
+        lambda: measure_ms(lambda: ours(*million)),
+        lambda: measure_ms(lambda: theirs(*million)),
+        runs=5,
     )
     print(f"{1 / ratio:.2f} times trimesh over embreex")
 
@@ -112,3 +115,24 @@ def test_any_hit_against_closest_hit(primary, tracer, mesh):
         lambda: kernel_ms(tracer.closest_hit),
     )
     print(f"{1 / ratio:.2f} times the rays per second")
+
+
+def test_closest_point_against_open3d(mesh, tracer, open3d):
+    """Points near the surface, and anywhere in the box."""
+    generator = np.random.default_rng(2)
+    size = np.ptp(mesh.vertices, axis=0)
+    near = mesh.vertices[generator.integers(0, len(mesh.vertices), POINTS // 2)] + generator.normal(
+        scale=size.max() / 100, size=(POINTS // 2, 3)
+    )
+    points = np.concatenate((near, generator.uniform(-0.5, 0.5, (POINTS // 2, 3)) * size)) + mesh.origin
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles((mesh.vertices + mesh.origin).astype(np.float32), mesh.faces.astype(np.uint32))
+    packed = open3d.core.Tensor(points.astype(np.float32))
+    host_share(tracer, lambda: tracer.closest_point(points))
+    ratio = compare(
+        f"{POINTS:,} points, whole closest_point, Open3D's compute_closest_points",
+        lambda: measure_ms(lambda: tracer.closest_point(points)),
+        lambda: measure_ms(lambda: scene.compute_closest_points(packed)),
+        runs=3,
+    )
+    print(f"{1 / ratio:.2f} times Open3D's points per second")

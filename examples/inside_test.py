@@ -1,0 +1,44 @@
+"""Which points are inside of a closed mesh, and how far from its surface: its volume by counting.
+
+python examples/inside_test.py [MESH] [--points 100000]
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+import clbvh
+
+
+def estimate_volume(tracer: clbvh.Tracer, mesh: clbvh.Mesh, count: int, seed: int = 0) -> tuple[float, float]:
+    """Return the volume inside of the mesh, by random points, and its standard error."""
+    low, high = mesh.vertices.min(axis=0) + mesh.origin, mesh.vertices.max(axis=0) + mesh.origin
+    points = np.random.default_rng(seed).uniform(low, high, (count, 3))
+    share = tracer.contains(points).mean()
+    box = float(np.prod(high - low))
+    return box * share, box * float(np.sqrt(share * (1 - share) / count))
+
+
+def volume(mesh: clbvh.Mesh) -> float:
+    """Return the volume by the divergence theorem, which needs faces that all point outwards."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(np.float64) for corner in range(3))
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("mesh", nargs="?", help="a closed mesh; without it, a knot")
+    parser.add_argument("--points", type=int, default=100_000)
+    options = parser.parse_args()
+    mesh = clbvh.load_mesh(options.mesh) if options.mesh else clbvh.make_shape("knot", triangles=20_000)
+    with clbvh.Tracer(clbvh.build(mesh)) as tracer:
+        estimate, error = estimate_volume(tracer, mesh, options.points)
+        deepest = tracer.signed_distance(mesh.vertices.mean(axis=0)[None] + mesh.origin)[0]
+    print(f"volume by {options.points:,} points: {estimate:.6g} +- {error:.2g}, by its faces: {volume(mesh):.6g}")
+    print(f"signed distance of the vertices' mean, positive inside: {deepest:.6g}")
+
+
+if __name__ == "__main__":
+    main()

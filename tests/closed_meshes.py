@@ -1,0 +1,138 @@
+"""Closed meshes, points inside of them, and rays from there that a leak would let out."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from clbvh import Mesh, Tracer, build, load_mesh, make_shape
+
+from .rays import AXES, aim, as_float32, centred, edge_midpoints
+
+# Of the knot, see `make_shape`: two turns, three loops, the torus' radii, and how far from the curve is surely inside.
+TURNS, LOOPS, RADIUS, TUBE = 2, 3, 2.0, 0.9
+INSIDE = 0.2
+
+
+def inside_sphere(count, generator):
+    """Points of the ball of radius 0.9; the first ones are its centre."""
+    points = generator.normal(size=(count, 3))
+    points *= 0.9 * np.cbrt(generator.uniform(size=(count, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
+    points[: count // 8] = 0
+    return points
+
+
+def inside_knot(count, generator):
+    """Points near the curve in the middle of the tube."""
+    t = generator.uniform(0, 2 * np.pi, count)
+    reach = RADIUS + TUBE * np.cos(LOOPS * t)
+    curve = np.stack((reach * np.cos(TURNS * t), reach * np.sin(TURNS * t), TUBE * np.sin(LOOPS * t)), axis=1)
+    offset = generator.normal(size=(count, 3))
+    return curve + INSIDE * generator.uniform(size=(count, 1)) * offset / np.linalg.norm(offset, axis=1, keepdims=True)
+
+
+def deep_inside(mesh):
+    """A function like the others for any closed mesh: points with a distance to its surface."""
+    low, size = mesh.vertices.min(axis=0) + mesh.origin, np.ptp(mesh.vertices, axis=0)
+    with Tracer(build(mesh)) as tracer:
+        points = low + np.random.default_rng(52).uniform(size=(20_000, 3)) * size
+        points = points[tracer.signed_distance(points) > 0.03 * size.max()]
+    assert len(points) > 500
+    return lambda count, generator: points[generator.integers(0, len(points), count)]
+
+
+def scan_path(name):
+    """Where a scan is, or where it would be."""
+    return Path(os.environ.get("CLBVH_MESHES", "")) / name
+
+
+BUNNY = "bun_zipper.ply"
+NAMES = ("icosphere", "knot", "bunny")
+
+
+def open_closed_mesh(name, *, larger=1):
+    """Return a closed mesh around its own zero, and a function from a count and a generator to points inside."""
+    if name == "bunny":
+        rebased = close_holes(load_mesh(scan_path(BUNNY)))
+        inside = deep_inside(rebased)
+    elif name == "knot":
+        rebased, inside = make_shape("knot", triangles=20_000 * larger, seed=1), inside_knot
+    else:
+        rebased, inside = make_shape("icosphere", triangles=5120 * larger), inside_sphere
+    # Every edge belongs to two triangles, once in each sense.
+    edges = np.concatenate([rebased.faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))])
+    assert np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    return centred(rebased), lambda count, generator: as_float32(inside(count, generator) - rebased.origin)
+
+
+def rays_at(targets, inside, count, generator):
+    return aim(inside(count, generator), targets[generator.integers(0, len(targets), count)])
+
+
+def at_vertices(mesh, inside, count, generator):
+    return rays_at(mesh.vertices, inside, count, generator)
+
+
+def at_edges(mesh, inside, count, generator):
+    return rays_at(edge_midpoints(mesh), inside, count, generator)
+
+
+def along_axes(mesh, inside, count, generator):
+    """From points that share coordinates with vertices where that is inside: in the planes of boxes."""
+    origins = inside(count, generator)
+    vertices = mesh.vertices[generator.integers(0, len(mesh.vertices), count)].astype(np.float64)
+    axis = generator.integers(0, 3, count)[:, None] == np.arange(3)
+    margin = min(0.05, 0.025 * float(np.ptp(mesh.vertices, axis=0).max()))
+    near = axis & (np.abs(vertices - origins) < margin)
+    return np.where(near, vertices, origins), AXES[generator.integers(0, 6, count)].astype(np.float64)
+
+
+def nearly_along_axes(mesh, inside, count, generator):
+    origins, directions = along_axes(mesh, inside, count, generator)
+    tilt = 10 ** generator.uniform(-44, -4, directions.shape) * generator.choice([-1, 1], directions.shape)
+    return origins, as_float32(np.where(directions == 0, tilt, directions))
+
+
+def anywhere(mesh, inside, count, generator):
+    return as_float32(inside(count, generator)), as_float32(generator.normal(size=(count, 3)))
+
+
+MAKERS = [at_vertices, at_edges, along_axes, nearly_along_axes, anywhere]
+
+
+def border_edges(faces):
+    """Edges (n, 2) that belong to one triangle only, in that triangle's sense."""
+    edges = np.concatenate([faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))]).astype(np.int64)
+    base = edges.max() + 1
+    keys, back = edges[:, 0] * base + edges[:, 1], edges[:, 1] * base + edges[:, 0]
+    kept, count = np.unique(np.concatenate((keys, back)), return_counts=True)
+    return edges[np.isin(keys, kept[count == 1])]
+
+
+def close_holes(mesh):
+    """The mesh with a vertex in the middle of each hole's loop, joined to its border.
+
+    What is left is closed in the sense of parity: every edge belongs to an even number of triangles. Triangles at edges
+    that more than two share may cross each other; counts do not mind.
+    """
+    border = border_edges(mesh.faces)
+    if len(border) == 0:
+        return mesh
+    # Loops are the connected parts of the border's graph: the smallest vertex in reach is a loop's name.
+    names = np.arange(len(mesh.vertices))
+    while True:
+        least = np.minimum(names[border[:, 0]], names[border[:, 1]])
+        before = names.copy()
+        np.minimum.at(names, border[:, 0], least)
+        np.minimum.at(names, border[:, 1], least)
+        if np.array_equal(names, before):
+            break
+    loops, loop_of_edge = np.unique(names[border[:, 0]], return_inverse=True)
+    middles = np.stack([mesh.vertices[border[loop_of_edge == loop, 0]].mean(axis=0) for loop in range(len(loops))])
+    lids = np.stack((border[:, 1], border[:, 0], len(mesh.vertices) + loop_of_edge), axis=1)
+    return Mesh.from_arrays(
+        np.concatenate((mesh.vertices + mesh.origin, middles + mesh.origin)),
+        np.concatenate((mesh.faces, lids)),
+        name=f"{mesh.name}, closed",
+    )
