@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ..errors import ClbvhError, DeviceError
-from . import devices, doctor, fetch, render, stats
+from . import devices, doctor, fetch, render, stats, tune
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -28,6 +28,7 @@ app.command(name="stats")(stats.stats)
 app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)
 app.command(name="doctor")(doctor.doctor)
+app.command(name="tune")(tune.tune)
 
 
 def _print_version(wanted: bool) -> None:

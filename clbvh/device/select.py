@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..errors import DeviceError
+from .settings import find_settings
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
@@ -22,10 +23,6 @@ KINDS = ("gpu", "accelerator", "cpu")
 
 # What an OpenCL loader answers when no driver is registered (extension cl_khr_icd).
 _PLATFORM_NOT_FOUND = -1001
-
-# A CPU's vector unit works inside a work-item, a GPU's across them.
-_LAYOUT_OF_KIND = {"gpu": "bvh2", "accelerator": "bvh2", "cpu": "bvh8"}
-_LAYOUT_OF_ANY = "bvh2"
 
 
 @dataclass(frozen=True)
@@ -251,8 +248,8 @@ def number_devices(devices: Sequence[DeviceInfo]) -> tuple[DeviceInfo, ...]:
 
 
 def preferred_layout(info: DeviceInfo) -> str:
-    """Return the tree layout that suits a device when the user does not choose one."""
-    return _LAYOUT_OF_KIND.get(info.kind, _LAYOUT_OF_ANY)
+    """Return the tree layout of a device when the user does not choose one: the measured one, or that of its kind."""
+    return find_settings(info).layout
 
 
 def _describe(cl: Any, platform: Any, cl_device: Any) -> DeviceInfo:

@@ -7,14 +7,12 @@ from numpy.typing import NDArray
 
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
+from ..device.settings import find_settings
 from ..layout import HIT
 from ..trace.device_tree import DeviceTree
 
 # Pixels per kernel launch: 320 MiB of colours and hits on the device. A 4K picture is one launch.
 BAND_PIXELS = 2**24
-
-# Work-items of a work-group: a square tile, whose rays take similar paths.
-TILE = (8, 8)
 
 _CHANNELS = 4
 
@@ -27,6 +25,8 @@ class FrameRenderer:
     session : DeviceSession
     tree : DeviceTree
         In the same session.
+    tile : (int, int), optional
+        Columns and rows of a work-group; what suits the device without it.
 
     Raises
     ------
@@ -34,9 +34,10 @@ class FrameRenderer:
         The device's compiler refuses the kernel.
     """
 
-    def __init__(self, session: DeviceSession, tree: DeviceTree) -> None:
+    def __init__(self, session: DeviceSession, tree: DeviceTree, tile: tuple[int, int] | None = None) -> None:
         self._session = session
         self._tree = tree
+        self._tile = find_settings(session.info).tile if tile is None else tile
         self._kernel = build_kernel(session, "render", tree.defines)
 
     def render(self, view: NDArray[np.void]) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
@@ -64,7 +65,7 @@ class FrameRenderer:
             for first_row in range(0, height, band_rows):
                 row_count = min(band_rows, height - first_row)
                 session.run(
-                    self._kernel, (width, row_count), TILE,
+                    self._kernel, (width, row_count), self._tile,
                     *self._tree.arguments, view_buffer, np.int32(first_row), np.int32(row_count),
                     colour_buffer, hit_buffer,
                 )  # fmt: skip

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..closing import Closing
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
+from ..device.settings import find_settings
 from ..layout import RAY
 from .device_tree import DeviceTree
 from .host_threads import HostThreads
@@ -19,9 +20,6 @@ from .rays import RayBatch, RayBox, pack_rays
 
 # Rays or points per kernel launch: 48 MiB of rays and hits, whatever the size of the batch.
 CHUNK_RAYS = 2**20
-
-# Work-items per work-group. Small groups balance better on CPUs; GPUs run at least one whole warp or wavefront.
-_GROUP_SIZE = 64
 
 Progress = Callable[[int, int], None]
 Packer = Callable[[int, int, NDArray[np.void]], None]
@@ -44,6 +42,7 @@ class Caster(Closing):
         self.tree = tree
         self.threads = HostThreads()
         self.box = box
+        self._group_size = find_settings(session.info).group_size
         self._kernels: dict[str, Any] = {}
         self._buffers: dict[str, tuple[Any, int]] = {}
 
@@ -135,7 +134,7 @@ class Caster(Closing):
         count = row_count if result_count is None else result_count
         results = self._buffer("results", count, dtype)
         self.session.run(
-            self._kernel(query), (row_count,), (_GROUP_SIZE,),
+            self._kernel(query), (row_count,), (self._group_size,),
             *self.tree.arguments, self._buffers["given"][0], results, np.int32(row_count), *arguments,
         )  # fmt: skip
         with self.session.mapped(results, count, dtype, write=False) as found:

@@ -1,0 +1,162 @@
+"""Measures which layout, work-group and tile are the fastest on a device: the answer behind `clbvh tune`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..build.builder import build
+from ..device.program import build_kernel
+from ..device.select import DeviceInfo
+from ..device.session import DeviceSession
+from ..device.settings import Settings, default_settings
+from ..geometry import Mesh
+from ..geometry.shapes import make_shape
+from ..layout import HIT, LAYOUT_WIDTHS, RAY
+from ..trace.device_tree import DeviceTree
+from .camera import Camera, frame_points
+from .frame import FrameRenderer
+from .scene import MeshSource, Scene
+from .view import make_view
+
+TRIANGLES = 100_000
+WIDTH, HEIGHT = 640, 360
+_RUNS = 5
+
+_GROUP_SIZES = (16, 32, 64, 128, 256)
+_TILES = ((4, 4), (8, 4), (8, 8), (16, 8), (16, 16), (32, 4), (64, 1))
+
+# What is not faster by this share than the rule's choice does not replace it: that may be chance.
+_LEAST_GAIN = 0.02
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One thing that was measured.
+
+    Attributes
+    ----------
+    what : str
+        ``"layout"``, ``"group size"`` or ``"tile"``.
+    choice : str
+    ms : float
+        Of the kernels, the fastest of several runs: one over neighbouring and one over shuffled rays, or a picture.
+    is_best : bool
+        Whether it was chosen.
+    """
+
+    what: str
+    choice: str
+    ms: float
+    is_best: bool = False
+
+
+def tune(
+    device: DeviceInfo | str | int | None = None, *, triangles: int = TRIANGLES, size: tuple[int, int] = (WIDTH, HEIGHT)
+) -> tuple[DeviceInfo, Settings, list[Trial]]:
+    """Measure a device; nothing is kept.
+
+    Parameters
+    ----------
+    device : DeviceInfo, str, int or None
+        See `Tracer`.
+    triangles : int
+        Of the procedural mesh.
+    size : (int, int)
+        Width and height of the picture.
+
+    Returns
+    -------
+    info : DeviceInfo
+    settings : Settings
+        The fastest ones.
+    trials : list of Trial
+        Everything that was measured.
+
+    Raises
+    ------
+    DeviceError
+        There is no such device, or it fails.
+    """
+    mesh = make_shape("knot", triangles=triangles)
+    bvh = build(mesh)
+    camera = frame_points(mesh.vertices, mesh.origin, aspect=size[0] / size[1])
+    with DeviceSession(device) as session:
+        chosen = default_settings(session.info)
+        trials: list[Trial] = []
+        trees = {layout: DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS}
+        orders = [session.upload(rays) for rays in _make_rays(camera, mesh, size)]
+        ray_count = size[0] * size[1]
+        results = session.allocate(ray_count * HIT.itemsize)
+        largest = session.info.cl_device.max_work_group_size
+
+        def casts(tree: DeviceTree, group_size: int) -> Callable[[], None]:
+            kernel = build_kernel(session, "closest_hit", tree.defines)
+
+            def run() -> None:
+                for rays in orders:
+                    session.run(
+                        kernel, (ray_count,), (group_size,), *tree.arguments, rays, results, np.int32(ray_count)
+                    )
+
+            return run
+
+        tasks: dict[Any, Callable[[], None]] = {
+            layout: casts(tree, chosen.group_size) for layout, tree in trees.items()
+        }
+        layout = _choose(trials, "layout", _measure(session, tasks), chosen.layout)
+        tree = trees[layout]
+        tasks = {group_size: casts(tree, group_size) for group_size in _GROUP_SIZES if group_size <= largest}
+        group_size = _choose(trials, "group size", _measure(session, tasks), chosen.group_size)
+
+        scene = Scene(mesh=MeshSource(shape="knot"), width=size[0], height=size[1], shading="lambert+shadow")
+        view = make_view(scene, camera, mesh)
+        tasks = {
+            tile: _renders(FrameRenderer(session, tree, tile), view) for tile in _TILES if tile[0] * tile[1] <= largest
+        }
+        tile = _choose(trials, "tile", _measure(session, tasks), chosen.tile)
+        chosen = Settings(layout, group_size, tile, is_measured=True)
+        return session.info, chosen, trials
+
+
+def _make_rays(camera: Camera, mesh: Mesh, size: tuple[int, int]) -> list[NDArray[np.void]]:
+    """Return the rays of a picture, in its order and shuffled."""
+    origins, directions = camera.rays(*size)
+    rays = np.zeros(size[0] * size[1], RAY)
+    rays["origin"] = origins.reshape(-1, 3) - mesh.origin
+    rays["direction"] = directions.reshape(-1, 3)
+    rays["t_max"] = np.inf
+    return [rays, np.random.default_rng(0).permutation(rays)]
+
+
+def _renders(renderer: FrameRenderer, view: NDArray[np.void]) -> Callable[[], None]:
+    def run() -> None:
+        renderer.render(view)
+
+    return run
+
+
+def _measure(session: DeviceSession, tasks: dict[Any, Callable[[], None]]) -> dict[Any, float]:
+    """Return the least milliseconds that the kernels of each task took; the tasks take turns."""
+    best = dict.fromkeys(tasks, np.inf)
+    for _ in range(_RUNS):
+        for name, task in tasks.items():
+            before = session.times.sums_ms().get("kernel", 0.0)
+            task()
+            best[name] = min(best[name], session.times.sums_ms()["kernel"] - before)
+    return best
+
+
+def _choose(trials: list[Trial], what: str, ms: dict[Any, float], usual: Any) -> Any:
+    """Return the fastest choice, or the usual one where that is as fast; note all of them."""
+    best = min(ms, key=lambda choice: ms[choice])
+    if usual in ms and ms[best] > (1 - _LEAST_GAIN) * ms[usual]:
+        best = usual
+    for choice, its_ms in ms.items():
+        text = " x ".join(map(str, choice)) if isinstance(choice, tuple) else str(choice)
+        trials.append(Trial(what, text, float(its_ms), choice == best))
+    return best

@@ -1,0 +1,113 @@
+"""What was measured on a device is found again, there and nowhere else."""
+
+import dataclasses
+import json
+
+import pytest
+
+from clbvh.device.select import preferred_layout
+from clbvh.device.settings import Settings, default_settings, find_settings, keep_settings, settings_path
+from clbvh.errors import ConfigError
+
+MEASURED = Settings("bvh4", 128, (16, 4), is_measured=True)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLBVH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def info(session):
+    return session.info
+
+
+def test_without_a_measurement_the_kind_decides(info):
+    for kind, layout in (("gpu", "bvh2"), ("accelerator", "bvh2"), ("cpu", "bvh8"), ("other", "bvh2")):
+        settings = find_settings(dataclasses.replace(info, kind=kind))
+        assert settings == Settings(layout, 64, (8, 8))
+        assert not settings.is_measured
+
+
+def test_what_is_kept_is_found(info, cache):
+    path = keep_settings(info, MEASURED)
+    assert path == settings_path(info)
+    assert path.is_relative_to(cache)
+    assert find_settings(info) == MEASURED
+    assert preferred_layout(info) == info.layout == "bvh4"
+    facts = json.loads(path.read_text())
+    assert (facts["device"], facts["driver_version"]) == (info.name, info.driver_version)
+
+
+@pytest.mark.parametrize("field", ["name", "platform", "platform_version", "driver_version"])
+def test_another_device_or_driver_knows_nothing_of_it(info, field):
+    keep_settings(info, MEASURED)
+    other = dataclasses.replace(info, **{field: "another"})
+    assert find_settings(other) == default_settings(other)
+    assert find_settings(dataclasses.replace(info, number=7)) == MEASURED
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "{", "[]", "null", "{}", '{"layout": "bvh8"}',
+        '{"layout": "brute", "group_size": 64, "tile": [8, 8]}',
+        '{"layout": "bvh8", "group_size": 0, "tile": [8, 8]}',
+        '{"layout": "bvh8", "group_size": "many", "tile": [8, 8]}',
+        '{"layout": "bvh8", "group_size": 64, "tile": [8]}',
+        '{"layout": "bvh8", "group_size": 64, "tile": [64, 64]}',
+        '{"layout": "bvh8", "group_size": 64, "tile": [0, 8]}',
+    ],
+)  # fmt: skip
+def test_a_damaged_file_is_as_good_as_none(info, text):
+    path = keep_settings(info, MEASURED)
+    path.write_text(text)
+    assert find_settings(info) == default_settings(info)
+
+
+def test_a_cache_that_cannot_be_written_is_named(info, cache):
+    cache.write_text("a file")
+    with pytest.raises(ConfigError, match=r"cannot be kept"):
+        keep_settings(info, MEASURED)
+    assert find_settings(info) == default_settings(info)
+
+
+def test_tracers_and_pictures_use_it(session, info):
+    import numpy as np
+
+    from clbvh import Tracer, build, make_shape
+    from clbvh.render.frame import FrameRenderer
+    from clbvh.trace.device_tree import DeviceTree
+
+    mesh = make_shape("icosphere", triangles=320)
+    rays = np.tile([[0.0, 0.0, 0.0]], (100, 1)), np.random.default_rng(0).normal(size=(100, 3))
+    with Tracer(build(mesh), device=info) as usual:
+        expected = usual.closest_hit(*rays)
+    keep_settings(info, MEASURED)
+    launched = []
+    run = type(session).run
+
+    class Recorded(type(session)):
+        def run(self, kernel, work_size, group_size, *arguments):
+            launched.append(group_size)
+            run(self, kernel, work_size, group_size, *arguments)
+
+    original = session.__class__
+    session.__class__ = Recorded
+    try:
+        tree = DeviceTree(session, mesh, build(mesh))
+        from clbvh.layout import VIEW
+
+        view = np.zeros(1, VIEW)
+        view["width"], view["height"], view["forward"] = 20, 10, (0, 0, 1)
+        FrameRenderer(session, tree).render(view)
+        FrameRenderer(session, tree, (2, 2)).render(view)
+    finally:
+        session.__class__ = original
+    assert launched == [(16, 4), (2, 2)]
+    with Tracer(build(mesh), device=info) as tuned:
+        assert tuned.layout == "bvh4"
+        found = tuned.closest_hit(*rays)
+    np.testing.assert_array_equal(found.prim_id, expected.prim_id)
+    np.testing.assert_array_equal(found.t, expected.t)
