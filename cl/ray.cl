@@ -9,7 +9,6 @@ typedef struct {
     float3 inverse;  // 1 / direction; of a zero, infinity with the zero's sign
     float3 shear;    // see permute_axes: x / z, y / z and 1 / z of the permuted direction
     int axis;        // the axis of the direction's largest component
-    float2 lean;     // to which side the ray leans where it meets an edge: across it, towards the mesh's origin
     float t_min;
     float t_max;
 } path_t;
@@ -34,9 +33,6 @@ INLINED path_t make_path(const float3 origin, const float3 direction, const floa
     path.axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
     const float3 turned = permute_axes(direction, path.axis);
     path.shear = (float3)(turned.x / turned.z, turned.y / turned.z, 1.0f / turned.z);
-
-    const float3 back = permute_axes(-origin, path.axis);
-    path.lean = back.xy - path.shear.xy * back.z;
     return path;
 }
 

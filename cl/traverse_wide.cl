@@ -8,16 +8,22 @@
 #include "group.cl"
 #include "lanes.cl"
 
-// Which sides of boxes are the near ones, and the inverse direction for the far ones: see aabb.cl.
+// Where in a node the rows are with the near and the far sides of the boxes along x, y and z, and the inverse direction
+// for the far ones: see aabb.cl. Offsets, so that nothing is chosen at each node.
 typedef struct {
-    int3 is_max;
+    int3 near;
+    int3 far;
     float3 inverse_far;
 } sides_t;
 
 INLINED sides_t make_sides(const path_t *path)
 {
+    // The minima are rows 0 to 2, the maxima rows 3 to 5.
+    const int3 is_back = path->inverse < 0.0f;
+    const int3 axis = (int3)(0, 1, 2);
     sides_t sides;
-    sides.is_max = path->inverse < 0.0f;
+    sides.near = WIDTH * (axis + (is_back & 3));
+    sides.far = WIDTH * (axis + (~is_back & 3));
     sides.inverse_far = path->inverse * SLAB_SLACK;
     return sides;
 }
@@ -27,12 +33,13 @@ INLINED sides_t make_sides(const path_t *path)
 INLINED uint meets_children(
     const global node_t *node, const path_t *path, const sides_t *sides, const float limit, lanes_t *entry)
 {
-    const lanes_t near_x = load_lanes(sides->is_max.x ? node->aabb_max[0] : node->aabb_min[0]);
-    const lanes_t near_y = load_lanes(sides->is_max.y ? node->aabb_max[1] : node->aabb_min[1]);
-    const lanes_t near_z = load_lanes(sides->is_max.z ? node->aabb_max[2] : node->aabb_min[2]);
-    const lanes_t far_x = load_lanes(sides->is_max.x ? node->aabb_min[0] : node->aabb_max[0]);
-    const lanes_t far_y = load_lanes(sides->is_max.y ? node->aabb_min[1] : node->aabb_max[1]);
-    const lanes_t far_z = load_lanes(sides->is_max.z ? node->aabb_min[2] : node->aabb_max[2]);
+    const global float *rows = (const global float *)node;
+    const lanes_t near_x = load_lanes(rows + sides->near.x);
+    const lanes_t near_y = load_lanes(rows + sides->near.y);
+    const lanes_t near_z = load_lanes(rows + sides->near.z);
+    const lanes_t far_x = load_lanes(rows + sides->far.x);
+    const lanes_t far_y = load_lanes(rows + sides->far.y);
+    const lanes_t far_z = load_lanes(rows + sides->far.z);
     *entry = larger_lanes(
         (near_x - path->origin.x) * path->inverse.x,
         larger_lanes(

@@ -43,11 +43,14 @@ INLINED bool disagree(const float a, const float b, const float c)
 // An edge function, and what stands for it where it is zero: the first of its derivatives, along `lean`, x and y, that
 // is not. Only the sign counts. Where a vertex is met it is at zero, so the differences are exact; elsewhere it is
 // enough that the two triangles at the edge have them with opposite signs.
-INLINED float side_of_edge(const float edge, const float3 begin, const float3 end, const float2 lean)
+INLINED float side_of_edge(const float edge, const float3 begin, const float3 end, const path_t *path)
 {
     if (edge != 0.0f) {
         return edge;
     }
+    // To which side the ray leans: across it, towards the mesh's origin. Derived here, because it is hardly ever needed.
+    const float3 back = permute_axes(-path->origin, path->axis);
+    const float2 lean = back.xy - path->shear.xy * back.z;
     const float2 along = end.xy - begin.xy;
     const float leaning = exact_difference(lean.x, along.y, lean.y, along.x);
     return leaning != 0.0f ? leaning : along.y != 0.0f ? along.y : -along.x;
@@ -64,9 +67,9 @@ INLINED void cross_sheared(
     const float edge_b = exact_difference(a.x, c.y, a.y, c.x);
     const float edge_c = exact_difference(b.x, a.y, b.y, a.x);
     const float area = edge_a + edge_b + edge_c;
-    const float side_a = side_of_edge(edge_a, b, c, path->lean);
-    const float side_b = side_of_edge(edge_b, c, a, path->lean);
-    const float side_c = side_of_edge(edge_c, a, b, path->lean);
+    const float side_a = side_of_edge(edge_a, b, c, path);
+    const float side_b = side_of_edge(edge_b, c, a, path);
+    const float side_c = side_of_edge(edge_c, a, b, path);
     if (disagree(side_a, side_b, side_c) || area == 0.0f) {
         return;
     }
