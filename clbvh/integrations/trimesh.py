@@ -16,7 +16,6 @@ from ..device.select import choose_device
 from ..errors import DeviceError
 from ..geometry import Mesh
 from ..trace import Tracer
-from ..trace.surface import find_locations
 from ..tree import Bvh
 
 # What each ray gets at most, unless said otherwise: trimesh's default.
@@ -123,19 +122,17 @@ class RayMeshIntersector:
             nothing = np.empty(0, np.int64)
             return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
         if multiple_hits:
-            hits = self._cast("all_hits", rays, max_hits=int(max_hits))
-            order, index_ray = _order_by_depth(hits.offsets)
-        elif return_locations:
+            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
+            return _sort_by_depth(hits.offsets, hits.prim_id, hits.locations if return_locations else None)
+        if return_locations:
             hits = self._cast("closest_hit", rays)
-            order = index_ray = np.flatnonzero(hits.is_hit)
+            index_ray = np.flatnonzero(hits.is_hit)
+            hits = hits.take(index_ray)
         else:
             prim_id = self._cast("closest_prim", rays)
             index_ray = np.flatnonzero(prim_id >= 0)
             return prim_id[index_ray].astype(np.int64), index_ray
-        index_tri = hits.prim_id[order].astype(np.int64)
-        if not return_locations:
-            return index_tri, index_ray
-        return index_tri, index_ray, find_locations(hits.mesh, hits.prim_id, hits.u, hits.v, order)
+        return hits.prim_id.astype(np.int64), index_ray, hits.locations
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
         """Return (n,) int32: the first triangle that each ray hits, -1 if there is none.
@@ -273,9 +270,19 @@ def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any],
     return rays
 
 
+def _sort_by_depth(
+    offsets: NDArray[np.int64], prim_id: NDArray[np.int32], locations: NDArray[np.float64] | None
+) -> tuple[NDArray[Any], ...]:
+    """Return triangles, rays and locations with the first crossings of all rays first, then the second ones."""
+    given = np.empty((0, 3)) if locations is None else locations
+    index_tri, index_ray = np.empty(len(prim_id), np.int64), np.empty(len(prim_id), np.int64)
+    sorted_locations = np.empty_like(given)
+    _fill_by_depth(offsets, prim_id, given, index_tri, index_ray, sorted_locations)
+    return (index_tri, index_ray) if locations is None else (index_tri, index_ray, sorted_locations)
+
+
 @njit(cache=True, nogil=True)
-def _order_by_depth(offsets):  # type: ignore[no-untyped-def]
-    """Return in which order crossings come when the first ones of all rays stand first, and the ray of each."""
+def _fill_by_depth(offsets, prim_id, locations, index_tri, index_ray, sorted_locations):  # type: ignore[no-untyped-def]
     ray_count = len(offsets) - 1
     most = 0
     for ray in range(ray_count):
@@ -286,10 +293,11 @@ def _order_by_depth(offsets):  # type: ignore[no-untyped-def]
         for depth in range(offsets[ray + 1] - offsets[ray]):
             next_place[depth + 1] += 1
     next_place = np.cumsum(next_place)
-    order, index_ray = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
     for ray in range(ray_count):
         for depth in range(offsets[ray + 1] - offsets[ray]):
-            place = next_place[depth]
+            place, source = next_place[depth], offsets[ray] + depth
             next_place[depth] += 1
-            order[place], index_ray[place] = offsets[ray] + depth, ray
-    return order, index_ray
+            index_tri[place], index_ray[place] = prim_id[source], ray
+            if len(locations) > 0:
+                for axis in range(3):
+                    sorted_locations[place, axis] = locations[source, axis]

@@ -6,6 +6,7 @@ Bounded memory on the device, whatever the number of crossings.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,7 +17,7 @@ from ..layout import HIT, NO_PRIM
 from .caster import Caster, Progress
 from .hits import AllHits
 from .rays import RayBatch
-from .refine import refine_hits
+from .refine import refine_runs
 
 # Crossings on the device at a time: 32 MiB. A single ray with more gets what it needs.
 MOST_CROSSINGS = 2**21
@@ -31,6 +32,14 @@ NO_LIMIT = np.iinfo(np.int32).max
 _COUNT = np.dtype(np.int32)
 
 
+class _Piece(NamedTuple):
+    """The first hits of some rays, one behind the other."""
+
+    begin: int
+    end: int
+    found: NDArray[np.void]
+
+
 def count_crossings(
     caster: Caster, batch: RayBatch, max_hits: int | None, progress: Progress | None
 ) -> NDArray[np.int32]:
@@ -43,41 +52,59 @@ def count_crossings(
 
 
 def find_crossings(
-    caster: Caster, mesh: Mesh, batch: RayBatch, max_hits: int | None, progress: Progress | None
+    caster: Caster,
+    mesh: Mesh,
+    batch: RayBatch,
+    max_hits: int | None,
+    progress: Progress | None,
+    *,
+    with_locations: bool = False,
 ) -> AllHits:
     """Return the crossings of each ray in the order along it, the `max_hits` nearest ones at most."""
     places = min(FIRST_PLACES, max_hits or FIRST_PLACES)
     counts = np.empty(len(batch), np.int64)
-    pieces: list[tuple[int, int, NDArray[np.void]]] = []
+    pieces: list[_Piece] = []
     for begin, end in caster.ray_chunks(batch, progress, most_rows=max(1, MOST_CROSSINGS // places)):
-        part = counts[begin:end]
-        found = _find_first(caster, places, part)
-        crowded = np.flatnonzero(part == places)
-        if len(crowded) and places != max_hits:
-            found = _replace(found, part, crowded, *_find_all(caster, batch.take(begin + crowded), max_hits))
-        pieces.append((begin, end, found))
+        pieces += _find_first(caster, begin, places, counts[begin:end])
 
-    offsets = _running_sums(counts)
-    total = int(offsets[-1])
-    hits = AllHits(np.empty(total), np.empty(total), np.empty(total), np.empty(total, np.int32), mesh, offsets=offsets)
-    for begin, end, found in pieces:
-        _refine(caster, mesh, batch, begin, end, found, hits)
+    # Rays that fill their places may have more.
+    crowded = np.flatnonzero(counts == places) if places != max_hits else np.empty(0, np.int64)
+    crowded_batch = batch.take(crowded)
+    all_found, all_counts = _find_all(caster, crowded_batch, max_hits)
+    first_counts = counts.copy()
+    counts[crowded] = all_counts
+
+    begins = np.cumsum(counts) - counts
+    total = int(counts.sum())
+    hits = AllHits(
+        np.empty(total), np.empty(total), np.empty(total), np.empty(total, np.int32), mesh,
+        offsets=np.append(begins, total), known_locations=np.empty((total, 3)) if with_locations else None,
+    )  # fmt: skip
+    fields = (hits.t, hits.u, hits.v, hits.prim_id, np.empty((0, 3)) if not with_locations else hits.locations)
+
+    def refine(piece: _Piece) -> None:
+        rows = slice(piece.begin, piece.end)
+        rays = batch.part(piece.begin, piece.end)
+        refine_runs(rays, mesh, piece.found, first_counts[rows], begins[rows], *fields)
+
+    caster.threads.run(refine, [(piece,) for piece in pieces])
+    refine_runs(crowded_batch.part(0, len(crowded)), mesh, all_found, all_counts, begins[crowded], *fields)
     return hits
 
 
-def _find_first(caster: Caster, places: int, counts: NDArray[np.int64]) -> NDArray[np.void]:
-    """Return the first hits of the rays on the device, without gaps; write how many each ray has."""
+def _find_first(caster: Caster, begin: int, places: int, counts: NDArray[np.int64]) -> list[_Piece]:
+    """Return the first hits of the rays on the device, without gaps, and write how many each ray has."""
+    pieces: list[_Piece] = []
     with caster.cast("first_hits", len(counts), HIT, np.int32(places), result_count=len(counts) * places) as kept:
         rows = kept.reshape(len(counts), places)
-        caster.threads.for_ranges(
-            len(counts), lambda first, last: _count_kept(rows["prim_id"][first:last], counts[first:last])
-        )
-        offsets = _running_sums(counts)
-        found = np.empty(offsets[-1], HIT)
-        caster.threads.for_ranges(
-            len(counts), lambda first, last: _close_gaps(rows[first:last], offsets[first : last + 1], found)
-        )
-    return found
+
+        def close_gaps(first: int, last: int) -> None:
+            found = np.empty(_count_kept(rows["prim_id"][first:last], counts[first:last]), HIT)
+            _close_gaps(rows[first:last], counts[first:last], found)
+            pieces.append(_Piece(begin + first, begin + last, found))
+
+        caster.threads.for_ranges(len(counts), close_gaps)
+    return pieces
 
 
 def _find_all(caster: Caster, batch: RayBatch, max_hits: int | None) -> tuple[NDArray[np.void], NDArray[np.int64]]:
@@ -109,44 +136,6 @@ def _cut(offsets: NDArray[np.int64], most_rows: int) -> Iterator[tuple[int, int]
         first = last
 
 
-def _replace(
-    found: NDArray[np.void],
-    counts: NDArray[np.int64],
-    crowded: NDArray[np.int64],
-    rest: NDArray[np.void],
-    rest_counts: NDArray[np.int64],
-) -> NDArray[np.void]:
-    """Return hits where some rays have all of theirs in the place of their first ones; change their counts."""
-    from_rest = np.zeros(len(counts), np.bool_)
-    from_rest[crowded] = True
-    kept = found[np.repeat(~from_rest, counts)]
-    counts[crowded] = rest_counts
-    replaced = np.empty(counts.sum(), HIT)
-    is_rest = np.repeat(from_rest, counts)
-    replaced[is_rest], replaced[~is_rest] = rest, kept
-    return replaced
-
-
-def _refine(
-    caster: Caster, mesh: Mesh, batch: RayBatch, begin: int, end: int, found: NDArray[np.void], hits: AllHits
-) -> None:
-    """Write the crossings of some rays in float64."""
-    offsets = hits.offsets
-    first_hit = offsets[begin]
-
-    def refine(first: int, last: int) -> None:
-        of_rays = offsets[begin + first : begin + last + 1]
-        rows = slice(of_rays[0], of_rays[-1])
-        refine_hits(
-            batch.part(begin + first, begin + last), mesh, found[of_rays[0] - first_hit : of_rays[-1] - first_hit],
-            hits.t[rows], hits.u[rows], hits.v[rows], hits.prim_id[rows],
-            np.repeat(np.arange(last - first), np.diff(of_rays)),
-        )  # fmt: skip
-        _keep_order(of_rays, hits.t)
-
-    caster.threads.for_ranges(end - begin, refine)
-
-
 def _running_sums(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return (n + 1,) int64: where each ray's crossings begin, and where the last one's end."""
     offsets = np.zeros(len(counts) + 1, np.int64)
@@ -156,29 +145,22 @@ def _running_sums(counts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @njit(cache=True, nogil=True)
 def _count_kept(prim_ids, counts):  # type: ignore[no-untyped-def]
-    """Count the hits before the first miss of each row."""
+    """Write how many hits come before the first miss of each row; return their sum."""
+    total = 0
     for ray in range(len(prim_ids)):
         count = 0
         while count < prim_ids.shape[1] and prim_ids[ray, count] != NO_PRIM:
             count += 1
         counts[ray] = count
+        total += count
+    return total
 
 
 @njit(cache=True, nogil=True)
-def _close_gaps(rows, offsets, found):  # type: ignore[no-untyped-def]
-    """Copy the hits of each row to where they belong."""
+def _close_gaps(rows, counts, found):  # type: ignore[no-untyped-def]
+    """Copy the hits of each row, one behind the other."""
+    place = 0
     for ray in range(len(rows)):
-        for hit in range(offsets[ray + 1] - offsets[ray]):
-            found[offsets[ray] + hit] = rows[ray, hit]
-
-
-@njit(cache=True, nogil=True)
-def _keep_order(offsets, t):  # type: ignore[no-untyped-def]
-    """Raise each t to that of the crossing before it on the ray.
-
-    The device's order holds for all queries, so that `all_hits` begins with what `closest_hit` finds. Where two
-    crossings are closer than float32 resolves, float64 may see them the other way round.
-    """
-    for ray in range(len(offsets) - 1):
-        for hit in range(offsets[ray] + 1, offsets[ray + 1]):
-            t[hit] = max(t[hit], t[hit - 1])
+        for hit in range(counts[ray]):
+            found[place] = rows[ray, hit]
+            place += 1

@@ -87,9 +87,18 @@ class AllHits(Hits):
     ----------
     offsets : (n + 1,) int64
         The crossings of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
+    known_locations : (m, 3) float64 or None
+        What `locations` returns, where it was found along with the hits.
     """
 
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
+
+    known_locations: NDArray[np.float64] | None = field(default=None, repr=False, kw_only=True)
+
+    @property
+    def locations(self) -> NDArray[np.float64]:
+        """(m, 3) float64, the file's coordinates: where the triangles are crossed."""
+        return super().locations if self.known_locations is None else self.known_locations
 
     @property
     def counts(self) -> NDArray[np.int64]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from ..closing import Closing
 
@@ -28,13 +29,23 @@ class HostThreads(Closing):
         """
         range_count = max(1, min(self._core_count, row_count // _LEAST_ROWS))
         bounds = [row_count * place // range_count for place in range(range_count + 1)]
-        if range_count > 1 and self._pool is None:
-            self._pool = ThreadPoolExecutor(self._core_count - 1, thread_name_prefix="clbvh")
-        others = [self._pool.submit(task, *part) for part in itertools.pairwise(bounds[1:]) if self._pool is not None]
+        self.run(task, list(itertools.pairwise(bounds)))
+
+    def run(self, task: Callable[..., None], argument_lists: Sequence[tuple[Any, ...]]) -> None:
+        """Call a task with each of several lists of arguments, side by side; see `for_ranges`."""
+        if len(argument_lists) > 1 and self._pool is None:
+            self._pool = ThreadPoolExecutor(max(1, self._core_count - 1), thread_name_prefix="clbvh")
+        others = [self._pool.submit(task, *arguments) for arguments in argument_lists[1:] if self._pool is not None]
+        errors: list[BaseException | None] = []
         try:
-            task(bounds[0], bounds[1])
+            for arguments in argument_lists[:1]:
+                task(*arguments)
+            # What nobody has begun yet is done here.
+            for other, arguments in zip(reversed(others), reversed(argument_lists[1:]), strict=True):
+                if other.cancel():
+                    task(*arguments)
         finally:
-            errors = [other.exception() for other in others]
+            errors = [other.exception() for other in others if not other.cancelled()]
         for error in errors:
             if error is not None:
                 raise error

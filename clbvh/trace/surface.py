@@ -16,22 +16,17 @@ def find_locations(
     prim_id: NDArray[np.int32],
     u: NDArray[np.floating],
     v: NDArray[np.floating],
-    order: NDArray[np.int64] | None = None,
 ) -> NDArray[np.float64]:
-    """Return (..., 3) float64, the file's coordinates: ``(1 - u - v) a + u b + v c``; NaN without a face.
-
-    With `order`, (m, 3) places of those rows in that order.
-    """
-    places = np.empty((*(prim_id if order is None else order).shape, 3))
+    """Return (..., 3) float64, the file's coordinates: ``(1 - u - v) a + u b + v c``; NaN without a face."""
+    places = np.empty((*prim_id.shape, 3))
     rows = places.reshape(-1, 3)
-    wanted = np.arange(len(rows)) if order is None else order
     prims = np.ascontiguousarray(prim_id).reshape(-1)
     us, vs = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v))
     with HostThreads() as threads:
         threads.for_ranges(
             len(rows),
             lambda first, last: _locate(
-                mesh.vertices, mesh.faces, mesh.origin, prims, us, vs, wanted[first:last],
+                mesh.vertices, mesh.faces, mesh.origin, prims[first:last], us[first:last], vs[first:last],
                 rows[first:last],
             ),
         )  # fmt: skip
@@ -51,16 +46,16 @@ def find_normals(mesh: Mesh, prim_id: NDArray[np.int32]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _locate(vertices, faces, origin, prim_ids, us, vs, wanted, places):  # type: ignore[no-untyped-def]
-    for row in range(len(wanted)):
-        prim, u, v = prim_ids[wanted[row]], us[wanted[row]], vs[wanted[row]]
+def _locate(vertices, faces, origin, prim_ids, us, vs, places):  # type: ignore[no-untyped-def]
+    for row in range(len(prim_ids)):
+        prim, u, v = prim_ids[row], us[row], vs[row]
         for axis in range(3):
             if prim == NO_PRIM:
                 places[row, axis] = np.nan
                 continue
             a = np.float64(vertices[faces[prim, 0], axis])
             ab, ac = vertices[faces[prim, 1], axis] - a, vertices[faces[prim, 2], axis] - a
-            places[row, axis] = origin[axis] + (a + u * ab + v * ac)
+            places[row, axis] = origin[axis] + (a + (u * ab + v * ac))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
