@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..layout import NO_PRIM
-from .hits import Hits
+from .hits import AllHits, Hits
 
 # How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
 # 2^-24 times the distance from the ray's origin. The watertight test rounds each coordinate about six times.
@@ -90,6 +90,60 @@ def find_differences(
         Difference(int(ray), float(hits.t[ray]), int(hits.prim_id[ray]), float(nearest_sure[ray]), int(sure_prim[ray]))
         for ray in np.flatnonzero(wrong)
     ]
+
+
+def find_wrong_crossings(
+    mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: AllHits
+) -> NDArray[np.int64]:
+    """Return the rays whose crossings cannot be all that there are.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    origins, directions : (n, 3) float64, relative to the mesh's origin
+    hits : AllHits
+        What some traversal found for n rays, without limits.
+
+    Returns
+    -------
+    (m,) int64
+        Rays that surely miss a triangle they are said to cross, surely cross one they are not, or cross one twice.
+
+    Notes
+    -----
+    O(rays x triangles).
+    """
+    is_wrong = np.zeros(len(origins), np.bool_)
+    _judge_crossings(
+        mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
+        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
+        hits.offsets, hits.prim_id, _ROUNDINGS * _FLOAT32_ROUNDING, is_wrong,
+    )  # fmt: skip
+    return np.flatnonzero(is_wrong)
+
+
+@njit(cache=True, nogil=True)
+def _judge_crossings(  # type: ignore[no-untyped-def]
+    vertices, faces, degenerate, origins, directions, offsets, prim_ids, rounding, is_wrong
+):
+    """Compare every ray's crossings with every triangle; see `find_wrong_crossings`."""
+    verdict = np.empty(3, np.float64)
+    frame = np.empty((3, 3), np.float64)
+    found_by = np.full(len(faces), -1, np.int64)
+    for ray in range(len(origins)):
+        _make_frame(directions[ray], frame)
+        for place in range(offsets[ray], offsets[ray + 1]):
+            is_wrong[ray] |= found_by[prim_ids[place]] == ray
+            found_by[prim_ids[place]] = ray
+        for prim in range(len(faces)):
+            is_found = found_by[prim] == ray
+            if degenerate[prim]:
+                is_wrong[ray] |= is_found
+                continue
+            _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
+            surely_crossed = verdict[0] > 0.0 and verdict[1] > verdict[2]
+            surely_missed = verdict[0] < 0.0 or (verdict[0] > 0.0 and verdict[1] < -verdict[2])
+            is_wrong[ray] |= (surely_crossed and not is_found) or (surely_missed and is_found)
 
 
 @njit(cache=True, nogil=True)

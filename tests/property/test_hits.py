@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clbvh import Mesh, build
+from clbvh import Mesh, Tracer, build
 from clbvh.layout import LAYOUT_WIDTHS
 from clbvh.trace import Hits
-from clbvh.trace.reference import find_differences
+from clbvh.trace.reference import find_differences, find_wrong_crossings
 
 from ..kernel.casting import open_caster
 from ..rays import centred
@@ -71,4 +71,19 @@ def test_hits_are_right_with_and_without_a_tree(opened, scene):
             is_hit = cast("any_hit", origins, directions)
         np.testing.assert_array_equal(is_hit, hits["prim_id"] >= 0)
     differences = find_differences(mesh, origins, directions, Hits.from_device(hits))
+    assert [str(difference) for difference in differences] == []
+
+
+@settings(max_examples=60)
+@given(scene=scenes())
+def test_all_crossings_are_right_and_every_query_agrees(opened, scene):
+    mesh, leaf_size, origins, directions = scene
+    with Tracer(build(mesh, leaf_size=leaf_size), device=opened.info) as tracer:
+        hits = tracer.all_hits(origins, directions)
+        closest = tracer.closest_hit(origins, directions)
+        np.testing.assert_array_equal(tracer.count_hits(origins, directions), hits.counts)
+    np.testing.assert_array_equal(closest.is_hit, hits.counts > 0)
+    np.testing.assert_array_equal(hits.prim_id[hits.offsets[:-1][closest.is_hit]], closest.prim_id[closest.is_hit])
+    assert find_wrong_crossings(mesh, origins, directions, hits).tolist() == []
+    differences = find_differences(mesh, origins, directions, closest)
     assert [str(difference) for difference in differences] == []

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from clbvh import Mesh, Tracer, build
+from clbvh import AllHits, Mesh, Tracer, build
 from clbvh.geometry.shapes import make_shape
 from clbvh.trace import caster as caster_module
 from clbvh.trace import crossings as crossings_module
+from clbvh.trace.reference import find_wrong_crossings
 
 from ..rays import centred, hard_rays
 
@@ -66,6 +67,32 @@ def test_crossings_are_ordered_and_belong_to_their_rays(rays, expected):
     distance = np.linalg.norm(on_ray - expected.locations, axis=1)
     assert np.quantile(distance, 0.95) < 1e-13
     assert distance.max() < 1e-3
+
+
+def test_the_reference_agrees(mesh, rays, expected):
+    assert find_wrong_crossings(mesh, *rays, expected).tolist() == []
+
+
+@pytest.mark.parametrize("wrong", ["missing", "twice", "elsewhere"])
+def test_the_reference_finds_what_is_wrong(mesh, rays, expected, wrong):
+    """One crossing of one ray at a time, of a ray that passes no edge closely."""
+    inner = (expected.u > 0.1) & (expected.v > 0.1) & (expected.u + expected.v < 0.9) & (expected.t > 0.01)
+    rows = np.flatnonzero(inner & (np.abs((expected.normals * rays[1][expected.ray_id]).sum(axis=1)) > 0.3))
+    row = rows[len(rows) // 2]
+    ray = int(expected.ray_id[row])
+    prim_id, offsets = expected.prim_id.copy(), expected.offsets.copy()
+    if wrong == "missing":
+        prim_id = np.delete(prim_id, row)
+        offsets[ray + 1 :] -= 1
+    elif wrong == "twice":
+        prim_id = np.insert(prim_id, row, prim_id[row])
+        offsets[ray + 1 :] += 1
+    else:
+        centres = mesh.vertices[mesh.faces].mean(axis=1)
+        prim_id[row] = np.argmax(np.linalg.norm(centres - centres[prim_id[row]], axis=1))
+    nothing = np.zeros(len(prim_id))
+    changed = AllHits(nothing, nothing, nothing, prim_id, mesh, offsets=offsets)
+    assert find_wrong_crossings(mesh, *rays, changed).tolist() == [ray]
 
 
 @pytest.mark.parametrize("most", [1, 2, 3, 1000])
