@@ -25,7 +25,7 @@ Source = Annotated[
     typer.Argument(
         metavar="MESH|SCENE",
         help="A mesh file (PLY, OBJ, STL, OFF, GLB), a scene file (.toml), or a shipped scene: "
-        "demo, bunny, dragon, drill, knot, terrain.",
+        "demo, bunny, dragon, drill, knot, palace, terrain.",
         show_default=False,
     ),
 ]

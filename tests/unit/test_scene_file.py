@@ -11,7 +11,7 @@ from clbvh.render.scene import MeshSource, Scene, Transform
 from clbvh.render.scene_file import open_scene, read_scene
 from clbvh.resources import find_folder
 
-SHIPPED = ("bunny", "demo", "dragon", "drill", "knot", "terrain")
+SHIPPED = ("bunny", "demo", "dragon", "drill", "knot", "palace", "terrain")
 
 WHOLE = """
 [mesh]
