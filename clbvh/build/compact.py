@@ -14,8 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..layout import NODE_COUNT, NODE_FIRST
+from ..simd import load_row, store_row
 from .ranges import Range
-from .simd import load_row, store_row
 from .subtree import finish_node, node_place
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from .simd import empty_box, half_area, load_row, store_row, unite
+from ..simd import empty_box, half_area, load_row, store_row, unite
 
 # Four primitives can be divided in 7 ways, five in 15.
 FEW = 4

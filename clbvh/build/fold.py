@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 
 from ..layout import NODE_COUNT, NODE_FIRST, NODE_MAX
+from ..simd import half_area, load_row
 from .metadata import NEGATED_MAX
 from .options import MAX_DEPTH, MAX_LEAF_SIZE
-from .simd import half_area, load_row
 from .unfold import LINK, PRIM, ROOT
 
 

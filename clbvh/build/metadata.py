@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..simd import LANES, centroid_of, empty_box, load_point, store_row, unite
 from .ranges import Boxes
-from .simd import LANES, centroid_of, empty_box, load_point, store_row, unite
 
 if TYPE_CHECKING:
     from ..geometry import Mesh

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..layout import NODE
+from ..simd import LANES
 from ..stopwatch import Stopwatch
 from ..tree import Bvh, sah_cost
 from .fold import choose_leaves, fold
@@ -23,7 +24,6 @@ from .options import DEFAULT_QUALITY, MAX_DEPTH, BuildOptions
 from .pool import SubtreePool
 from .reinsertion import count_prims, list_rows, reinsert_below
 from .sah import build_sah
-from .simd import LANES
 from .unfold import LINK, ROOT, unfold
 
 # More bins than the default ones give a better start on scans, and now and then a worse one elsewhere: both are built,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..simd import centroid_of, empty_box, lane_of, load_row, store_row, unite
 from .metadata import NEGATED_MAX
-from .simd import centroid_of, empty_box, lane_of, load_row, store_row, unite
 from .splits import bin_scales
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .simd import LANES, half_area, load_row, store_row, unite
+from ..simd import LANES, half_area, load_row, store_row, unite
 from .unfold import LINK, PRIM
 
 # A search that has seen so many rows takes the best place so far. The mean is about 20 on scans and 40 on overlapping

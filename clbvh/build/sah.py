@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import MeshError
 from ..geometry import Mesh
 from ..layout import NODE
+from ..simd import LANES
 from ..stopwatch import Stopwatch
 from ..tree import Bvh
 from . import steps
@@ -22,7 +23,6 @@ from .metadata import NEGATED_MAX, record_slice
 from .options import BuildOptions
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
-from .simd import LANES
 from .threads import run_in_threads
 from .top import split_top, warm_up
 from .workspace import Shapes

@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .simd import (
+from ..simd import (
     LANES,
     add_to_row,
     bins_of,
     empty_box,
     half_area,
     load_row,
-    prefetch_row,
+    prefetch,
     scales_of,
     store_row,
     tally_of,
@@ -77,7 +77,7 @@ def fill_bins(records, begin, end, centroid_bounds, row, bin_count, bins):  # ty
     for index in range(3 * bin_count):
         store_row(bins, index, empty_box())
     for record in range(begin, end):
-        prefetch_row(records, record + _PREFETCH_ROWS)
+        prefetch(records, LANES * (record + _PREFETCH_ROWS))
         box = load_row(records, record)
         x, y, z = bins_of(box, lower, scales)
         add_to_row(bins, x, box)

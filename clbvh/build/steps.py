@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..simd import LANES
 from .options import MIN_BINS
 from .partition import partition
-from .simd import LANES
 from .splits import fill_bins
 from .subtree import build_subtree
 

@@ -14,11 +14,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..simd import LANES, as_node, half_area, load_row, store_row
 from .few import FEW, count_left, divide, find_division
 from .metadata import PRIM_ID
 from .options import MAX_DEPTH
 from .partition import bound_halves, partition
-from .simd import LANES, as_node, half_area, load_row, store_row
 from .splits import bin_count_for, fill_bins, find_split, make_bins, unite_sides
 
 

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..simd import LANES, TALLY
 from . import steps
 from .crew import Crew
 from .options import MIN_BINS
 from .partition import bound_halves
 from .ranges import Boxes, Range, cut_slices
-from .simd import LANES, TALLY
 from .splits import bin_count_for, find_split, unite_sides
 from .subtree import needs_halving
 

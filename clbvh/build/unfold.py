@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 
 from ..layout import NODE_COUNT, NODE_FIRST, NODE_MAX
+from ..simd import empty_box, half_area, load_row, store_row, unite
 from .metadata import NEGATED_MAX
 from .options import MAX_DEPTH, MAX_LEAF_SIZE
-from .simd import empty_box, half_area, load_row, store_row, unite
 
 LINK = 3
 PRIM = 7

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clbvh.build.metadata import record_slice
-from clbvh.build.simd import LANES
+from clbvh.simd import LANES
 
 
 def make_records(mesh):

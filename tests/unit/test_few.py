@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh.build.few import FEW, count_left, divide, find_division
-from clbvh.build.simd import LANES
+from clbvh.simd import LANES
 
 from ..soup import make_soup
 from .records import boxes_of, make_records

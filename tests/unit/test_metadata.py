@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh.build.metadata import record_slice
-from clbvh.build.simd import LANES, TALLY
+from clbvh.simd import LANES, TALLY
 
 from ..soup import make_soup
 from .records import boxes_of, make_records

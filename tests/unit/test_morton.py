@@ -14,9 +14,9 @@ from clbvh.build.morton.codes import bound_vertices, count_cells, make_grid
 from clbvh.build.morton.order import sort_records
 from clbvh.build.morton.sweep import make_sweep_scratch, sweep_cluster
 from clbvh.build.options import MAX_DEPTH
-from clbvh.build.simd import LANES
 from clbvh.geometry.shapes import make_shape
 from clbvh.layout import NODE
+from clbvh.simd import LANES
 
 from ..soup import make_soup
 from .records import boxes_of, make_records

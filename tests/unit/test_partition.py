@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh.build.partition import bound_halves, partition
-from clbvh.build.simd import LANES
+from clbvh.simd import LANES
 
 from ..soup import make_soup
 from .records import bins_by_numpy, boxes_of, make_records

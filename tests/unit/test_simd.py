@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from clbvh.build import simd
-from clbvh.build.simd import LANES
+from clbvh import simd
 from clbvh.layout import NODE
+from clbvh.simd import LANES
 
 
 @njit
@@ -136,6 +136,19 @@ def test_a_node_has_its_maximum_as_it_is(first, count):
 
 
 @njit
+def make_box(rows, row):
+    simd.store_row(rows, row, simd.box_of_node(simd.load_row(rows, row)))
+
+
+def test_the_box_of_a_node_is_what_the_node_was_made_of():
+    rows = random_rows(15)
+    expected = rows[3].copy()
+    make_node(rows, 3, 1, 2)
+    make_box(rows, 3)
+    assert rows[3, [0, 1, 2, 4, 5, 6]].tolist() == expected[[0, 1, 2, 4, 5, 6]].tolist()
+
+
+@njit
 def add(rows, row, source):
     for added in range(len(source)):
         simd.add_to_row(rows, row, simd.load_row(source, added))
@@ -152,11 +165,11 @@ def test_boxes_are_united_and_counted():
 
 @njit
 def prefetch_all(rows):
-    for row in range(2 * len(rows)):
-        simd.prefetch_row(rows, row)
+    for number in range(-1000, 2 * rows.size):
+        simd.prefetch(rows, number)
 
 
-def test_asking_for_rows_changes_none_and_may_pass_the_end():
+def test_asking_for_numbers_changes_none_and_may_pass_both_ends():
     rows = random_rows(12)
     expected = rows.copy()
     prefetch_all(rows)

@@ -7,8 +7,8 @@ import pytest
 from numba import njit
 
 from clbvh import Mesh
-from clbvh.build.simd import LANES, TALLY, lane_of
 from clbvh.build.splits import bin_count_for, bin_scales, fill_bins, find_split, make_bins, unite_sides
+from clbvh.simd import LANES, TALLY, lane_of
 
 from ..soup import make_soup
 from .records import bins_by_numpy, boxes_of, make_records, split_by_numpy

@@ -10,9 +10,9 @@ import pytest
 from clbvh import Mesh
 from clbvh.build.compact import place_subtree
 from clbvh.build.options import MAX_DEPTH
-from clbvh.build.simd import LANES
 from clbvh.build.subtree import build_subtree, needs_halving
 from clbvh.layout import NODE
+from clbvh.simd import LANES
 from clbvh.tree.descent import measure_depth
 
 from ..soup import make_soup

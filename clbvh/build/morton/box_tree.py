@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...simd import LANES, centroid_of, empty_box, load_row, store_row, unite
 from ..compact import place_subtree
 from ..metadata import PRIM_ID
-from ..simd import LANES, centroid_of, empty_box, load_row, store_row, unite
 from ..subtree import build_subtree
 
 

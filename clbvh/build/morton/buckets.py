@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...simd import store_row
 from ..metadata import PRIM_ID, box_of
-from ..simd import store_row
 
 
 @njit(cache=True, nogil=True)

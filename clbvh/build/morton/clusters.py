@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..simd import empty_box, load_row, store_row, unite
+from ...simd import empty_box, load_row, store_row, unite
 
 # Most records in a cluster. More: less time; fewer: a better tree.
 CLUSTER_SIZE = 32

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...simd import LANES, bins_of, empty_box, lane_of, load_point, load_row, store_row, unite
 from ..metadata import box_of
-from ..simd import LANES, bins_of, empty_box, lane_of, load_point, load_row, store_row, unite
 from ..splits import bin_scales
 
 MAX_AXIS_BITS = 10

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...geometry import Mesh
 from ...layout import NODE
+from ...simd import LANES
 from ...stopwatch import Stopwatch
 from ...tree import Bvh
 from ..crew import Crew, gather
@@ -19,7 +20,6 @@ from ..options import MAX_DEPTH, BuildOptions
 from ..pool import SubtreePool
 from ..ranges import cut_slices
 from ..sah import DEFAULT_BINS, SMALL_MESH, check_width
-from ..simd import LANES
 from ..threads import run_in_threads
 from ..workspace import Shapes
 from . import steps

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 from ...layout import NODE_COUNT, NODE_FIRST
+from ...simd import LANES, load_row, store_row
 from ..options import MAX_DEPTH
-from ..simd import LANES, load_row, store_row
 from .box_tree import build_box_tree
 from .clusters import bound_clusters, cut_clusters
 from .order import sort_records

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from ...layout import NODE_COUNT, NODE_FIRST
+from ...simd import load_row, store_row
 from ..options import MAX_DEPTH
-from ..simd import load_row, store_row
 
 # Columns of a plan's placements, a row for each bucket: the final row of its root, and of the first of its descendants,
 # and the final place of its first primitive.

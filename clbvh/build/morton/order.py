@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..simd import LANES, centroid_of, empty_box, load_row, store_row, unite
+from ...simd import LANES, centroid_of, empty_box, load_row, store_row, unite
 from .codes import code_of, make_grid
 
 # Codes are sorted by so many bits at a time: the counters fit the first-level cache.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..simd import LANES
+from ...simd import LANES
 from .grow import grow_buckets
 
 Arrays = Mapping[str, NDArray[Any]]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...simd import LANES, as_node, empty_box, half_area, load_row, store_row, unite
 from ..metadata import PRIM_ID
 from ..options import MAX_DEPTH
-from ..simd import LANES, as_node, empty_box, half_area, load_row, store_row, unite
 from ..subtree import needs_halving
 from .clusters import CLUSTER_SIZE
 

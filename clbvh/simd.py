@@ -107,17 +107,19 @@ def load_point(typing_context, points, point):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def prefetch_row(typing_context, rows, row):  # type: ignore[no-untyped-def]
-    """Ask for `rows[row]` before it is needed; it may lie behind the end."""
+def prefetch(typing_context, array, index):  # type: ignore[no-untyped-def]
+    """Ask for the number `index` of a C-contiguous array, counted through, before it is needed; it may not exist."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer = builder.bitcast(_row_pointer(context, builder, signature.args[0], *arguments), _BYTES)
+        array, index = arguments
+        data = context.make_array(signature.args[0])(context, builder, array).data
+        pointer = builder.bitcast(builder.gep(data, [index]), _BYTES)
         types_of_call = ir.FunctionType(ir.VoidType(), [_BYTES, _INT, _INT, _INT])
-        prefetch = builder.module.declare_intrinsic("llvm.prefetch", [_BYTES], types_of_call)
-        builder.call(prefetch, [pointer, *(ir.Constant(_INT, value) for value in _TO_READ_INTO_ALL_CACHES)])
+        ask = builder.module.declare_intrinsic("llvm.prefetch", [_BYTES], types_of_call)
+        builder.call(ask, [pointer, *(ir.Constant(_INT, value) for value in _TO_READ_INTO_ALL_CACHES)])
         return context.get_dummy_value()
 
-    return types.void(rows, types.intp), generate
+    return types.void(array, types.intp), generate
 
 
 @intrinsic
@@ -187,6 +189,17 @@ def as_node(typing_context, box, first, count):  # type: ignore[no-untyped-def]
         return builder.bitcast(lanes, _ROW)
 
     return BOX(BOX, types.intp, types.intp), generate
+
+
+@intrinsic
+def box_of_node(typing_context, node):  # type: ignore[no-untyped-def]
+    """Return the box of a row of `layout.NODE`: what `as_node` was given."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        mask = ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER)
+        return builder.shuffle_vector(arguments[0], builder.fneg(arguments[0]), mask)
+
+    return BOX(BOX), generate
 
 
 @intrinsic
