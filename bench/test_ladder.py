@@ -6,8 +6,11 @@ each: whatever else the machine does can only add to it.
 
 from __future__ import annotations
 
+import pytest
+
 import clbvh
 from clbvh.build.ladder import LADDER
+from clbvh.render.camera import frame_points
 
 RUNS = 9
 WORKERS = (1, 2)
@@ -15,6 +18,10 @@ WORKERS = (1, 2)
 # Seconds each: fewer runs.
 SLOW = ("sequential", "naive", "range", "cached")
 SLOW_RUNS = 2
+
+# The report's range of frontiers, on a picture of this size.
+FRONTIERS = (4, 16, 64, 256, 1024, 4096, 8192)
+WIDTH, HEIGHT = 800, 450
 
 # Linked nodes become rows because a Bvh has rows; the report's rungs of these names did not need it.
 NOT_THE_BUILD = "convert"
@@ -33,6 +40,22 @@ def test_ladder(mesh):
         best = min(laps, key=_build_ms)
         phases = ", ".join(f"{lap} {ms:.0f}" for lap, ms in best.items())
         print(f"{name:12}{workers:8}{_build_ms(best):10.0f}  {phases}")
+
+
+@pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
+def test_frontier(mesh, layout):
+    """What a leaf that is tested by brute force saves in the build, and costs in the kernel."""
+    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    origins, directions = (rays.reshape(-1, 3) for rays in camera.rays(WIDTH, HEIGHT))
+    print(f"\n{layout}: {'frontier':>8}{'build ms':>10}{'kernel ms':>11}")
+    for frontier in FRONTIERS:
+        bvh = clbvh.build(mesh, builder="frontier", frontier=frontier)
+        build_ms = min(_build_ms(clbvh.build(mesh, builder="frontier", frontier=frontier).timings_ms) for _ in range(3))
+        with clbvh.Tracer(bvh, layout=layout) as tracer:
+            tracer.closest_hit(origins, directions)
+            before = tracer.timings_ms["kernel"]
+            tracer.closest_hit(origins, directions)
+            print(f"{'':6}{frontier:8}{build_ms:10.0f}{tracer.timings_ms['kernel'] - before:11.0f}")
 
 
 def _build_ms(laps):

@@ -47,7 +47,8 @@ class RenderOptions(TreeOptions):
     device : DeviceInfo, str, int or None
         See `choose_device`.
     layout : str
-        Layout of the tree on the device, or ``"auto"``.
+        Layout of the tree on the device, or ``"auto"``: what suits the device, and ``"bvh2"`` for the builder
+        ``"frontier"``, since a wide layout cuts the large leaves that this builder is about.
     validate : bool
         Check the tree, and compare a sample of the pixels with the slow reference.
     """
@@ -61,6 +62,11 @@ class RenderOptions(TreeOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_layout(self.layout)
+
+    @property
+    def chosen_layout(self) -> str:
+        """`layout`, or ``"auto"`` where the device is to choose."""
+        return "bvh2" if self.layout == "auto" and self.builder == "frontier" else self.layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +194,7 @@ def render(
         on_phase("compile")
         session = stack.enter_context(DeviceSession(options.device))
         watch.lap("open")
-        tree = DeviceTree(session, mesh, bvh, options.layout)
+        tree = DeviceTree(session, mesh, bvh, options.chosen_layout)
         watch.lap("layout")
         renderer = FrameRenderer(session, tree)
         watch.lap("compile")

@@ -112,6 +112,14 @@ def test_brute_and_tree_give_the_same_picture(mesh, tmp_path):
     assert (tmp_path / "sah.ppm").read_bytes() == (tmp_path / "brute.ppm").read_bytes()
 
 
+def test_leaves_of_the_frontier_are_not_cut_again_unless_asked(mesh, tmp_path):
+    for asked, layout in (("auto", "bvh2"), ("bvh8", "bvh8")):
+        picture = tmp_path / f"{asked}.ppm"
+        result = run_clbvh("render", mesh, "-o", picture, "--builder", "frontier", "--layout", asked, "--json")
+        assert json.loads(result.stdout)["layout"] == layout
+    assert (tmp_path / "auto.ppm").read_bytes() == (tmp_path / "bvh8.ppm").read_bytes()
+
+
 def test_validation_is_reported(mesh, tmp_path):
     result = run_clbvh("render", mesh, "-o", tmp_path / "a.ppm", "--validate", "--width", 40, "--height", 30)
     assert result.returncode == 0
