@@ -65,7 +65,11 @@ def host_share(tracer, call) -> None:
     print(f"whole {whole:.1f} ms, kernel {kernel:.1f} ms, host {host:.1f} ms, {host / kernel:.0%} of the kernel")
 
 
-def test_closest_hit_against_embreex(mesh, primary, tracer):
+@pytest.mark.parametrize("order", ["coherent", "shuffled"])
+def test_closest_hit_against_embreex(mesh, primary, tracer, order):
+    if order == "shuffled":
+        shuffle = np.random.default_rng(1).permutation(len(primary[0]))
+        primary = tuple(values[shuffle] for values in primary)
     scene_module = pytest.importorskip("embreex.rtcore_scene", reason="peers: embreex is not installed")
     from embreex.mesh_construction import TriangleMesh
 
@@ -73,7 +77,7 @@ def test_closest_hit_against_embreex(mesh, primary, tracer):
     TriangleMesh(scene=scene, vertices=(mesh.vertices + mesh.origin).astype(np.float32), indices=mesh.faces)
     host_share(tracer, lambda: tracer.closest_hit(*primary))
     ratio = compare(
-        f"{len(primary[0]):,} coherent rays, whole closest_hit, embreex's run",
+        f"{len(primary[0]):,} {order} rays, whole closest_hit, embreex's run",
         lambda: measure_ms(lambda: tracer.closest_hit(*primary)),
         lambda: measure_ms(lambda: scene.run(*primary)),
     )

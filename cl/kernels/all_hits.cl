@@ -2,6 +2,7 @@
 //
 // nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
 // rays[ray_count]                                object units, relative to the mesh's origin
+// order[ray_count]                               where results go: the number of each ray; without it its place
 // hits[offsets[ray_count]]                       written; those of ray i are offsets[i] to offsets[i + 1]
 // offsets[ray_count + 1]                         running sums of what count_hits found
 //
@@ -12,18 +13,19 @@
 kernel void all_hits(
     const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
     const global ray_t *restrict rays, global hit_t *restrict hits, const int ray_count,
-    const global int *restrict offsets)
+    const global int *restrict order, const global int *restrict offsets)
 {
-    const int ray = get_global_id(0);
-    if (ray >= ray_count) {
+    const int item = get_global_id(0);
+    if (item >= ray_count) {
         return;
     }
+    const int ray = number_of_ray(order, item);
     const int begin = offsets[ray];
     const int places = offsets[ray + 1] - begin;
     if (places == 0) {
         return;
     }
-    const path_t path = load_path(rays + ray);
+    const path_t path = load_path(rays + item);
     search_t search = begin_search(places, hits + begin);
     traverse(nodes, groups, group_count, &path, &search, QUERY_KEEP);
     sort_hits(&search);

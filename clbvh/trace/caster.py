@@ -16,10 +16,14 @@ from ..device.settings import find_settings
 from ..layout import RAY
 from .device_tree import DeviceTree
 from .host_threads import HostThreads
+from .ray_order import find_order, take_rays
 from .rays import RayBatch, RayBox, pack_rays
 
-# Rays or points per kernel launch: 48 MiB of rays and hits, whatever the size of the batch.
+# Rays or points per kernel launch, whatever the size of the batch: 48 MiB of rays and hits, and 36 MiB more where rays
+# are sorted.
 CHUNK_RAYS = 2**20
+
+_NUMBER = np.dtype(np.int32)
 
 Progress = Callable[[int, int], None]
 Packer = Callable[[int, int, NDArray[np.void]], None]
@@ -45,6 +49,7 @@ class Caster(Closing):
         self._group_size = find_settings(session.info).group_size
         self._kernels: dict[str, Any] = {}
         self._buffers: dict[str, tuple[Any, int]] = {}
+        self._given: tuple[Any, ...] = ()  # what kernels take: rays and their order, or points
 
     @property
     def most_rows(self) -> int:
@@ -107,10 +112,25 @@ class Caster(Closing):
 
     def _upload(self, dtype: np.dtype, pack: Packer, begin: int, end: int) -> None:
         """Put rows on the device, in the place of those that are there."""
-        with self.session.mapped(self._buffer("given", end - begin, dtype), end - begin, dtype, write=True) as rows:
-            self.threads.for_ranges(
-                end - begin, lambda first, last: pack(begin + first, begin + last, rows[first:last])
-            )
+        count = end - begin
+        given = self._buffer("given", count, dtype)
+        self._given = given, *((None,) if dtype == RAY else ())
+        with self.session.mapped(given, count, dtype, write=True) as rows:
+            self.threads.for_ranges(count, lambda first, last: pack(begin + first, begin + last, rows[first:last]))
+            numbers = find_order(rows, self.box, self.threads) if dtype == RAY else None
+            if numbers is not None:
+                self._sort(rows, numbers)
+
+    def _sort(self, rays: NDArray[np.void], numbers: NDArray[np.int64]) -> None:
+        """Put rays on the device in another order."""
+        count = len(rays)
+        ordered, order = self._buffer("ordered", count, RAY), self._buffer("order", count, _NUMBER)
+        with (
+            self.session.mapped(ordered, count, RAY, write=True) as rows,
+            self.session.mapped(order, count, _NUMBER, write=True) as places,
+        ):
+            take_rays(rays, numbers, self.threads, rows, places)
+        self._given = ordered, order
 
     @contextmanager
     def cast(
@@ -127,7 +147,7 @@ class Caster(Closing):
         dtype : numpy.dtype
             Of a result.
         *arguments
-            What the kernel takes behind the number of rows.
+            What the kernel takes behind the number of rows, and the order of rays.
         result_count : int, optional
             Where there is not one result for each row.
         """
@@ -135,7 +155,7 @@ class Caster(Closing):
         results = self._buffer("results", count, dtype)
         self.session.run(
             self._kernel(query), (row_count,), (self._group_size,),
-            *self.tree.arguments, self._buffers["given"][0], results, np.int32(row_count), *arguments,
+            *self.tree.arguments, self._given[0], results, np.int32(row_count), *self._given[1:], *arguments,
         )  # fmt: skip
         with self.session.mapped(results, count, dtype, write=False) as found:
             yield found
@@ -151,6 +171,7 @@ class Caster(Closing):
         for buffer, _ in self._buffers.values():
             self.session.release(buffer)
         self._buffers.clear()
+        self._given = ()
 
     def _kernel(self, query: str) -> Any:
         if query not in self._kernels:

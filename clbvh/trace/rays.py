@@ -19,9 +19,9 @@ from ..tree import Bvh
 
 # A packed ray as 4-byte lanes.
 RAY_LANES = 8
-_T_MIN_LANE = 3
-_DIRECTION_LANE = 4
-_T_MAX_LANE = 7
+T_MIN_LANE = 3
+DIRECTION_LANE = 4
+T_MAX_LANE = 7
 
 # Directions whose longest component is outside of these are scaled by a power of two: their squares would not fit
 # float32.
@@ -223,9 +223,9 @@ def _pack(origins, directions, t_mins, t_maxs, centre, half, rays):  # type: ign
 @njit(cache=True, nogil=True)
 def _write(rays, ray, x, y, z, t_min, dx, dy, dz, t_max):  # type: ignore[no-untyped-def]
     rays[ray, 0], rays[ray, 1], rays[ray, 2] = x, y, z
-    rays[ray, _T_MIN_LANE] = t_min
-    rays[ray, _DIRECTION_LANE], rays[ray, _DIRECTION_LANE + 1], rays[ray, _DIRECTION_LANE + 2] = dx, dy, dz
-    rays[ray, _T_MAX_LANE] = t_max
+    rays[ray, T_MIN_LANE] = t_min
+    rays[ray, DIRECTION_LANE], rays[ray, DIRECTION_LANE + 1], rays[ray, DIRECTION_LANE + 2] = dx, dy, dz
+    rays[ray, T_MAX_LANE] = t_max
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

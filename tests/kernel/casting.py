@@ -35,7 +35,7 @@ def open_caster(session, mesh, bvh, layout="auto"):
     def run(name, rays, results, *more):
         given, written = session.upload(rays), session.upload(results)
         try:
-            arguments = (*tree.arguments, given, written, np.int32(len(rays)), *more)
+            arguments = (*tree.arguments, given, written, np.int32(len(rays)), None, *more)
             session.run(kernels[name], (len(rays),), (GROUP_SIZE,), *arguments)
             session.download(written, results)
         finally:

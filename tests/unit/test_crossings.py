@@ -4,32 +4,11 @@ import numpy as np
 import pytest
 
 from clbvh import AllHits, Mesh, Tracer, build
-from clbvh.geometry.shapes import make_shape
 from clbvh.trace import caster as caster_module
 from clbvh.trace import crossings as crossings_module
 from clbvh.trace.reference import find_wrong_crossings
 
-from ..rays import centred, hard_rays
-
 FIELDS = ("t", "u", "v", "prim_id", "offsets")
-
-
-@pytest.fixture(scope="module")
-def mesh():
-    return centred(make_shape("knot", triangles=1800))
-
-
-@pytest.fixture(scope="module")
-def tracer(_opened_device, mesh):
-    with Tracer(build(mesh), device=_opened_device.info) as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def rays(mesh):
-    origins, directions = hard_rays(mesh, 3072, np.random.default_rng(40))
-    order = np.random.default_rng(41).permutation(len(origins))
-    return origins[order], directions[order]
 
 
 @pytest.fixture(scope="module")

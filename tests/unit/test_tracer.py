@@ -14,7 +14,7 @@ from clbvh.trace import caster as caster_module
 from clbvh.trace import tracer as tracer_module
 
 from ..chain import make_chain
-from ..rays import aim, centred, hard_rays
+from ..rays import aim, centred, hard_rays, random_rays
 
 COUNTS = [0, 1, 2, 63, 64, 65, 1023, 1024, 1025]
 FIELDS = ("t", "u", "v", "prim_id")
@@ -27,24 +27,6 @@ def resolution(mesh, rays, hits):
     cosine = np.abs((hits.normals * rays[1]).sum(axis=1)) / length
     with np.errstate(divide="ignore"):
         return 16 * 2.0**-24 * reach * (1 + 1 / cosine) / length
-
-
-@pytest.fixture(scope="module")
-def mesh():
-    return centred(make_shape("knot", triangles=1800))
-
-
-@pytest.fixture(scope="module")
-def tracer(_opened_device, mesh):
-    with Tracer(build(mesh), device=_opened_device.info) as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def rays(mesh):
-    origins, directions = hard_rays(mesh, 3072, np.random.default_rng(30))
-    order = np.random.default_rng(31).permutation(len(origins))
-    return origins[order], directions[order]
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +59,18 @@ class TestBatches:
         blocked = tracer.any_hit(rays[0][:count], rays[1][:count], t_max=t_max)
         assert_same(hits, expected, slice(count))
         np.testing.assert_array_equal(blocked, (expected.t[:count] <= t_max) & expected.is_hit[:count])
+
+    def test_one_ray_more_than_a_chunk(self, session):
+        mesh = make_shape("icosphere", triangles=20)
+        count = caster_module.CHUNK_RAYS + 1
+        origins, directions = random_rays(mesh, count, np.random.default_rng(33))
+        cut = count // 3
+        with Tracer(build(mesh), device=session.info) as opened:
+            whole = opened.closest_hit(origins, directions)
+            assert 0.2 < whole.is_hit.mean() < 0.95
+            for part in (slice(cut), slice(cut, None)):
+                assert_same(opened.closest_hit(origins[part], directions[part]), whole, part)
+            np.testing.assert_array_equal(opened.any_hit(origins, directions), whole.is_hit)
 
     def test_every_ray_gets_the_same_answer_alone(self, tracer, rays, expected):
         for row in range(0, 3072, 97):

@@ -1,0 +1,111 @@
+"""The order of rays: each is cast once, neighbours are close, and no answer depends on it."""
+
+import os
+
+import numpy as np
+import pytest
+
+from clbvh.layout import RAY
+from clbvh.trace import crossings as crossings_module
+from clbvh.trace import ray_order
+from clbvh.trace.host_threads import HostThreads
+from clbvh.trace.ray_order import find_order
+from clbvh.trace.rays import RayBox, pack_rays, read_rays
+
+from ..rays import aim, hard_rays
+
+COUNT = 3 * ray_order.LEAST_RAYS
+
+
+def order_of(half, origins, directions, t_min=0.0, t_max=np.inf):
+    box = RayBox(np.zeros(3), np.asarray(half, np.float64))
+    batch = read_rays(origins, directions, t_min, t_max)
+    rays = np.empty(len(batch), RAY)
+    pack_rays(batch.part(0, len(batch)), box, rays)
+    with HostThreads() as threads:
+        return find_order(rays, box, threads)
+
+
+def scattered(count, seed):
+    """Rays from a sphere to points in the box from -1 to 1, in any order."""
+    generator = np.random.default_rng(seed)
+    origins = generator.normal(size=(count, 3))
+    origins *= 4 / np.linalg.norm(origins, axis=1)[:, None]
+    return aim(origins, generator.uniform(-1, 1, (count, 3)))
+
+
+def picture(side):
+    """Rays of a picture, row by row."""
+    x, y = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side))
+    targets = np.stack((x, y, np.zeros_like(x)), axis=-1).reshape(-1, 3)
+    return aim(np.broadcast_to([0.0, 0.0, 5.0], targets.shape), targets)
+
+
+def steps(places, order=slice(None)):
+    return np.linalg.norm(np.diff(places[order], axis=0), axis=1).mean()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_scattered_rays_are_sorted(seed):
+    origins, directions = scattered(COUNT, seed)
+    order = order_of([1, 1, 1], origins, directions)
+    np.testing.assert_array_equal(np.sort(order), np.arange(COUNT))
+    targets = origins + directions
+    # About COUNT ** (1 / 4) = 15 rays lie along each of the four dimensions that rays have.
+    assert steps(targets, order) < steps(targets) / 2
+    assert steps(origins, order) < steps(origins) / 4
+
+
+def test_a_shuffled_picture_is_sorted_and_a_picture_is_not():
+    origins, directions = picture(256)
+    assert order_of([1, 1, 1], origins, directions) is None
+    shuffle = np.random.default_rng(3).permutation(len(origins))
+    order = order_of([1, 1, 1], origins[shuffle], directions[shuffle])
+    assert steps((origins + directions)[shuffle], order) < 0.1
+
+
+def test_few_rays_stay_as_they_are():
+    assert order_of([1, 1, 1], *scattered(ray_order.LEAST_RAYS - 1, 0)) is None
+    assert order_of([1, 1, 1], *scattered(ray_order.LEAST_RAYS, 0)) is not None
+
+
+def test_rays_that_meet_nothing_come_last():
+    origins, directions = scattered(COUNT, 4)
+    t_max = np.where(np.arange(COUNT) % 2, -1.0, np.inf)
+    order = order_of([1, 1, 1], origins, directions, t_max=t_max)
+    # Each core sorts a range.
+    assert np.count_nonzero(np.diff(order % 2)) < 2 * (os.cpu_count() or 1)
+
+
+@pytest.mark.parametrize("half", [(1, 1, 0), (0, 0, 0), (1e-30, 1e30, 1)], ids=str)
+@pytest.mark.parametrize("t_max", [np.inf, 1e-3, 0.0])
+def test_boxes_and_rays_of_any_shape_are_no_error(half, t_max):
+    origins, directions = scattered(COUNT, 5)
+    directions[::3, 0], directions[1::3, 1:], origins[::5] = 0.0, 0.0, half
+    directions[:, 2] = np.where((directions == 0).all(axis=1), 1.0, directions[:, 2])
+    order = order_of(half, origins, directions, t_max=t_max)
+    assert order is None or np.array_equal(np.sort(order), np.arange(COUNT))
+
+
+def test_no_answer_depends_on_it(tracer, rays, monkeypatch):
+    def answers():
+        hits, crossings = tracer.closest_hit(*rays), tracer.all_hits(*rays, with_locations=True)
+        arrays = [hits.t, hits.u, hits.v, hits.prim_id, crossings.t, crossings.prim_id, crossings.offsets]
+        return [*arrays, crossings.locations, tracer.any_hit(*rays), tracer.count_hits(*rays), tracer.contains(rays[0])]
+
+    monkeypatch.setattr(crossings_module, "FIRST_PLACES", 2)  # so that some rays are cast again
+    expected = answers()
+    orders = []
+    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    monkeypatch.setattr(ray_order, "_measure_apart", lambda *arguments: orders.append(arguments) or 1.0)
+    for obtained, given in zip(answers(), expected, strict=True):
+        assert obtained.tobytes() == given.tobytes()
+    assert len(orders) >= 5
+
+
+def test_points_are_cast_after_rays_in_order(tracer, mesh, monkeypatch):
+    points = hard_rays(mesh, 300, np.random.default_rng(6))[0]
+    expected = tracer.closest_point(points)
+    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    tracer.closest_hit(*scattered(1000, 7))
+    assert tracer.closest_point(points).prim_id.tobytes() == expected.prim_id.tobytes()
