@@ -99,9 +99,9 @@ def tune(
 
             def run() -> None:
                 for rays in orders:
-                    session.run(
-                        kernel, (ray_count,), (group_size,), *tree.arguments, rays, results, np.int32(ray_count)
-                    )
+                    # As they are, in no other order.
+                    arguments = (*tree.arguments, rays, results, np.int32(ray_count), None)
+                    session.run(kernel, (ray_count,), (group_size,), *arguments)
 
             return run
 
