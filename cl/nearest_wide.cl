@@ -29,7 +29,7 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
     const lanes_t x = outside_of(node->aabb_min[0], node->aabb_max[0], scale, point.x, &farthest);
     const lanes_t y = outside_of(node->aabb_min[1], node->aabb_max[1], scale, point.y, &farthest);
     const lanes_t z = outside_of(node->aabb_min[2], node->aabb_max[2], scale, point.z, &farthest);
-    *entry = sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest;
+    *entry = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
     // A box that is inside out is infinitely far away, or as far as numbers go.
     return mask_bits((*entry <= nearest->distance) & (load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0])));
 }
@@ -37,8 +37,7 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
 void visit_nearest(
     const global node_t *nodes, const global group_t *groups, const int group_count, nearest_t *nearest)
 {
-    int stack[STACK_SIZE];
-    float entries[STACK_SIZE];
+    ulong stack[STACK_SIZE];
     int waiting = 0;
     int next = 0;
 
@@ -50,7 +49,7 @@ void visit_nearest(
             if (near != 0) {
                 const bool is_one = (near & (near - 1)) == 0;
                 next = is_one ? node->child[lowest_bit(near)]
-                              : stack_children(node->child, near, entry, stack, entries, &waiting);
+                              : stack_children(node->child, near, entry, stack, &waiting);
                 continue;
             }
         } else {
@@ -60,11 +59,13 @@ void visit_nearest(
                 note_triangle(nearest, &corners, groups[group].prim_id[lane]);
             }
         }
+        ulong popped;
         do {
             if (waiting == 0) {
                 return;
             }
-            next = stack[--waiting];
-        } while (entries[waiting] > nearest->distance);
+            popped = stack[--waiting];
+        } while (entry_of(popped) > nearest->distance);
+        next = child_of(popped);
     }
 }
