@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .host_threads import HostThreads
 from .rays import DIRECTION_LANE, RAY_LANES, T_MAX_LANE, T_MIN_LANE, RayBox
 
-# Fewer rays are far from each other in any order. 100,000 at the dragon on a 2-core x86-64 server: whole calls take 14 to
+# Fewer rays are far from each other in any order. 100,000 at the dragon, 2-core x86-64 server: whole calls take 14 to
 # 39 % less for a shuffled picture, and for rays from all around 4 % less (closest, all hits) to 21 % more (any hit).
 # Between that and a million nothing was measured.
 LEAST_RAYS = 1 << 16
