@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..host_threads import HostThreads
 from .pool import SubtreePool
 from .workspace import Shapes
 
@@ -25,11 +26,14 @@ class Crew:
         With arbitrary contents at first.
     map : function
         ``map(step, tasks)`` returns ``step(arrays, *task)`` for each task, in the order given.
+    threads : HostThreads
+        As many threads of the calling process, for what the workers do not see: the mesh, and the result.
     """
 
     workers: int
     arrays: Mapping[str, NDArray[Any]]
     map: Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
+    threads: HostThreads
 
 
 @contextmanager
@@ -43,7 +47,7 @@ def gather(pool: SubtreePool | None, shapes: Shapes) -> Iterator[Crew]:
     """
     if pool is not None:
         with pool.lend(shapes) as arrays:
-            yield Crew(pool.workers, arrays, pool.map)
+            yield Crew(pool.workers, arrays, pool.map, pool.threads)
         return
     arrays = {name: np.empty(shape, dtype) for name, (shape, dtype) in shapes.items()}
-    yield Crew(1, arrays, lambda step, tasks: [step(arrays, *task) for task in tasks])
+    yield Crew(1, arrays, lambda step, tasks: [step(arrays, *task) for task in tasks], HostThreads(1))

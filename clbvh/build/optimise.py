@@ -7,13 +7,13 @@ the subtrees that are rearranged follow from the tree, and each is the work of o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
+from ..host_threads import HostThreads
 from ..layout import NODE
 from ..simd import LANES
 from ..stopwatch import Stopwatch
@@ -68,8 +68,8 @@ def build_high(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> B
     order = np.empty(2 * count, np.int32)
     order[0] = ROOT
     tops = _choose_tops(links, _list_all(links, order), max(count // _PARTS, _SMALLEST_PART))
-    with ThreadPoolExecutor(1 if pool is None else pool.workers) as threads:
-        list(threads.map(lambda part: _optimise(rows, links, parents, *part), tops))
+    threads = HostThreads(1) if pool is None else pool.threads
+    threads.run(_optimise, [(rows, links, parents, *part) for part in tops])
     watch.lap("reinsert")
 
     is_leaf = np.empty(2 * count, np.bool_)

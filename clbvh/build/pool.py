@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..closing import Closing
 from ..errors import ConfigError, PoolError
+from ..host_threads import HostThreads, usable_cores
 from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
 from .workspace import Shapes, Workspace
@@ -38,13 +39,6 @@ DEFAULT_TIMEOUT_S = 600.0
 # How long a worker may take to stop: at the end, and after an error, when nobody waits for its result.
 _STOP_PATIENCE_S = 2.0
 _ERROR_PATIENCE_S = 0.2
-
-
-def default_worker_count() -> int:
-    """Return the number of processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class SubtreePool(Closing):
@@ -88,7 +82,7 @@ class SubtreePool(Closing):
             # This is a worker that imports the main script, and the script has no guard: leave without a word.
             # The parent sees the exit code and raises the one error.
             os._exit(_UNGUARDED)
-        self.workers = int(workers or default_worker_count())
+        self.workers = int(workers or usable_cores())
         self.start_ms = 0.0
         self._timeout_s = timeout_s
         self._processes: list[Any] = []
@@ -96,6 +90,8 @@ class SubtreePool(Closing):
         self._start_error: BaseException | None = None
         self._unguarded = False
         self._closed = False
+        # As many threads of this process as there are workers, for what workers do not see.
+        self.threads = HostThreads(self.workers)
         self._workspace = Workspace()
         # Two threads that build with one pool take turns.
         self._one_build = threading.Lock()
@@ -249,6 +245,7 @@ class SubtreePool(Closing):
                 process.kill()
                 process.join()
         self._workspace.close()
+        self.threads.close()
 
     def _send(self, worker: int, message: tuple[Any, ...]) -> None:
         """Send a message to a worker that waits for one."""

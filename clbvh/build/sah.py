@@ -23,7 +23,6 @@ from .metadata import NEGATED_MAX, record_slice
 from .options import BuildOptions
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
-from .threads import run_in_threads
 from .top import split_top, warm_up
 from .workspace import Shapes
 
@@ -58,7 +57,7 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
         # One record per primitive.
         records = crew.arrays["records"]
         slices = [(mesh, *cut, records[0]) for cut in cut_slices(0, count, crew.workers)]
-        root = Range(0, count, 0, 0, np.minimum.reduce(run_in_threads(record_slice, slices)))
+        root = Range(0, count, 0, 0, np.minimum.reduce(crew.threads.run(record_slice, slices)))
         check_width(mesh, root.bounds)
         watch.lap("metadata")
 
@@ -75,7 +74,7 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
         nodes = np.empty((plan.row_count, LANES), np.float32)
         write_top(plan, nodes)
         shares = [plan.subtrees[number :: crew.workers] for number in range(crew.workers)]
-        run_in_threads(place_subtrees, [(records, share, nodes) for share in shares])
+        crew.threads.run(place_subtrees, [(records, share, nodes) for share in shares])
         prim_ids = crew.arrays["prim_ids"]
         # A pool's arrays are lent.
         prim_ids = prim_ids if pool is None else prim_ids.copy()

@@ -13,9 +13,9 @@ from ..closing import Closing
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
 from ..device.settings import find_settings
+from ..host_threads import HostThreads
 from ..layout import RAY
 from .device_tree import DeviceTree
-from .host_threads import HostThreads
 from .ray_order import find_order, take_rays
 from .rays import RayBatch, RayBox, pack_rays
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .host_threads import HostThreads
+from ..host_threads import HostThreads
 from .rays import DIRECTION_LANE, RAY_LANES, T_MAX_LANE, T_MIN_LANE, RayBox
 
 # Fewer rays are far from each other in any order. 100,000 at the dragon, 2-core x86-64 server: whole calls take 14 to

@@ -7,8 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
+from ..host_threads import HostThreads
 from ..layout import NO_PRIM
-from .host_threads import HostThreads
 
 
 def find_locations(

@@ -16,9 +16,8 @@ from clbvh import SubtreePool, build, validate_tree
 from clbvh.build import sah as sah_module
 from clbvh.build import workspace
 from clbvh.build.arena import Arena
-from clbvh.build.pool import default_worker_count
-from clbvh.build.threads import run_in_threads
 from clbvh.errors import ConfigError, PoolError
+from clbvh.host_threads import HostThreads, usable_cores
 
 from ..processes import list_session, start_script, wait_until
 from ..soup import make_soup
@@ -142,7 +141,8 @@ def test_workers_keep_the_working_memory_after_a_build_unless_it_is_large(pool, 
 
 def test_builds_of_two_threads_take_turns(pool):
     meshes = [make_soup(3000, seed=seed) for seed in range(4)]
-    trees = run_in_threads(lambda mesh: build(mesh, pool=pool, task_threshold=100), [(mesh,) for mesh in meshes])
+    with HostThreads(4) as threads:
+        trees = threads.run(lambda mesh: build(mesh, pool=pool, task_threshold=100), [(mesh,) for mesh in meshes])
     for mesh, tree in zip(meshes, trees, strict=True):
         assert tree.nodes.tobytes() == build(mesh).nodes.tobytes()
 
@@ -161,9 +161,9 @@ def test_the_start_is_timed(pool):
 
 
 def test_the_default_is_every_usable_processor():
-    assert default_worker_count() == len(os.sched_getaffinity(0))
+    assert usable_cores() == len(os.sched_getaffinity(0))
     with SubtreePool() as pool:
-        assert pool.workers == default_worker_count()
+        assert pool.workers == usable_cores()
 
 
 @pytest.mark.parametrize("workers", [0, -1])

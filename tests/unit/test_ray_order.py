@@ -5,10 +5,10 @@ import os
 import numpy as np
 import pytest
 
+from clbvh.host_threads import HostThreads
 from clbvh.layout import RAY
 from clbvh.trace import crossings as crossings_module
 from clbvh.trace import ray_order
-from clbvh.trace.host_threads import HostThreads
 from clbvh.trace.ray_order import find_order
 from clbvh.trace.rays import RayBox, pack_rays, read_rays
 

@@ -20,7 +20,6 @@ from ..options import MAX_DEPTH, BuildOptions
 from ..pool import SubtreePool
 from ..ranges import cut_slices
 from ..sah import DEFAULT_BINS, SMALL_MESH, check_width
-from ..threads import run_in_threads
 from ..workspace import Shapes
 from . import steps
 from .box_tree import build_box_tree
@@ -78,7 +77,7 @@ def _build(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
     with gather(pool, shapes) as crew:
         # One record per primitive, those of neighbours in one bucket.
         rows = crew.arrays["records"].reshape(-1, LANES)
-        buckets = _fill_buckets(mesh, crew.workers, rows)
+        buckets = _fill_buckets(mesh, crew, rows)
         watch.lap("buckets")
 
         # Each bucket becomes a subtree.
@@ -98,17 +97,18 @@ def _build(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
             (buckets[part], row_counts[part], placements[part], rows, crew.arrays["prim_ids"], *result)
             for part in (slice(*cut) for cut in cut_slices(0, len(buckets), crew.workers))
         ]
-        run_in_threads(place_buckets, tasks)
+        crew.threads.run(place_buckets, tasks)
         watch.lap("compact")
     return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
 
 
-def _fill_buckets(mesh: Mesh, workers: int, rows: NDArray[np.float32]) -> NDArray[np.int64]:
+def _fill_buckets(mesh: Mesh, crew: Crew, rows: NDArray[np.float32]) -> NDArray[np.int64]:
     """Write all records into their buckets; return begin and end of each, (k, 2)."""
+    workers = crew.workers
     # A grid over the mesh.
     bounds = np.empty((workers, 2, LANES), np.float32)
     parts = cut_slices(0, len(mesh.vertices), workers)
-    run_in_threads(bound_vertices, [(mesh.vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
+    crew.threads.run(bound_vertices, [(mesh.vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
     whole = np.minimum.reduce(bounds)
     check_width(mesh, whole)
     grid = make_grid(whole, 1, _AXIS_BITS)
@@ -118,7 +118,7 @@ def _fill_buckets(mesh: Mesh, workers: int, rows: NDArray[np.float32]) -> NDArra
     cells = np.empty(mesh.face_count, np.uint16)
     counts = np.zeros((workers, _CELL_COUNT), np.int32)
     tasks = [(mesh.vertices, mesh.faces, *cut, grid, cells, counts[part]) for part, cut in enumerate(slices)]
-    run_in_threads(count_cells, tasks)
+    crew.threads.run(count_cells, tasks)
     bucket_of_cell = np.zeros(_CELL_COUNT, np.int32)
     first_cells = np.empty(_CELL_COUNT, np.int64)
     bucket_count = cut_buckets(counts.sum(axis=0), _BUCKET_SIZE, bucket_of_cell, first_cells)
@@ -128,7 +128,7 @@ def _fill_buckets(mesh: Mesh, workers: int, rows: NDArray[np.float32]) -> NDArra
     ends = slice_counts.sum(axis=0).cumsum()
     begins = ends - slice_counts.sum(axis=0)
     next_rows = 2 * begins + slice_counts.cumsum(axis=0) - slice_counts
-    run_in_threads(
+    crew.threads.run(
         fill_buckets,
         [
             (mesh.vertices, mesh.faces, *cut, cells, bucket_of_cell, next_rows[part], rows, rows.view(np.int32))
