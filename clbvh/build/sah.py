@@ -6,6 +6,8 @@ and any task threshold.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ from .metadata import NEGATED_MAX, record_slice
 from .options import BuildOptions
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
-from .top import split_top, warm_up
+from .top import split_top
 from .workspace import Shapes
 
 # Below this many primitives the calling process is faster than handing over.
@@ -35,6 +37,9 @@ _RANGES_PER_WORKER = 8
 _SMALLEST_RANGE = 10_000
 
 DEFAULT_BINS = 16
+
+# Enough for a top of one node.
+_WARM_UP_TRIANGLES = FEW + 1
 
 
 def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
@@ -49,7 +54,7 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
     if count < SMALL_MESH and options.task_threshold is None:
         pool = None
     if pool is not None:
-        warm_up()
+        _warm_up()
         pool.wait_ready()
     watch = Stopwatch()
     shapes: Shapes = {"records": ((2, count, LANES), np.float32), "prim_ids": ((count,), np.int32)}
@@ -61,7 +66,7 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
         check_width(mesh, root.bounds)
         watch.lap("metadata")
 
-        # All workers together, until there are enough subtrees for all.
+        # All threads together, until there are enough subtrees for all workers.
         split_top(crew, root, _choose_threshold(crew, count, options), options.bins or DEFAULT_BINS)
         watch.lap("top")
 
@@ -80,6 +85,14 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
         prim_ids = prim_ids if pool is None else prim_ids.copy()
         watch.lap("compact")
     return Bvh(_as_nodes(nodes), prim_ids, mesh, watch.laps_ms)
+
+
+@cache
+def _warm_up() -> None:
+    """Load the compiled code of this process, while it would otherwise wait for its workers to start."""
+    corners = np.arange(9 * _WARM_UP_TRIANGLES, dtype=np.float32).reshape(-1, 3)
+    faces = np.arange(3 * _WARM_UP_TRIANGLES, dtype=np.int32).reshape(-1, 3)
+    build_sah(Mesh(corners, faces, np.zeros(3)), None, BuildOptions(task_threshold=1))
 
 
 def _choose_threshold(crew: Crew, count: int, options: BuildOptions) -> int:

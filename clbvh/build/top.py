@@ -1,8 +1,11 @@
-"""The top of the tree, by all workers at once.
+"""The top of the tree, by all threads at once.
 
-A range too large for one worker is split level by level: every worker bins its slice of each large node, the
-coordinator unites the bins and picks the splits, every worker moves its slices. The report's builder is serial
-here; after Wald, "On fast construction of SAH-based bounding volume hierarchies" (2007), it need not be.
+A range too large for one worker is split level by level: every thread bins its slice of each large node, the bins are
+united and the splits picked, every thread moves its slices. The report's builder is serial here; after Wald, "On fast
+construction of SAH-based bounding volume hierarchies" (2007), it need not be.
+
+These are threads of the calling process, as many as there are workers: the steps are short and many, and a message to
+another process takes longer than a thread takes to wake.
 
 The splits and the order of the records are those of `subtree.build_subtree`, so the tree does not depend on where
 the top ends.
@@ -10,6 +13,7 @@ the top ends.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,13 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..simd import LANES, TALLY
-from . import steps
 from .crew import Crew
-from .options import MIN_BINS
-from .partition import bound_halves
+from .partition import bound_halves, partition
 from .ranges import Boxes, Range, cut_slices
-from .splits import bin_count_for, find_split, unite_sides
+from .splits import bin_count_for, fill_bins, find_split, unite_sides
 from .subtree import needs_halving
+
+# A slice of a node: begin, end, buffer, the node's bounds, its bin count.
+_BinTask = tuple[int, int, int, NDArray[np.float32], int]
+# A slice of a node and the node's split: the same, then axis, last left bin, and where its records go.
+_PartitionTask = tuple[int, int, int, NDArray[np.float32], int, int, int, int, int]
 
 # As plain Python: for a few nodes that is fast enough, and loading a compiled function takes 20 ms.
 _bin_count_for = bin_count_for.py_func
@@ -38,15 +45,6 @@ class Split:
     axis: int
     last_left_bin: int
     left_count: int
-
-
-def warm_up() -> None:
-    """Load the compiled code that the coordinator needs, while it would otherwise wait for its workers to start."""
-    bin_count = MIN_BINS
-    bins = np.zeros((3 * bin_count, LANES), np.float32)
-    sides = np.empty((2, LANES), np.float32)
-    find_split(bins, bin_count, np.empty(3 * bin_count))
-    unite_sides(bins, bin_count, 0, 0, sides)
 
 
 def split_top(crew: Crew, root: Range, threshold: int, bins: int) -> None:
@@ -72,7 +70,7 @@ def _choose_splits(crew: Crew, level: list[Range], bins: int) -> list[tuple[Spli
         ]
         for number in range(crew.workers)
     ]
-    slices = crew.map(steps.bin_slices, [(task,) for task in tasks])
+    slices = crew.threads.run(_bin_slices, [(crew.arrays["records"], task) for task in tasks])
 
     right_costs = np.empty(3 * bins, np.float64)
     chosen: list[tuple[Split, Boxes, list[Any]] | None] = []
@@ -93,7 +91,7 @@ def _choose_splits(crew: Crew, level: list[Range], bins: int) -> list[tuple[Spli
 
 def _apply_splits(crew: Crew, planes: list[tuple[Range, Split, Boxes, list[Any]]]) -> None:
     """Move the records of all nodes to their sides, and give the nodes their children."""
-    tasks: list[list[steps.PartitionTask]] = [[] for _ in range(crew.workers)]
+    tasks: list[list[_PartitionTask]] = [[] for _ in range(crew.workers)]
     for node, split, _, slice_counts in planes:
         left, right = node.begin, node.begin + split.left_count
         first_bin = split.axis * split.bin_count
@@ -104,12 +102,35 @@ def _apply_splits(crew: Crew, planes: list[tuple[Range, Split, Boxes, list[Any]]
             to_left = int(slice_counts[number][first_bin : first_bin + split.last_left_bin + 1].sum())
             left += to_left
             right += end - begin - to_left
-    slices = crew.map(steps.partition_slices, [(task,) for task in tasks])
+    slices = crew.threads.run(_partition_slices, [(crew.arrays["records"], task) for task in tasks])
 
     for index, (node, split, sides, _) in enumerate(planes):
         centroid_bounds = np.minimum.reduce([part[index] for part in slices])
         middle = node.begin + split.left_count
         node.children = _make_children(node, middle, 1 - node.buffer, sides, centroid_bounds)
+
+
+def _bin_slices(records: NDArray[np.float32], tasks: Sequence[_BinTask]) -> list[NDArray[np.float32]]:
+    """Return the bins of one slice of each node."""
+    results = []
+    for begin, end, buffer, bounds, bin_count in tasks:
+        bins = np.empty((3 * bin_count, LANES), np.float32)
+        fill_bins(records[buffer], begin, end, bounds, 1, bin_count, bins)
+        results.append(bins)
+    return results
+
+
+def _partition_slices(records: NDArray[np.float32], tasks: Sequence[_PartitionTask]) -> list[NDArray[np.float32]]:
+    """Move one slice of each node to its sides; return the (2, 8) centroid bounds of both sides."""
+    results = []
+    for begin, end, buffer, bounds, bin_count, axis, last_left_bin, left, right in tasks:
+        child_bounds = np.empty((2, LANES), np.float32)
+        partition(
+            records[buffer], begin, end, bounds, 1, bin_count, axis, last_left_bin,
+            records[1 - buffer], left, right, child_bounds,
+        )  # fmt: skip
+        results.append(child_bounds)
+    return results
 
 
 def _halve(node: Range, records: NDArray[Any]) -> None:
