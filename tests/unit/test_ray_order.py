@@ -57,7 +57,7 @@ def test_scattered_rays_are_sorted(seed):
 
 
 def test_a_shuffled_picture_is_sorted_and_a_picture_is_not():
-    origins, directions = picture(256)
+    origins, directions = picture(512)
     assert order_of([1, 1, 1], origins, directions) is None
     shuffle = np.random.default_rng(3).permutation(len(origins))
     order = order_of([1, 1, 1], origins[shuffle], directions[shuffle])
