@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ..host_threads import HostThreads
 from .rays import DIRECTION_LANE, RAY_LANES, T_MAX_LANE, T_MIN_LANE, RayBox
 
-# Fewer rays do not earn back the sort. Whole calls at the dragon, 2-core x86-64 server, rays from anywhere in its box in
-# any direction, sorted against as they are: at 65,536 rays 1.12 (closest) and 1.23 (any hit), at 131,072 1.02 and 1.15,
-# at 262,144 1.00 and 1.00, at 524,288 0.97 and 0.94. A shuffled picture gains earlier: 0.61 to 0.86 at 100,000.
+# Fewer rays do not earn back the sort. Whole calls at the dragon, 2-core x86-64 server, rays from anywhere in its box
+# in any direction, sorted against as they are: at 65,536 rays 1.12 (closest) and 1.23 (any hit), at 131,072 1.02 and
+# 1.15, at 262,144 1.00 and 1.00, at 524,288 0.97 and 0.94. A shuffled picture gains earlier: 0.61 to 0.86 at 100,000.
 LEAST_RAYS = 1 << 18
 
 # Cells along each axis of the box, 5 bits of a key; a key has six of them, and the ray's number below.
