@@ -12,8 +12,8 @@ from ..geometry import Mesh
 from ..layout import NODE, NODE_LANES
 from ..simd import as_node, box_of_node, empty_box, load_point, load_row, prefetch, store_row, unite
 
-# Triangles that are neighbours in the tree lie apart in the mesh. Asked for so many ahead, all rows of 871,306 triangles
-# take 11 ms instead of 14 ms; half or twice as many 12 to 13 ms (2-core x86-64 server).
+# Triangles that are neighbours in the tree lie apart in the mesh. Asked for so many ahead, all rows of 871,306
+# triangles take 11 ms instead of 14 ms; half or twice as many 12 to 13 ms (2-core x86-64 server).
 _FACES_AHEAD = 32
 _VERTICES_AHEAD = 16
 
