@@ -1,4 +1,8 @@
-"""Who builds: the calling process alone, or together with the workers of a pool. A build does not know which."""
+"""Who builds: the calling process alone, or together with the workers of a pool. A build does not know which.
+
+A crew has the arrays that every build of ours needs, for as long as it takes; the rungs of the study, which differ in
+their arrays, have `ladder.crew`.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..host_threads import HostThreads
+from ..simd import LANES
 from .pool import SubtreePool
 from .workspace import Shapes
 
@@ -23,7 +28,7 @@ class Crew:
     ----------
     workers : int
     arrays : mapping of str to array
-        With arbitrary contents at first.
+        For n primitives ``records``, (2, n, 8) float32, and ``prim_ids``, (n,) int32; with arbitrary contents at first.
     map : function
         ``map(step, tasks)`` returns ``step(arrays, *task)`` for each task, in the order given.
     threads : HostThreads
@@ -37,7 +42,7 @@ class Crew:
 
 
 @contextmanager
-def gather(pool: SubtreePool | None, shapes: Shapes) -> Iterator[Crew]:
+def gather(pool: SubtreePool | None, prim_count: int) -> Iterator[Crew]:
     """Give a crew the arrays that it needs for one build; without a pool the calling process is the crew.
 
     Raises
@@ -45,6 +50,7 @@ def gather(pool: SubtreePool | None, shapes: Shapes) -> Iterator[Crew]:
     PoolError
         A worker failed or died, or there is not enough memory to share.
     """
+    shapes: Shapes = {"records": ((2, prim_count, LANES), np.float32), "prim_ids": ((prim_count,), np.int32)}
     if pool is not None:
         with pool.lend(shapes) as arrays:
             yield Crew(pool.workers, arrays, pool.map, pool.threads)

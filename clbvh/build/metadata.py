@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 # Lanes of a record, of a bin and of any other box in the builder.
 PRIM_ID = 3
 NEGATED_MAX = 4
-PADDING = 7
 
 
 @njit(cache=True, nogil=True)

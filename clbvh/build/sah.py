@@ -26,7 +26,6 @@ from .options import BuildOptions
 from .pool import SubtreePool
 from .ranges import Boxes, Range, cut_slices
 from .top import split_top
-from .workspace import Shapes
 
 # Below this many primitives the calling process is faster than handing over.
 SMALL_MESH = 20_000
@@ -57,8 +56,7 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
         _warm_up()
         pool.wait_ready()
     watch = Stopwatch()
-    shapes: Shapes = {"records": ((2, count, LANES), np.float32), "prim_ids": ((count,), np.int32)}
-    with gather(pool, shapes) as crew:
+    with gather(pool, count) as crew:
         # One record per primitive.
         records = crew.arrays["records"]
         slices = [(mesh, *cut, records[0]) for cut in cut_slices(0, count, crew.workers)]

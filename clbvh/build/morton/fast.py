@@ -20,7 +20,6 @@ from ..options import MAX_DEPTH, BuildOptions
 from ..pool import SubtreePool
 from ..ranges import cut_slices
 from ..sah import DEFAULT_BINS, SMALL_MESH, check_width
-from ..workspace import Shapes
 from . import steps
 from .box_tree import build_box_tree
 from .buckets import cut_buckets, fill_buckets
@@ -73,8 +72,7 @@ def _build(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
     count = mesh.face_count
     bins = options.bins or DEFAULT_BINS
-    shapes: Shapes = {"records": ((2, count, LANES), np.float32), "prim_ids": ((count,), np.int32)}
-    with gather(pool, shapes) as crew:
+    with gather(pool, count) as crew:
         # One record per primitive, those of neighbours in one bucket.
         rows = crew.arrays["records"].reshape(-1, LANES)
         buckets = _fill_buckets(mesh, crew, rows)
