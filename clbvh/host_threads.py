@@ -39,9 +39,13 @@ class HostThreads(Closing):
 
     def for_ranges(self, row_count: int, task: Callable[[int, int], None]) -> None:
         """Call ``task(begin, end)`` for ranges that cover all rows once, side by side where that pays; see `run`."""
+        self.run(task, self.ranges(row_count))
+
+    def ranges(self, row_count: int) -> list[tuple[int, int]]:
+        """Return where ranges begin and end that cover all rows once: as many as are worth a thread each."""
         range_count = max(1, min(self.count, row_count // _LEAST_ROWS))
         bounds = [row_count * place // range_count for place in range(range_count + 1)]
-        self.run(task, list(itertools.pairwise(bounds)))
+        return list(itertools.pairwise(bounds))
 
     def run(self, task: Callable[..., _Result], argument_lists: Sequence[tuple[Any, ...]]) -> list[_Result]:
         """Return ``task(*arguments)`` for each list of arguments, in their order, worked on side by side.

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ..build import build
@@ -122,8 +121,8 @@ class RayMeshIntersector:
             nothing = np.empty(0, np.int64)
             return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
         if multiple_hits:
-            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
-            return _sort_by_depth(hits.offsets, hits.prim_id, hits.locations if return_locations else None)
+            hits = self._cast("hits_by_depth", rays, max_hits=int(max_hits), with_locations=return_locations)
+            return hits if return_locations else hits[:2]
         if return_locations:
             hits = self._cast("closest_hit", rays)
             index_ray = np.flatnonzero(hits.is_hit)
@@ -268,36 +267,3 @@ def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any],
     if rays[0].shape != rays[1].shape:
         raise ValueError("Ray origin and direction don't match!")
     return rays
-
-
-def _sort_by_depth(
-    offsets: NDArray[np.int64], prim_id: NDArray[np.int32], locations: NDArray[np.float64] | None
-) -> tuple[NDArray[Any], ...]:
-    """Return triangles, rays and locations with the first crossings of all rays first, then the second ones."""
-    given = np.empty((0, 3)) if locations is None else locations
-    index_tri, index_ray = np.empty(len(prim_id), np.int64), np.empty(len(prim_id), np.int64)
-    sorted_locations = np.empty_like(given)
-    _fill_by_depth(offsets, prim_id, given, index_tri, index_ray, sorted_locations)
-    return (index_tri, index_ray) if locations is None else (index_tri, index_ray, sorted_locations)
-
-
-@njit(cache=True, nogil=True)
-def _fill_by_depth(offsets, prim_id, locations, index_tri, index_ray, sorted_locations):  # type: ignore[no-untyped-def]
-    ray_count = len(offsets) - 1
-    most = 0
-    for ray in range(ray_count):
-        most = max(most, offsets[ray + 1] - offsets[ray])
-    # How many rays get as deep, and so where each depth begins.
-    next_place = np.zeros(most + 1, np.int64)
-    for ray in range(ray_count):
-        for depth in range(offsets[ray + 1] - offsets[ray]):
-            next_place[depth + 1] += 1
-    next_place = np.cumsum(next_place)
-    for ray in range(ray_count):
-        for depth in range(offsets[ray + 1] - offsets[ray]):
-            place, source = next_place[depth], offsets[ray] + depth
-            next_place[depth] += 1
-            index_tri[place], index_ray[place] = prim_id[source], ray
-            if len(locations) > 0:
-                for axis in range(3):
-                    sorted_locations[place, axis] = locations[source, axis]

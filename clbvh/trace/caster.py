@@ -16,14 +16,12 @@ from ..device.settings import find_settings
 from ..host_threads import HostThreads
 from ..layout import RAY
 from .device_tree import DeviceTree
-from .ray_order import find_order, take_rays
+from .ray_order import find_order
 from .rays import RayBatch, RayBox, pack_rays
 
-# Rays or points per kernel launch, whatever the size of the batch: 48 MiB of rays and hits, and 36 MiB more where rays
-# are sorted.
+# Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
+# rays are sorted. They are sorted among so many.
 CHUNK_RAYS = 2**20
-
-_NUMBER = np.dtype(np.int32)
 
 Progress = Callable[[int, int], None]
 Packer = Callable[[int, int, NDArray[np.void]], None]
@@ -56,11 +54,48 @@ class Caster(Closing):
         """Rays or points of a chunk."""
         return CHUNK_RAYS
 
-    def ray_chunks(
-        self, batch: RayBatch, progress: Progress | None = None, *, most_rows: int | None = None
-    ) -> Iterator[tuple[int, int]]:
-        """Put rays on the device, chunk by chunk, and yield where each one begins and ends; see `chunks`."""
-        return self.chunks(len(batch), RAY, self._ray_packer(batch), progress, most_rows=most_rows)
+    def ray_chunks(self, batch: RayBatch, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
+        """Put rays on the device, chunk by chunk, and yield where each one begins and ends; see `chunks`.
+
+        Results come in the order of the rays, in whatever order the device takes them.
+        """
+        for begin, end in self._cut(len(batch), progress):
+            order = find_order(batch, begin, end, self.box, self.threads)
+            if order is None:
+                self.upload_rays(batch, begin, end)
+            else:
+                self._upload_some(batch.part(begin, end), begin, order)
+                numbers = self._buffer("order", len(order), order.dtype)
+                with self.session.mapped(numbers, len(order), order.dtype, write=True) as rows:
+                    rows[:] = order
+                self._given = self._given[0], numbers
+            yield begin, end
+
+    def ray_pieces(
+        self, batch: RayBatch, most_rows: int, progress: Progress | None = None
+    ) -> Iterator[tuple[int, NDArray[np.int32]]]:
+        """Put rays on the device, at most so many at a time, and yield their numbers in the order of the results.
+
+        Yields
+        ------
+        begin : int
+        numbers : (n,) int32
+            Counted from `begin`.
+        """
+        for begin, end in self._cut(len(batch), None):
+            order = find_order(batch, begin, end, self.box, self.threads)
+            chunk = None if order is None else batch.part(begin, end)
+            for first in range(begin, end, most_rows):
+                last = min(first + most_rows, end)
+                if order is None or chunk is None:
+                    self.upload_rays(batch, first, last)
+                    numbers = np.arange(first - begin, last - begin, dtype=np.int32)
+                else:
+                    numbers = order[first - begin : last - begin]
+                    self._upload_some(chunk, begin, numbers)
+                yield begin, numbers
+                if progress is not None:
+                    progress(last, len(batch))
 
     def chunks(
         self,
@@ -68,8 +103,6 @@ class Caster(Closing):
         dtype: np.dtype,
         pack: Packer,
         progress: Progress | None = None,
-        *,
-        most_rows: int | None = None,
     ) -> Iterator[tuple[int, int]]:
         """Put a batch on the device, chunk by chunk, and yield where each one begins and ends.
 
@@ -82,55 +115,52 @@ class Caster(Closing):
             Called with where a range of rows begins and ends, and the array to write them to; from several threads.
         progress : function, optional
             Called with the number of rows that are done, and of all rows, after each chunk.
-        most_rows : int, optional
-            Where a chunk is to have fewer rows than usual.
 
         Raises
         ------
         ValueError
             A row is bad, or the tree is no longer on the device.
         """
+        for begin, end in self._cut(row_count, progress):
+
+            def pack_chunk(first: int, last: int, rows: NDArray[np.void], begin: int = begin) -> None:
+                pack(begin + first, begin + last, rows)
+
+            self._upload(dtype, end - begin, pack_chunk)
+            yield begin, end
+
+    def upload_rays(self, batch: RayBatch, begin: int, end: int) -> None:
+        """Put some of the rays on the device, in the place of those that are there."""
+
+        def pack(first: int, last: int, rows: NDArray[np.void]) -> None:
+            pack_rays(batch.part(begin + first, begin + last), self.box, rows, first_row=begin + first)
+
+        self._upload(RAY, end - begin, pack)
+
+    def _upload_some(self, chunk: RayBatch, begin: int, numbers: NDArray[np.int32]) -> None:
+        """Put some rays of a chunk on the device, in another order; the first ray of the chunk is number `begin`."""
+
+        def pack(first: int, last: int, rows: NDArray[np.void]) -> None:
+            pack_rays(chunk, self.box, rows, first_row=begin, order=numbers[first:last])
+
+        self._upload(RAY, len(numbers), pack)
+
+    def _cut(self, row_count: int, progress: Progress | None) -> Iterator[tuple[int, int]]:
+        """Yield where each chunk begins and ends, and tell when it is done."""
         if self.session.is_closed:
             raise ValueError("the tracer is closed: its tree is no longer on the device")
-        chunk_rows = min(CHUNK_RAYS, most_rows or CHUNK_RAYS)
-        for begin in range(0, row_count, chunk_rows):
-            end = min(begin + chunk_rows, row_count)
-            self._upload(dtype, pack, begin, end)
+        for begin in range(0, row_count, CHUNK_RAYS):
+            end = min(begin + CHUNK_RAYS, row_count)
             yield begin, end
             if progress is not None:
                 progress(end, row_count)
 
-    def upload_rays(self, batch: RayBatch, begin: int, end: int) -> None:
-        """Put some of the rays on the device, in the place of those that are there."""
-        self._upload(RAY, self._ray_packer(batch), begin, end)
-
-    def _ray_packer(self, batch: RayBatch) -> Packer:
-        def pack(begin: int, end: int, rays: NDArray[np.void]) -> None:
-            pack_rays(batch.part(begin, end), self.box, rays, first_row=begin)
-
-        return pack
-
-    def _upload(self, dtype: np.dtype, pack: Packer, begin: int, end: int) -> None:
+    def _upload(self, dtype: np.dtype, count: int, pack: Packer) -> None:
         """Put rows on the device, in the place of those that are there."""
-        count = end - begin
         given = self._buffer("given", count, dtype)
         self._given = given, *((None,) if dtype == RAY else ())
         with self.session.mapped(given, count, dtype, write=True) as rows:
-            self.threads.for_ranges(count, lambda first, last: pack(begin + first, begin + last, rows[first:last]))
-            numbers = find_order(rows, self.box, self.threads) if dtype == RAY else None
-            if numbers is not None:
-                self._sort(rows, numbers)
-
-    def _sort(self, rays: NDArray[np.void], numbers: NDArray[np.int64]) -> None:
-        """Put rays on the device in another order."""
-        count = len(rays)
-        ordered, order = self._buffer("ordered", count, RAY), self._buffer("order", count, _NUMBER)
-        with (
-            self.session.mapped(ordered, count, RAY, write=True) as rows,
-            self.session.mapped(order, count, _NUMBER, write=True) as places,
-        ):
-            take_rays(rays, numbers, self.threads, rows, places)
-        self._given = ordered, order
+            self.threads.for_ranges(count, lambda first, last: pack(first, last, rows[first:last]))
 
     @contextmanager
     def cast(

@@ -3,6 +3,9 @@
 Rays in any order wait for memory at nearly every node; those of neighbouring work-items share what is in the cache. So
 a batch whose neighbours lie apart is sorted by where its rays enter and leave the box, and the device writes each
 result where the ray was (Moon et al., "Cache-oblivious ray reordering", 2010).
+
+A key is 24 bits, and the sort counts twice: by the lower half, then by the upper half. Both keep what is equal in its
+order, so the result does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -14,139 +17,219 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..host_threads import HostThreads
-from .rays import DIRECTION_LANE, RAY_LANES, T_MAX_LANE, T_MIN_LANE, RayBox
+from .rays import RayBatch, RayBox
 
-# Fewer rays do not earn back the sort. Whole calls at the dragon, 2-core x86-64 server, rays from anywhere in its box
-# in any direction, sorted against as they are: at 65,536 rays 1.12 (closest) and 1.23 (any hit), at 131,072 1.02 and
-# 1.15, at 262,144 1.00 and 1.00, at 524,288 0.97 and 0.94. A shuffled picture gains earlier: 0.61 to 0.86 at 100,000.
-LEAST_RAYS = 1 << 18
+# Fewer rays do not earn back the sort. Whole calls, sorted against as they are, closest, any and all hits, medians on
+# 2 cores of an x86-64 server, dragon:
+#            shuffled picture    from around         from anywhere       in any order from the surface
+# 32,768     0.99 0.87 0.72      0.81 0.89 1.01      1.11 1.02 0.99      1.09 1.43 1.10
+# 65,536     0.84 0.75 0.63      0.99 0.94 0.93      1.08 1.07 0.94      1.00 0.96 0.89
+# 131,072    0.79 0.65 0.55      0.89 0.98 0.84      1.08 0.97 0.86      0.93 0.83 0.81
+LEAST_RAYS = 1 << 16
+_FEWEST = 2
 
-# Cells along each axis of the box, 5 bits of a key; a key has six of them, and the ray's number below.
-_CELLS = 32
+# Cells along each axis of the box, 4 bits of a key; a key has six of them.
+_CELLS = 16
+_KEY_AXES = 6
+_DIGIT_BITS = 12
+_DIGIT_MASK = (1 << _DIGIT_BITS) - 1
+
+# A box that is smaller along an axis has one cell there: the number of cells to a unit fits float32.
+_SMALLEST = np.float32(2.0**-100)
+
+# Rays that miss the box come last, with an upper digit of their own.
+_MISS = 1 << 2 * _DIGIT_BITS
+_BUCKETS = (1 << _DIGIT_BITS) + 1
+
+# A key and the number of its ray in 64 bits.
 _NUMBER_BITS = 32
-_NUMBER_MASK = (1 << _NUMBER_BITS) - 1
 
-# The bits of a cell's number, each with five zeros in front: so that six numbers interlock, a Morton code.
-_SPREAD = np.array([sum((cell >> bit & 1) << 6 * bit for bit in range(5)) for cell in range(_CELLS)], np.int64)
-_MISSES = np.int64(1 << 30)
+# Cells are found for so many rays at a time, in vector instructions: these lanes of each, and three for each axis.
+_BLOCK = 64
+_ORIGIN, _DIRECTION, _ENTER, _LEAVE, _LANES = 0, 3, 6, 7, 8
 
-# Neighbours in so many places of a batch are looked at. It is sorted if this share of them are not in the same or
+# Neighbours in so many places of a batch are looked at. They are apart if this share of them are not in the same or in
 # adjoining cells: few of a picture's rays are not, and most of those in any order.
-_SAMPLES = 1024
+_SAMPLES = 512
+
+# Samples are so far from each other, modulo the batch: no whole number of a picture's rows.
+_GOLDEN = (5**0.5 - 1) / 2
 _LEAST_APART = 0.25
 
 
-def find_order(rays: NDArray[np.void], box: RayBox, threads: HostThreads) -> NDArray[np.int64] | None:
-    """Return (n,) int64: the numbers of the rays in the order in which to cast them; None for as they are.
+def find_order(batch: RayBatch, begin: int, end: int, box: RayBox, threads: HostThreads) -> NDArray[np.int32] | None:
+    """Return (n,) int32: the order in which to cast rays `begin` to `end`, counted from `begin`; None for as they are.
 
-    Parameters
-    ----------
-    rays : (n,) `layout.RAY`
-        Packed.
-    box : RayBox
-    threads : HostThreads
+    The rays need not be valid.
     """
-    count = len(rays)
-    if count < LEAST_RAYS:
+    count = end - begin
+    if count < max(LEAST_RAYS, _FEWEST) or not _is_scattered(batch, begin, end, box):
         return None
-    lanes = rays.view(np.float32).reshape(-1, RAY_LANES)
-    scale = 0.5 * _CELLS / np.maximum(box.half, np.finfo(np.float32).tiny)
-    if _measure_apart(lanes, box.half, scale, max(1, count // _SAMPLES)) < _LEAST_APART:
-        return None
-    keys = np.empty(count, np.int64)
-    threads.for_ranges(count, lambda first, last: _sort_keys(lanes, box.half, scale, first, keys[first:last]))
-    return keys
+    keys, pairs, order = np.empty(count, np.int32), np.empty(count, np.int64), np.empty(count, np.int32)
+    ranges = threads.ranges(count)
+    tallies = np.zeros((2, len(ranges), _BUCKETS), np.int32)
+
+    def make_keys(place: int, first: int, last: int) -> None:
+        part = batch.part(begin + first, begin + last)
+        _make_keys(keys[first:last], tallies[0, place], *_with_cells(part, box))
+
+    threads.run(make_keys, [(place, *rows) for place, rows in enumerate(ranges)])
+    starts = _find_starts(tallies[0])
+    threads.run(_sort_lower, [(keys, *rows, starts[place], pairs) for place, rows in enumerate(ranges)])
+    threads.run(_count_upper, [(pairs, *rows, tallies[1, place]) for place, rows in enumerate(ranges)])
+    starts = _find_starts(tallies[1])
+    threads.run(_sort_upper, [(pairs, *rows, starts[place], order) for place, rows in enumerate(ranges)])
+    return order
 
 
-def take_rays(
-    rays: NDArray[np.void],
-    numbers: NDArray[np.int64],
-    threads: HostThreads,
-    ordered: NDArray[np.void],
-    order: NDArray[np.int32],
-) -> None:
-    """Write rays in another order, and their numbers beside them.
-
-    They are moved here and not where they are cast: a processor fetches many of them at once, and a traversal that
-    begins with one waits for it.
-    """
-    source, target = (given.view(np.float32).reshape(-1, RAY_LANES) for given in (rays, ordered))
-    threads.for_ranges(
-        len(numbers),
-        lambda first, last: _take(source, numbers[first:last], target[first:last], order[first:last]),
-    )
+def _is_scattered(batch: RayBatch, begin: int, end: int, box: RayBox) -> bool:
+    """Return whether rays that follow each other take different ways, by a sample."""
+    firsts = begin + (np.arange(_SAMPLES) * _GOLDEN % 1.0 * (end - begin - 1)).astype(np.int64)
+    pairs = batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).part(0, 2 * _SAMPLES)
+    shares: tuple[float, float, float] = _measure_apart(*_with_cells(pairs, box))
+    entrances, exits, far_entrances = shares
+    # Rays that leave a surface in all directions, point after point, share the nodes around it: sorting them gains
+    # nothing. Rays of one eye inside of the box all begin there, in any order.
+    return bool(entrances >= _LEAST_APART or (exits >= _LEAST_APART and far_entrances < _LEAST_APART))
 
 
-def _sort_keys(lanes: NDArray[Any], half: Any, scale: Any, first: int, keys: NDArray[np.int64]) -> None:
-    """Write the numbers of a range of rays in the order of their keys."""
-    _make_keys(lanes, half, scale, first, keys)
-    keys.sort()
-    keys &= _NUMBER_MASK
+def _with_cells(batch: RayBatch, box: RayBox) -> tuple[Any, ...]:
+    """Return what `_find_cells` takes: the rays, half the box, and how many cells there are to a unit of length."""
+    half = box.half.astype(np.float32)
+    scale = np.float32(0.5 * _CELLS) / np.maximum(half, _SMALLEST)
+    return batch.origins, batch.directions, batch.t_min, batch.t_max, box.centre, half, scale
+
+
+def _find_starts(tallies: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return where each range puts its first ray of each bucket; the tallies have a row for each range."""
+    by_bucket = np.ascontiguousarray(tallies.T)
+    sums = np.cumsum(by_bucket, dtype=np.int32).reshape(by_bucket.shape)
+    return np.ascontiguousarray((sums - by_bucket).T)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _make_keys(keys, tally, origins, directions, t_mins, t_maxs, centre, half, scale):  # type: ignore[no-untyped-def]
+    """Write the keys of rays, and count their lower halves."""
+    lanes, cells = _make_block()
+    for first in range(0, len(keys), _BLOCK):
+        count = min(_BLOCK, len(keys) - first)
+        _find_cells(origins, directions, t_mins, t_maxs, centre, half, scale, first, count, lanes, cells)
+        for ray in range(_BLOCK):
+            key = np.int32(0)
+            for axis in range(_KEY_AXES):
+                # The bits of a cell's number with five zeros between them: six numbers interlock, a Morton code.
+                cell = cells[axis, ray]
+                key |= ((cell & 1) | (cell & 2) << 5 | (cell & 4) << 10 | (cell & 8) << 15) << axis
+            cells[0, ray] = key if _meets(lanes, ray) else np.int32(_MISS)
+        for ray in range(count):
+            keys[first + ray] = cells[0, ray]
+            tally[cells[0, ray] & _DIGIT_MASK] += 1
 
 
 @njit(cache=True, nogil=True)
-def _take(source, numbers, target, order):  # type: ignore[no-untyped-def]
-    for place in range(len(numbers)):
-        ray = numbers[place]
-        order[place] = ray
-        for lane in range(RAY_LANES):
-            target[place, lane] = source[ray, lane]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _make_keys(lanes, half, scale, first, keys):  # type: ignore[no-untyped-def]
-    cells = np.empty(6, np.int64)
-    for row in range(len(keys)):
-        key = _MISSES
-        if _find_cells(lanes, first + row, half, scale, cells):
-            key = np.int64(0)
-            for axis in range(6):
-                key |= _SPREAD[cells[axis]] << axis
-        keys[row] = key << _NUMBER_BITS | (first + row)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _measure_apart(lanes, half, scale, step):  # type: ignore[no-untyped-def]
-    """Return which share of the neighbours, of which one at least meets the box, are more than a cell apart."""
-    one, other = np.empty(6, np.int64), np.empty(6, np.int64)
-    considered, apart = 0, 0
-    for ray in range(0, len(lanes) - 1, step):
-        meets = _find_cells(lanes, ray, half, scale, one)
-        if _find_cells(lanes, ray + 1, half, scale, other):
-            considered += 1
-            apart += not meets or np.abs(one - other).max() > 1
-        elif meets:
-            considered += 1
-            apart += 1
-    return apart / max(considered, 1)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _find_cells(lanes, ray, half, scale, cells):  # type: ignore[no-untyped-def]
-    """Write in which cells the ray enters and leaves the box, or begins and ends; return whether it meets the box."""
-    enter, leave = np.float64(lanes[ray, T_MIN_LANE]), np.float64(lanes[ray, T_MAX_LANE])
-    # Comparisons with NaN, of a ray in the face of a box, are false and change nothing.
-    for axis in range(3):
-        origin, inverse = np.float64(lanes[ray, axis]), 1.0 / np.float64(lanes[ray, DIRECTION_LANE + axis])
-        near, far = (-half[axis] - origin) * inverse, (half[axis] - origin) * inverse
-        if inverse < 0.0:
-            near, far = far, near
-        if near > enter:
-            enter = near
-        if far < leave:
-            leave = far
-    if enter > leave:
-        return False
-    for axis in range(3):
-        origin, direction = np.float64(lanes[ray, axis]), np.float64(lanes[ray, DIRECTION_LANE + axis])
-        cells[axis] = _cell_of((origin + enter * direction + half[axis]) * scale[axis])
-        cells[3 + axis] = _cell_of((origin + leave * direction + half[axis]) * scale[axis])
-    return True
+def _sort_lower(keys, begin, end, starts, pairs):  # type: ignore[no-untyped-def]
+    for ray in range(begin, end):
+        key = keys[ray]
+        digit = key & _DIGIT_MASK
+        pairs[starts[digit]] = np.int64(key) << _NUMBER_BITS | ray
+        starts[digit] += 1
 
 
 @njit(cache=True, nogil=True)
-def _cell_of(place):  # type: ignore[no-untyped-def]
-    # Written so that NaN is in the first cell.
-    if not place > 0.0:
-        return 0
-    return _CELLS - 1 if place >= _CELLS else int(place)
+def _count_upper(pairs, begin, end, tally):  # type: ignore[no-untyped-def]
+    for place in range(begin, end):
+        tally[pairs[place] >> _NUMBER_BITS + _DIGIT_BITS] += 1
+
+
+@njit(cache=True, nogil=True)
+def _sort_upper(pairs, begin, end, starts, order):  # type: ignore[no-untyped-def]
+    for place in range(begin, end):
+        digit = pairs[place] >> _NUMBER_BITS + _DIGIT_BITS
+        order[starts[digit]] = np.int32(pairs[place])  # the lower half: the ray's number
+        starts[digit] += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _measure_apart(origins, directions, t_mins, t_maxs, centre, half, scale):  # type: ignore[no-untyped-def]
+    """Return which shares of rays that come in pairs are more than a cell apart, of those that meet the box.
+
+    Where the rays of a pair enter it, where they leave it, and where those of different pairs enter it.
+    """
+    lanes, cells = _make_block()
+    all_cells, meets = np.empty((len(origins), _KEY_AXES), np.int32), np.empty(len(origins), np.bool_)
+    for first in range(0, len(origins), _BLOCK):
+        _find_cells(origins, directions, t_mins, t_maxs, centre, half, scale, first, _BLOCK, lanes, cells)
+        for ray in range(_BLOCK):
+            meets[first + ray] = _meets(lanes, ray)
+            for axis in range(_KEY_AXES):
+                all_cells[first + ray, axis] = cells[axis, ray]
+    considered, entrances, exits, far_entrances = 0, 0, 0, 0
+    for ray in range(0, len(origins), 2):
+        if not (meets[ray] or meets[ray + 1]):
+            continue
+        considered += 1
+        is_alone = meets[ray] != meets[ray + 1]
+        entrances += is_alone or _are_apart(all_cells[ray, :3], all_cells[ray + 1, :3])
+        exits += is_alone or _are_apart(all_cells[ray, 3:], all_cells[ray + 1, 3:])
+        far_entrances += _are_apart(all_cells[ray, :3], all_cells[(ray + len(origins) // 2) % len(origins), :3])
+    return entrances / max(considered, 1), exits / max(considered, 1), far_entrances / max(considered, 1)
+
+
+@njit(cache=True, nogil=True)
+def _are_apart(one, other):  # type: ignore[no-untyped-def]
+    """Whether two cells neither are the same nor touch."""
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1]), abs(one[2] - other[2])) > 1
+
+
+@njit(cache=True, nogil=True)
+def _make_block():  # type: ignore[no-untyped-def]
+    """Return what `_find_cells` works in."""
+    return np.zeros((_LANES, _BLOCK), np.float32), np.empty((_KEY_AXES, _BLOCK), np.int32)
+
+
+@njit(cache=True, nogil=True)
+def _meets(lanes, ray):  # type: ignore[no-untyped-def]
+    """Whether a ray of a block meets the box."""
+    return not lanes[_ENTER, ray] > lanes[_LEAVE, ray]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_cells(  # type: ignore[no-untyped-def]
+    origins, directions, t_mins, t_maxs, centre, half, scale, first, count, lanes, cells
+):
+    """Write in which cells rays enter and leave the box, or begin and end, and how far along them that is.
+
+    In float32: of rays from very far the cells are wrong, which costs locality and nothing else. There are no branches,
+    and comparisons are written so that NaN, of a ray in the face of a box, changes nothing and is in the first cell.
+    """
+    # Twice as fast as with the lanes in a loop.
+    starts, along = origins[first : first + count], directions[first : first + count]
+    centre_x, centre_y, centre_z = centre[0], centre[1], centre[2]
+    x, y, z = lanes[_ORIGIN], lanes[_ORIGIN + 1], lanes[_ORIGIN + 2]
+    dx, dy, dz = lanes[_DIRECTION], lanes[_DIRECTION + 1], lanes[_DIRECTION + 2]
+    for ray in range(count):
+        x[ray], y[ray], z[ray] = starts[ray, 0] - centre_x, starts[ray, 1] - centre_y, starts[ray, 2] - centre_z
+        dx[ray], dy[ray], dz[ray] = along[ray, 0], along[ray, 1], along[ray, 2]
+    for limits, lane in ((t_mins, lanes[_ENTER]), (t_maxs, lanes[_LEAVE])):
+        if len(limits) > 1:
+            for ray in range(count):
+                lane[ray] = limits[first + ray]
+        else:
+            lane[:] = limits[0]
+    zero, one, last_cell = np.float32(0.0), np.float32(1.0), np.float32(_CELLS - 1)
+    for axis in range(3):
+        for ray in range(_BLOCK):
+            origin, inverse = lanes[_ORIGIN + axis, ray], one / lanes[_DIRECTION + axis, ray]
+            lower, upper = (-half[axis] - origin) * inverse, (half[axis] - origin) * inverse
+            near, far = (upper, lower) if inverse < zero else (lower, upper)
+            enter, leave = lanes[_ENTER, ray], lanes[_LEAVE, ray]
+            lanes[_ENTER, ray] = near if near > enter else enter
+            lanes[_LEAVE, ray] = far if far < leave else leave
+    for axis in range(3):
+        for ray in range(_BLOCK):
+            origin, direction = lanes[_ORIGIN + axis, ray] + half[axis], lanes[_DIRECTION + axis, ray]
+            entrance = (origin + lanes[_ENTER, ray] * direction) * scale[axis]
+            exit = (origin + lanes[_LEAVE, ray] * direction) * scale[axis]
+            entrance, exit = entrance if entrance > zero else zero, exit if exit > zero else zero
+            cells[axis, ray] = np.int32(entrance if entrance < last_cell else last_cell)
+            cells[3 + axis, ray] = np.int32(exit if exit < last_cell else last_cell)

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from ..simd import prefetch
 from ..tree import Bvh
 
 # A packed ray as 4-byte lanes.
@@ -42,6 +43,13 @@ _DISTANCE_SLACK = 2.0**-48
 _STEP_EXPONENT = 2
 
 _ALL_GOOD = -1
+
+# Rays in another order are asked for so many ahead: a million take 7 to 9 ms on two cores instead of 24; 16 and 40 are
+# alike.
+_AHEAD = 40
+
+# Rays are taken as they come.
+GIVEN_ORDER = np.empty(0, np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +153,14 @@ def _read_limits(values: ArrayLike, name: str, ray_count: int) -> NDArray[np.flo
     return limits.reshape(-1)
 
 
-def pack_rays(batch: RayBatch, box: RayBox, rays: NDArray[np.void], *, first_row: int = 0) -> None:
+def pack_rays(
+    batch: RayBatch,
+    box: RayBox,
+    rays: NDArray[np.void],
+    *,
+    first_row: int = 0,
+    order: NDArray[np.int32] = GIVEN_ORDER,
+) -> None:
     """Write rays as the device wants them: some are advanced, some scaled, so their t is not the user's.
 
     Parameters
@@ -157,6 +172,8 @@ def pack_rays(batch: RayBatch, box: RayBox, rays: NDArray[np.void], *, first_row
         Written.
     first_row : int
         The number of the batch's first ray, for messages.
+    order : (n,) int32
+        Which of the batch's rays are written; all, one after the other, without it.
 
     Raises
     ------
@@ -164,7 +181,11 @@ def pack_rays(batch: RayBatch, box: RayBox, rays: NDArray[np.void], *, first_row
         A value that is not finite, or a direction of length zero; the message names the first bad row.
     """
     lanes = rays.view(np.float32).reshape(-1, RAY_LANES)
-    bad = _pack(batch.origins, batch.directions, batch.t_min, batch.t_max, box.centre, box.half, lanes)
+    given = batch.origins, batch.directions, batch.t_min, batch.t_max, box.centre, box.half
+    bad = _pack(*given, order, lanes)
+    if bad != _ALL_GOOD and len(order) > 0:
+        # In another order, it need not be the first bad one.
+        bad = _pack(*given, GIVEN_ORDER, np.empty((len(batch), RAY_LANES), np.float32))
     if bad != _ALL_GOOD:
         _refuse(batch, bad, first_row + bad)
 
@@ -186,15 +207,24 @@ def scale_exponent(longest):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _pack(origins, directions, t_mins, t_maxs, centre, half, rays):  # type: ignore[no-untyped-def]
-    """Write the rays; return the number of the first bad one, or _ALL_GOOD."""
+def _pack(origins, directions, t_mins, t_maxs, centre, half, order, rays):  # type: ignore[no-untyped-def]
+    """Write the rays; return the number of the first bad one that is come across, or _ALL_GOOD."""
     size = max(half[0], half[1], half[2])
     near = _NEAR_SHARE * size
     centre_x, centre_y, centre_z = centre[0], centre[1], centre[2]
     each_t_min, each_t_max = len(t_mins) > 1, len(t_maxs) > 1
+    is_ordered = len(order) > 0
     if len(origins) > 0:
         t_min, t_max = t_mins[0], t_maxs[0]
-    for ray in range(len(origins)):
+    for place in range(len(rays)):
+        ray = place
+        if is_ordered:
+            ray = np.int64(order[place])
+            coming = 3 * np.int64(order[min(place + _AHEAD, len(rays) - 1)])  # both ends: rows cross cache lines
+            prefetch(origins, coming)
+            prefetch(origins, coming + 2)
+            prefetch(directions, coming)
+            prefetch(directions, coming + 2)
         x, y, z = origins[ray, 0] - centre_x, origins[ray, 1] - centre_y, origins[ray, 2] - centre_z
         dx, dy, dz = np.float64(directions[ray, 0]), np.float64(directions[ray, 1]), np.float64(directions[ray, 2])
         size_x, size_y, size_z = abs(dx), abs(dy), abs(dz)
@@ -208,7 +238,7 @@ def _pack(origins, directions, t_mins, t_maxs, centre, half, rays):  # type: ign
             longest >= _SHORT and size_x <= _LONG and size_y <= _LONG and size_z <= _LONG
             and abs(x) <= near and abs(y) <= near and abs(z) <= near
         ):  # fmt: skip
-            _write(rays, ray, x, y, z, t_min, dx, dy, dz, t_max)
+            _write(rays, place, x, y, z, t_min, dx, dy, dz, t_max)
             continue
         # Infinity minus infinity is NaN, and so is anything with NaN.
         finite = (dx - dx) + (dy - dy) + (dz - dz) == 0.0
@@ -216,7 +246,7 @@ def _pack(origins, directions, t_mins, t_maxs, centre, half, rays):  # type: ign
             finite &= origins[ray, axis] - origins[ray, axis] == 0.0
         if not (finite and longest > 0.0):
             return ray
-        _write_moved(rays, ray, x, y, z, t_min, dx, dy, dz, t_max, longest, half, size)
+        _write_moved(rays, place, x, y, z, t_min, dx, dy, dz, t_max, longest, half, size)
     return _ALL_GOOD
 
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..layout import NO_PRIM
+from ..simd import prefetch
+from .crossings import PLACE_BITS, PLACE_MASK, Crossings
 from .rays import RayBatch, scale_exponent
 
 # A hit from the device as 4-byte lanes.
@@ -20,6 +22,12 @@ _U_LANE, _V_LANE, _PRIM_LANE = 1, 2, 3
 # Hits are refined so many at a time: first all is fetched, then comes the arithmetic, which the compiler turns into
 # vector instructions, then the exceptions. Hit by hit it takes twice as long, and so few stay in the first-level cache.
 _BLOCK = 128
+
+# Triangles, and what the device found, are asked for so many hits ahead: 8 to 16 are alike.
+_AHEAD = 12
+
+# Rays that are made contiguous at a time, where they are not.
+_MOST_RAYS = 2**20
 
 # What is known of the hits of a block: vectors, a row for each axis.
 _ORIGIN, _DIRECTION, _CORNER, _AB, _AC, _TUV = range(6)
@@ -57,38 +65,45 @@ def refine_hits(
 def refine_runs(
     batch: RayBatch,
     mesh: Mesh,
-    found: NDArray[np.void],
-    counts: NDArray[np.int64],
-    begins: NDArray[np.int64],
+    crossings: Crossings,
+    begin: int,
+    end: int,
+    places: NDArray[np.int64],
     t: NDArray[np.floating],
     u: NDArray[np.floating],
     v: NDArray[np.floating],
-    prim_id: NDArray[np.int32],
+    prim_id: NDArray[np.integer],
+    ray_id: NDArray[np.int64],
     locations: NDArray[np.float64],
 ) -> None:
-    """Write several hits for each ray in float64, in the device's order.
+    """Write several hits for each ray in float64.
 
     Parameters
     ----------
-    batch, mesh
-        As in `refine_hits`.
-    found : (m,) `layout.HIT`
-        The hits of the first ray, then those of the second one, and so on.
-    counts : (n,) int64
-        How many each ray has.
-    begins : (n,) int64
-        Where those of each ray are written.
-    t, u, v, prim_id, locations : arrays
-        Written; `locations` is (hits, 3), or without rows when nobody wants them. No t is smaller than that of the
-        crossing before it on the ray: the device's order holds for all queries, so that `all_hits` begins with what
+    batch : RayBatch
+        All rays.
+    mesh : Mesh
+    crossings : Crossings
+    begin, end : int
+        Which rays are worked on.
+    places : (1,) or (depths,) int64
+        Where the first hit goes, and the others behind it, ray after ray; or, if there is a `ray_id`, where the first
+        one of each depth goes. Changed.
+    t, u, v, prim_id, ray_id, locations : arrays
+        Written; those without rows are not wanted; `locations` is (m, 3). No t is smaller than that of the crossing
+        before it on the ray: the device's order holds for all queries, so that `all_hits` begins with what
         `closest_hit` finds; where two crossings are closer than float32 resolves, float64 may see them the other way
         round.
     """
-    lanes = _lanes(found)
-    _refine_runs(
-        batch.origins, batch.directions, batch.t_min, batch.t_max, mesh.origin, mesh.vertices, mesh.faces,
-        lanes, lanes.view(np.int32), counts, begins, t, u, v, prim_id, locations,
-    )  # fmt: skip
+    lanes = _lanes(crossings.found)
+    for first in range(begin, end, _MOST_RAYS):
+        last = min(first + _MOST_RAYS, end)
+        part = batch.part(first, last)
+        _refine_runs(
+            part.origins, part.directions, part.t_min, part.t_max, mesh.origin, mesh.vertices, mesh.faces,
+            lanes, lanes.view(np.int32), crossings.counts[first:last], crossings.sources[first:last],
+            crossings.piece_begins, first, places, t, u, v, prim_id, ray_id, locations,
+        )  # fmt: skip
 
 
 def _lanes(found: NDArray[np.void]) -> NDArray[Any]:
@@ -120,29 +135,50 @@ def _refine_each(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _refine_runs(  # type: ignore[no-untyped-def]
-    origins, directions, t_mins, t_maxs, centre, vertices, faces, found, found_ints, counts, begins,
-    t, u, v, prim_id, locations,
+    origins, directions, t_mins, t_maxs, centre, vertices, faces, found, found_ints, counts, codes, piece_begins,
+    first_ray, places, t, u, v, prim_id, ray_id, locations,
 ):  # fmt: skip
     block, exponents = np.empty((_TUV + 1, 3, _BLOCK)), np.empty(_BLOCK, np.int64)
-    rays, sources, places = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
-    source, count = 0, 0
-    for ray in range(len(counts)):
-        for place in range(begins[ray], begins[ray] + counts[ray]):
-            prim_id[place] = found_ints[source, _PRIM_LANE]
-            rays[count], sources[count], places[count] = ray, source, place
-            source += 1
+    rays, sources, targets = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
+    by_depth, with_points = len(ray_id) > 0, len(t) > 0 or len(locations) > 0
+    first_place = places[0] if len(places) > 0 else 0
+    ray, depth = 0, 0
+    while ray < len(counts):
+        count = 0
+        while ray < len(counts) and count < _BLOCK:
+            if depth == counts[ray]:
+                ray, depth = ray + 1, 0
+                if ray + _AHEAD < len(counts):
+                    prefetch(found, HIT_LANES * _find_source(codes[ray + _AHEAD], piece_begins) + _PRIM_LANE)
+                continue
+            slot = depth if by_depth else 0
+            rays[count], targets[count] = ray, places[slot]
+            sources[count] = _find_source(codes[ray], piece_begins) + depth
+            places[slot] += 1
+            depth += 1
             count += 1
-            if count == _BLOCK or source == len(found):
-                listed, wanted = rays[:count], sources[:count]
-                _fetch(origins, directions, centre, vertices, faces, found_ints, listed, wanted, block, exponents)
-                _meet_planes(block, count)
-                _settle(
-                    t_mins, t_maxs, centre, found, listed, wanted, places, block, exponents, t, u, v, locations
-                )  # fmt: skip
-                count = 0
-    for ray in range(len(counts)):
-        for place in range(begins[ray] + 1, begins[ray] + counts[ray]):
-            t[place] = max(t[place], t[place - 1])
+        for hit in range(count):
+            prim_id[targets[hit]] = found_ints[sources[hit], _PRIM_LANE]
+            if by_depth:
+                ray_id[targets[hit]] = first_ray + rays[hit]
+        if with_points:
+            listed, wanted = rays[:count], sources[:count]
+            _fetch(origins, directions, centre, vertices, faces, found_ints, listed, wanted, block, exponents)
+            _meet_planes(block, count)
+            _settle(t_mins, t_maxs, centre, found, listed, wanted, targets, block, exponents, t, u, v, locations)
+    if len(t) > 0:
+        place = first_place
+        for ray in range(len(counts)):
+            for depth in range(counts[ray]):
+                if depth > 0:
+                    t[place] = max(t[place], t[place - 1])
+                place += 1
+
+
+@njit(cache=True, nogil=True)
+def _find_source(code, piece_begins):  # type: ignore[no-untyped-def]
+    """Return where the first hit of a ray is, see `Crossings`."""
+    return piece_begins[code >> PLACE_BITS] + (code & PLACE_MASK)
 
 
 @njit(cache=True, nogil=True)
@@ -150,8 +186,14 @@ def _fetch(  # type: ignore[no-untyped-def]
     origins, directions, centre, vertices, faces, found_ints, rays, sources, block, exponents
 ):
     """Write the rays and the triangles of some hits into a block, directions of moderate length."""
+    last = len(rays) - 1
+    for hit in range(len(rays)):
+        prefetch(faces, 3 * found_ints[sources[hit], _PRIM_LANE])
     for hit in range(len(rays)):
         ray, prim = rays[hit], found_ints[sources[hit], _PRIM_LANE]
+        coming = found_ints[sources[min(hit + _AHEAD, last)], _PRIM_LANE]
+        for corner in range(3):
+            prefetch(vertices, 3 * faces[coming, corner])
         dx, dy, dz = np.float64(directions[ray, 0]), np.float64(directions[ray, 1]), np.float64(directions[ray, 2])
         exponent = scale_exponent(max(abs(dx), abs(dy), abs(dz)))
         if exponent != 0:
@@ -209,9 +251,10 @@ def _settle(  # type: ignore[no-untyped-def]
             hit_t = along / square
         if exponents[hit] != 0:
             hit_t = math.ldexp(hit_t, -exponents[hit])
-        t_min = t_mins[ray] if len(t_mins) > 1 else t_mins[0]
-        t_max = t_maxs[ray] if len(t_maxs) > 1 else t_maxs[0]
-        t[place], u[place], v[place] = min(max(hit_t, t_min), t_max), hit_u, hit_v
+        if len(t) > 0:
+            t_min = t_mins[ray] if len(t_mins) > 1 else t_mins[0]
+            t_max = t_maxs[ray] if len(t_maxs) > 1 else t_maxs[0]
+            t[place], u[place], v[place] = min(max(hit_t, t_min), t_max), hit_u, hit_v
         if len(locations) > 0:
             for axis in range(3):
                 offset = hit_u * block[_AB, axis, hit] + hit_v * block[_AC, axis, hit]

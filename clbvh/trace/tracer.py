@@ -11,8 +11,9 @@ from ..device.session import DeviceSession
 from ..layout import HIT
 from ..tree import Bvh
 from .caster import Caster, Progress
-from .crossings import NO_LIMIT, count_crossings, find_crossings
+from .crossings import NO_LIMIT, count_crossings
 from .device_tree import DeviceTree, check_layout
+from .gather import gather_by_depth, gather_by_ray
 from .hits import AllHits, Hits
 from .nearest import find_closest, find_inside
 from .points import ClosestPoints
@@ -164,12 +165,41 @@ class Tracer(Closing):
 
         Notes
         -----
-        Each ray is traversed once; one with eight crossings and more three times, to count them and to fetch them.
-        28 bytes per crossing come back, and 48 MiB at a time are on the device; a ray with more gets what it needs.
+        Each ray is traversed once; one with eight crossings and more twice, and one with 32 and more four times, to
+        count them and to fetch them. 28 bytes per crossing come back, and 40 MiB at a time are on the device; a ray
+        with more gets what it needs.
         """
         limit = _check_max_hits(max_hits)
         batch = read_rays(origins, directions, t_min, t_max)
-        return find_crossings(self._caster, self._mesh, batch, limit, progress, with_locations=with_locations)
+        return gather_by_ray(self._caster, self._mesh, batch, limit, progress, with_locations=with_locations)
+
+    def hits_by_depth(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        max_hits: int | None = None,
+        with_locations: bool = False,
+        progress: Progress | None = None,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
+        """Return the crossings that `all_hits` finds, all rays' first ones before all second ones, and so on.
+
+        Takes and raises the same as `all_hits`.
+
+        Returns
+        -------
+        prim_id : (m,) int64
+            Faces of the mesh.
+        ray_id : (m,) int64
+            The ray of each crossing, in the order of the rays at each depth.
+        locations : (m, 3) float64, the file's coordinates, or None
+            Only found `with_locations`.
+        """
+        limit = _check_max_hits(max_hits)
+        batch = read_rays(origins, directions, t_min, t_max)
+        return gather_by_depth(self._caster, self._mesh, batch, limit, progress, with_locations=with_locations)
 
     def closest_point(self, points: ArrayLike, *, progress: Progress | None = None) -> ClosestPoints:
         """Return the nearest point of the surface for each point.

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from clbvh import AllHits, Mesh, Tracer, build
+from clbvh import AllHits, Mesh, Tracer, build, host_threads
 from clbvh.trace import caster as caster_module
 from clbvh.trace import crossings as crossings_module
+from clbvh.trace import refine
 from clbvh.trace.reference import find_wrong_crossings
+
+from ..rays import hard_rays
 
 FIELDS = ("t", "u", "v", "prim_id", "offsets")
 
@@ -83,10 +86,44 @@ def test_max_hits_keeps_the_nearest(tracer, rays, expected, most):
     np.testing.assert_array_equal(tracer.count_hits(*rays, max_hits=most), np.minimum(expected.counts, most))
 
 
+@pytest.mark.parametrize("most", [None, 2])
+@pytest.mark.parametrize("places", [(1, 2), (2, 3), (8, 32)], ids=str)
+def test_depth_by_depth_is_another_order(tracer, rays, monkeypatch, places, most):
+    limited = tracer.all_hits(*rays, max_hits=most)
+    depth = np.arange(len(limited)) - limited.offsets[limited.ray_id]
+    order = np.lexsort((limited.ray_id, depth))
+    monkeypatch.setattr(crossings_module, "FIRST_PLACES", places[0])
+    monkeypatch.setattr(crossings_module, "MORE_PLACES", places[1])
+    prim_id, ray_id, locations = tracer.hits_by_depth(*rays, max_hits=most, with_locations=True)
+    assert prim_id.dtype == ray_id.dtype == np.int64
+    np.testing.assert_array_equal(prim_id, limited.prim_id[order])
+    np.testing.assert_array_equal(ray_id, limited.ray_id[order])
+    assert locations.tobytes() == limited.locations[order].tobytes()
+    without = tracer.hits_by_depth(*rays, max_hits=most)
+    assert [without[0].tobytes(), without[1].tobytes(), without[2]] == [prim_id.tobytes(), ray_id.tobytes(), None]
+
+
+def test_threads_share_the_crossings(tracer, mesh, monkeypatch):
+    """More hits than one thread is given, and each array as it is in one thread; rows in any layout."""
+    origins, directions = hard_rays(mesh, 60000, np.random.default_rng(12))
+    expected = tracer.all_hits(origins, directions, with_locations=True), tracer.hits_by_depth(origins, directions)
+    assert len(expected[0]) > 40000
+    monkeypatch.setattr(host_threads, "_LEAST_ROWS", 1000)
+    monkeypatch.setattr(tracer._caster.threads, "count", 5)
+    monkeypatch.setattr(refine, "_MOST_RAYS", 777)
+    turned = np.asfortranarray(origins), np.asfortranarray(directions)
+    hits = tracer.all_hits(*turned, with_locations=True)
+    assert_same(hits, expected[0])
+    assert hits.locations.tobytes() == expected[0].locations.tobytes()
+    for obtained, given in zip(tracer.hits_by_depth(*turned)[:2], expected[1], strict=False):
+        assert obtained.tobytes() == given.tobytes()
+
+
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 1023, 1024, 1025])
 def test_any_number_of_rays(tracer, rays, expected, count):
     hits = tracer.all_hits(rays[0][:count], rays[1][:count])
     assert len(hits.offsets) == count + 1
+    assert len(tracer.hits_by_depth(rays[0][:count], rays[1][:count])[0]) == expected.offsets[count]
     for field in ("t", "u", "v", "prim_id"):
         assert getattr(hits, field).tobytes() == getattr(expected, field)[: expected.offsets[count]].tobytes()
 
