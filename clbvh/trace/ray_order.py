@@ -50,7 +50,7 @@ _ORIGIN, _DIRECTION, _ENTER, _LEAVE, _LANES = 0, 3, 6, 7, 8
 
 # Neighbours in so many places of a batch are looked at. They are apart if this share of them are not in the same or in
 # adjoining cells: few of a picture's rays are not, and most of those in any order.
-_SAMPLES = 512
+_SAMPLES = 128
 
 # Samples are so far from each other, modulo the batch: no whole number of a picture's rows.
 _GOLDEN = (5**0.5 - 1) / 2

@@ -107,7 +107,13 @@ class Tracer(Closing):
         prim_id = np.empty(len(batch), np.int32)
         for begin, end in self._caster.ray_chunks(batch, progress):
             with self._caster.cast("closest_hit", end - begin, HIT) as found:
-                prim_id[begin:end] = found["prim_id"]
+
+                def copy(
+                    first: int, last: int, prims: NDArray[np.int32] = found["prim_id"], begin: int = begin
+                ) -> None:
+                    prim_id[begin + first : begin + last] = prims[first:last]
+
+                self._caster.threads.for_ranges(end - begin, copy)
         return prim_id
 
     def any_hit(
