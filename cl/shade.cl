@@ -3,12 +3,27 @@
 #include "surface.cl"
 #include "traverse.cl"
 
-// Linear light to what a screen expects (IEC 61966-2-1, sRGB).
+// The cube root of numbers from 0.001 to 1: a third of the logarithm that their bits nearly are, off by 6 % at most, and
+// two of Halley's steps, each of which leaves less than the cube of the error before.
+INLINED float3 cube_root(const float3 x)
+{
+    const float3 bits = convert_float3(as_int3(x)) * (1.0f / 3.0f) + (float)(2.0f / 3.0f * 0x3f800000);
+    float3 root = as_float3(convert_int3(bits));
+    for (int step = 0; step < 2; step++) {
+        const float3 cube = root * root * root;
+        root *= (cube + 2.0f * x) / (2.0f * cube + x);
+    }
+    return root;
+}
+
+// Linear light to what a screen expects (IEC 61966-2-1, sRGB). The power 1 / 2.4 is written as 1 / 4 + 1 / 6: pow takes
+// longer than tracing the ray.
 INLINED float3 encode_srgb(const float3 linear)
 {
-    const float3 clamped = clamp(linear, 0.0f, 1.0f);
-    const float3 curved = 1.055f * pow(clamped, (float3)(1.0f / 2.4f)) - 0.055f;
-    return clamped <= 0.0031308f ? 12.92f * clamped : curved;
+    const float3 clamped = clamp(linear, 0.0031308f, 1.0f);
+    const float3 root = sqrt(clamped);
+    const float3 curved = 1.055f * sqrt(root) * cube_root(root) - 0.055f;
+    return linear <= 0.0031308f ? 12.92f * linear : curved;
 }
 
 // A vertical gradient; black where colours are measurements.
@@ -51,6 +66,6 @@ INLINED bool sees_light(
     }
     const path_t path = make_path(point_above(surface), to_light, 0.0f, INFINITY);
     search_t blockers = begin_search(1, 0);
-    traverse(nodes, groups, group_count, &path, &blockers, QUERY_COUNT);
+    traverse(nodes, nodes, groups, group_count, &path, &blockers, QUERY_COUNT);
     return blockers.count == 0;
 }
