@@ -28,6 +28,14 @@ def pytest_runtest_makereport(item, call):
             report.longrepr = f"{item.nodeid} skipped, but {REQUIRE_DEVICE} is set: {reason}"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _empty_cache(tmp_path_factory) -> Iterator[None]:
+    """What the user keeps, settings of `clbvh tune` above all, is of no matter to tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CLBVH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def _opened_device() -> Iterator[DeviceSession]:
     try:
