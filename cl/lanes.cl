@@ -29,6 +29,17 @@ INLINED lanes_t larger_lanes(const lanes_t a, const lanes_t b)
     return a > b ? a : b;
 }
 
+INLINED float largest_of_lanes(const lanes_t a)
+{
+#if WIDTH == 8
+    const float4 of_four = a.lo > a.hi ? a.lo : a.hi;
+#else
+    const float4 of_four = a;
+#endif
+    const float2 of_two = of_four.lo > of_four.hi ? of_four.lo : of_four.hi;
+    return larger(of_two.x, of_two.y);
+}
+
 // a * b + c, rounded once where there is an instruction for it, twice elsewhere: fma would be slow there.
 #if WIDTH == 8 && defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
 #define MULTIPLY_ADD_LANES(a, b, c) __builtin_ia32_vfmaddps256(a, b, c)

@@ -40,10 +40,3 @@ INLINED path_t load_path(const global ray_t *ray)
 {
     return make_path(load3(ray->origin), load3(ray->direction), ray->t_min, ray->t_max);
 }
-
-// The number of the ray in a place: rays that lie side by side should be close together, see clbvh/trace/ray_order.py.
-// Without an order they are as they were given.
-INLINED int number_of_ray(const global int *order, const int place)
-{
-    return order ? order[place] : place;
-}

@@ -45,20 +45,13 @@ INLINED void derive_shifts(sides_t *sides, const float3 origin, const float3 inv
 // The largest coordinate in a node. A child that is not there, inside out, has only negative ones here.
 INLINED float largest_coordinate(const global node_t *node)
 {
-    union {
-        lanes_t lanes;
-        float of_lane[WIDTH];
-    } largest = {(lanes_t)(0.0f)};
+    lanes_t largest = (lanes_t)(0.0f);
     for (int axis = 0; axis < 3; axis++) {
         const lanes_t below = -load_lanes(node->aabb_min[axis]);
         const lanes_t above = load_lanes(node->aabb_max[axis]);
-        largest.lanes = larger_lanes(largest.lanes, larger_lanes(below, above));
+        largest = larger_lanes(largest, larger_lanes(below, above));
     }
-    float result = 0.0f;
-    for (int lane = 0; lane < WIDTH; lane++) {
-        result = larger(result, largest.of_lane[lane]);
-    }
-    return result;
+    return largest_of_lanes(largest);
 }
 
 // The same in the other unit. Along an axis with a limited inverse the ray hardly moves: while it crosses the mesh, by

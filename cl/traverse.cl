@@ -1,7 +1,8 @@
 // Picks the layout that the host asks for. Each defines
 //
 // node_t, group_t    what `nodes` and `groups` hold; a group is the triangles that are tested together
-// traverse           report each crossing of a ray to a search, until that is settled
+// traverse           report each crossing of a ray to a search, until that is settled; it begins at the node `start`
+// HAS_ENTRIES        whether that may be another one than the root, see entry.cl
 // corners_at         the corners of the triangle at a crossing's place
 
 // What several of them need comes first: the host expands each include once, where it first stands, and that must
@@ -20,6 +21,9 @@ typedef group4_t group_t;
 typedef bvh8_node_t node_t;
 typedef group8_t group_t;
 #endif
+
+// Two children would be too few to begin with.
+#define HAS_ENTRIES (LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8)
 
 #if LAYOUT == LAYOUT_BVH2
 #include "traverse_bvh2.cl"

@@ -15,8 +15,8 @@ INLINED bool meets_child(
 }
 
 INLINED void traverse(
-    const global node_t *nodes, const global group_t *groups, const int group_count, const path_t *path,
-    search_t *search, const int query)
+    const global node_t *nodes, const global node_t *start, const global group_t *groups, const int group_count,
+    const path_t *path, search_t *search, const int query)
 {
     int stack[STACK_SIZE];
     int waiting = 0;

@@ -61,36 +61,35 @@ INLINED int stack_children(const global int *child, uint met, const lanes_t entr
     return child_of(nearest);
 }
 
-INLINED void traverse(
-    const global node_t *nodes, const global group_t *groups, const int group_count, const path_t *path,
+// Children that are not there come last, and their boxes are inside out.
+INLINED bool has_children(const global node_t *node)
+{
+    return node->aabb_min[0][0] <= node->aabb_max[0][0];
+}
+
+// The nearest child first, and none that the ray enters behind what was found meanwhile.
+INLINED void traverse_in_order(
+    const global node_t *nodes, const global node_t *start, const global group_t *groups, const path_t *path,
     search_t *search, const int query)
 {
     const sides_t sides = make_sides(nodes, path);
     const turn_t turn = make_turn(path);
     ulong stack[STACK_SIZE];
     int waiting = 0;
+    const global node_t *from = start;
     int next = 0;
 
     while (true) {
-        const float limit = search_limit(search, path, query) * sides.limit_scale;
         if (next >= 0) {
-            // A node: the nearest child that the ray meets is next, the others wait.
-            const global node_t *node = nodes + next;
+            const global node_t *node = from + next;
+            from = nodes;
+            const float limit = search_limit(search, path, query) * sides.limit_scale;
             lanes_t entry;
-            uint met = meets_children(node, &sides, limit, &entry);
+            const uint met = meets_children(node, &sides, limit, &entry);
             if (met != 0) {
-                const uint others = met & (met - 1);
-                if (others == 0) {
-                    next = node->child[lowest_bit(met)];
-                } else if (query != QUERY_COUNT) {
-                    next = stack_children(node->child, met, entry, stack, &waiting);
-                } else {
-                    // A count needs no order.
-                    next = node->child[lowest_bit(met)];
-                    for (met = others; met != 0; met &= met - 1) {
-                        stack[waiting++] = make_waiting(0.0f, node->child[lowest_bit(met)]);
-                    }
-                }
+                const bool is_one = (met & (met - 1)) == 0;
+                next = is_one ? node->child[lowest_bit(met)]
+                              : stack_children(node->child, met, entry, stack, &waiting);
                 continue;
             }
         } else {
@@ -100,7 +99,6 @@ INLINED void traverse(
             }
         }
 
-        // The next one that waits, unless the ray enters it behind what was found meanwhile.
         const float new_limit = search_limit(search, path, query) * sides.limit_scale;
         ulong popped;
         do {
@@ -108,7 +106,66 @@ INLINED void traverse(
                 return;
             }
             popped = stack[--waiting];
-        } while (query != QUERY_COUNT && entry_of(popped) > new_limit);
+        } while (entry_of(popped) > new_limit);
         next = child_of(popped);
+    }
+}
+
+// In the order of the children in their nodes: what waits is a node and which of its children, one entry for all of them.
+INLINED void traverse_as_stored(
+    const global node_t *nodes, const global node_t *start, const global group_t *groups, const path_t *path,
+    search_t *search, const int query)
+{
+    const sides_t sides = make_sides(nodes, path);
+    const turn_t turn = make_turn(path);
+    const global int *stack[STACK_SIZE];
+    uint left_on_stack[STACK_SIZE];
+    int waiting = 0;
+    const global node_t *node = start;
+
+    while (true) {
+        const float limit = search_limit(search, path, query) * sides.limit_scale;
+        lanes_t entry;
+        uint left = meets_children(node, &sides, limit, &entry);
+        const global int *child = node->child;
+        int next;
+        do {
+            if (left == 0) {
+                if (waiting == 0) {
+                    return;
+                }
+                waiting--;
+                child = stack[waiting];
+                left = left_on_stack[waiting];
+            }
+            next = child[lowest_bit(left)];
+            left &= left - 1;
+            if (next < 0) {
+                intersect_group(groups, ~next, path, &turn, search, query);
+                if (is_settled(search, query)) {
+                    return;
+                }
+            }
+        } while (next < 0);
+        // Written always, and kept if there is anything left.
+        stack[waiting] = child;
+        left_on_stack[waiting] = left;
+        waiting += left != 0;
+        node = nodes + next;
+    }
+}
+
+INLINED void traverse(
+    const global node_t *nodes, const global node_t *start, const global group_t *groups, const int group_count,
+    const path_t *path, search_t *search, const int query)
+{
+    if (!has_children(start)) {
+        return;
+    }
+    if (query == QUERY_CLOSEST) {
+        traverse_in_order(nodes, start, groups, path, search, query);
+    } else {
+        // What is behind other crossings counts as well.
+        traverse_as_stored(nodes, start, groups, path, search, query);
     }
 }

@@ -148,6 +148,9 @@ LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
 # Children of a node, at most, by layout; and in the wide layouts triangles of a group.
 LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8}
 
+# Those in which the rays of a tile begin at a node of their own, see cl/entry.cl: two children would be too few for it.
+ENTRY_LAYOUTS = ("bvh4", "bvh8")
+
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},

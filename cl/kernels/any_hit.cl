@@ -2,23 +2,25 @@
 //
 // nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
 // rays[ray_count]                                object units, relative to the mesh's origin
+// width                                          rays in a row, see cl/batch.cl
 // order[ray_count]                               where results go: the number of each ray; without it its place
+// entries[tile_count]                            where each tile enters the tree, see cl/entry.cl; without, at the root
 // blocked[ray_count]                             written; 1 or 0
 
-#include "traverse.cl"
+#include "entry.cl"
 
 kernel void any_hit(
     const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
     const global ray_t *restrict rays, global uchar *restrict blocked, const int ray_count,
-    const global int *restrict order)
+    const int width, const global int *restrict order, const global node_t *restrict entries)
 {
-    const int item = get_global_id(0);
-    if (item >= ray_count) {
+    const int place = place_of_ray(width, ray_count);
+    if (place == NO_RAY) {
         return;
     }
-    const int ray = number_of_ray(order, item);
-    const path_t path = load_path(rays + item);
+    const int ray = number_of_ray(order, place);
+    const path_t path = load_path(rays + place);
     search_t search = begin_search(1, 0);
-    traverse(nodes, groups, group_count, &path, &search, QUERY_COUNT);
+    traverse(nodes, find_start(nodes, entries), groups, group_count, &path, &search, QUERY_COUNT);
     blocked[ray] = search.count;
 }

@@ -78,7 +78,14 @@ def _read(name: str, roots: list[Path]) -> tuple[str, str]:
 def build_kernel(
     session: DeviceSession, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
 ) -> Any:
-    """Compile ``kernels/NAME.cl`` and return its kernel, an entry point of the same name.
+    """Compile ``kernels/NAME.cl`` and return its entry point of the same name; see `build_kernels`."""
+    return build_kernels(session, name, defines, folder=folder)[name]
+
+
+def build_kernels(
+    session: DeviceSession, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
+) -> dict[str, Any]:
+    """Compile ``kernels/NAME.cl`` and return its entry points by name.
 
     Parameters
     ----------
@@ -105,4 +112,4 @@ def build_kernel(
             program = cl.Program(session.context, source).build(options, devices=[session.info.cl_device])
     except cl.Error as error:
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
-    return cl.Kernel(program, name)
+    return {kernel.function_name: kernel for kernel in program.all_kernels()}

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 _LAYOUT_OF_KIND = {"gpu": "bvh2", "accelerator": "bvh2", "cpu": "bvh8"}
 _LAYOUT_OF_ANY = "bvh2"
 
-# Small groups balance better on CPUs; GPUs run at least one whole warp or wavefront.
+# GPUs run at least one whole warp or wavefront. On CPUs the rays of a group begin together, see cl/entry.cl: the fewer
+# they are, the narrower is their beam.
 _GROUP_SIZE = 64
+_GROUP_SIZE_OF_KIND = {"cpu": 32}
 
 # A square, whose rays take similar paths.
 _TILE = (8, 8)
@@ -46,9 +48,9 @@ class Settings:
     layout : str
         What ``"auto"`` means.
     group_size : int
-        Work-items of a work-group, for rays in arrays.
+        Work-items of a work-group, for other rays in arrays, and for points.
     tile : (int, int)
-        Columns and rows of a work-group, for pictures.
+        Columns and rows of a work-group, for pictures and for arrays of a picture's rays.
     is_measured : bool
         Whether this comes from `clbvh tune`.
     """
@@ -61,7 +63,7 @@ class Settings:
 
 def default_settings(info: DeviceInfo) -> Settings:
     """Return what suits the kind of device."""
-    return Settings(_LAYOUT_OF_KIND.get(info.kind, _LAYOUT_OF_ANY))
+    return Settings(_LAYOUT_OF_KIND.get(info.kind, _LAYOUT_OF_ANY), _GROUP_SIZE_OF_KIND.get(info.kind, _GROUP_SIZE))
 
 
 def find_settings(info: DeviceInfo) -> Settings:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.program import build_kernel
+from ..device.program import build_kernels
 from ..device.session import DeviceSession
 from ..device.settings import find_settings
 from ..layout import HIT
 from ..trace.device_tree import DeviceTree
+from ..trace.entries import TileEntries
 
 # Pixels per kernel launch: 320 MiB of colours and hits on the device. A 4K picture is one launch.
 BAND_PIXELS = 2**24
@@ -38,7 +39,9 @@ class FrameRenderer:
         self._session = session
         self._tree = tree
         self._tile = find_settings(session.info).tile if tile is None else tile
-        self._kernel = build_kernel(session, "render", tree.defines)
+        kernels = build_kernels(session, "render", tree.defines)
+        self._kernel = kernels["render"]
+        self._entries = TileEntries(session, tree, kernels.get("view_entries"))
 
     def render(self, view: NDArray[np.void]) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
         """Return the colours and the hits of one view.
@@ -64,14 +67,16 @@ class FrameRenderer:
         try:
             for first_row in range(0, height, band_rows):
                 row_count = min(band_rows, height - first_row)
+                size, rows = (width, row_count), (np.int32(first_row), np.int32(row_count))
+                entries = self._entries.find(size, self._tile, view_buffer, *rows)
                 session.run(
-                    self._kernel, (width, row_count), self._tile,
-                    *self._tree.arguments, view_buffer, np.int32(first_row), np.int32(row_count),
-                    colour_buffer, hit_buffer,
+                    self._kernel, size, self._tile,
+                    *self._tree.arguments, entries, view_buffer, *rows, colour_buffer, hit_buffer,
                 )  # fmt: skip
                 session.download(colour_buffer, colours[first_row : first_row + row_count])
                 session.download(hit_buffer, hits[first_row : first_row + row_count])
         finally:
+            self._entries.release()
             for buffer in (view_buffer, colour_buffer, hit_buffer):
                 session.release(buffer)
         return colours, hits

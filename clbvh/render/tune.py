@@ -18,6 +18,7 @@ from ..geometry import Mesh
 from ..geometry.shapes import make_shape
 from ..layout import HIT, LAYOUT_WIDTHS, RAY
 from ..trace.device_tree import DeviceTree
+from ..trace.entries import open_tile_entries
 from .camera import Camera, frame_points
 from .frame import FrameRenderer
 from .scene import MeshSource, Scene
@@ -89,19 +90,23 @@ def tune(
         chosen = default_settings(session.info)
         trials: list[Trial] = []
         trees = {layout: DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS}
-        orders = [session.upload(rays) for rays in _make_rays(camera, mesh, size)]
+        neighbours, shuffled = _make_rays(camera, mesh, size)
+        orders = [(session.upload(neighbours), True), (session.upload(shuffled), False)]
         ray_count = size[0] * size[1]
         results = session.allocate(ray_count * HIT.itemsize)
         largest = session.info.cl_device.max_work_group_size
 
         def casts(tree: DeviceTree, group_size: int) -> Callable[[], None]:
             kernel = build_kernel(session, "closest_hit", tree.defines)
+            entries = open_tile_entries(session, tree)
+            shape, tile = (ray_count, 1), (group_size, 1)
+            counts = np.int32(ray_count), np.int32(ray_count)
 
             def run() -> None:
-                for rays in orders:
+                for rays, is_coherent in orders:
                     # As they are, in no other order.
-                    arguments = (*tree.arguments, rays, results, np.int32(ray_count), None)
-                    session.run(kernel, (ray_count,), (group_size,), *arguments)
+                    begins = entries.find(shape, tile, rays, *counts) if is_coherent else None
+                    session.run(kernel, shape, tile, *tree.arguments, rays, results, *counts, None, begins)
 
             return run
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from ..device.settings import find_settings
 from ..host_threads import HostThreads
 from ..layout import RAY
 from .device_tree import DeviceTree
+from .entries import TileEntries, open_tile_entries
+from .picture_rows import find_row_length
 from .ray_order import find_order
 from .rays import RayBatch, RayBox, pack_rays
 
@@ -25,6 +27,18 @@ CHUNK_RAYS = 2**20
 
 Progress = Callable[[int, int], None]
 Packer = Callable[[int, int, NDArray[np.void]], None]
+
+
+class _Given(NamedTuple):
+    """What is on the device, and how kernels take it."""
+
+    rows: Any  # a buffer of rays or points
+    size: tuple[int, int]  # columns and rows of work-items
+    tile: tuple[int, int]  # of a work-group
+    more: tuple[Any, ...]  # of rays: how many are in a row, their order and their tiles' entries
+
+
+_NOTHING = _Given(None, (0, 0), (1, 1), ())
 
 
 class Caster(Closing):
@@ -44,10 +58,12 @@ class Caster(Closing):
         self.tree = tree
         self.threads = HostThreads()
         self.box = box
-        self._group_size = find_settings(session.info).group_size
+        settings = find_settings(session.info)
+        self._tile, self._row_tile = settings.tile, (settings.group_size, 1)
         self._kernels: dict[str, Any] = {}
         self._buffers: dict[str, tuple[Any, int]] = {}
-        self._given: tuple[Any, ...] = ()  # what kernels take: rays and their order, or points
+        self._entries: TileEntries | None = None
+        self._given = _NOTHING
 
     @property
     def most_rows(self) -> int:
@@ -59,20 +75,20 @@ class Caster(Closing):
 
         Results come in the order of the rays, in whatever order the device takes them.
         """
-        for begin, end in self._cut(len(batch), progress):
-            order = find_order(batch, begin, end, self.box, self.threads)
-            if order is None:
-                self.upload_rays(batch, begin, end)
+        row_length, chunk_rays = self._find_rows(batch, CHUNK_RAYS)
+        for begin, end in self._cut(len(batch), progress, chunk_rays):
+            order = find_order(batch, begin, end, self.box, self.threads, is_picture=row_length is not None)
+            if order.numbers is None:
+                self.upload_rays(batch, begin, end, row_length, is_coherent=order.is_coherent)
             else:
-                self._upload_some(batch.part(begin, end), begin, order)
-                numbers = self._buffer("order", len(order), order.dtype)
-                with self.session.mapped(numbers, len(order), order.dtype, write=True) as rows:
-                    rows[:] = order
-                self._given = self._given[0], numbers
+                numbers = self._buffer("order", len(order.numbers), order.numbers.dtype)
+                with self.session.mapped(numbers, len(order.numbers), order.numbers.dtype, write=True) as rows:
+                    rows[:] = order.numbers
+                self._upload_some(batch.part(begin, end), begin, order.numbers, numbers)
             yield begin, end
 
     def ray_pieces(
-        self, batch: RayBatch, most_rows: int, progress: Progress | None = None
+        self, batch: RayBatch, most_rays: int, progress: Progress | None = None
     ) -> Iterator[tuple[int, NDArray[np.int32]]]:
         """Put rays on the device, at most so many at a time, and yield their numbers in the order of the results.
 
@@ -82,16 +98,17 @@ class Caster(Closing):
         numbers : (n,) int32
             Counted from `begin`.
         """
-        for begin, end in self._cut(len(batch), None):
-            order = find_order(batch, begin, end, self.box, self.threads)
-            chunk = None if order is None else batch.part(begin, end)
-            for first in range(begin, end, most_rows):
-                last = min(first + most_rows, end)
-                if order is None or chunk is None:
-                    self.upload_rays(batch, first, last)
+        row_length, piece_rays = self._find_rows(batch, min(most_rays, CHUNK_RAYS))
+        for begin, end in self._cut(len(batch), None, CHUNK_RAYS // piece_rays * piece_rays):
+            order = find_order(batch, begin, end, self.box, self.threads, is_picture=row_length is not None)
+            chunk = None if order.numbers is None else batch.part(begin, end)
+            for first in range(begin, end, piece_rays):
+                last = min(first + piece_rays, end)
+                if order.numbers is None or chunk is None:
+                    self.upload_rays(batch, first, last, row_length, is_coherent=order.is_coherent)
                     numbers = np.arange(first - begin, last - begin, dtype=np.int32)
                 else:
-                    numbers = order[first - begin : last - begin]
+                    numbers = order.numbers[first - begin : last - begin]
                     self._upload_some(chunk, begin, numbers)
                 yield begin, numbers
                 if progress is not None:
@@ -121,46 +138,81 @@ class Caster(Closing):
         ValueError
             A row is bad, or the tree is no longer on the device.
         """
-        for begin, end in self._cut(row_count, progress):
+        for begin, end in self._cut(row_count, progress, CHUNK_RAYS):
 
             def pack_chunk(first: int, last: int, rows: NDArray[np.void], begin: int = begin) -> None:
                 pack(begin + first, begin + last, rows)
 
-            self._upload(dtype, end - begin, pack_chunk)
+            buffer = self._upload(dtype, end - begin, pack_chunk)
+            self._given = _Given(buffer, (end - begin, 1), self._row_tile, ())
             yield begin, end
 
-    def upload_rays(self, batch: RayBatch, begin: int, end: int) -> None:
-        """Put some of the rays on the device, in the place of those that are there."""
+    def upload_rays(
+        self, batch: RayBatch, begin: int, end: int, row_length: int | None = None, *, is_coherent: bool = False
+    ) -> None:
+        """Put some of the rays on the device, in the place of those that are there.
+
+        Parameters
+        ----------
+        batch : RayBatch
+        begin, end : int
+        row_length : int, optional
+            Where they are the rows of a picture, the first one from its beginning.
+        is_coherent : bool
+            Whether rays beside each other begin together.
+        """
 
         def pack(first: int, last: int, rows: NDArray[np.void]) -> None:
             pack_rays(batch.part(begin + first, begin + last), self.box, rows, first_row=begin + first)
 
-        self._upload(RAY, end - begin, pack)
+        buffer = self._upload(RAY, end - begin, pack)
+        width = row_length or end - begin
+        size, tile = (width, -(-(end - begin) // width)), self._tile if row_length else self._row_tile
+        entries = self._find_entries(size, tile, buffer, end - begin) if is_coherent else None
+        self._given = _Given(buffer, size, tile, (np.int32(width), None, entries))
 
-    def _upload_some(self, chunk: RayBatch, begin: int, numbers: NDArray[np.int32]) -> None:
-        """Put some rays of a chunk on the device, in another order; the first ray of the chunk is number `begin`."""
+    def _upload_some(self, chunk: RayBatch, begin: int, numbers: NDArray[np.int32], order: Any | None = None) -> None:
+        """Put some rays of a chunk on the device, in another order; the first ray of the chunk is number `begin`.
+
+        `order` is a buffer with their numbers, if results are to be in the order of the chunk.
+        """
 
         def pack(first: int, last: int, rows: NDArray[np.void]) -> None:
             pack_rays(chunk, self.box, rows, first_row=begin, order=numbers[first:last])
 
-        self._upload(RAY, len(numbers), pack)
+        buffer = self._upload(RAY, len(numbers), pack)
+        self._given = _Given(buffer, (len(numbers), 1), self._row_tile, (np.int32(len(numbers)), order, None))
 
-    def _cut(self, row_count: int, progress: Progress | None) -> Iterator[tuple[int, int]]:
+    def _find_rows(self, batch: RayBatch, most_rays: int) -> tuple[int | None, int]:
+        """Return how long a picture's rows are, or None, and how many rays to take at a time: whole rows of tiles."""
+        row_length = find_row_length(batch) if self.tree.entry_bytes else None
+        band = (row_length or 1) * self._tile[1]
+        if row_length is None or band > most_rays:
+            return None, most_rays
+        return row_length, most_rays // band * band
+
+    def _find_entries(self, size: tuple[int, int], tile: tuple[int, int], rays: Any, ray_count: int) -> Any | None:
+        """Return where the rays on the device enter the tree."""
+        if self._entries is None:
+            self._entries = open_tile_entries(self.session, self.tree)
+        return self._entries.find(size, tile, rays, np.int32(ray_count), np.int32(size[0]))
+
+    def _cut(self, row_count: int, progress: Progress | None, chunk_rows: int) -> Iterator[tuple[int, int]]:
         """Yield where each chunk begins and ends, and tell when it is done."""
         if self.session.is_closed:
             raise ValueError("the tracer is closed: its tree is no longer on the device")
-        for begin in range(0, row_count, CHUNK_RAYS):
-            end = min(begin + CHUNK_RAYS, row_count)
+        for begin in range(0, row_count, chunk_rows):
+            end = min(begin + chunk_rows, row_count)
             yield begin, end
             if progress is not None:
                 progress(end, row_count)
 
-    def _upload(self, dtype: np.dtype, count: int, pack: Packer) -> None:
-        """Put rows on the device, in the place of those that are there."""
+    def _upload(self, dtype: np.dtype, count: int, pack: Packer) -> Any:
+        """Put rows on the device, in the place of those that are there, and return the buffer."""
         given = self._buffer("given", count, dtype)
-        self._given = given, *((None,) if dtype == RAY else ())
         with self.session.mapped(given, count, dtype, write=True) as rows:
             self.threads.for_ranges(count, lambda first, last: pack(first, last, rows[first:last]))
+        return given
 
     @contextmanager
     def cast(
@@ -177,15 +229,15 @@ class Caster(Closing):
         dtype : numpy.dtype
             Of a result.
         *arguments
-            What the kernel takes behind the number of rows, and the order of rays.
+            What the kernel takes behind the rows, and how they are taken.
         result_count : int, optional
             Where there is not one result for each row.
         """
         count = row_count if result_count is None else result_count
         results = self._buffer("results", count, dtype)
         self.session.run(
-            self._kernel(query), (row_count,), (self._group_size,),
-            *self.tree.arguments, self._given[0], results, np.int32(row_count), *self._given[1:], *arguments,
+            self._kernel(query), self._given.size, self._given.tile,
+            *self.tree.arguments, self._given.rows, results, np.int32(row_count), *self._given.more, *arguments,
         )  # fmt: skip
         with self.session.mapped(results, count, dtype, write=False) as found:
             yield found
@@ -201,7 +253,9 @@ class Caster(Closing):
         for buffer, _ in self._buffers.values():
             self.session.release(buffer)
         self._buffers.clear()
-        self._given = ()
+        if self._entries is not None:
+            self._entries.release()
+        self._given = _NOTHING
 
     def _kernel(self, query: str) -> Any:
         if query not in self._kernels:

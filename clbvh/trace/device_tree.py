@@ -9,7 +9,7 @@ import numpy as np
 from ..device.session import DeviceSession
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..layout import BVH2_NODE, LAYOUT_WIDTHS, LAYOUTS
+from ..layout import BVH2_NODE, ENTRY_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
 from ..tree import Bvh
 from ..tree.device_arrays import DeviceArrays, make_device_arrays
 from ..tree.layouts import gather_triangles
@@ -49,6 +49,8 @@ class DeviceTree:
         What every traversal kernel takes first: nodes, groups, group count.
     defines : dict of str to int
         Macros that every traversal kernel needs.
+    entry_bytes : int
+        What a tile's entry takes, see `TileEntries`; 0 if the layout has none.
     memory_bytes : int
         Size of all buffers.
     """
@@ -68,6 +70,7 @@ class DeviceTree:
         self.arguments = (session.upload(arrays.nodes), session.upload(arrays.groups), np.int32(len(arrays.groups)))
         stack_size = _STACK_STEP * max(1, math.ceil(arrays.waiting / _STACK_STEP))
         self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
+        self.entry_bytes = arrays.nodes.itemsize if self.layout in ENTRY_LAYOUTS else 0
         self.memory_bytes = arrays.nodes.nbytes + arrays.groups.nbytes
 
 

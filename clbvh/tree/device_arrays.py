@@ -36,7 +36,9 @@ def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
     if width == 2:
         return DeviceArrays(make_bvh2_nodes(bvh), gather_triangles(bvh.mesh, bvh.prim_ids), bvh.depth)
     tree = widen(bvh, width)
-    return DeviceArrays(tree.nodes, gather_groups(bvh.mesh, tree.groups), tree.waiting)
+    # The children of a tile's entry, see cl/entry.cl, stand for those on the way to them, which may be fewer.
+    waiting = width - 1 + tree.waiting
+    return DeviceArrays(tree.nodes, gather_groups(bvh.mesh, tree.groups), waiting)
 
 
 def measure_device_bytes(bvh: Bvh, layout: str) -> int:

@@ -8,9 +8,10 @@ import numpy as np
 from clbvh.device.program import build_kernel
 from clbvh.layout import HIT, RAY
 from clbvh.trace.device_tree import DeviceTree
+from clbvh.trace.entries import open_tile_entries
 from clbvh.trace.rays import RayBox, pack_rays, read_rays
 
-GROUP_SIZE = 64
+FLAT_TILE = (64, 1)
 RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8), "count_hits": np.dtype(np.int32), "all_hits": HIT}
 NO_LIMIT = np.iinfo(np.int32).max
 
@@ -22,21 +23,26 @@ def compiled(session, name, defines):
 
 
 @contextmanager
-def open_caster(session, mesh, bvh, layout="auto"):
+def open_caster(session, mesh, bvh, layout="auto", *, width=None, tile=FLAT_TILE, with_entries=False):
     """Give a function from a kernel's name and rays to its results; `bvh` None for no tree.
 
-    Of all_hits these are the hits and the (n + 1,) offsets of each ray's.
+    Of all_hits these are the hits and the (n + 1,) offsets of each ray's. `width` is the number of rays in a row, all
+    of them without it.
     """
     tree = DeviceTree(session, mesh, bvh, layout)
     kernels = {name: compiled(session, name, tuple(tree.defines.items())) for name in RESULT_TYPES}
 
+    entries = open_tile_entries(session, tree)
     box = RayBox(mesh.origin, np.full(3, 2.0**100))  # nothing is outside: the device casts what is given
 
     def run(name, rays, results, *more):
         given, written = session.upload(rays), session.upload(results)
         try:
-            arguments = (*tree.arguments, given, written, np.int32(len(rays)), None, *more)
-            session.run(kernels[name], (len(rays),), (GROUP_SIZE,), *arguments)
+            columns = width or len(rays)
+            size = columns, -(-len(rays) // columns)
+            counts = np.int32(len(rays)), np.int32(columns)
+            begins = entries.find(size, tile, given, *counts) if with_entries else None
+            session.run(kernels[name], size, tile, *tree.arguments, given, written, *counts, None, begins, *more)
             session.download(written, results)
         finally:
             session.release(given)
@@ -63,5 +69,6 @@ def open_caster(session, mesh, bvh, layout="auto"):
     try:
         yield cast
     finally:
+        entries.release()
         for buffer in tree.arguments[:2]:
             session.release(buffer)

@@ -18,7 +18,7 @@ def order_of(half, origins, directions, t_min=0.0, t_max=np.inf, *, centre=(0, 0
     box = RayBox(np.asarray(centre, np.float64), np.asarray(half, np.float64))
     batch = read_rays(origins, directions, t_min, t_max)
     with HostThreads(threads) as opened:
-        return find_order(batch, 0, len(batch), box, opened)
+        return find_order(batch, 0, len(batch), box, opened).numbers
 
 
 def scattered(count, seed):
@@ -74,7 +74,7 @@ def test_a_range_is_ordered_as_if_it_were_alone():
     batch, box = read_rays(origins, directions, 0.0, np.inf), RayBox(np.zeros(3), np.ones(3))
     begin, end = 1000, 1000 + 2 * ray_order.LEAST_RAYS
     with HostThreads() as threads:
-        order = find_order(batch, begin, end, box, threads)
+        order = find_order(batch, begin, end, box, threads).numbers
     assert order.tobytes() == order_of([1, 1, 1], origins[begin:end], directions[begin:end]).tobytes()
 
 

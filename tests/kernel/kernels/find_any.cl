@@ -15,6 +15,6 @@ kernel void find_any(
     }
     const path_t path = load_path(rays + i);
     search_t search = begin_search(1, 0);
-    traverse(nodes, groups, GROUP_COUNT, &path, &search, QUERY_COUNT);
+    traverse(nodes, nodes, groups, GROUP_COUNT, &path, &search, QUERY_COUNT);
     hits[i] = as_hit(&search.nearest);
 }

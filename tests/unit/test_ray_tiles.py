@@ -1,0 +1,95 @@
+"""A picture's rays in an array are traced tile by tile, and no answer depends on it."""
+
+import numpy as np
+import pytest
+
+from clbvh import Tracer, build
+from clbvh.geometry.shapes import make_shape
+from clbvh.render.camera import frame_points
+from clbvh.trace import caster as caster_module
+from clbvh.trace import ray_order
+
+WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
+
+
+@pytest.fixture(scope="module")
+def picture():
+    mesh = make_shape("knot", triangles=2000)
+    origins, directions = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT).rays(WIDTH, HEIGHT)
+    return mesh, origins.reshape(-1, 3)[: -WIDTH // 3], directions.reshape(-1, 3)[: -WIDTH // 3]
+
+
+@pytest.fixture(scope="module")
+def wide_tracer(_opened_device, picture):
+    with Tracer(build(picture[0]), device=_opened_device.info, layout="bvh8") as opened:
+        yield opened
+
+
+@pytest.fixture
+def launches(wide_tracer, monkeypatch):
+    """What is launched from now on: name, work-items and work-group."""
+    session = wide_tracer._caster.session
+    launched, run = [], session.run
+
+    def record(kernel, size, group, *arguments):
+        launched.append((kernel.function_name, size, group))
+        run(kernel, size, group, *arguments)
+
+    monkeypatch.setattr(session, "run", record)
+    return launched
+
+
+def ask(tracer, origins, directions):
+    """All answers, as bytes."""
+    hits, crossings = tracer.closest_hit(origins, directions), tracer.all_hits(origins, directions)
+    answers = [hits.t, hits.u, hits.v, hits.prim_id, crossings.t, crossings.prim_id, crossings.offsets]
+    answers += [tracer.any_hit(origins, directions), tracer.count_hits(origins, directions)]
+    answers += list(tracer.hits_by_depth(origins, directions, with_locations=True))
+    return [answer.tobytes() for answer in answers]
+
+
+@pytest.fixture(scope="module")
+def expected(wide_tracer, picture):
+    # So few rays are taken as one row, from the root.
+    assert len(picture[1]) < ray_order.LEAST_RAYS
+    assert 0.1 < wide_tracer.any_hit(*picture[1:]).mean() < 0.9
+    return ask(wide_tracer, *picture[1:])
+
+
+@pytest.mark.parametrize("chunk", [2**20, 8 * WIDTH, 8 * WIDTH - 1, 5000, 1000])
+def test_chunks_of_whole_tiles(wide_tracer, picture, expected, launches, monkeypatch, chunk):
+    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    monkeypatch.setattr(caster_module, "CHUNK_RAYS", chunk)
+    assert ask(wide_tracer, *picture[1:]) == expected
+    closest = [(size, group) for name, size, group in launches if name == "closest_hit"]
+    if chunk < 8 * WIDTH:
+        # A row of tiles does not fit: one row of rays.
+        assert {group for _, group in closest} == {(32, 1)}
+    else:
+        assert {group for _, group in closest} == {(8, 8)}
+        assert all(size[0] == WIDTH and size[0] * size[1] <= chunk for size, _ in closest)
+        assert all(size[1] % 8 == 0 for size, _ in closest[:-1])
+        assert sum(size[1] for size, _ in closest) == HEIGHT
+    entries = [name for name, _, _ in launches].count("tile_entries")
+    assert entries >= len(closest)
+
+
+def test_rays_in_no_order_have_no_entries(wide_tracer, picture, expected, launches, monkeypatch):
+    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    order = np.random.default_rng(40).permutation(len(picture[1]))
+    shuffled = wide_tracer.closest_hit(picture[1][order], picture[2][order])
+    back = np.empty_like(shuffled.t)
+    back[order] = shuffled.t
+    assert back.tobytes() == expected[0]
+    assert [name for name, _, _ in launches] == ["closest_hit"]
+
+
+def test_few_rays_have_no_entries(wide_tracer, picture, expected, launches):
+    assert ask(wide_tracer, *picture[1:]) == expected
+    assert "tile_entries" not in {name for name, _, _ in launches}
+
+
+def test_a_layout_without_entries(session, picture, expected, monkeypatch):
+    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    with Tracer(build(picture[0]), device=session.info, layout="bvh2") as narrow:
+        assert ask(narrow, *picture[1:]) == expected
