@@ -65,21 +65,40 @@ def host_share(tracer, call) -> None:
     print(f"whole {whole:.1f} ms, kernel {kernel:.1f} ms, host {host:.1f} ms, {host / kernel:.0%} of the kernel")
 
 
-@pytest.mark.parametrize("order", ["coherent", "shuffled"])
-def test_closest_hit_against_embreex(mesh, primary, tracer, order):
-    if order == "shuffled":
-        shuffle = np.random.default_rng(1).permutation(len(primary[0]))
-        primary = tuple(values[shuffle] for values in primary)
+@pytest.fixture(params=["coherent", "shuffled"])
+def ordered(request, primary):
+    """Return the order's name and the primary rays in it."""
+    if request.param == "coherent":
+        return request.param, primary
+    shuffle = np.random.default_rng(1).permutation(len(primary[0]))
+    return request.param, tuple(values[shuffle] for values in primary)
+
+
+def test_closest_hit_against_open3d(mesh, ordered, tracer, open3d):
+    order, rays = ordered
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles((mesh.vertices + mesh.origin).astype(np.float32), mesh.faces.astype(np.uint32))
+    packed = open3d.core.Tensor(np.concatenate(rays, axis=1))
+    ratio = compare(
+        f"{len(rays[0]):,} {order} rays, whole closest_hit, Open3D's cast_rays",
+        lambda: measure_ms(lambda: tracer.closest_hit(*rays)),
+        lambda: measure_ms(lambda: scene.cast_rays(packed)),
+    )
+    print(f"{1 / ratio:.2f} times Open3D's rays per second")
+
+
+def test_closest_hit_against_embreex(mesh, ordered, tracer):
+    order, rays = ordered
     scene_module = pytest.importorskip("embreex.rtcore_scene", reason="peers: embreex is not installed")
     from embreex.mesh_construction import TriangleMesh
 
     scene = scene_module.EmbreeScene()
     TriangleMesh(scene=scene, vertices=(mesh.vertices + mesh.origin).astype(np.float32), indices=mesh.faces)
-    host_share(tracer, lambda: tracer.closest_hit(*primary))
+    host_share(tracer, lambda: tracer.closest_hit(*rays))
     ratio = compare(
-        f"{len(primary[0]):,} {order} rays, whole closest_hit, embreex's run",
-        lambda: measure_ms(lambda: tracer.closest_hit(*primary)),
-        lambda: measure_ms(lambda: scene.run(*primary)),
+        f"{len(rays[0]):,} {order} rays, whole closest_hit, embreex's run",
+        lambda: measure_ms(lambda: tracer.closest_hit(*rays)),
+        lambda: measure_ms(lambda: scene.run(*rays)),
     )
     print(f"{1 / ratio:.2f} times embreex's rays per second")
 

@@ -98,7 +98,18 @@ def anywhere(mesh, inside, count, generator):
     return as_float32(inside(count, generator)), as_float32(generator.normal(size=(count, 3)))
 
 
-MAKERS = [at_vertices, at_edges, along_axes, nearly_along_axes, anywhere]
+def side_by_side(mesh, inside, count, generator):
+    """From one point to vertices and edges, round by round: rays that begin together, see cl/entry.cl."""
+    origin = as_float32(inside(1, generator))
+    targets = np.concatenate((mesh.vertices, edge_midpoints(mesh)))
+    directions = as_float32(targets[generator.integers(0, len(targets), count)] - origin)
+    height = directions[:, 2] / np.linalg.norm(directions, axis=1)
+    turn = np.arctan2(directions[:, 1], directions[:, 0])
+    order = np.lexsort((turn, np.floor(height * np.sqrt(count) / 4)))
+    return np.broadcast_to(origin, directions.shape), directions[order]
+
+
+MAKERS = [at_vertices, at_edges, along_axes, nearly_along_axes, anywhere, side_by_side]
 
 
 def border_edges(faces):

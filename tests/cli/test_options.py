@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,11 @@ from clbvh.errors import ConfigError
 from clbvh.render.tree_maker import TreeOptions
 
 from .command import run_clbvh
+
+
+def test_python_m_is_the_command():
+    module = subprocess.run([sys.executable, "-m", "clbvh", "--version"], capture_output=True, text=True, check=True)
+    assert module.stdout == run_clbvh("--version").stdout != ""
 
 
 def test_the_defaults_are_those_of_the_library():
