@@ -186,10 +186,8 @@ class Caster(Closing):
     def _find_rows(self, batch: RayBatch, most_rays: int) -> tuple[int | None, int]:
         """Return how long a picture's rows are, or None, and how many rays to take at a time: whole rows of tiles."""
         row_length = find_row_length(batch) if self.tree.entry_bytes else None
-        band = (row_length or 1) * self._tile[1]
-        if row_length is None or band > most_rays:
-            return None, most_rays
-        return row_length, most_rays // band * band
+        band = (row_length or most_rays + 1) * self._tile[1]
+        return (None, most_rays) if band > most_rays else (row_length, most_rays // band * band)
 
     def _find_entries(self, size: tuple[int, int], tile: tuple[int, int], rays: Any, ray_count: int) -> Any | None:
         """Return where the rays on the device enter the tree."""
