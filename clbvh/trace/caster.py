@@ -18,11 +18,11 @@ from ..layout import RAY
 from .device_tree import DeviceTree
 from .entries import TileEntries, open_tile_entries
 from .picture_rows import find_row_length
-from .ray_order import find_order
+from .ray_order import are_many, find_order
 from .rays import RayBatch, RayBox, pack_rays
 
 # Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
-# rays are sorted. They are sorted among so many.
+# rays are sorted, or 7 MiB where they begin together. They are sorted among so many.
 CHUNK_RAYS = 2**20
 
 Progress = Callable[[int, int], None]
@@ -185,7 +185,7 @@ class Caster(Closing):
 
     def _find_rows(self, batch: RayBatch, most_rays: int) -> tuple[int | None, int]:
         """Return how long a picture's rows are, or None, and how many rays to take at a time: whole rows of tiles."""
-        row_length = find_row_length(batch) if self.tree.entry_bytes else None
+        row_length = find_row_length(batch) if self.tree.entry_bytes and are_many(len(batch)) else None
         band = (row_length or most_rays + 1) * self._tile[1]
         return (None, most_rays) if band > most_rays else (row_length, most_rays // band * band)
 

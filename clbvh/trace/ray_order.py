@@ -74,12 +74,17 @@ class RayOrder(NamedTuple):
     is_coherent: bool
 
 
+def are_many(count: int) -> bool:
+    """Whether so many rays earn back what is found out about them."""
+    return count >= max(LEAST_RAYS, _FEWEST)
+
+
 def find_order(
     batch: RayBatch, begin: int, end: int, box: RayBox, threads: HostThreads, *, is_picture: bool = False
 ) -> RayOrder:
     """Return in which order to cast rays `begin` to `end`, counted from `begin`; the rays need not be valid."""
     count = end - begin
-    if count < max(LEAST_RAYS, _FEWEST):
+    if not are_many(count):
         return RayOrder(None, False)
     if is_picture or not _is_scattered(batch, begin, end, box):
         return RayOrder(None, True)

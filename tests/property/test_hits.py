@@ -65,11 +65,15 @@ def test_hits_are_right_with_and_without_a_tree(opened, scene):
     bvh = build(mesh, leaf_size=leaf_size)
     with open_caster(opened, mesh, None) as brute:
         hits = brute("closest_hit", origins, directions)
+    # Rays of like directions beside each other, so that their beams are narrow.
+    order = np.lexsort((*origins.T, *directions.T))
     for layout in LAYOUT_WIDTHS:
         with open_caster(opened, mesh, bvh, layout) as cast:
             assert hits.tobytes() == cast("closest_hit", origins, directions).tobytes(), layout
             is_hit = cast("any_hit", origins, directions)
         np.testing.assert_array_equal(is_hit, hits["prim_id"] >= 0)
+        with open_caster(opened, mesh, bvh, layout, tile=(4, 1), with_entries=True) as cast:
+            assert hits[order].tobytes() == cast("closest_hit", origins[order], directions[order]).tobytes(), layout
     differences = find_differences(mesh, origins, directions, Hits.from_device(hits))
     assert [str(difference) for difference in differences] == []
 
