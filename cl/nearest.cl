@@ -3,7 +3,11 @@
 
 #include "traverse.cl"
 
+// What several of them need comes first, see traverse.cl.
 #include "nearest_search.cl"
+#if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
+#include "nearest_one.cl"
+#endif
 
 #if LAYOUT == LAYOUT_BVH2
 #include "nearest_bvh2.cl"

@@ -3,17 +3,17 @@
 //
 // Assumes STACK_SIZE >= the depth of the tree, at least 1. A stack entry is 2 * node + child, in 4 bytes.
 
-#include "nearest_search.cl"
+#include "nearest_one.cl"
 #include "traverse_bvh2.cl"
 
-bool may_child_be_nearer(const global node_t *nodes, const int entry, const nearest_t *nearest, float *distance)
+INLINED bool may_child_be_nearer(const global node_t *nodes, const int entry, const nearest_t *nearest, float *distance)
 {
     const global node_t *node = nodes + (entry >> 1);
     return may_be_nearer(
         nearest, vload3(0, node->aabb_min[entry & 1]), vload3(0, node->aabb_max[entry & 1]), distance);
 }
 
-void visit_nearest(
+INLINED void visit_nearest(
     const global node_t *nodes, const global group_t *groups, const int group_count, nearest_t *nearest)
 {
     int stack[STACK_SIZE];
@@ -40,8 +40,7 @@ void visit_nearest(
                 const int first = nodes[next >> 1].first[next & 1];
                 const int end = first + nodes[next >> 1].count[next & 1];
                 for (int place = first; place < end; place++) {
-                    const corners_t corners = corners_at(groups, place);
-                    note_triangle(nearest, &corners, groups[place].prim_id);
+                    note_triangle(nearest, groups, place);
                 }
             }
             float distance;

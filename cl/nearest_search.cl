@@ -20,14 +20,14 @@ typedef struct {
     int prim_id;
 } nearest_t;
 
-nearest_t begin_nearest(const float3 point, const float scale)
+INLINED nearest_t begin_nearest(const float3 point, const float scale)
 {
     const nearest_t nearest = {point, scale, INFINITY, INFINITY, NO_PRIM};
     return nearest;
 }
 
 // Whether something in a box may be as near as the nearest so far; *entry is the square of the box's distance.
-bool may_be_nearer(const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *entry)
+INLINED bool may_be_nearer(const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *entry)
 {
     const float3 below = nearest->scale * aabb_min - nearest->point;
     const float3 above = nearest->scale * aabb_max - nearest->point;
@@ -38,16 +38,8 @@ bool may_be_nearer(const nearest_t *nearest, const float3 aabb_min, const float3
     return *entry <= limit * limit;
 }
 
-void note_triangle(nearest_t *nearest, const corners_t *corners, const int prim_id)
+INLINED void note_distance(nearest_t *nearest, const float squared, const int prim_id)
 {
-    const float3 a = nearest->scale * corners->a - nearest->point;
-    const float3 b = nearest->scale * corners->b - nearest->point;
-    const float3 c = nearest->scale * corners->c - nearest->point;
-    // A degenerate triangle is stored with three equal corners, and is nobody's nearest.
-    if (all(corners->a == corners->b) && all(corners->a == corners->c)) {
-        return;
-    }
-    const float squared = distance_squared_to_triangle(a, b, c);
     if (squared < nearest->distance_squared
         || (squared == nearest->distance_squared && (prim_id < nearest->prim_id || nearest->prim_id == NO_PRIM))) {
         nearest->distance_squared = squared;

@@ -34,7 +34,31 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
     return mask_bits((*entry <= nearest->distance) & (load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0])));
 }
 
-void visit_nearest(
+INLINED point_t corners_seen(const nearest_t *nearest, const global group_t *group, const int corner)
+{
+    const float scale = nearest->scale;
+    const point_t result = {
+        scale * load_lanes(group->corners[corner][0]) - nearest->point.x,
+        scale * load_lanes(group->corners[corner][1]) - nearest->point.y,
+        scale * load_lanes(group->corners[corner][2]) - nearest->point.z};
+    return result;
+}
+
+// The lanes of no triangle, and of degenerate ones, are NaN, and never near.
+INLINED void note_group(nearest_t *nearest, const global group_t *group)
+{
+    union {
+        lanes_t lanes;
+        float of_lane[WIDTH];
+    } squared = {distance_squared_to_triangle(
+        corners_seen(nearest, group, 0), corners_seen(nearest, group, 1), corners_seen(nearest, group, 2))};
+    for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
+        const int lane = lowest_bit(near);
+        note_distance(nearest, squared.of_lane[lane], group->prim_id[lane]);
+    }
+}
+
+INLINED void visit_nearest(
     const global node_t *nodes, const global group_t *groups, const int group_count, nearest_t *nearest)
 {
     ulong stack[STACK_SIZE];
@@ -53,11 +77,7 @@ void visit_nearest(
                 continue;
             }
         } else {
-            const int group = ~next;
-            for (int lane = 0; lane < WIDTH && groups[group].prim_id[lane] != NO_PRIM; lane++) {
-                const corners_t corners = corners_at(groups, WIDTH * group + lane);
-                note_triangle(nearest, &corners, groups[group].prim_id[lane]);
-            }
+            note_group(nearest, groups + ~next);
         }
         ulong popped;
         do {
