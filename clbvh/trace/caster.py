@@ -71,7 +71,7 @@ class Caster(Closing):
         return CHUNK_RAYS
 
     def ray_chunks(self, batch: RayBatch, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
-        """Put rays on the device, chunk by chunk, and yield where each one begins and ends; see `chunks`.
+        """Put rays on the device, chunk by chunk, and yield where each one begins and ends; see `cut`.
 
         Results come in the order of the rays, in whatever order the device takes them.
         """
@@ -114,38 +114,34 @@ class Caster(Closing):
                 if progress is not None:
                     progress(last, len(batch))
 
-    def chunks(
-        self,
-        row_count: int,
-        dtype: np.dtype,
-        pack: Packer,
-        progress: Progress | None = None,
-    ) -> Iterator[tuple[int, int]]:
-        """Put a batch on the device, chunk by chunk, and yield where each one begins and ends.
+    def cut(self, row_count: int, progress: Progress | None) -> Iterator[tuple[int, int]]:
+        """Yield where each chunk of rays or points begins and ends.
 
         Parameters
         ----------
         row_count : int
-        dtype : numpy.dtype
-            Of a row on the device.
-        pack : function
-            Called with where a range of rows begins and ends, and the array to write them to; from several threads.
         progress : function, optional
             Called with the number of rows that are done, and of all rows, after each chunk.
 
         Raises
         ------
         ValueError
-            A row is bad, or the tree is no longer on the device.
+            The tree is no longer on the device.
         """
-        for begin, end in self._cut(row_count, progress, CHUNK_RAYS):
+        return self._cut(row_count, progress, CHUNK_RAYS)
 
-            def pack_chunk(first: int, last: int, rows: NDArray[np.void], begin: int = begin) -> None:
-                pack(begin + first, begin + last, rows)
+    def upload_rows(self, dtype: np.dtype, count: int, pack: Packer) -> None:
+        """Put rows on the device, in the place of those that are there.
 
-            buffer = self._upload(dtype, end - begin, pack_chunk)
-            self._given = _Given(buffer, (end - begin, 1), self._row_tile, ())
-            yield begin, end
+        Parameters
+        ----------
+        dtype : numpy.dtype
+            Of a row on the device.
+        count : int
+        pack : function
+            Called with where a range of rows begins and ends, and the array to write them to; from several threads.
+        """
+        self._given = _Given(self._upload(dtype, count, pack), (count, 1), self._row_tile, ())
 
     def upload_rays(
         self, batch: RayBatch, begin: int, end: int, row_length: int | None = None, *, is_coherent: bool = False

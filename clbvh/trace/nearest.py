@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..geometry import Mesh
 from . import caster as caster_module
 from .caster import Caster, Progress
-from .points import POINT, ClosestPoints, pack_points, refine_points, unit_scale
+from .point_order import find_point_order
+from .points import POINT, ClosestPoints, check_points, pack_points, refine_points, unit_scale
 from .rays import read_rays
 
 _PRIM_ID = np.dtype(np.int32)
@@ -25,20 +26,30 @@ def find_closest(caster: Caster, mesh: Mesh, points: NDArray[Any], progress: Pro
     """Return the nearest points of the surface; see `Tracer.closest_point`."""
     count = len(points)
     found = ClosestPoints(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32))
-
-    def pack(begin: int, end: int, rows: NDArray[np.void]) -> None:
-        pack_points(np.ascontiguousarray(points[begin:end]), caster.box, rows, first_row=begin)
-
-    for begin, end in caster.chunks(count, POINT, pack, progress):
-        with caster.cast("closest_point", end - begin, _PRIM_ID, unit_scale(caster.box)) as prim_id:
-
-            def refine(first: int, last: int, begin: int = begin, prim_id: NDArray[np.int32] = prim_id) -> None:
-                rows = slice(begin + first, begin + last)
-                part = ClosestPoints(found.distance[rows], found.point[rows], found.prim_id[rows])
-                refine_points(np.ascontiguousarray(points[rows]), mesh, caster.box, prim_id[first:last], part)
-
-            caster.threads.for_ranges(end - begin, refine)
+    for begin, end in caster.cut(count, progress):
+        chunk = np.ascontiguousarray(points[begin:end])
+        check_points(chunk, begin)
+        order = find_point_order(chunk, caster.box, caster.threads)
+        part = ClosestPoints(found.distance[begin:end], found.point[begin:end], found.prim_id[begin:end])
+        _find_closest_of_chunk(caster, mesh, chunk, order, part)
     return found
+
+
+def _find_closest_of_chunk(
+    caster: Caster, mesh: Mesh, chunk: NDArray[Any], order: NDArray[np.int32], found: ClosestPoints
+) -> None:
+    """Find the nearest points of some points, taken in an order, and write them to where the points are."""
+
+    def pack(first: int, last: int, rows: NDArray[np.void]) -> None:
+        pack_points(chunk, caster.box, order[first:last], rows)
+
+    caster.upload_rows(POINT, len(chunk), pack)
+    with caster.cast("closest_point", len(chunk), _PRIM_ID, unit_scale(caster.box)) as prim_id:
+
+        def refine(first: int, last: int) -> None:
+            refine_points(chunk, mesh, caster.box, order[first:last], prim_id[first:last], found)
+
+        caster.threads.for_ranges(len(chunk), refine)
 
 
 def find_inside(caster: Caster, points: NDArray[Any], progress: Progress | None) -> NDArray[np.bool_]:
@@ -46,9 +57,7 @@ def find_inside(caster: Caster, points: NDArray[Any], progress: Progress | None)
     inside = np.zeros(len(points), np.bool_)
     for begin in range(0, max(len(points), 1), caster_module.CHUNK_RAYS):
         part = points[begin : begin + caster_module.CHUNK_RAYS]
-        if not np.isfinite(part).all():
-            bad = int(np.argmin(np.isfinite(part).all(axis=1)))
-            raise ValueError(f"points[{begin + bad}] is not finite: {part[bad]}")
+        check_points(part, begin)
         rows = np.flatnonzero((np.abs(part - caster.box.centre) <= caster.box.half).all(axis=1))
         batch = read_rays(part[rows], np.broadcast_to(_GENERIC_DIRECTION, (len(rows), 3)), 0.0, np.inf)
         for first, last in caster.ray_chunks(batch):

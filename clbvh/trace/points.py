@@ -23,8 +23,6 @@ _FAR_SHARE = 512.0
 # The same in float64, where the place on the triangle is found.
 _REFINED_FAR_SHARE = 2.0**20
 
-_ALL_GOOD = -1
-
 
 class ClosestPoints(NamedTuple):
     """The nearest points of a surface.
@@ -47,45 +45,49 @@ def unit_scale(box: RayBox) -> np.float32:
     return np.float32(math.ldexp(1.0, -math.frexp(float(box.half.max()))[1])) if box.half.any() else np.float32(1.0)
 
 
-def pack_points(points: NDArray[Any], box: RayBox, rows: NDArray[np.void], *, first_row: int = 0) -> None:
+def check_points(points: NDArray[Any], first_row: int) -> None:
+    """Raise `ValueError` with the number of the first point that is not finite, counting from `first_row`."""
+    is_good = np.isfinite(points).all(axis=1)
+    if not is_good.all():
+        bad = int(np.argmin(is_good))
+        raise ValueError(f"points[{first_row + bad}] is not finite: {points[bad]}")
+
+
+def pack_points(points: NDArray[Any], box: RayBox, order: NDArray[np.int32], rows: NDArray[np.void]) -> None:
     """Write points as the device wants them.
 
     Parameters
     ----------
     points : (n, 3) float, contiguous
+        Finite.
     box : RayBox
-    rows : (n,) `POINT`
+    order : (m,) int32
+        Which of them are written, one after the other.
+    rows : (m,) `POINT`
         Written.
-    first_row : int
-        The number of the first point, for messages.
-
-    Raises
-    ------
-    ValueError
-        A point is not finite; the message names the first one.
     """
-    bad = _pack(points, box.centre, _FAR_SHARE * box.half.max(), rows.view(np.float32).reshape(-1, 3))
-    if bad != _ALL_GOOD:
-        raise ValueError(f"points[{first_row + bad}] is not finite: {points[bad]}")
+    _pack(points, order, box.centre, _FAR_SHARE * box.half.max(), rows.view(np.float32).reshape(-1, 3))
 
 
 @njit(cache=True, nogil=True)
-def _pack(points, centre, far, rows):  # type: ignore[no-untyped-def]
-    """Return the number of the first bad point, or _ALL_GOOD."""
-    for row in range(len(points)):
+def _pack(points, order, centre, far, rows):  # type: ignore[no-untyped-def]
+    for place in range(len(order)):
+        point = order[place]
         size = 0.0
         for axis in range(3):
-            if not np.isfinite(points[row, axis]):
-                return row
-            size = max(size, abs(points[row, axis] - centre[axis]))
+            size = max(size, abs(points[point, axis] - centre[axis]))
         nearer = far / size if size > far else 1.0
         for axis in range(3):
-            rows[row, axis] = (points[row, axis] - centre[axis]) * nearer
-    return _ALL_GOOD
+            rows[place, axis] = (points[point, axis] - centre[axis]) * nearer
 
 
 def refine_points(
-    points: NDArray[Any], mesh: Mesh, box: RayBox, prim_id: NDArray[np.int32], found: ClosestPoints
+    points: NDArray[Any],
+    mesh: Mesh,
+    box: RayBox,
+    order: NDArray[np.int32],
+    prim_id: NDArray[np.int32],
+    found: ClosestPoints,
 ) -> None:
     """Write the point of each face that is nearest to a point, in float64.
 
@@ -94,21 +96,24 @@ def refine_points(
     points : (n, 3) float, contiguous, the file's coordinates
     mesh : Mesh
     box : RayBox
-    prim_id : (n,) int32
+    order : (m,) int32
+        Which of the points were looked at, one after the other.
+    prim_id : (m,) int32
         What the device found.
     found : ClosestPoints
-        Its arrays are written. Without a face the distance is infinite and the point NaN.
+        As many as there are points; those that were looked at are written. Without a face the distance is infinite and
+        the point NaN.
     """
     far = _REFINED_FAR_SHARE * box.half.max()
-    _refine(points, mesh.origin, far, mesh.vertices, mesh.faces, prim_id, found.distance, found.point, found.prim_id)
+    _refine(points, order, mesh.origin, far, mesh.vertices, mesh.faces, prim_id, *found)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _refine(points, origin, far, vertices, faces, found, distance, nearest, prim_id):  # type: ignore[no-untyped-def]
+def _refine(points, order, origin, far, vertices, faces, found, distance, nearest, prim_id):  # type: ignore[no-untyped-def]
     # Relative to the point, which is zero then.
     a, b, c, weights, away = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for row in range(len(points)):
-        prim = found[row]
+    for place in range(len(order)):
+        row, prim = order[place], found[place]
         prim_id[row] = prim
         if prim == NO_PRIM:
             distance[row] = np.inf

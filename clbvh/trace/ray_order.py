@@ -3,9 +3,6 @@
 Rays in any order wait for memory at nearly every node; those of neighbouring work-items share what is in the cache. So
 a batch whose neighbours lie apart is sorted by where its rays enter and leave the box, and the device writes each
 result where the ray was (Moon et al., "Cache-oblivious ray reordering", 2010).
-
-A key is 24 bits, and the sort counts twice: by the lower half, then by the upper half. Both keep what is equal in its
-order, so the result does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -17,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..host_threads import HostThreads
+from .key_order import LAST_KEY, order_by_keys
 from .rays import RayBatch, RayBox
 
 # Fewer rays earn back neither the sort nor the search for entries: it takes as long as it saves at 16,384 rays of a
@@ -29,21 +27,12 @@ from .rays import RayBatch, RayBox
 LEAST_RAYS = 1 << 16
 _FEWEST = 2
 
-# Cells along each axis of the box, 4 bits of a key; a key has six of them.
+# Cells along each axis of the box, 4 bits of a key; a key has six of them. Rays that miss the box come last.
 _CELLS = 16
 _KEY_AXES = 6
-_DIGIT_BITS = 12
-_DIGIT_MASK = (1 << _DIGIT_BITS) - 1
 
 # A box that is smaller along an axis has one cell there: the number of cells to a unit fits float32.
 _SMALLEST = np.float32(2.0**-100)
-
-# Rays that miss the box come last, with an upper digit of their own.
-_MISS = 1 << 2 * _DIGIT_BITS
-_BUCKETS = (1 << _DIGIT_BITS) + 1
-
-# A key and the number of its ray in 64 bits.
-_NUMBER_BITS = 32
 
 # Cells are found for so many rays at a time, in vector instructions: these lanes of each, and three for each axis.
 _BLOCK = 64
@@ -88,21 +77,11 @@ def find_order(
         return RayOrder(None, False)
     if is_picture or not _is_scattered(batch, begin, end, box):
         return RayOrder(None, True)
-    keys, pairs, order = np.empty(count, np.int32), np.empty(count, np.int64), np.empty(count, np.int32)
-    ranges = threads.ranges(count)
-    tallies = np.zeros((2, len(ranges), _BUCKETS), np.int32)
 
-    def make_keys(place: int, first: int, last: int) -> None:
-        part = batch.part(begin + first, begin + last)
-        _make_keys(keys[first:last], tallies[0, place], *_with_cells(part, box))
+    def make_keys(first: int, last: int, keys: NDArray[np.int32]) -> None:
+        _make_keys(keys, *_with_cells(batch.part(begin + first, begin + last), box))
 
-    threads.run(make_keys, [(place, *rows) for place, rows in enumerate(ranges)])
-    starts = _find_starts(tallies[0])
-    threads.run(_sort_lower, [(keys, *rows, starts[place], pairs) for place, rows in enumerate(ranges)])
-    threads.run(_count_upper, [(pairs, *rows, tallies[1, place]) for place, rows in enumerate(ranges)])
-    starts = _find_starts(tallies[1])
-    threads.run(_sort_upper, [(pairs, *rows, starts[place], order) for place, rows in enumerate(ranges)])
-    return RayOrder(order, False)
+    return RayOrder(order_by_keys(count, threads, make_keys), False)
 
 
 def _is_scattered(batch: RayBatch, begin: int, end: int, box: RayBox) -> bool:
@@ -123,16 +102,9 @@ def _with_cells(batch: RayBatch, box: RayBox) -> tuple[Any, ...]:
     return batch.origins, batch.directions, batch.t_min, batch.t_max, box.centre, half, scale
 
 
-def _find_starts(tallies: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return where each range puts its first ray of each bucket; the tallies have a row for each range."""
-    by_bucket = np.ascontiguousarray(tallies.T)
-    sums = np.cumsum(by_bucket, dtype=np.int32).reshape(by_bucket.shape)
-    return np.ascontiguousarray((sums - by_bucket).T)
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _make_keys(keys, tally, origins, directions, t_mins, t_maxs, centre, half, scale):  # type: ignore[no-untyped-def]
-    """Write the keys of rays, and count their lower halves."""
+def _make_keys(keys, origins, directions, t_mins, t_maxs, centre, half, scale):  # type: ignore[no-untyped-def]
+    """Write the keys of rays."""
     lanes, cells = _make_block()
     for first in range(0, len(keys), _BLOCK):
         count = min(_BLOCK, len(keys) - first)
@@ -143,33 +115,9 @@ def _make_keys(keys, tally, origins, directions, t_mins, t_maxs, centre, half, s
                 # The bits of a cell's number with five zeros between them: six numbers interlock, a Morton code.
                 cell = cells[axis, ray]
                 key |= ((cell & 1) | (cell & 2) << 5 | (cell & 4) << 10 | (cell & 8) << 15) << axis
-            cells[0, ray] = key if _meets(lanes, ray) else np.int32(_MISS)
+            cells[0, ray] = key if _meets(lanes, ray) else np.int32(LAST_KEY)
         for ray in range(count):
             keys[first + ray] = cells[0, ray]
-            tally[cells[0, ray] & _DIGIT_MASK] += 1
-
-
-@njit(cache=True, nogil=True)
-def _sort_lower(keys, begin, end, starts, pairs):  # type: ignore[no-untyped-def]
-    for ray in range(begin, end):
-        key = keys[ray]
-        digit = key & _DIGIT_MASK
-        pairs[starts[digit]] = np.int64(key) << _NUMBER_BITS | ray
-        starts[digit] += 1
-
-
-@njit(cache=True, nogil=True)
-def _count_upper(pairs, begin, end, tally):  # type: ignore[no-untyped-def]
-    for place in range(begin, end):
-        tally[pairs[place] >> _NUMBER_BITS + _DIGIT_BITS] += 1
-
-
-@njit(cache=True, nogil=True)
-def _sort_upper(pairs, begin, end, starts, order):  # type: ignore[no-untyped-def]
-    for place in range(begin, end):
-        digit = pairs[place] >> _NUMBER_BITS + _DIGIT_BITS
-        order[starts[digit]] = np.int32(pairs[place])  # the lower half: the ray's number
-        starts[digit] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
