@@ -12,9 +12,9 @@ from ..host_threads import HostThreads
 from .key_order import order_by_keys
 from .rays import RayBox
 
-# Fewer points stay in their order. Whole calls with 1,024, 4,096 and 16,384 points, sorted against as they are, 2 cores of
-# an x86-64 server: 1.07, 0.77, 0.61 near the dragon, 0.92, 0.65, 0.63 anywhere in its box; bunny 1.06, 0.87, 0.81, and
-# 1.01, 0.73, 0.80.
+# Fewer points stay in their order. Whole calls with 1,024, 4,096 and 16,384 points, sorted against as they are, 2 cores
+# of an x86-64 server: 1.07, 0.77, 0.61 near the dragon, 0.92, 0.65, 0.63 anywhere in its box; 1.06, 0.87, 0.81 near the
+# bunny, and 1.01, 0.73, 0.80.
 LEAST_POINTS = 1 << 12
 
 # Cells along each axis of a cube around the box, 8 bits of a key. Points outside of it are taken as at its border.
