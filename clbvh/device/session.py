@@ -49,7 +49,7 @@ class DeviceSession(Closing):
         self.is_closed = False
         self.times = EventTimes()
         self._buffers: list[Any] = []
-        self._started = ""  # what an error may come from that is noticed later
+        self._unfinished = ""  # what else an error of the next wait may come from
         with self._errors("be opened"):
             self.context = cl.Context([self.info.cl_device])
             self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
@@ -85,8 +85,9 @@ class DeviceSession(Closing):
     def download(self, buffer: Any, into: NDArray[Any]) -> None:
         """Copy the beginning of a buffer into a contiguous array, filling it."""
         if into.nbytes:
-            with self._errors(f"{self._started}give back {into.nbytes / 1e6:,.1f} MB"):
+            with self._errors(f"{self._unfinished}give back {into.nbytes / 1e6:,.1f} MB"):
                 event = self._cl.enqueue_copy(self.queue, into, buffer, is_blocking=True)
+            self._unfinished = ""
             self.times.note("download", event)
 
     @contextmanager
@@ -104,11 +105,12 @@ class DeviceSession(Closing):
         """
         flags = self._cl.map_flags.WRITE_INVALIDATE_REGION if write else self._cl.map_flags.READ
         label = "upload" if write else "download"
-        with self._errors(f"{self._started}share {row_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
+        with self._errors(f"{self._unfinished}share {row_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
             # As bytes: PyOpenCL takes no dtype that holds arrays.
             array, event = self._cl.enqueue_map_buffer(
                 self.queue, buffer, flags, 0, row_count * dtype.itemsize, np.uint8, is_blocking=True
             )
+        self._unfinished = ""
         self.times.note(label, event)
         try:
             yield array.view(dtype)
@@ -129,7 +131,7 @@ class DeviceSession(Closing):
         rounded = tuple(-(-size // group) * group for size, group in zip(work_size, group_size, strict=True))
         with self._errors(f"run the kernel '{kernel.function_name}'"):
             event = kernel(self.queue, rounded, group_size, *arguments)
-        self._started = f"finish the kernel '{kernel.function_name}' and "
+        self._unfinished = f"finish the kernel '{kernel.function_name}' and "
         self.times.note("kernel", event)
 
     def close(self) -> None:

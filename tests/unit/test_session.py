@@ -140,6 +140,17 @@ def test_there_is_no_such_device():
         DeviceSession("no such board")
 
 
+def test_an_error_names_the_kernel_that_is_not_finished_yet(fresh, double):
+    numbers, counter = fresh.upload(np.zeros(64, np.int32)), fresh.upload(np.zeros(1, np.int32))
+    too_much = np.zeros(1000, np.int32)
+    fresh.run(double, (64,), (64,), numbers, counter, np.int32(64))
+    with pytest.raises(DeviceError, match=r"cannot finish the kernel 'double_it' and give back 0\.0 MB"):
+        fresh.download(counter, too_much)
+    fresh.download(counter, too_much[:1])
+    with pytest.raises(DeviceError, match=r"cannot give back 0\.0 MB"):
+        fresh.download(counter, too_much)
+
+
 def test_times_are_those_of_the_events(fresh, double):
     assert fresh.times.sums_ms() == {}
     numbers, counter = fresh.upload(np.zeros(1 << 20, np.int32)), fresh.upload(np.zeros(1, np.int32))
