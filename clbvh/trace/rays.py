@@ -19,10 +19,10 @@ from ..simd import prefetch
 from ..tree import Bvh
 
 # A packed ray as 4-byte lanes.
-RAY_LANES = 8
-T_MIN_LANE = 3
-DIRECTION_LANE = 4
-T_MAX_LANE = 7
+_RAY_LANES = 8
+_T_MIN_LANE = 3
+_DIRECTION_LANE = 4
+_T_MAX_LANE = 7
 
 # Directions whose longest component is outside of these are scaled by a power of two: their squares would not fit
 # float32.
@@ -180,12 +180,12 @@ def pack_rays(
     ValueError
         A value that is not finite, or a direction of length zero; the message names the first bad row.
     """
-    lanes = rays.view(np.float32).reshape(-1, RAY_LANES)
+    lanes = rays.view(np.float32).reshape(-1, _RAY_LANES)
     given = batch.origins, batch.directions, batch.t_min, batch.t_max, box.centre, box.half
     bad = _pack(*given, order, lanes)
     if bad != _ALL_GOOD and len(order) > 0:
         # In another order, it need not be the first bad one.
-        bad = _pack(*given, GIVEN_ORDER, np.empty((len(batch), RAY_LANES), np.float32))
+        bad = _pack(*given, GIVEN_ORDER, np.empty((len(batch), _RAY_LANES), np.float32))
     if bad != _ALL_GOOD:
         _refuse(batch, bad, first_row + bad)
 
@@ -253,9 +253,9 @@ def _pack(origins, directions, t_mins, t_maxs, centre, half, order, rays):  # ty
 @njit(cache=True, nogil=True)
 def _write(rays, ray, x, y, z, t_min, dx, dy, dz, t_max):  # type: ignore[no-untyped-def]
     rays[ray, 0], rays[ray, 1], rays[ray, 2] = x, y, z
-    rays[ray, T_MIN_LANE] = t_min
-    rays[ray, DIRECTION_LANE], rays[ray, DIRECTION_LANE + 1], rays[ray, DIRECTION_LANE + 2] = dx, dy, dz
-    rays[ray, T_MAX_LANE] = t_max
+    rays[ray, _T_MIN_LANE] = t_min
+    rays[ray, _DIRECTION_LANE], rays[ray, _DIRECTION_LANE + 1], rays[ray, _DIRECTION_LANE + 2] = dx, dy, dz
+    rays[ray, _T_MAX_LANE] = t_max
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
