@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..closing import Closing
+from ..device.kept_buffer import KeptBuffer
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
 from ..device.settings import find_settings
@@ -61,7 +62,7 @@ class Caster(Closing):
         settings = find_settings(session.info)
         self._tile, self._row_tile = settings.tile, (settings.group_size, 1)
         self._kernels: dict[str, Any] = {}
-        self._buffers: dict[str, tuple[Any, int]] = {}
+        self._buffers: dict[str, KeptBuffer] = {}
         self._entries: TileEntries | None = None
         self._given = _NOTHING
 
@@ -76,7 +77,7 @@ class Caster(Closing):
         Results come in the order of the rays, in whatever order the device takes them.
         """
         row_length, chunk_rays = self._find_rows(batch, CHUNK_RAYS)
-        for begin, end in self._cut(len(batch), progress, chunk_rays):
+        for begin, end in self.cut(len(batch), progress, chunk_rays):
             order = find_order(batch, begin, end, self.box, self.threads, is_picture=row_length is not None)
             if order.numbers is None:
                 self.upload_rays(batch, begin, end, row_length, is_coherent=order.is_coherent)
@@ -99,7 +100,7 @@ class Caster(Closing):
             Counted from `begin`.
         """
         row_length, piece_rays = self._find_rows(batch, min(most_rays, CHUNK_RAYS))
-        for begin, end in self._cut(len(batch), None, CHUNK_RAYS // piece_rays * piece_rays):
+        for begin, end in self.cut(len(batch), None, CHUNK_RAYS // piece_rays * piece_rays):
             order = find_order(batch, begin, end, self.box, self.threads, is_picture=row_length is not None)
             chunk = None if order.numbers is None else batch.part(begin, end)
             for first in range(begin, end, piece_rays):
@@ -114,7 +115,9 @@ class Caster(Closing):
                 if progress is not None:
                     progress(last, len(batch))
 
-    def cut(self, row_count: int, progress: Progress | None) -> Iterator[tuple[int, int]]:
+    def cut(
+        self, row_count: int, progress: Progress | None, chunk_rows: int | None = None
+    ) -> Iterator[tuple[int, int]]:
         """Yield where each chunk of rays or points begins and ends.
 
         Parameters
@@ -122,13 +125,22 @@ class Caster(Closing):
         row_count : int
         progress : function, optional
             Called with the number of rows that are done, and of all rows, after each chunk.
+        chunk_rows : int, optional
+            `most_rows` without it.
 
         Raises
         ------
         ValueError
             The tree is no longer on the device.
         """
-        return self._cut(row_count, progress, CHUNK_RAYS)
+        if self.session.is_closed:
+            raise ValueError("the tracer is closed: its tree is no longer on the device")
+        step = chunk_rows or self.most_rows
+        for begin in range(0, row_count, step):
+            end = min(begin + step, row_count)
+            yield begin, end
+            if progress is not None:
+                progress(end, row_count)
 
     def upload_rows(self, dtype: np.dtype, count: int, pack: Packer) -> None:
         """Put rows on the device, in the place of those that are there.
@@ -191,16 +203,6 @@ class Caster(Closing):
             self._entries = open_tile_entries(self.session, self.tree)
         return self._entries.find(size, tile, rays, np.int32(ray_count), np.int32(size[0]))
 
-    def _cut(self, row_count: int, progress: Progress | None, chunk_rows: int) -> Iterator[tuple[int, int]]:
-        """Yield where each chunk begins and ends, and tell when it is done."""
-        if self.session.is_closed:
-            raise ValueError("the tracer is closed: its tree is no longer on the device")
-        for begin in range(0, row_count, chunk_rows):
-            end = min(begin + chunk_rows, row_count)
-            yield begin, end
-            if progress is not None:
-                progress(end, row_count)
-
     def _upload(self, dtype: np.dtype, count: int, pack: Packer) -> Any:
         """Put rows on the device, in the place of those that are there, and return the buffer."""
         given = self._buffer("given", count, dtype)
@@ -244,9 +246,8 @@ class Caster(Closing):
     def release(self) -> None:
         """Give back what rays and results pass through; the tree stays."""
         self.threads.close()
-        for buffer, _ in self._buffers.values():
-            self.session.release(buffer)
-        self._buffers.clear()
+        for buffer in self._buffers.values():
+            buffer.release()
         if self._entries is not None:
             self._entries.release()
         self._given = _NOTHING
@@ -257,13 +258,7 @@ class Caster(Closing):
         return self._kernels[query]
 
     def _buffer(self, name: str, row_count: int, dtype: np.dtype) -> Any:
-        """Return a buffer that is kept between calls; a larger one replaces it when needed."""
-        size = row_count * dtype.itemsize
-        kept, kept_size = self._buffers.get(name, (None, 0))
-        if kept_size < size:
-            if kept is not None:
-                del self._buffers[name]
-                self.session.release(kept)
-            kept = self.session.allocate(size, for_mapping=True)
-            self._buffers[name] = kept, size
-        return kept
+        """Return a buffer that is kept between calls."""
+        if name not in self._buffers:
+            self._buffers[name] = KeptBuffer(self.session, for_mapping=True)
+        return self._buffers[name].take(row_count * dtype.itemsize)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..device.kept_buffer import KeptBuffer
 from ..device.program import build_kernels
 from ..device.session import DeviceSession
 from .device_tree import DeviceTree
@@ -36,8 +37,7 @@ class TileEntries:
         self._session = session
         self._tree = tree
         self._kernel = kernel
-        self._buffer: Any = None
-        self._room = 0
+        self._buffer = KeptBuffer(session)
 
     def find(self, size: tuple[int, int], tile: tuple[int, int], *arguments: Any) -> Any | None:
         """Return the buffer of entries, as kernels take it; None where there are none.
@@ -54,16 +54,11 @@ class TileEntries:
         if self._kernel is None:
             return None
         columns, rows = (-(-length // edge) for length, edge in zip(size, tile, strict=True))
-        if columns * rows > self._room:
-            self.release()
-            self._buffer = self._session.allocate(columns * rows * self._tree.entry_bytes)
-            self._room = columns * rows
+        entries = self._buffer.take(columns * rows * self._tree.entry_bytes)
         nodes = self._tree.arguments[0]
-        self._session.run(self._kernel, (columns, rows), _GROUP, nodes, *arguments, *map(np.int32, tile), self._buffer)
-        return self._buffer
+        self._session.run(self._kernel, (columns, rows), _GROUP, nodes, *arguments, *map(np.int32, tile), entries)
+        return entries
 
     def release(self) -> None:
         """Give the buffer back; the next launch takes a new one."""
-        if self._buffer is not None:
-            self._session.release(self._buffer)
-        self._buffer, self._room = None, 0
+        self._buffer.release()

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from . import caster as caster_module
 from .caster import Caster, Progress
 from .point_order import find_point_order
 from .points import POINT, ClosestPoints, check_points, pack_points, refine_points, unit_scale
@@ -55,14 +54,12 @@ def _find_closest_of_chunk(
 def find_inside(caster: Caster, points: NDArray[Any], progress: Progress | None) -> NDArray[np.bool_]:
     """Return which points are inside of a closed mesh; see `Tracer.contains`."""
     inside = np.zeros(len(points), np.bool_)
-    for begin in range(0, max(len(points), 1), caster_module.CHUNK_RAYS):
-        part = points[begin : begin + caster_module.CHUNK_RAYS]
+    for begin, end in caster.cut(len(points), progress):
+        part = points[begin:end]
         check_points(part, begin)
         rows = np.flatnonzero((np.abs(part - caster.box.centre) <= caster.box.half).all(axis=1))
         batch = read_rays(part[rows], np.broadcast_to(_GENERIC_DIRECTION, (len(rows), 3)), 0.0, np.inf)
         for first, last in caster.ray_chunks(batch):
             with caster.cast("count_hits", last - first, _COUNT, np.int32(np.iinfo(np.int32).max)) as counts:
                 inside[begin + rows[first:last]] = counts % 2 == 1
-        if progress is not None and len(part):
-            progress(begin + len(part), len(points))
     return inside
