@@ -40,52 +40,67 @@ INLINED void mark_child(global node_t *entry, const int place, const int child)
     entry->child[place] = child;
 }
 
-// From the root down, nodes are replaced by those of their children that the beam meets, as long as there is room.
-INLINED void write_entry(const global node_t *nodes, const beam_t *beam, global node_t *entry)
+// The children of an entry, by where they stand in the tree.
+typedef struct {
+    int owner[WIDTH];  // a node, and
+    int lane[WIDTH];   // which of its children
+    int child[WIDTH];  // what the owner says of it
+    int count;
+} frontier_t;
+
+// Puts the children of a node that are met in its place, for which there is room; without any, the last child of the entry.
+INLINED void replace_node(frontier_t *frontier, const int place, const global node_t *nodes, const int node, uint met)
 {
-    // Where the entry's children stand, as children of nodes.
-    int owner[WIDTH];
-    int lane_in_owner[WIDTH];
-    int child[WIDTH];
-    child[0] = ROOT;
-    int count = 1;
+    if (met == 0) {
+        const int last = --frontier->count;
+        frontier->owner[place] = frontier->owner[last];
+        frontier->lane[place] = frontier->lane[last];
+        frontier->child[place] = frontier->child[last];
+        return;
+    }
+    int to = place;
+    for (; met != 0; met &= met - 1) {
+        const int lane = lowest_bit(met);
+        frontier->owner[to] = node;
+        frontier->lane[to] = lane;
+        frontier->child[to] = nodes[node].child[lane];
+        to = max(to + 1, frontier->count);
+    }
+    frontier->count = to;
+}
+
+// From the root down, nodes are replaced by those of their children that the beam meets, as long as there is room.
+INLINED void descend(frontier_t *frontier, const global node_t *nodes, const beam_t *beam)
+{
     int place = 0;
-    while (place < count) {
-        const int node = child[place];
-        uint met = node >= 0 ? beam_meets_children(nodes + node, beam) : 0;
-        const int more = popcount(met);
-        if (node < 0 || count - 1 + more > WIDTH) {
+    while (place < frontier->count) {
+        const int node = frontier->child[place];
+        if (node < 0) {
             place++;
             continue;
         }
-        if (met == 0) {
-            count--;
-            owner[place] = owner[count];
-            lane_in_owner[place] = lane_in_owner[count];
-            child[place] = child[count];
-            continue;
+        const uint met = beam_meets_children(nodes + node, beam);
+        if (frontier->count - 1 + (int)popcount(met) > WIDTH) {
+            place++;
+        } else {
+            replace_node(frontier, place, nodes, node, met);
         }
-        for (int to = place; met != 0; met &= met - 1) {
-            const int lane = lowest_bit(met);
-            owner[to] = node;
-            lane_in_owner[to] = lane;
-            child[to] = nodes[node].child[lane];
-            to = to == place ? count : to + 1;
-        }
-        count += more - 1;
     }
+}
 
+INLINED void write_entry(const frontier_t *frontier, const global node_t *nodes, global node_t *entry)
+{
     for (int i = 0; i < WIDTH; i++) {
-        if (i >= count) {
+        if (i >= frontier->count) {
             mark_child(entry, i, NOTHING);
             continue;
         }
-        const global node_t *from = nodes + owner[i];
+        const global node_t *from = nodes + frontier->owner[i];
         for (int axis = 0; axis < 3; axis++) {
-            entry->aabb_min[axis][i] = from->aabb_min[axis][lane_in_owner[i]];
-            entry->aabb_max[axis][i] = from->aabb_max[axis][lane_in_owner[i]];
+            entry->aabb_min[axis][i] = from->aabb_min[axis][frontier->lane[i]];
+            entry->aabb_max[axis][i] = from->aabb_max[axis][frontier->lane[i]];
         }
-        entry->child[i] = child[i];
+        entry->child[i] = frontier->child[i];
     }
 }
 
@@ -94,11 +109,17 @@ INLINED void find_entry(const global node_t *nodes, const ray_bounds_t *bounds, 
     const beam_t beam = make_beam(bounds);
     if (beam.is_empty) {
         mark_child(entry, 0, NOTHING);
-    } else if (beam.is_anything || popcount(beam_meets_children(nodes, &beam)) > MOST_OF_ROOT) {
-        mark_child(entry, 0, ROOT);
-    } else {
-        write_entry(nodes, &beam, entry);
+        return;
     }
+    const uint met = beam.is_anything ? ~0u : beam_meets_children(nodes, &beam);
+    if (popcount(met) > MOST_OF_ROOT) {
+        mark_child(entry, 0, ROOT);
+        return;
+    }
+    frontier_t frontier = {.count = 1};
+    replace_node(&frontier, 0, nodes, ROOT, met);
+    descend(&frontier, nodes, &beam);
+    write_entry(&frontier, nodes, entry);
 }
 
 #endif
