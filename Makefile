@@ -12,7 +12,7 @@ INSTALLED_PEERS := $(VENV)/.installed-peers
 
 # numba notices a change in the file of a function, not in the files that it compiles into it; so each state of the
 # compiled rooms has a cache of its own.
-COMPILED := $(shell find clbvh/build clbvh/tree clbvh/trace clbvh/layout.py clbvh/simd.py -name '*.py' | sort | xargs cat | cksum)
+COMPILED := $(shell find clbvh/build clbvh/tree clbvh/trace clbvh/layout.py clbvh/morton_bits.py clbvh/simd.py -name '*.py' | sort | xargs cat | cksum)
 NUMBA_CACHE := $(VENV)/numba-cache/$(firstword $(COMPILED))
 
 .DEFAULT_GOAL := help

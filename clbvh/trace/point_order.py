@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..host_threads import HostThreads
+from ..morton_bits import SPREAD_BITS
 from .key_order import order_by_keys
 from .rays import RayBox
 
@@ -49,9 +50,5 @@ def _make_keys(points, centre, half, scale, keys):  # type: ignore[no-untyped-de
             place = (points[row, axis] - centre[axis] + half) * scale
             # Written so that NaN is in the first cell.
             cell = 0 if not place > 0.0 else _CELLS - 1 if place >= _CELLS else int(place)
-            # Two zeros between the bits: three numbers interlock, a Morton code.
-            cell = (cell | cell << 8) & 0x00F00F
-            cell = (cell | cell << 4) & 0x0C30C3
-            cell = (cell | cell << 2) & 0x249249
-            key |= cell << axis
+            key |= SPREAD_BITS[cell] << axis
         keys[row] = key

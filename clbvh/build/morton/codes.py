@@ -9,17 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ...morton_bits import SPREAD_BITS
 from ...simd import LANES, bins_of, empty_box, lane_of, load_point, load_row, store_row, unite
 from ..metadata import box_of
 from ..splits import bin_scales
-
-MAX_AXIS_BITS = 10
-
-# The bits of a coordinate, each three places from the next.
-_SPREAD = np.array(
-    [sum((number >> bit & 1) << 3 * bit for bit in range(MAX_AXIS_BITS)) for number in range(1 << MAX_AXIS_BITS)],
-    np.int32,
-)
 
 
 @njit(cache=True, nogil=True)
@@ -31,7 +24,7 @@ def make_grid(centroid_bounds, row, axis_bits):  # type: ignore[no-untyped-def]
     centroid_bounds : (k, 8) float32
         `centroid_bounds[row]` is the box.
     axis_bits : int
-        The grid has ``2 ** axis_bits`` cells along the longest axis; at most `MAX_AXIS_BITS`.
+        The grid has ``2 ** axis_bits`` cells along the longest axis; at most `morton_bits.MAX_AXIS_BITS`.
 
     Returns
     -------
@@ -73,7 +66,7 @@ def bound_vertices(vertices, begin, end, bounds):  # type: ignore[no-untyped-def
 def code_of(box, lower, scales):  # type: ignore[no-untyped-def]
     """Return the Morton code of the cell in which a box has its centroid; the grid's two rows as boxes."""
     x, y, z = bins_of(box, lower, scales)
-    return np.int64(_SPREAD[x]) << 2 | np.int64(_SPREAD[y]) << 1 | np.int64(_SPREAD[z])
+    return np.int64(SPREAD_BITS[x]) << 2 | np.int64(SPREAD_BITS[y]) << 1 | np.int64(SPREAD_BITS[z])
 
 
 @njit(cache=True, nogil=True)
