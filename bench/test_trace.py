@@ -63,6 +63,14 @@ def kernel_ms(tracer: clbvh.Tracer, query: str, rays: Any) -> Callable[[], float
     return run
 
 
+def shadow_rays(tracer: clbvh.Tracer, rays: Any) -> tuple[Any, Any]:
+    """Return origins a little in front of what rays hit, and directions towards a light."""
+    hits = tracer.closest_hit(*rays)
+    share = (1 - 1e-4) * hits.t[hits.is_hit, None]
+    starts = rays[0][hits.is_hit] + share * rays[1][hits.is_hit]
+    return starts.astype(np.float32), np.broadcast_to(np.float32(LIGHT), starts.shape)
+
+
 def race(title: str, ray_count: int, tasks: dict[str, Callable[[], float]]) -> dict[str, float]:
     """Run tasks in turn; print and return the millions of rays per second of the best run of each."""
     for task in tasks.values():
@@ -94,17 +102,30 @@ def test_layouts_and_open3d(mesh, rays, tracers, open3d, order):
     )
 
 
+@pytest.mark.parametrize("kind", ["picture", "shadow"])
+def test_what_entries_gain(rays, tracers, monkeypatch, kind):
+    """The same kernel, with rays that begin where their tile enters the tree, and at the root."""
+    tracer = tracers["bvh8"]
+    cast = rays if kind == "picture" else shadow_rays(tracer, rays)
+    with_entries = kernel_ms(tracer, "closest_hit", cast)
+
+    def from_the_root() -> float:
+        with monkeypatch.context() as patch:
+            patch.setattr(caster, "find_order", lambda *arguments, is_picture: RayOrder(None, False))
+            return with_entries()
+
+    tasks = {"with entries": with_entries, "from the root": from_the_root}
+    speeds = race(f"bvh8, {len(cast[0]):,} {kind} rays", len(cast[0]), tasks)
+    print(f"entries: {speeds['with entries'] / speeds['from the root']:.2f} times as fast")
+
+
 def test_any_hit_of_shadow_rays(mesh, rays, tracers):
-    hits = tracers["bvh8"].closest_hit(*rays)
-    # A little in front of the surface, towards a light.
-    share = (1 - 1e-4) * hits.t[hits.is_hit, None]
-    starts = rays[0][hits.is_hit] + share * rays[1][hits.is_hit]
-    shadow = (starts.astype(np.float32), np.broadcast_to(np.float32(LIGHT), starts.shape))
+    shadow = shadow_rays(tracers["bvh8"], rays)
     for layout, tracer in tracers.items():
         queries = ("any_hit", "closest_hit")
         speeds = race(
-            f"{layout}, {len(starts):,} shadow rays",
-            len(starts),
+            f"{layout}, {len(shadow[0]):,} shadow rays",
+            len(shadow[0]),
             {query: kernel_ms(tracer, query, shadow) for query in queries},
         )
         print(f"any hit: {speeds['any_hit'] / speeds['closest_hit']:.2f} times closest hit")
