@@ -8,40 +8,46 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .lazy import import_on_use
+from .support.lazy_imports import import_on_use
 
 if TYPE_CHECKING:
-    from .build import BuildOptions, SubtreePool, build
-    from .device import DeviceInfo, choose_device, list_devices
+    from .builders.build import build
+    from .builders.options import BuildOptions
+    from .builders.subtree_pool import SubtreePool
+    from .bvh import Bvh, sah_cost, validate_tree
+    from .device import choose_device, list_devices
+    from .device.info import DeviceInfo
     from .geometry import Mesh, load_mesh, make_shape
-    from .render import Picture, RenderOptions, Scene, open_scene, render
+    from .rendering.render import Picture, RenderOptions, render
+    from .rendering.scene import Scene
+    from .rendering.scene_file import open_scene
+    from .stats import TreeStats, measure_tree
     from .trace import AllHits, ClosestPoints, Hits, Tracer
-    from .tree import Bvh, TreeStats, measure_tree, sah_cost, validate_tree
 
 _HOME_OF = {
     "Mesh": "geometry",
     "load_mesh": "geometry",
     "make_shape": "geometry",
-    "Bvh": "tree",
-    "TreeStats": "tree",
-    "measure_tree": "tree",
-    "sah_cost": "tree",
-    "validate_tree": "tree",
-    "BuildOptions": "build",
-    "SubtreePool": "build",
-    "build": "build",
-    "DeviceInfo": "device",
+    "Bvh": "bvh",
+    "TreeStats": "stats",
+    "measure_tree": "stats",
+    "sah_cost": "bvh",
+    "validate_tree": "bvh",
+    "BuildOptions": "builders.options",
+    "SubtreePool": "builders.subtree_pool",
+    "build": "builders.build",
+    "DeviceInfo": "device.info",
     "choose_device": "device",
     "list_devices": "device",
     "AllHits": "trace",
     "ClosestPoints": "trace",
     "Hits": "trace",
     "Tracer": "trace",
-    "Picture": "render",
-    "RenderOptions": "render",
-    "Scene": "render",
-    "open_scene": "render",
-    "render": "render",
+    "Picture": "rendering.render",
+    "RenderOptions": "rendering.render",
+    "Scene": "rendering.scene",
+    "open_scene": "rendering.scene_file",
+    "render": "rendering.render",
 }
 
 __all__ = [  # noqa: RUF022 - in the order of the pipeline

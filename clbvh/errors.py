@@ -1,8 +1,8 @@
 """The exception classes, all of them under `ClbvhError`.
 
-Bad input is a `ValueError`, a machine that cannot do the work is a `RuntimeError`, and a broken invariant of our
-own is an `InternalError`: the three never share a path. A message is one sentence that says what was given, what
-was expected and what to do.
+Bad input is a `ValueError`, a machine that cannot do the work is a `RuntimeError`, and a broken invariant of clbvh is
+an `InternalError`: the three never share a path. A message is one sentence with the given value, the expected one and
+a remedy.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ class ClbvhError(Exception):
 
 
 class MeshError(ClbvhError, ValueError):
-    """A mesh, or the file it should come from, cannot be used."""
+    """A mesh or a mesh file cannot be used."""
 
 
 class SceneError(ClbvhError, ValueError):
-    """A scene file says something that cannot be rendered."""
+    """A scene or a scene file cannot be rendered."""
 
 
 class TreeFileError(ClbvhError, ValueError):
@@ -28,8 +28,12 @@ class ConfigError(ClbvhError, ValueError):
     """An option or an argument has a value outside its range."""
 
 
+class QueryError(ClbvhError, ValueError):
+    """Rays, points or limits of a query cannot be used, or its tracer is closed."""
+
+
 class DeviceError(ClbvhError, RuntimeError):
-    """No OpenCL device can do the work, or the one that was chosen failed."""
+    """No OpenCL device can do the work, or the chosen one failed."""
 
 
 class KernelBuildError(ClbvhError, RuntimeError):
@@ -38,11 +42,11 @@ class KernelBuildError(ClbvhError, RuntimeError):
     Parameters
     ----------
     device : str
-        Name of the device whose compiler refused.
+        Name of the device whose compiler failed.
     options : str
-        The options the compiler was given.
+        The options given to the compiler.
     log : str
-        The compiler's own words, with our file names and line numbers.
+        The compiler's output, with the file names and line numbers of clbvh.
     """
 
     def __init__(self, device: str, options: str, log: str) -> None:
@@ -56,15 +60,15 @@ class KernelBuildError(ClbvhError, RuntimeError):
 
 
 class FetchError(ClbvhError, RuntimeError):
-    """A download failed, or what came is not what was wanted."""
+    """A download failed, or its content is not the expected one."""
 
 
 class PoolError(ClbvhError, RuntimeError):
-    """A worker process failed, died or fell silent, or there is no memory to share with it."""
+    """A worker process failed, ended or stopped answering, or there is no memory to share with it."""
 
 
 class ValidationError(ClbvhError, RuntimeError):
-    """A tree or a picture differs from what the slow, independent check expects."""
+    """A tree or a picture differs from the result of a slow, independent check."""
 
 
 class InternalError(ClbvhError, RuntimeError):

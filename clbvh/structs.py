@@ -1,15 +1,30 @@
-"""Every struct that crosses to the device: its numpy dtype, its constants, and the C text made from both.
+"""Every struct of the engine, once: numpy dtypes, named lanes, constants, and the C text made from them.
 
-A struct is written down here once. Host arrays use the dtype, kernels include the text of `c_declarations`, and a
-test writes a different value into every field and reads it back on each device.
+Host arrays use the dtypes. Compiled loops access the same memory as 4-byte lanes, whose indices are derived from the
+dtypes. Kernels include the text of `c_declarations`; a test writes a different value into every field and reads it back
+on each device.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-# A node of the tree on the host: 32 bytes. `count > 0` is a leaf over prim_ids[first : first + count];
-# `count == 0` is an interior node with its children at `first` and `first + 1`.
+_LANE_BYTES = 4
+
+
+def _lane(struct: np.dtype, field: str) -> int:
+    """Return the first lane of a field."""
+    return int(struct.fields[field][1]) // _LANE_BYTES  # type: ignore[index]
+
+
+def _lane_count(struct: np.dtype) -> int:
+    return struct.itemsize // _LANE_BYTES
+
+
+# --- Trees on the host ---
+
+# A node of a finished tree: 32 bytes. `count > 0` is a leaf over prim_ids[first : first + count]; `count == 0` is an
+# interior node with its children at `first` and `first + 1`.
 NODE = np.dtype(
     [
         ("aabb_min", np.float32, 3),
@@ -18,16 +33,39 @@ NODE = np.dtype(
         ("count", np.int32),
     ]
 )
+NODE_LANES = _lane_count(NODE)
+NODE_FIRST = _lane(NODE, "first")
+NODE_MAX = _lane(NODE, "aabb_max")
+NODE_COUNT = _lane(NODE, "count")
 
-# The same node as eight 4-byte lanes, for compiled loops that move whole rows.
-NODE_LANES = 8
-NODE_FIRST = 3
-NODE_MAX = 4
-NODE_COUNT = 7
+# An aabb in a vector register, and in the builders' arrays. The maximum is negated, so that one eight-lane minimum
+# unites two boxes; the minimum leaves garbage in the tag and in the tally, whose meaning is up to each array.
+BOX = np.dtype(
+    [
+        ("aabb_min", np.float32, 3),
+        ("tag", np.int32),
+        ("negated_max", np.float32, 3),
+        ("tally", np.int32),
+    ]
+)
+BOX_LANES = _lane_count(BOX)
+BOX_TAG = _lane(BOX, "tag")
+BOX_NEGATED_MAX = _lane(BOX, "negated_max")
+BOX_TALLY = _lane(BOX, "tally")
 
-# A node of the `bvh2` device layout: 64 bytes, one cache line, both child boxes in the parent, so that one load
-# decides about two children. Index 0 is the left child, 1 the right one. `count[i] > 0`: child i is a leaf over
-# the triangles first[i] to first[i] + count[i]; `count[i] == 0`: it is the node at first[i].
+# A primitive reference is a box whose tag is the primitive's id.
+PRIM_REF_ID = BOX_TAG
+
+# A node of a tree whose leaves are expanded, see `builders/reinsertion/expand_leaves.py`: a box whose tag is the index
+# of the first child, 0 in a leaf, and whose tally is the leaf's primitive.
+EXPANDED_FIRST = BOX_TAG
+EXPANDED_PRIM_ID = BOX_TALLY
+
+# --- Trees on the device ---
+
+# A node of the `bvh2` layout: 64 bytes, one cache line, with both child boxes in the parent, so that one load serves
+# the tests of two children. Index 0 is the left child, 1 the right one. `count[i] > 0`: child i is a leaf over the
+# triangles first[i] to first[i] + count[i]; `count[i] == 0`: child i is the node at first[i].
 BVH2_NODE = np.dtype(
     [
         ("aabb_min", np.float32, (2, 3)),
@@ -36,17 +74,15 @@ BVH2_NODE = np.dtype(
         ("count", np.int32, 2),
     ]
 )
+BVH2_LANES = _lane_count(BVH2_NODE)
+BVH2_MIN = _lane(BVH2_NODE, "aabb_min")  # of the left child; the right child's begin 3 lanes later
+BVH2_MAX = _lane(BVH2_NODE, "aabb_max")
+BVH2_FIRST = _lane(BVH2_NODE, "first")
+BVH2_COUNT = _lane(BVH2_NODE, "count")
 
-# The same node as 4-byte lanes; a field's lanes of child i begin at FIELD + i * its length.
-BVH2_LANES = 16
-BVH2_MIN = 0
-BVH2_MAX = 6
-BVH2_FIRST = 12
-BVH2_COUNT = 14
-
-# A node of the `bvh4` and `bvh8` device layouts: the boxes of all children, one after the other for each coordinate, so
-# that a vector unit takes a coordinate of all of them at once. `child[i] >= 0` is the number of a node, another one is
-# the complement (`~child[i]`) of the number of a leaf's group. A child that is not there has its box turned inside out.
+# A node of the `bvh4` and `bvh8` layouts: each coordinate of all child boxes side by side, so that a vector unit tests
+# all children at once. `child[i] >= 0` is the index of a node; otherwise `~child[i]` is the index of a triangle block.
+# A missing child has an inverted box.
 WIDE_NODES = {
     width: np.dtype(
         [
@@ -58,12 +94,14 @@ WIDE_NODES = {
     for width in (4, 8)
 }
 
-# The triangles of a leaf in the same way: `corners[i][axis]` is a coordinate of corner i of all of them. Lanes without
-# a triangle, and those of degenerate ones, are NaN, which no ray hits.
-GROUPS = {width: np.dtype([("corners", np.float32, (3, 3, width)), ("prim_id", np.int32, width)]) for width in (4, 8)}
+# The triangles of a leaf of the wide layouts, side by side: `corners[i][axis]` is one coordinate of corner i of all
+# triangles. Lanes without a triangle and lanes of degenerate triangles are NaN, which no ray hits.
+TRIANGLE_BLOCKS = {
+    width: np.dtype([("corners", np.float32, (3, 3, width)), ("prim_id", np.int32, width)]) for width in (4, 8)
+}
 
-# A triangle in leaf order, with the number of its face in the mesh. A degenerate triangle is stored with three
-# equal corners: that makes its determinant exactly zero, so that no rounding can let a ray hit it.
+# A triangle of the `bvh2` layout, in leaf order. A degenerate triangle is stored with three equal corners: its
+# determinant is exactly zero, so that rounding cannot make a ray hit it.
 TRIANGLE = np.dtype(
     [
         ("a", np.float32, 3),
@@ -72,9 +110,14 @@ TRIANGLE = np.dtype(
         ("prim_id", np.int32),
     ]
 )
+TRIANGLE_LANES = _lane_count(TRIANGLE)
+TRIANGLE_PRIM_ID = _lane(TRIANGLE, "prim_id")
 
-# A ray relative to the mesh's origin. The direction has any length above zero; t counts in its units.
-RAY = np.dtype(
+# --- Queries ---
+
+# A ray as it is uploaded, relative to the mesh's origin. The direction has any length above zero; the unit of t is that
+# length.
+PACKED_RAY = np.dtype(
     [
         ("origin", np.float32, 3),
         ("t_min", np.float32),
@@ -82,6 +125,14 @@ RAY = np.dtype(
         ("t_max", np.float32),
     ]
 )
+PACKED_RAY_LANES = _lane_count(PACKED_RAY)
+PACKED_RAY_T_MIN = _lane(PACKED_RAY, "t_min")
+PACKED_RAY_DIRECTION = _lane(PACKED_RAY, "direction")
+PACKED_RAY_T_MAX = _lane(PACKED_RAY, "t_max")
+
+# A point as it is uploaded, relative to the mesh's origin.
+PACKED_POINT = np.dtype([("position", np.float32, 3)])
+PACKED_POINT_LANES = _lane_count(PACKED_POINT)
 
 # A hit at (1 - u - v) a + u b + v c. On a miss t is infinite and prim_id is NO_PRIM.
 HIT = np.dtype(
@@ -92,17 +143,23 @@ HIT = np.dtype(
         ("prim_id", np.int32),
     ]
 )
+HIT_LANES = _lane_count(HIT)
+HIT_U = _lane(HIT, "u")
+HIT_V = _lane(HIT, "v")
+HIT_PRIM_ID = _lane(HIT, "prim_id")
 
-# Everything one picture needs besides the mesh. Colours are linear, from 0 to 1.
+# --- Pictures ---
+
+# The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
 VIEW = np.dtype(
     [
-        # A pixel's ray starts at `eye`, relative to the mesh's origin, along forward + x * right + y * up with x and
-        # y from -1 to 1. `forward` is a unit vector; the others are as long as half the picture at distance 1.
+        # A pixel's ray starts at `eye`, relative to the mesh's origin, along forward + x * right + y * up with x and y
+        # from -1 to 1. `forward` is a unit vector; `right` and `up` are half the picture's size at distance 1.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),
         ("right", np.float32, 3),
         ("up", np.float32, 3),
-        # The light comes from one direction, a unit vector towards it, and evenly from the sky and the ground.
+        # Directed light, with a unit vector towards it, and ambient light from the sky and the ground.
         ("to_light", np.float32, 3),
         ("light_colour", np.float32, 3),
         ("to_sky", np.float32, 3),
@@ -111,7 +168,7 @@ VIEW = np.dtype(
         ("surface_colour", np.float32, 3),
         ("background_top", np.float32, 3),
         ("background_bottom", np.float32, 3),
-        # Distances along `forward` that the depth picture shows as white and as black.
+        # Distances along `forward` that a depth picture shows as white and as black.
         ("depth_near", np.float32),
         ("depth_far", np.float32),
         ("width", np.int32),
@@ -120,36 +177,34 @@ VIEW = np.dtype(
     ]
 )
 
-# The same triangle as 4-byte lanes: nine coordinates, then the number.
-TRIANGLE_LANES = 10
-TRIANGLE_PRIM_ID = 9
+# --- The same in C ---
 
-# Structs by their C names, in the order in which they are declared.
+# Structs by their C names, in the order of their declarations.
 DEVICE_STRUCTS = {
     "bvh2_node_t": BVH2_NODE,
     "triangle_t": TRIANGLE,
     "bvh4_node_t": WIDE_NODES[4],
     "bvh8_node_t": WIDE_NODES[8],
-    "group4_t": GROUPS[4],
-    "group8_t": GROUPS[8],
-    "ray_t": RAY,
+    "block4_t": TRIANGLE_BLOCKS[4],
+    "block8_t": TRIANGLE_BLOCKS[8],
+    "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
     "view_t": VIEW,
 }
 
 NO_PRIM = -1
 
-# What `view.shading` may say.
+# Values of `view.shading`.
 SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3}
 
-# How a tree lies in the device's memory; `brute` is no tree at all.
+# Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
 LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
 
-# Children of a node, at most, by layout; and in the wide layouts triangles of a group.
+# Most children of a node; in the wide layouts also the triangles of a block.
 LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8}
 
-# Those in which the rays of a tile begin at a node of their own, see cl/entry.cl: two children would be too few for it.
-ENTRY_LAYOUTS = ("bvh4", "bvh8")
+# Layouts that search an entry point for each tile, see cl/traversal/entry_point.cl. Two children are too few.
+ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8")
 
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
@@ -163,8 +218,8 @@ _C_TYPES = {np.dtype(np.float32): "float", np.dtype(np.int32): "int", np.dtype(n
 def c_declarations() -> str:
     """Return the OpenCL C text of the constants and of all structs.
 
-    Every field is a 4-byte scalar or an array of them, so a C compiler adds no padding and the struct is the same
-    on every device, whatever its alignment rules.
+    Every field is a 4-byte scalar or an array of them, so a C compiler adds no padding, and the struct is the same on
+    every device, whatever its alignment rules.
     """
     lines = [f"#define {name} ({value})" for name, value in DEVICE_CONSTANTS.items()]
     for name, dtype in DEVICE_STRUCTS.items():
@@ -177,7 +232,7 @@ def c_declarations() -> str:
 
 
 def _c_field(struct: np.dtype, name: str) -> str:
-    """Return one field's declaration, such as ``float aabb_min[2][3]``."""
+    """Return the declaration of one field, such as ``float aabb_min[2][3]``."""
     dtype = struct[name]
     dimensions = "".join(f"[{size}]" for size in dtype.shape)
     return f"{_C_TYPES[dtype.base]} {name}{dimensions}"

@@ -1,13 +1,13 @@
-// One crossing of a ray with a triangle.
+// A crossing: a point in which a ray meets a triangle.
 
-#include "ray.cl"
+#include "rays/ray.cl"
 
 typedef struct {
     float t;
     float u;
     float v;
     int prim_id;
-    int place;  // where the triangle is on the device, see corners_at
+    int triangle_index;  // of the triangle on the device, see corners_at
 } crossing_t;
 
 INLINED crossing_t no_crossing(void)

@@ -1,21 +1,24 @@
-// The face that is nearest to each point.
+// The nearest triangle of each point; of equally near ones the smallest prim_id.
 //
-// nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
-// points[3 * point_count]                        object units, relative to the mesh's origin
-// prim_ids[point_count]                          written; NO_PRIM if all triangles are degenerate
-// scale                                          a power of two that makes the mesh about as large as 1
+// nodes[node_count]           node_t: the tree in its layout, see clbvh/structs.py
+// blocks[block_count]         block_t: triangles in leaf order, object units relative to the mesh's origin
+// points[3 * point_count]     float: object units relative to the mesh's origin
+// scale                       a power of two that makes the mesh about as large as 1
+// prim_ids[point_count]       written: NO_PRIM if all triangles are degenerate
+//
+// Work-items: (point_count), rounded up to whole work-groups.
 
-#include "nearest.cl"
+#include "nearest/nearest.cl"
 
 kernel void closest_point(
-    const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
+    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
     const global float *restrict points, global int *restrict prim_ids, const int point_count, const float scale)
 {
     const int point = get_global_id(0);
     if (point >= point_count) {
         return;
     }
-    nearest_t nearest = begin_nearest(scale * vload3(point, points), scale);
-    visit_nearest(nodes, groups, group_count, &nearest);
+    nearest_t nearest = make_nearest(scale * vload3(point, points), scale);
+    find_nearest(nodes, blocks, block_count, &nearest);
     prim_ids[point] = nearest.prim_id;
 }

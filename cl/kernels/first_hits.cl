@@ -1,33 +1,31 @@
-// The first few hits of each ray, in the order along it: enough for most rays, in one traversal.
+// The first hits of each ray, in the order along it; ties are in the order of prim_id.
 //
-// nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
-// rays[ray_count]                                object units, relative to the mesh's origin
-// width                                          rays in a row, see cl/batch.cl
-// order[ray_count]                               where results go: the number of each ray; without it its place
-// entries[tile_count]                            where each tile enters the tree, see cl/entry.cl; without, at the root
-// hits[places * ray_count]                       written; those of ray i begin at i * places, and if they are fewer than
-//                                                places, a miss follows
+// A ray that fills its slots may have more hits: the host casts it again with more slots.
 //
-// A ray whose places are all taken may have further hits: count_hits and all_hits find them.
+// Shared arguments: see cl/rays/batch.cl.
+// slots                       results per ray, at least 1
+// hits[ray_count * slots]     written: the hits of a ray begin at ray_id * slots; a miss (prim_id NO_PRIM) follows if
+//                             slots are left, and further slots are not written
 
-#include "entry.cl"
+#include "rays/batch.cl"
+#include "traversal/entry_point.cl"
 
 kernel void first_hits(
-    const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
-    const global ray_t *restrict rays, global hit_t *restrict hits, const int ray_count,
-    const int width, const global int *restrict order, const global node_t *restrict entries, const int places)
+    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
+    const global packed_ray_t *restrict rays, global hit_t *restrict hits, const int ray_count,
+    const int row_length, const global int *restrict order, const global node_t *restrict entry_points,
+    const int slots)
 {
-    const int place = place_of_ray(width, ray_count);
-    if (place == NO_RAY) {
+    ray_t ray;
+    const int ray_id = load_ray(rays, ray_count, row_length, order, &ray);
+    if (ray_id == NO_RAY) {
         return;
     }
-    const int ray = number_of_ray(order, place);
-    global hit_t *kept = hits + (size_t)ray * places;
-    const path_t path = load_path(rays + place);
-    search_t search = begin_search(places, kept);
-    traverse(nodes, find_start(nodes, entries), groups, group_count, &path, &search, QUERY_KEEP);
+    global hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
+    search_t search = make_search(slots, hits_of_ray);
+    traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_FIRST);
     sort_hits(&search);
-    if (search.count < places) {
-        kept[search.count].prim_id = NO_PRIM;
+    if (search.count < slots) {
+        hits_of_ray[search.count].prim_id = NO_PRIM;
     }
 }

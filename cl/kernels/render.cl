@@ -1,29 +1,32 @@
-// A picture: where the primary rays of each tile enter the tree, and one work-item per pixel that finds the closest hit and
-// its colour.
+// A band of rows of a picture: `view_entry_points` finds the entry point of each tile, `render` the closest hit and the
+// colour of each pixel.
 //
-// nodes[node_count], groups[group_count]         the tree, see clbvh/layout.py
-// view[1]                                        camera, light and colours
-// first_row, row_count                           the rows of the picture that this launch renders
-// tile_width, tile_height                        the work-groups of `render`
-// entries[tile_rows * tile_columns]              of each tile, see cl/entry.cl; `render` takes NULL for none
-// colours[row_count * width]                     written; red, green, blue, and 255 where something is hit
-// hits[row_count * width]                        written; t in object units
+// nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
+// blocks[block_count]                        block_t: triangles in leaf order, object units from the mesh's origin
+// view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
+// first_row, row_count                       rows of the picture in this band; row 0 is the top
+// tile_width, tile_height                    work-group of `render`, pixels
+// entry_points[tile_rows * tile_columns]     node_t, see cl/traversal/entry_point.cl: written by `view_entry_points`.
+//                                            NULL for `render`: all rays begin at the root
+// colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
+// hits[row_count * width]                    written: t in object units
 //
-// Work-items: of `view_entries` (tile_columns, tile_rows), of `render` (width, row_count).
+// Work-items: (tile_columns, tile_rows) for `view_entry_points`; (width, row_count) for `render`, rounded up to tiles.
 
-#include "camera.cl"
-#include "entry.cl"
-#include "shade.cl"
+#include "rays/camera.cl"
+#include "traversal/entry_point.cl"
+#include "shading/shade.cl"
 
-#if HAS_ENTRIES
+#if HAS_ENTRY_POINTS
 
-// The beam of primary rays is that of the pixels in the tile's corners, whatever the length of directions. A component
-// is rounded eight times on the way to a ray: to x or y four times, two products and sums, and by normalize.
+// The directions through the pixels in a tile's corners bound those of all its pixels; they need no normalization,
+// because t has no limit. A component of a ray's direction is rounded eight times before normalize: four times in x or
+// y, by two products and by two sums.
 #define DIRECTION_SLACK ERROR_BOUND(16)
 
-kernel void view_entries(
+kernel void view_entry_points(
     const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, global node_t *restrict entries)
+    const int tile_width, const int tile_height, global node_t *restrict entry_points)
 {
     const int tile_columns = (view->width + tile_width - 1) / tile_width;
     const int left = tile_width * get_global_id(0);
@@ -34,29 +37,30 @@ kernel void view_entries(
     const int right = min(left + tile_width, view->width) - 1;
     const int bottom = min(top + tile_height, row_count) - 1;
 
-    float3 least = (float3)(INFINITY);
-    float3 most = (float3)(-INFINITY);
+    float3 lower_direction = (float3)(INFINITY);
+    float3 upper_direction = (float3)(-INFINITY);
     for (int corner = 0; corner < 4; corner++) {
         const int column = corner & 1 ? left : right;
         const int row = corner & 2 ? top : bottom;
-        const float3 direction = through_pixel(view, column, first_row + row);
-        least = direction < least ? direction : least;
-        most = direction > most ? direction : most;
+        const float3 direction = pixel_direction(view, column, first_row + row);
+        lower_direction = direction < lower_direction ? direction : lower_direction;
+        upper_direction = direction > upper_direction ? direction : upper_direction;
     }
     const float3 size = magnitude(load3(view->forward)) + magnitude(load3(view->right)) + magnitude(load3(view->up));
     const float3 slack = size * DIRECTION_SLACK;
     const float3 eye = load3(view->eye);
     const ray_bounds_t bounds = {
-        (float8)(eye, 0.0f, least - slack, INFINITY), (float8)(eye, 0.0f, most + slack, INFINITY)};
-    find_entry(nodes, &bounds, entries + get_global_id(1) * tile_columns + get_global_id(0));
+        (float8)(eye, 0.0f, lower_direction - slack, INFINITY),
+        (float8)(eye, 0.0f, upper_direction + slack, INFINITY)};
+    find_entry_point(nodes, &bounds, entry_points + get_global_id(1) * tile_columns + get_global_id(0));
 }
 
 #endif
 
 kernel void render(
-    const global node_t *restrict nodes, const global group_t *restrict groups, const int group_count,
-    const global node_t *restrict entries, const global view_t *restrict view, const int first_row, const int row_count,
-    global uchar4 *restrict colours, global hit_t *restrict hits)
+    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
+    const global node_t *restrict entry_points, const global view_t *restrict view, const int first_row,
+    const int row_count, global uchar4 *restrict colours, global hit_t *restrict hits)
 {
     const int column = get_global_id(0);
     const int band_row = get_global_id(1);
@@ -66,9 +70,9 @@ kernel void render(
     const int pixel = band_row * view->width + column;
     const int row = first_row + band_row;
 
-    const path_t path = primary_path(view, column, row);
-    search_t search = begin_search(1, 0);
-    traverse(nodes, find_start(nodes, entries), groups, group_count, &path, &search, QUERY_CLOSEST);
+    const ray_t ray = primary_ray(view, column, row);
+    search_t search = make_search(1, 0);
+    traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_CLOSEST);
     const crossing_t nearest = search.nearest;
     hits[pixel] = as_hit(&nearest);
 
@@ -76,8 +80,8 @@ kernel void render(
     if (!is_found(&nearest)) {
         colour = shade_background(view, row);
     } else {
-        const corners_t corners = corners_at(groups, nearest.place);
-        const surface_t surface = surface_at(&corners, &nearest, path.direction);
+        const corners_t corners = corners_at(blocks, nearest.triangle_index);
+        const surface_t surface = surface_at(&corners, &nearest, ray.direction);
         switch (view->shading) {
         case SHADE_NORMAL:
             colour = 0.5f * surface.normal + 0.5f;
@@ -86,8 +90,7 @@ kernel void render(
             colour = shade_depth(view, surface.position);
             break;
         case SHADE_LAMBERT_SHADOW:
-            colour = shade_lambert(
-                view, surface.normal, sees_light(view, &surface, nodes, groups, group_count));
+            colour = shade_lambert(view, surface.normal, sees_light(view, &surface, nodes, blocks, block_count));
             break;
         default:
             colour = shade_lambert(view, surface.normal, true);

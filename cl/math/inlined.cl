@@ -1,3 +1,3 @@
-// Every function is put into its caller. Left to itself PoCL 3.0 calls the larger ones, once per box or triangle: the
-// wide layouts took a third longer.
+// Every function is inlined into its caller. PoCL 3.0 by itself calls the larger ones, once per box or triangle, which
+// takes a third longer in the wide layouts.
 #define INLINED static inline __attribute__((always_inline))

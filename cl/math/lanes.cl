@@ -1,8 +1,8 @@
-// WIDTH boxes or triangles at a time, in the lanes of one vector: a CPU's vector unit works inside one work-item.
+// Vectors of WIDTH lanes, one per box or triangle: the vector unit of a CPU works inside one work-item.
 //
-// PORTABLE, when defined, leaves the compilers' own functions aside.
+// Assumes WIDTH 4 or 8. PORTABLE, if defined, excludes the built-in functions of compilers.
 
-#include "numeric.cl"
+#include "math/numeric.cl"
 
 #if WIDTH == 8
 typedef float8 lanes_t;
@@ -12,13 +12,14 @@ typedef float4 lanes_t;
 typedef int4 lane_mask_t;
 #endif
 
-// The device's arrays begin at multiples of a vector's size, and rows of lanes follow each other.
+// Assumes an address that is a multiple of the vector's size: device buffers begin at one, and structs of the wide
+// layouts consist of whole vectors.
 INLINED lanes_t load_lanes(const global float *from)
 {
     return *(const global lanes_t *)from;
 }
 
-// If one operand is NaN, the result is b, as for single numbers.
+// If one operand is NaN, the result is b, as in `smaller` and `larger`.
 INLINED lanes_t smaller_lanes(const lanes_t a, const lanes_t b)
 {
     return a < b ? a : b;
@@ -40,7 +41,7 @@ INLINED float largest_of_lanes(const lanes_t a)
     return larger(of_two.x, of_two.y);
 }
 
-// a * b + c, rounded once where there is an instruction for it, twice elsewhere: fma would be slow there.
+// a * b + c with a single rounding where an instruction exists, and with two elsewhere, where fma would be slow.
 #if WIDTH == 8 && defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
 #define MULTIPLY_ADD_LANES(a, b, c) __builtin_ia32_vfmaddps256(a, b, c)
 #elif WIDTH == 4 && defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
@@ -49,7 +50,7 @@ INLINED float largest_of_lanes(const lanes_t a)
 #define MULTIPLY_ADD_LANES(a, b, c) ((a) * (b) + (c))
 #endif
 
-// A bit for each lane of a comparison that is true. x86 has an instruction for it, which compilers do not find.
+// Returns one bit per lane, set where the comparison is true. Compilers do not find the x86 instruction for it.
 #if WIDTH == 8 && defined(__clang__) && defined(__AVX__) && !defined(PORTABLE)
 INLINED uint mask_bits(const lane_mask_t mask)
 {
@@ -74,7 +75,7 @@ INLINED uint mask_bits(const lane_mask_t mask)
 }
 #endif
 
-// The number of the lowest bit that is set.
+// The index of the lowest set bit.
 INLINED int lowest_bit(const uint bits)
 {
 #if defined(__clang__) && !defined(PORTABLE)

@@ -1,17 +1,17 @@
-// Rules of arithmetic that every file here relies on.
+// Rules of arithmetic for all kernels: no contraction, the bound on rounding, and small functions of numbers.
 
-#include "inlined.cl"
+#include "math/inlined.cl"
 
-// A contracted a * b - c * d rounds differently for the two triangles of an edge, and a ray could slip between them.
-// Drivers may contract unless told otherwise; PoCL 3.0 does.
+// A contracted a * b - c * d rounds differently for the two triangles at an edge, and a ray could slip between them.
+// Drivers may contract by default; PoCL 3.0 does.
 #pragma OPENCL FP_CONTRACT OFF
 
-// Half the distance from 1 to the next float, and the bound on n roundings in a row (Higham, "Accuracy and stability
-// of numerical algorithms", 2002).
+// The unit roundoff of float32, and the bound on the relative error of n successive roundings (Higham, "Accuracy and
+// stability of numerical algorithms", 2002).
 #define ROUNDING 5.9604645e-8f
 #define ERROR_BOUND(n) ((n) * ROUNDING / (1.0f - (n) * ROUNDING))
 
-// Written out, because fmin and fmax must look for NaN and are slower for it. If one operand is NaN, the result is b.
+// fmin and fmax test for NaN, which makes them slower. Here, if one operand is NaN, the result is b.
 INLINED float smaller(const float a, const float b)
 {
     return a < b ? a : b;
@@ -22,20 +22,21 @@ INLINED float larger(const float a, const float b)
     return a > b ? a : b;
 }
 
-// Built-in functions that are used for every box or triangle are written out as well, as far as compilers know them:
-// PoCL 3.0 calls its own ones and does not inline them when its library was made for another processor.
+// Built-in functions needed per box or triangle are written in plain C where that is possible: PoCL 3.0 calls those of
+// its library, and does not inline them if the library was built for another processor.
 
 INLINED float3 load3(const global float *from)
 {
     return (float3)(from[0], from[1], from[2]);
 }
 
+// The absolute value of each component.
 INLINED float3 magnitude(const float3 v)
 {
     return as_float3(as_int3(v) & 0x7fffffff);
 }
 
-// a * b + c, rounded once.
+// a * b + c with a single rounding.
 #if defined(__clang__) && defined(__FMA__)
 #define FUSED(a, b, c) __builtin_fmaf(a, b, c)
 #else

@@ -1,20 +1,23 @@
-// The triangle that is nearest to a point, in the layout that the host asks for. Each file that this one includes
-// defines `visit_nearest`, which hands every triangle that may be nearest to a search.
+// The triangle nearest to a point, in the layout that the host asks for by LAYOUT. Each layout defines `find_nearest`,
+// which tests every triangle that may be the nearest.
 
-#include "traverse.cl"
+// keep: defines node_t, block_t and WIDTH of the layout
+#include "traversal/traverse.cl"
 
-// What several of them need comes first, see traverse.cl.
-#include "nearest_search.cl"
+// keep: files that several layouts include are expanded before the branches, see traversal/traverse.cl
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
-#include "nearest_one.cl"
+#include "nearest/single.cl"
 #endif
 
+// keep: the find_nearest of one layout
 #if LAYOUT == LAYOUT_BVH2
-#include "nearest_bvh2.cl"
+#include "nearest/bvh2.cl"
 #elif LAYOUT == LAYOUT_BRUTE
-#include "nearest_brute.cl"
+#include "nearest/brute.cl"
 #elif LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8
-#include "nearest_wide.cl"
+#include "nearest/wide.cl"
 #else
 #error "LAYOUT must be one of the LAYOUT_ constants"
 #endif

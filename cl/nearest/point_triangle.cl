@@ -1,16 +1,17 @@
-// How far the zero point is from a triangle, or from WIDTH of them in lanes: the same arithmetic, the same bits.
+// The distance of a triangle from zero: of a single one, or, if WIDTH is defined, of WIDTH triangles in lanes. Both are
+// the same arithmetic with the same bits.
 
-#include "numeric.cl"
+#include "math/numeric.cl"
 
 #ifdef WIDTH
-#include "lanes.cl"
+#include "math/lanes.cl"
 typedef lanes_t real_t;
-typedef lane_mask_t truth_t;
+typedef lane_mask_t mask_t;
 #define SMALLER smaller_lanes
 #define LARGER larger_lanes
 #else
 typedef float real_t;
-typedef int truth_t;
+typedef int mask_t;
 #define SMALLER smaller
 #define LARGER larger
 #endif
@@ -38,34 +39,34 @@ INLINED point_t cross_of(const point_t a, const point_t b)
     return result;
 }
 
-INLINED point_t choose_point(const truth_t is_first, const point_t a, const point_t b)
+INLINED point_t select_point(const mask_t is_first, const point_t a, const point_t b)
 {
     const point_t result = {is_first ? a.x : b.x, is_first ? a.y : b.y, is_first ? a.z : b.z};
     return result;
 }
 
-// The order of corners, whatever the triangle they are taken from.
-INLINED truth_t comes_before(const point_t a, const point_t b)
+// An order of corners that does not depend on their triangle.
+INLINED mask_t comes_before(const point_t a, const point_t b)
 {
     return (a.x < b.x) | ((a.x == b.x) & ((a.y < b.y) | ((a.y == b.y) & (a.z < b.z))));
 }
 
-// From an edge, the same number from either end.
+// The squared distance from an edge; the same bits for both orders of its ends.
 INLINED real_t distance_squared_to_edge(const point_t one, const point_t other)
 {
-    const truth_t swap = comes_before(other, one);
-    const point_t begin = choose_point(swap, other, one);
-    const point_t along = difference_of(choose_point(swap, one, other), begin);
-    // Written so that the NaN of an edge without length ends at the beginning.
+    const mask_t swap = comes_before(other, one);
+    const point_t begin = select_point(swap, other, one);
+    const point_t along = difference_of(select_point(swap, one, other), begin);
+    // For an edge without length this is NaN, and the fraction 0.
     const real_t unlimited = -dot_of(begin, along) / dot_of(along, along);
-    const real_t share = SMALLER(LARGER(unlimited, (real_t)(0.0f)), (real_t)(1.0f));
-    const point_t nearest = {begin.x + share * along.x, begin.y + share * along.y, begin.z + share * along.z};
+    const real_t fraction = SMALLER(LARGER(unlimited, (real_t)(0.0f)), (real_t)(1.0f));
+    const point_t nearest = {begin.x + fraction * along.x, begin.y + fraction * along.y, begin.z + fraction * along.z};
     return dot_of(nearest, nearest);
 }
 
-// The nearest point is on an edge, or in the middle. There it is the weighted sum of corners that is perpendicular to the
-// triangle; whatever rounding does to the weights, as long as none is negative the point is one of the triangle, so that
-// the distance is never too small.
+// The nearest point lies on an edge or in the interior. In the interior it is a weighted sum of the corners, the foot
+// of the perpendicular. Rounded weights still give a point of the triangle, as long as none is negative, so the
+// distance is never too small.
 INLINED real_t distance_squared_to_triangle(const point_t a, const point_t b, const point_t c)
 {
     const real_t to_edges = SMALLER(
@@ -75,13 +76,13 @@ INLINED real_t distance_squared_to_triangle(const point_t a, const point_t b, co
     const real_t weight_b = dot_of(normal, cross_of(c, a));
     const real_t weight_c = dot_of(normal, cross_of(a, b));
     const real_t sum = weight_a + weight_b + weight_c;
-    const truth_t is_inside = (weight_a >= 0.0f) & (weight_b >= 0.0f) & (weight_c >= 0.0f) & (sum > 0.0f);
-    const real_t share_a = weight_a / sum;
-    const real_t share_b = weight_b / sum;
-    const real_t share_c = weight_c / sum;
+    const mask_t is_inside = (weight_a >= 0.0f) & (weight_b >= 0.0f) & (weight_c >= 0.0f) & (sum > 0.0f);
+    const real_t fraction_a = weight_a / sum;
+    const real_t fraction_b = weight_b / sum;
+    const real_t fraction_c = weight_c / sum;
     const point_t nearest = {
-        share_a * a.x + share_b * b.x + share_c * c.x, share_a * a.y + share_b * b.y + share_c * c.y,
-        share_a * a.z + share_b * b.z + share_c * c.z};
-    const real_t to_middle = is_inside ? dot_of(nearest, nearest) : to_edges;
-    return SMALLER(to_middle, to_edges);
+        fraction_a * a.x + fraction_b * b.x + fraction_c * c.x, fraction_a * a.y + fraction_b * b.y + fraction_c * c.y,
+        fraction_a * a.z + fraction_b * b.z + fraction_c * c.z};
+    const real_t to_interior = is_inside ? dot_of(nearest, nearest) : to_edges;
+    return SMALLER(to_interior, to_edges);
 }

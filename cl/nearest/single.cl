@@ -1,23 +1,25 @@
-// A triangle on its own, in the layouts whose groups are one triangle.
+// The distance of a point from a single triangle, in the layouts whose blocks are one triangle.
 
-#include "nearest_search.cl"
-#include "one_triangle.cl"
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
+#include "triangles/single.cl"
 
-INLINED point_t corner_seen(const nearest_t *nearest, const float3 corner)
+// A corner in the scaled coordinates whose zero is the point.
+INLINED point_t relative_corner(const nearest_t *nearest, const float3 corner)
 {
     const float3 moved = nearest->scale * corner - nearest->point;
     const point_t result = {moved.x, moved.y, moved.z};
     return result;
 }
 
-INLINED void note_triangle(nearest_t *nearest, const global group_t *groups, const int place)
+INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, const int triangle_index)
 {
-    const corners_t corners = corners_at(groups, place);
-    // A degenerate triangle is stored with three equal corners, and is nobody's nearest.
+    const corners_t corners = corners_at(blocks, triangle_index);
+    // A degenerate triangle, stored with three equal corners, is never the nearest.
     if (all(corners.a == corners.b) && all(corners.a == corners.c)) {
         return;
     }
     const float squared = distance_squared_to_triangle(
-        corner_seen(nearest, corners.a), corner_seen(nearest, corners.b), corner_seen(nearest, corners.c));
-    note_distance(nearest, squared, groups[place].prim_id);
+        relative_corner(nearest, corners.a), relative_corner(nearest, corners.b), relative_corner(nearest, corners.c));
+    add_distance(nearest, squared, blocks[triangle_index].prim_id);
 }

@@ -1,16 +1,17 @@
-// Nearest triangle in the `bvh4` and `bvh8` layouts: depth first, the nearest child first. A waiting child is held
-// against the nearest triangle again when its turn comes.
+// The triangle nearest to a point in the `bvh4` and `bvh8` layouts: depth first, nearest child first. A popped child is
+// compared again, because the nearest distance may have become smaller.
 //
-// Assumes STACK_SIZE >= the number of children that can wait, at least 1.
+// Assumes STACK_SIZE >= the most children on the stack at once, at least 1.
 
-#include "nearest_search.cl"
-#include "traverse_wide.cl"
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
+#include "traversal/wide.cl"
 
-// The slack of may_be_nearer, and two more roundings: of the root, and of taking the slack off.
+// NEAREST_SLACK and two more roundings: of the square root and of the subtraction of the slack.
 #define NEAREST_SLACK_OF_LANES ERROR_BOUND(18)
 
-// Returns how far outside a box the point is along one axis; *farthest grows by the distance of the farther side.
-INLINED lanes_t outside_of(
+// Returns the distance from each box along one axis, and adds the distance of its farther plane to *farthest.
+INLINED lanes_t distance_along_axis(
     const global float *aabb_min, const global float *aabb_max, const float scale, const float point, lanes_t *farthest)
 {
     const lanes_t below = scale * load_lanes(aabb_min) - point;
@@ -19,73 +20,75 @@ INLINED lanes_t outside_of(
     return larger_lanes(larger_lanes(below, -above), (lanes_t)(0.0f));
 }
 
-// Returns a bit for each child that may have something as near as the nearest so far; *entry is the least distance that
-// something in it can have.
-INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *entry)
+// Returns one bit per child, set where a triangle in its box may be as near as the nearest so far; *distance has the
+// least distance that a triangle in each box can have.
+INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *distance)
 {
     lanes_t farthest = (lanes_t)(0.0f);
     const float3 point = nearest->point;
     const float scale = nearest->scale;
-    const lanes_t x = outside_of(node->aabb_min[0], node->aabb_max[0], scale, point.x, &farthest);
-    const lanes_t y = outside_of(node->aabb_min[1], node->aabb_max[1], scale, point.y, &farthest);
-    const lanes_t z = outside_of(node->aabb_min[2], node->aabb_max[2], scale, point.z, &farthest);
-    *entry = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
-    // A box that is inside out is infinitely far away, or as far as numbers go.
-    return mask_bits((*entry <= nearest->distance) & (load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0])));
+    const lanes_t x = distance_along_axis(node->aabb_min[0], node->aabb_max[0], scale, point.x, &farthest);
+    const lanes_t y = distance_along_axis(node->aabb_min[1], node->aabb_max[1], scale, point.y, &farthest);
+    const lanes_t z = distance_along_axis(node->aabb_min[2], node->aabb_max[2], scale, point.z, &farthest);
+    *distance = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
+    // An inverted box has a huge or infinite distance, which the nearest distance may equal.
+    const lane_mask_t is_child = load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0]);
+    return mask_bits((*distance <= nearest->distance) & is_child);
 }
 
-INLINED point_t corners_seen(const nearest_t *nearest, const global group_t *group, const int corner)
+// One corner of each triangle in the scaled coordinates whose zero is the point.
+INLINED point_t relative_corners(const nearest_t *nearest, const global block_t *block, const int corner)
 {
     const float scale = nearest->scale;
     const point_t result = {
-        scale * load_lanes(group->corners[corner][0]) - nearest->point.x,
-        scale * load_lanes(group->corners[corner][1]) - nearest->point.y,
-        scale * load_lanes(group->corners[corner][2]) - nearest->point.z};
+        scale * load_lanes(block->corners[corner][0]) - nearest->point.x,
+        scale * load_lanes(block->corners[corner][1]) - nearest->point.y,
+        scale * load_lanes(block->corners[corner][2]) - nearest->point.z};
     return result;
 }
 
-// The lanes of no triangle, and of degenerate ones, are NaN, and never near.
-INLINED void note_group(nearest_t *nearest, const global group_t *group)
+// Lanes without a triangle and lanes of degenerate triangles are NaN, which is never near.
+INLINED void test_block(nearest_t *nearest, const global block_t *block)
 {
     union {
         lanes_t lanes;
         float of_lane[WIDTH];
     } squared = {distance_squared_to_triangle(
-        corners_seen(nearest, group, 0), corners_seen(nearest, group, 1), corners_seen(nearest, group, 2))};
+        relative_corners(nearest, block, 0), relative_corners(nearest, block, 1), relative_corners(nearest, block, 2))};
     for (uint near = mask_bits(squared.lanes <= nearest->distance_squared); near != 0; near &= near - 1) {
         const int lane = lowest_bit(near);
-        note_distance(nearest, squared.of_lane[lane], group->prim_id[lane]);
+        add_distance(nearest, squared.of_lane[lane], block->prim_id[lane]);
     }
 }
 
-INLINED void visit_nearest(
-    const global node_t *nodes, const global group_t *groups, const int group_count, nearest_t *nearest)
+INLINED void find_nearest(
+    const global node_t *nodes, const global block_t *blocks, const int block_count, nearest_t *nearest)
 {
     ulong stack[STACK_SIZE];
-    int waiting = 0;
+    int stack_count = 0;
     int next = 0;
 
     while (true) {
         if (next >= 0) {
             const global node_t *node = nodes + next;
-            lanes_t entry;
-            const uint near = children_may_be_nearer(node, nearest, &entry);
+            lanes_t distance;
+            const uint near = children_may_be_nearer(node, nearest, &distance);
             if (near != 0) {
                 const bool is_one = (near & (near - 1)) == 0;
                 next = is_one ? node->child[lowest_bit(near)]
-                              : stack_children(node->child, near, entry, stack, &waiting);
+                              : push_children(node->child, near, distance, stack, &stack_count);
                 continue;
             }
         } else {
-            note_group(nearest, groups + ~next);
+            test_block(nearest, blocks + ~next);
         }
         ulong popped;
         do {
-            if (waiting == 0) {
+            if (stack_count == 0) {
                 return;
             }
-            popped = stack[--waiting];
-        } while (entry_of(popped) > nearest->distance);
+            popped = stack[--stack_count];
+        } while (key_of(popped) > nearest->distance);
         next = child_of(popped);
     }
 }

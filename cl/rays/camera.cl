@@ -1,17 +1,17 @@
-// From a pixel to its ray.
+// The ray of a pixel, for a camera in `view_t`, see clbvh/structs.py.
 
-#include "ray.cl"
+#include "rays/ray.cl"
 
-// Through the centre of pixel (column, row); row 0 is the top.
-INLINED float3 through_pixel(const global view_t *view, const int column, const int row)
+// The direction through the centre of pixel (column, row), not normalized; row 0 is the top.
+INLINED float3 pixel_direction(const global view_t *view, const int column, const int row)
 {
     const float x = (2.0f * column + 1.0f) / view->width - 1.0f;
     const float y = 1.0f - (2.0f * row + 1.0f) / view->height;
     return load3(view->forward) + x * load3(view->right) + y * load3(view->up);
 }
 
-// The direction has length 1, so t is a distance.
-INLINED path_t primary_path(const global view_t *view, const int column, const int row)
+// The direction has length 1, so t is a distance in object units.
+INLINED ray_t primary_ray(const global view_t *view, const int column, const int row)
 {
-    return make_path(load3(view->eye), normalize(through_pixel(view, column, row)), 0.0f, INFINITY);
+    return make_ray(load3(view->eye), normalize(pixel_direction(view, column, row)), 0.0f, INFINITY);
 }

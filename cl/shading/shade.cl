@@ -1,10 +1,10 @@
-// From a crossing to a colour.
+// Colours of surfaces and of the background, from 0 to 1: sRGB, or measurements in the shadings `normal` and `depth`.
 
-#include "surface.cl"
-#include "traverse.cl"
+#include "shading/surface.cl"
+#include "traversal/traverse.cl"
 
-// The cube root of numbers from 0.001 to 1: a third of the logarithm that their bits nearly are, off by 6 % at most, and
-// two of Halley's steps, each of which leaves less than the cube of the error before.
+// The cube root of numbers from 0.001 to 1. The bits of a float are nearly its logarithm: a third of them gives a first
+// value with an error of at most 6 %. Each of two steps of Halley's method leaves less than the cube of the error.
 INLINED float3 cube_root(const float3 x)
 {
     const float3 bits = convert_float3(as_int3(x)) * (1.0f / 3.0f) + (float)(2.0f / 3.0f * 0x3f800000);
@@ -16,8 +16,8 @@ INLINED float3 cube_root(const float3 x)
     return root;
 }
 
-// Linear light to what a screen expects (IEC 61966-2-1, sRGB). The power 1 / 2.4 is written as 1 / 4 + 1 / 6: pow takes
-// longer than tracing the ray.
+// Encodes linear light as sRGB (IEC 61966-2-1). The exponent 1 / 2.4 is computed as 1 / 4 + 1 / 6: pow takes longer
+// than tracing the ray.
 INLINED float3 encode_srgb(const float3 linear)
 {
     const float3 clamped = clamp(linear, 0.0031308f, 1.0f);
@@ -26,7 +26,7 @@ INLINED float3 encode_srgb(const float3 linear)
     return linear <= 0.0031308f ? 12.92f * linear : curved;
 }
 
-// A vertical gradient; black where colours are measurements.
+// A vertical gradient; black in the shadings whose colours are measurements.
 INLINED float3 shade_background(const global view_t *view, const int row)
 {
     if (view->shading == SHADE_NORMAL || view->shading == SHADE_DEPTH) {
@@ -36,7 +36,7 @@ INLINED float3 shade_background(const global view_t *view, const int row)
     return encode_srgb(mix(load3(view->background_top), load3(view->background_bottom), down));
 }
 
-// A matt surface under one directed light, the sky and the ground.
+// A diffuse surface under a directed light and ambient light from the sky and the ground.
 INLINED float3 shade_lambert(const global view_t *view, const float3 normal, const bool is_lit)
 {
     const float up = 0.5f + 0.5f * dot(normal, load3(view->to_sky));
@@ -47,25 +47,25 @@ INLINED float3 shade_lambert(const global view_t *view, const float3 normal, con
     return encode_srgb(light * load3(view->surface_colour));
 }
 
-// White is near, black is far; the same steps everywhere, so that grey values can be read as distances.
+// White at depth_near, black at depth_far, and linear between them, so that grey values can be read as distances.
 INLINED float3 shade_depth(const global view_t *view, const float3 position)
 {
     const float depth = dot(position - load3(view->eye), load3(view->forward));
-    const float share = (depth - view->depth_near) / (view->depth_far - view->depth_near);
-    return (float3)(1.0f - clamp(share, 0.0f, 1.0f));
+    const float fraction = (depth - view->depth_near) / (view->depth_far - view->depth_near);
+    return (float3)(1.0f - clamp(fraction, 0.0f, 1.0f));
 }
 
-// Whether nothing stands between a surface and the light.
+// Whether nothing lies between a surface and the light.
 INLINED bool sees_light(
     const global view_t *view, const surface_t *surface, const global node_t *nodes,
-    const global group_t *groups, const int group_count)
+    const global block_t *blocks, const int block_count)
 {
     const float3 to_light = load3(view->to_light);
     if (!(dot(surface->normal, to_light) > 0.0f)) {
         return false;
     }
-    const path_t path = make_path(point_above(surface), to_light, 0.0f, INFINITY);
-    search_t blockers = begin_search(1, 0);
-    traverse(nodes, nodes, groups, group_count, &path, &blockers, QUERY_COUNT);
+    const ray_t ray = make_ray(point_above(surface), to_light, 0.0f, INFINITY);
+    search_t blockers = make_search(1, 0);
+    traverse(nodes, nodes, blocks, block_count, &ray, &blockers, QUERY_COUNT);
     return blockers.count == 0;
 }

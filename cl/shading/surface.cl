@@ -1,11 +1,11 @@
-// Where on a triangle a crossing lies, and which way the surface faces there.
+// The point of a crossing on its triangle, with the surface normal there.
 
-#include "triangle.cl"
+#include "triangles/triangle.cl"
 
 typedef struct {
     float3 position;
-    float3 normal;  // of length 1, on the side that the ray comes from
-    float3 error;   // bound on the rounding of each coordinate of the position
+    float3 normal;  // unit vector on the side of the ray's origin
+    float3 error;   // bound on the rounding error of each coordinate of the position
 } surface_t;
 
 INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const float3 direction)
@@ -16,10 +16,10 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
 
     surface_t surface;
     surface.position = from_a + from_b + from_c;
-    // Seven roundings on the longest way from a corner to the sum (Pharr, Jakob and Humphreys, "Physically based
+    // At most seven roundings from a corner to the sum (Pharr, Jakob and Humphreys, "Physically based
     // rendering", section 6.8, 2023).
     surface.error = ERROR_BOUND(7) * (fabs(from_a) + fabs(from_b) + fabs(from_c));
-    // Scaled first: the product of two edges of a very small or very large triangle would leave float32.
+    // Edges are normalized first: the product of two edges of a tiny or huge triangle would leave float32.
     const float3 ab = corners->b - corners->a;
     const float3 ac = corners->c - corners->a;
     const float3 normal = normalize(cross(normalize(ab), normalize(ac)));
@@ -27,8 +27,8 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
     return surface;
 }
 
-// A point just above the surface, far enough that a ray from there cannot meet the triangle it leaves, whatever the
-// size of the mesh: the distance is the rounding of the position itself, and no constant.
+// A point just above the surface, from which a ray cannot meet the triangle that it leaves. The distance is derived
+// from the rounding error of the position, not from a constant, so it fits meshes of any size.
 INLINED float3 point_above(const surface_t *surface)
 {
     const float distance = dot(fabs(surface->normal), surface->error);

@@ -1,36 +1,38 @@
-// Picks the layout that the host asks for. Each defines
+// Traversal in the layout that the host asks for by LAYOUT. Each layout defines
 //
-// node_t, group_t    what `nodes` and `groups` hold; a group is the triangles that are tested together
-// traverse           report each crossing of a ray to a search, until that is settled; it begins at the node `start`
-// HAS_ENTRIES        whether that may be another one than the root, see entry.cl
-// corners_at         the corners of the triangle at a crossing's place
+// node_t, block_t     element types of `nodes` and `blocks`; a block is the triangles that are tested together
+// traverse            reports each crossing of a ray to a search, until that is complete, from the node `start` down
+// corners_at          corners of a triangle, by its index
+//
+// Assumes LAYOUT, one of the LAYOUT_ constants, and STACK_SIZE, see the layouts.
 
-// What several of them need comes first: the host expands each include once, where it first stands, and that must
-// not be inside a branch that is left out.
-#include "aabb.cl"
-#include "search.cl"
-#include "triangle.cl"
+// keep: files that several layouts include are expanded before the branches. The host expands each file once, where it
+// is first included, and that must not be inside a branch that is left out
+#include "boxes/aabb.cl"
+#include "hits/search.cl"
+#include "triangles/triangle.cl"
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
-#include "one_triangle.cl"
+#include "triangles/single.cl"
 #elif LAYOUT == LAYOUT_BVH4
 #define WIDTH 4
 typedef bvh4_node_t node_t;
-typedef group4_t group_t;
+typedef block4_t block_t;
 #elif LAYOUT == LAYOUT_BVH8
 #define WIDTH 8
 typedef bvh8_node_t node_t;
-typedef group8_t group_t;
+typedef block8_t block_t;
 #endif
 
-// Two children would be too few to begin with.
-#define HAS_ENTRIES (LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8)
+// Whether rays may begin at an entry point, see traversal/entry_point.cl; two children are too few for one.
+#define HAS_ENTRY_POINTS (LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8)
 
+// keep: the traversal of one layout
 #if LAYOUT == LAYOUT_BVH2
-#include "traverse_bvh2.cl"
+#include "traversal/bvh2.cl"
 #elif LAYOUT == LAYOUT_BRUTE
-#include "traverse_brute.cl"
+#include "traversal/brute.cl"
 #elif LAYOUT == LAYOUT_BVH4 || LAYOUT == LAYOUT_BVH8
-#include "traverse_wide.cl"
+#include "traversal/wide.cl"
 #else
 #error "LAYOUT must be one of the LAYOUT_ constants"
 #endif

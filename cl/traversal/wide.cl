@@ -1,171 +1,175 @@
-// Depth-first traversal of the `bvh4` and `bvh8` layouts: nodes with the boxes of all children, in lanes.
+// Depth-first traversal of the `bvh4` and `bvh8` layouts: nodes that hold the boxes of all children, in lanes.
 //
-// Assumes STACK_SIZE >= the number of children that can wait, at least 1: the host compiles it in from the tree at
-// hand. Where a waiting child's box is entered stays with it, for the queries that can do without the far ones.
+// Assumes STACK_SIZE >= the most children on the stack at once, at least 1; the host compiles it in for the tree at
+// hand. A stack entry keeps t_near of the child's box: a popped child beyond the nearest hit is skipped without a test.
 
-#include "group.cl"
-#include "slabs.cl"
+#include "triangles/block.cl"
+#include "boxes/slabs.cl"
 
-// A child that waits: where its box is entered in the upper half, what the node says of it in the lower one. Entries
-// are not negative, so these numbers have the order of the entries, and two of them change places without a branch.
-INLINED ulong make_waiting(const float entry, const int child)
+// A stack entry: a key in the upper half, the node's `child` in the lower one. The key is t_near of the child's box, or
+// its distance from a point; it is never negative, so its bits as an integer keep its order, and stack entries are
+// sorted without branches.
+INLINED ulong make_stack_entry(const float key, const int child)
 {
-    return ((ulong)as_uint(entry) << 32) | (uint)child;
+    return ((ulong)as_uint(key) << 32) | (uint)child;
 }
 
-INLINED float entry_of(const ulong waiting)
+INLINED float key_of(const ulong stack_entry)
 {
-    return as_float((uint)(waiting >> 32));
+    return as_float((uint)(stack_entry >> 32));
 }
 
-INLINED int child_of(const ulong waiting)
+INLINED int child_of(const ulong stack_entry)
 {
-    return (int)(uint)waiting;
+    return (int)(uint)stack_entry;
 }
 
-// Puts all children but the nearest on the stack, the nearer the higher, and returns the nearest. At least two are met.
-INLINED int stack_children(const global int *child, uint met, const lanes_t entry, ulong *stack, int *waiting)
+// Pushes all children that are met but the nearest, nearer ones above farther ones, and returns the nearest. Assumes
+// that at least two are met.
+INLINED int push_children(
+    const global int *child, uint met, const lanes_t key, ulong *stack, int *stack_count)
 {
     union {
         lanes_t lanes;
         float of_lane[WIDTH];
-    } entered = {entry};
+    } keys = {key};
 
-    // Two are the rule, and take no branch.
+    // Two children are the common case, and take no branch.
     const int lane_a = lowest_bit(met);
     met &= met - 1;
     const int lane_b = lowest_bit(met);
     met &= met - 1;
-    const ulong a = make_waiting(entered.of_lane[lane_a], child[lane_a]);
-    const ulong b = make_waiting(entered.of_lane[lane_b], child[lane_b]);
+    const ulong a = make_stack_entry(keys.of_lane[lane_a], child[lane_a]);
+    const ulong b = make_stack_entry(keys.of_lane[lane_b], child[lane_b]);
     ulong nearest = a < b ? a : b;
-    const int bottom = *waiting;
+    const int bottom = *stack_count;
     stack[bottom] = a < b ? b : a;
     int top = bottom + 1;
 
-    // The others are sorted in.
+    // Further children are inserted in order.
     while (met != 0) {
         const int lane = lowest_bit(met);
         met &= met - 1;
-        const ulong its = make_waiting(entered.of_lane[lane], child[lane]);
-        const ulong farther = its < nearest ? nearest : its;
-        nearest = its < nearest ? its : nearest;
-        int place = top++;
-        while (place > bottom && stack[place - 1] < farther) {
-            stack[place] = stack[place - 1];
-            place--;
+        const ulong other = make_stack_entry(keys.of_lane[lane], child[lane]);
+        const ulong farther = other < nearest ? nearest : other;
+        nearest = other < nearest ? other : nearest;
+        int slot = top++;
+        while (slot > bottom && stack[slot - 1] < farther) {
+            stack[slot] = stack[slot - 1];
+            slot--;
         }
-        stack[place] = farther;
+        stack[slot] = farther;
     }
-    *waiting = top;
+    *stack_count = top;
     return child_of(nearest);
 }
 
-// Children that are not there come last, and their boxes are inside out.
+// Missing children come last in a node, and their boxes are inverted.
 INLINED bool has_children(const global node_t *node)
 {
     return node->aabb_min[0][0] <= node->aabb_max[0][0];
 }
 
-// The nearest child first, and none that the ray enters behind what was found meanwhile.
+// Visits the nearest child first, and skips children whose boxes the ray enters beyond the nearest hit so far.
 INLINED void traverse_in_order(
-    const global node_t *nodes, const global node_t *start, const global group_t *groups, const path_t *path,
+    const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
-    const sides_t sides = make_sides(nodes, path);
-    const turn_t turn = make_turn(path);
+    const slabs_t slabs = make_slabs(nodes, ray);
+    const axis_permutation_t permutation = make_axis_permutation(ray);
     ulong stack[STACK_SIZE];
-    int waiting = 0;
-    const global node_t *from = start;
+    int stack_count = 0;
+    const global node_t *base = start;
     int next = 0;
 
     while (true) {
         if (next >= 0) {
-            const global node_t *node = from + next;
-            from = nodes;
-            const float limit = search_limit(search, path, query) * sides.limit_scale;
-            lanes_t entry;
-            const uint met = meets_children(node, &sides, limit, &entry);
+            const global node_t *node = base + next;
+            base = nodes;
+            const float limit = search_limit(search, ray, query) * slabs.limit_scale;
+            lanes_t t_near;
+            const uint met = meets_children(node, &slabs, limit, &t_near);
             if (met != 0) {
                 const bool is_one = (met & (met - 1)) == 0;
                 next = is_one ? node->child[lowest_bit(met)]
-                              : stack_children(node->child, met, entry, stack, &waiting);
+                              : push_children(node->child, met, t_near, stack, &stack_count);
                 continue;
             }
         } else {
-            intersect_group(groups, ~next, path, &turn, search, query);
-            if (is_settled(search, query)) {
+            intersect_block(blocks, ~next, ray, &permutation, search, query);
+            if (is_complete(search, query)) {
                 return;
             }
         }
 
-        const float new_limit = search_limit(search, path, query) * sides.limit_scale;
+        const float new_limit = search_limit(search, ray, query) * slabs.limit_scale;
         ulong popped;
         do {
-            if (waiting == 0) {
+            if (stack_count == 0) {
                 return;
             }
-            popped = stack[--waiting];
-        } while (entry_of(popped) > new_limit);
+            popped = stack[--stack_count];
+        } while (key_of(popped) > new_limit);
         next = child_of(popped);
     }
 }
 
-// In the order of the children in their nodes: what waits is a node and which of its children, one entry for all of them.
+// Visits children in the order of their node. One stack entry holds all remaining children of a node: its `child` array
+// and their bits.
 INLINED void traverse_as_stored(
-    const global node_t *nodes, const global node_t *start, const global group_t *groups, const path_t *path,
+    const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
-    const sides_t sides = make_sides(nodes, path);
-    const turn_t turn = make_turn(path);
-    const global int *stack[STACK_SIZE];
-    uint left_on_stack[STACK_SIZE];
-    int waiting = 0;
+    const slabs_t slabs = make_slabs(nodes, ray);
+    const axis_permutation_t permutation = make_axis_permutation(ray);
+    const global int *child_stack[STACK_SIZE];
+    uint remaining_stack[STACK_SIZE];
+    int stack_count = 0;
     const global node_t *node = start;
 
     while (true) {
-        const float limit = search_limit(search, path, query) * sides.limit_scale;
-        lanes_t entry;
-        uint left = meets_children(node, &sides, limit, &entry);
+        const float limit = search_limit(search, ray, query) * slabs.limit_scale;
+        lanes_t t_near;
+        uint remaining = meets_children(node, &slabs, limit, &t_near);
         const global int *child = node->child;
         int next;
         do {
-            if (left == 0) {
-                if (waiting == 0) {
+            if (remaining == 0) {
+                if (stack_count == 0) {
                     return;
                 }
-                waiting--;
-                child = stack[waiting];
-                left = left_on_stack[waiting];
+                stack_count--;
+                child = child_stack[stack_count];
+                remaining = remaining_stack[stack_count];
             }
-            next = child[lowest_bit(left)];
-            left &= left - 1;
+            next = child[lowest_bit(remaining)];
+            remaining &= remaining - 1;
             if (next < 0) {
-                intersect_group(groups, ~next, path, &turn, search, query);
-                if (is_settled(search, query)) {
+                intersect_block(blocks, ~next, ray, &permutation, search, query);
+                if (is_complete(search, query)) {
                     return;
                 }
             }
         } while (next < 0);
-        // Written always, and kept if there is anything left.
-        stack[waiting] = child;
-        left_on_stack[waiting] = left;
-        waiting += left != 0;
+        // Always written, and kept if children remain: no branch.
+        child_stack[stack_count] = child;
+        remaining_stack[stack_count] = remaining;
+        stack_count += remaining != 0;
         node = nodes + next;
     }
 }
 
 INLINED void traverse(
-    const global node_t *nodes, const global node_t *start, const global group_t *groups, const int group_count,
-    const path_t *path, search_t *search, const int query)
+    const global node_t *nodes, const global node_t *start, const global block_t *blocks, const int block_count,
+    const ray_t *ray, search_t *search, const int query)
 {
     if (!has_children(start)) {
         return;
     }
     if (query == QUERY_CLOSEST) {
-        traverse_in_order(nodes, start, groups, path, search, query);
+        traverse_in_order(nodes, start, blocks, ray, search, query);
     } else {
-        // What is behind other crossings counts as well.
-        traverse_as_stored(nodes, start, groups, path, search, query);
+        // Crossings behind others count as well, so the order of the children does not matter.
+        traverse_as_stored(nodes, start, blocks, ray, search, query);
     }
 }

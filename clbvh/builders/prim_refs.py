@@ -1,7 +1,7 @@
-"""One record per primitive: its box and its number, computed once before the build.
+"""Primitive references: the box and the id of each primitive, computed once before the build.
 
-A record is one row of `simd`: 32 bytes, eight float32 lanes
-``(min_x, min_y, min_z, prim_id, -max_x, -max_y, -max_z, 0)``. The builder moves whole records, so that each range
+A primitive reference is one row of `boxes`: 32 bytes, eight float32 lanes
+``(min_x, min_y, min_z, prim_id, -max_x, -max_y, -max_z, 0)``. The builder moves whole references, so that each range
 lies contiguous in memory. A primitive's centroid is taken as min + max, twice the centre of its box: the factor
 does not matter for binning.
 
@@ -11,25 +11,42 @@ of the tree would depend on how many workers shared the work.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..simd import LANES, centroid_of, empty_box, load_point, store_row, unite
-from .ranges import Boxes
+from ..geometry.boxes import centroid_of, empty_box, load_point, store_box, unite
+from ..structs import BOX_LANES, PRIM_REF_ID
+from ..support.compiled import compiled
 
 if TYPE_CHECKING:
     from ..geometry import Mesh
 
-# Lanes of a record, of a bin and of any other box in the builder.
-PRIM_ID = 3
-NEGATED_MAX = 4
+# The bounds of a set of primitives: (2, 8) float32, two rows of `boxes`.
+Bounds = NDArray[np.float32]
+BOUNDS_BOX = 0  # the row with the box of the primitives
+BOUNDS_CENTROIDS = 1  # the row with the box of their centroids
 
 
-@njit(cache=True, nogil=True)
-def box_of(vertices, faces, prim):  # type: ignore[no-untyped-def]
+class MeshSlice(NamedTuple):
+    """A range of a mesh's primitives, for one thread.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float32
+    faces : (F, 3) int32
+    begin, end : int
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    begin: int
+    end: int
+
+
+@compiled
+def box_of(vertices, faces, prim):
     """Return the box of one primitive."""
     a, b, c = (
         load_point(vertices, faces[prim, 0]),
@@ -39,35 +56,31 @@ def box_of(vertices, faces, prim):  # type: ignore[no-untyped-def]
     return unite(c, unite(b, a))
 
 
-@njit(cache=True, nogil=True)
-def fill_records(vertices, faces, begin, end, records, record_ids, bounds):  # type: ignore[no-untyped-def]
-    """Write the records of primitives `begin` to `end`, and their common bounds.
+@compiled
+def fill_prim_refs(mesh_slice, refs, bounds):
+    """Write the references of a slice's primitives, and their common bounds.
 
     Parameters
     ----------
-    vertices : (V, 3) float32
-    faces : (F, 3) int32
-    begin, end : int
-        Half-open range of primitives, for one worker's slice.
-    records : (F, 8) float32, written
-    record_ids : (F, 8) int32, written
-        The same memory as `records`.
+    mesh_slice : MeshSlice
+    refs : (F, 8) float32, written
     bounds : (2, 8) float32, written
-        Row 0: the box of the slice. Row 1: the box of its centroids.
     """
+    vertices, faces = mesh_slice.vertices, mesh_slice.faces
+    ref_ints = refs.view(np.int32)
     box, centroid_box = empty_box(), empty_box()
-    for prim in range(begin, end):
-        record = box_of(vertices, faces, prim)
-        store_row(records, prim, record)
-        record_ids[prim, PRIM_ID] = prim
-        box = unite(record, box)
-        centroid_box = unite(centroid_of(record), centroid_box)
-    store_row(bounds, 0, box)
-    store_row(bounds, 1, centroid_box)
+    for prim in range(mesh_slice.begin, mesh_slice.end):
+        ref = box_of(vertices, faces, prim)
+        store_box(refs, prim, ref)
+        ref_ints[prim, PRIM_REF_ID] = prim
+        box = unite(ref, box)
+        centroid_box = unite(centroid_of(ref), centroid_box)
+    store_box(bounds, BOUNDS_BOX, box)
+    store_box(bounds, BOUNDS_CENTROIDS, centroid_box)
 
 
-def record_slice(mesh: Mesh, begin: int, end: int, records: NDArray[np.float32]) -> Boxes:
-    """Write the records of primitives `begin` to `end` of a mesh, (F, 8); return their (2, 8) bounds."""
-    bounds = np.empty((2, LANES), np.float32)
-    fill_records(mesh.vertices, mesh.faces, begin, end, records, records.view(np.int32), bounds)
+def fill_slice(mesh: Mesh, begin: int, end: int, prim_refs: NDArray[np.float32]) -> Bounds:
+    """Write the references of primitives `begin` to `end` of a mesh into (F, 8) `prim_refs`; return their bounds."""
+    bounds = np.empty((2, BOX_LANES), np.float32)
+    fill_prim_refs(MeshSlice(mesh.vertices, mesh.faces, begin, end), prim_refs, bounds)
     return bounds

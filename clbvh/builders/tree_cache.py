@@ -1,6 +1,6 @@
-"""Trees that are kept for the next run: one file for each mesh and way to build.
+"""Trees that are kept for later runs: one file per mesh and set of build options.
 
-Owns the names of the files. What is in them, and that nothing in them is trusted, is the business of `tree.store`.
+Owns the names of the files. Their content, which is not trusted, belongs to `bvh.serialize`.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ import json
 from importlib.metadata import version
 from pathlib import Path
 
-from ..build import BuildOptions
+from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
-from ..geometry.known import find_cache
-from ..tree import Bvh
+from ..support.cache_folder import find_cache
+from .options import BuildOptions
 
 SUFFIX = ".tree"
 
-# Hexadecimal digits in a file's name. They need not be safe against forgery: the file has the whole fingerprint.
+# Hexadecimal digits in a file's name. Collisions do no harm: the file holds the whole fingerprint.
 _MESH_DIGITS = 32
 _RECIPE_DIGITS = 16
 
 
 def find_tree_cache() -> Path:
-    """Return the folder for trees in the user's cache: in `CLBVH_CACHE`, or in the one for caches of this system."""
+    """Return the folder for trees in the user's cache: in `CLBVH_CACHE`, or in the system's folder for caches."""
     return find_cache() / "trees"
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder of a cache; raise `ConfigError` where that is impossible."""
+    """Create the folder of a cache; raise `ConfigError` if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -38,9 +38,9 @@ def make_folder(folder: Path) -> None:
 
 
 def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) -> Path:
-    """Return where the tree of a mesh is kept.
+    """Return the path for the tree of a mesh.
 
-    The name says the mesh, by its fingerprint, and everything that decides about the tree: the builder, its options
+    The name identifies the mesh, by its fingerprint, and everything that determines the tree: the builder, its options
     without the task threshold, and the version of clbvh.
     """
     recipe = dataclasses.asdict(options) | {"builder": builder, "version": version("clbvh")}
@@ -50,17 +50,17 @@ def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) ->
 
 
 def take_tree(path: Path, mesh: Mesh) -> tuple[Bvh | None, str]:
-    """Return the tree that is kept in a file, or none and why not: one sentence, empty when there is no such file."""
+    """Return the tree in a file, or None and the reason in one sentence, which is empty if there is no such file."""
     if not path.exists():
         return None, ""
     try:
         return Bvh.load(path, mesh), ""
     except TreeFileError as error:
-        return None, f"the tree in the cache cannot be used, and is built again: {error}"
+        return None, f"the tree in the cache cannot be used and is built again: {error}"
 
 
 def keep_tree(path: Path, bvh: Bvh) -> str:
-    """Put a tree into its file; return why that failed, one sentence, or nothing."""
+    """Write a tree into its file; return the reason of a failure in one sentence, empty without one."""
     try:
         bvh.save(path)
     except (OSError, ConfigError) as error:

@@ -1,30 +1,36 @@
-"""How a mesh gets its tree: built here, built by workers, or taken from the cache."""
+"""The tree of a mesh: taken from the cache, built by workers, or built in this process.
+
+Owns that decision and the workers' lifetime.
+"""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from numbers import Integral
 from pathlib import Path
 from types import TracebackType
 from typing import ClassVar
 
-from ..build import BuildOptions, SubtreePool
-from ..build.builder import BUILDERS, DEFAULT_BUILDER, build_tree, check_builder
+from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..stopwatch import Stopwatch
-from ..tree import Bvh
+from ..support.stopwatch import Stopwatch
+from .build import build_tree
+from .options import BuildOptions
+from .registry import BUILDERS, DEFAULT_BUILDER, check_builder
+from .subtree_pool import SubtreePool
 from .tree_cache import cache_path, keep_tree, make_folder, take_tree
 
-# Starting workers takes about half a second, which only large meshes earn back. From the start of two workers to the
-# tree, against one process, on two cores with the caches warm, medians of 3: 1.38 s against 1.22 s for 2,000,000
-# triangles, 1.64 s against 2.11 s for 4,000,000; loading hides some of the start.
+# Starting workers takes about half a second, which pays only for large meshes. From the start of two workers to the
+# tree, against one process, on two cores with warm caches, medians of 3: 1.38 s against 1.22 s for 2,000,000 triangles,
+# 1.64 s against 2.11 s for 4,000,000; loading hides a part of the start.
 _POOL_PAYS_FROM = 2_000_000
 
 
 @dataclass(frozen=True)
 class TreeOptions:
-    """How a mesh gets its tree.
+    """The builder of a tree, its options, and the use of workers and cache.
 
     Attributes
     ----------
@@ -32,10 +38,10 @@ class TreeOptions:
         A builder of `clbvh.build`.
     workers : int or None
         Processes that build; 1 builds in this process, and so needs no ``if __name__ == "__main__":`` in a script.
-        None: as many as there are processors, for meshes that are worth it.
+        None: one per processor for large meshes, else 1.
     build : BuildOptions
     cache : Path or None
-        Folder in which trees are looked for and kept; None for neither.
+        Folder in which trees are looked up and kept; None for no cache.
     """
 
     builder: str = DEFAULT_BUILDER
@@ -47,13 +53,15 @@ class TreeOptions:
 
     def __post_init__(self) -> None:
         check_builder(self.builder, self.build, self.allowed_builders)
-        if self.workers is not None and self.workers < 1:
-            raise ConfigError(f"workers must be at least 1, not {self.workers}")
+        if self.workers is not None and (not isinstance(self.workers, Integral) or self.workers < 1):
+            raise ConfigError(f"workers must be at least 1, not {self.workers!r}")
+        if self.cache is not None and not isinstance(self.cache, Path):
+            raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
 
 
 @dataclass(frozen=True, eq=False)
 class MadeTree:
-    """A tree and how it came about.
+    """A tree and its origin.
 
     Attributes
     ----------
@@ -62,9 +70,9 @@ class MadeTree:
         Processes that built it; 0 for a tree from the cache.
     from_cache : bool
     timings_ms : dict of str to float
-        pool_start (overlaps with what is done before `TreeMaker.make`), cache, build.
+        pool_start (alongside other phases), cache, build.
     notes : tuple of str
-        What a user should know and what is no error: a damaged file in the cache, or a full disk.
+        Facts that a user should know but that are no errors: a damaged file in the cache, or a full disk.
     """
 
     bvh: Bvh
@@ -77,25 +85,25 @@ class MadeTree:
 class TreeMaker:
     """Makes the tree of a mesh, and owns the workers that help.
 
-    To be made before the mesh is loaded, so that the workers start meanwhile, and to be used in a `with` block.
+    Make it before the mesh is loaded, so that the workers start meanwhile, and use it in a `with` block.
 
     Parameters
     ----------
     options : TreeOptions
     expected_face_count : int
-        About how many triangles there will be.
+        The approximate number of triangles.
 
     Raises
     ------
     ConfigError
-        The folder of the cache cannot be made.
+        The folder of the cache cannot be created.
     """
 
     def __init__(self, options: TreeOptions, expected_face_count: int) -> None:
         self._options = options
         self._pool: SubtreePool | None = None
         self._stack = ExitStack()
-        # With a cache nobody knows yet whether there will be anything to build.
+        # With a cache it is not known yet whether the tree must be built.
         if options.cache is not None:
             make_folder(options.cache)
         else:
@@ -107,7 +115,7 @@ class TreeMaker:
         Raises
         ------
         ConfigError, MeshError, PoolError
-            See `clbvh.build`. A cache that cannot be used is no error.
+            See `clbvh.build`. A failing cache is no error, but a note.
         """
         options = self._options
         watch = Stopwatch()
@@ -147,7 +155,7 @@ class TreeMaker:
         self._stack.__exit__(kind, error, trace)
 
     def _start_pool(self, face_count: int) -> None:
-        """Start the workers, if the options want them and the mesh is worth it."""
+        """Start the workers if the options ask for them, or the mesh is large enough."""
         workers = self._options.workers
         if workers != 1 and (workers is not None or face_count >= _POOL_PAYS_FROM):
             self._pool = self._stack.enter_context(SubtreePool(workers))

@@ -1,6 +1,6 @@
 """A finished tree: nodes, the order of the primitives, and the mesh they index.
 
-Knows neither how it was built nor who traverses it.
+It must not know how it was built, nor who traverses it.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import Mesh
-from ..stopwatch import Stopwatch
-from .descent import measure_depth
+from ..support.stopwatch import Stopwatch
+from .depth import measure_depth
 from .refit import fit_nodes
-from .store import read_tree, write_tree
+from .serialize import read_tree, write_tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,16 +26,16 @@ class Bvh:
 
     Attributes
     ----------
-    nodes : (N,) `layout.NODE`
-        Row 0 is the root. Siblings are neighbours, and the left child's subtree comes before the right one's.
-        There are no unused rows.
+    nodes : (N,) `structs.NODE`
+        Node 0 is the root. Siblings are neighbours, and the left child's subtree comes before the right one's.
+        All nodes are used.
     prim_ids : (F,) int32
         A permutation of the mesh's faces: leaf `nodes[i]` holds
         ``prim_ids[first : first + count]``.
     mesh : Mesh
         The mesh that `prim_ids` refers to.
     timings_ms : mapping of str to float
-        Milliseconds of wall time of each phase of what made the tree: a build, `refit` or `load`.
+        Wall time of each phase of the build, or of `refit` or `load`, in milliseconds.
     """
 
     nodes: NDArray[np.void]
@@ -56,13 +56,13 @@ class Bvh:
     def refit(self, vertices: ArrayLike) -> Bvh:
         """Return a tree of the same topology around vertices that have moved.
 
-        For deforming meshes: an order of magnitude faster than a build. Every ray finds what it would find with a new
-        build; it takes longer, the further the triangles have moved apart.
+        For deforming meshes: an order of magnitude faster than a build. Every ray finds the same hit as with a new
+        build, but takes longer the further the triangles have moved apart.
 
         Parameters
         ----------
         vertices : (V, 3) float, object units, in the coordinates of the mesh's file
-            As many as the mesh has; not modified.
+            The same number as before; not modified.
 
         Returns
         -------
@@ -95,7 +95,7 @@ class Bvh:
         Parameters
         ----------
         path : str or path
-            A file that stands there is replaced, once the new one is complete.
+            A file of this name is replaced once the new one is complete.
 
         Raises
         ------
@@ -124,8 +124,8 @@ class Bvh:
         Raises
         ------
         TreeFileError
-            The file is missing, is no saved tree, has another format, belongs to another mesh, or is damaged. Nothing
-            in the file is trusted: whatever it holds, the tree that comes back is right, or there is none.
+            The file is missing, is not a saved tree, has another format, belongs to another mesh, or is damaged. The
+            content is not trusted: a tree that is returned is valid, whatever the file holds.
         """
         watch = Stopwatch()
         nodes, prim_ids = read_tree(path, mesh)

@@ -1,19 +1,20 @@
-"""New boxes for a tree whose links are known: bottom-up, in one pass over the rows."""
+"""New boxes for a tree whose links are known: bottom-up, in one pass over the nodes."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from ..layout import NODE, NODE_LANES
-from ..simd import as_node, box_of_node, empty_box, load_point, load_row, prefetch, store_row, unite
+from ..geometry.boxes import as_node, box_of_node, empty_box, load_box, load_point, store_box, unite
+from ..structs import NODE, NODE_LANES
+from ..support.compiled import compiled
+from ..support.prefetch import prefetch
 
-# Triangles that are neighbours in the tree lie apart in the mesh. Asked for so many ahead, all rows of 871,306
-# triangles take 11 ms instead of 14 ms; half or twice as many 12 to 13 ms (2-core x86-64 server).
+# Prefetch distances in triangles: neighbours in the tree lie apart in the mesh. With these, the nodes over 871,306
+# triangles take 11 ms instead of 14 ms; with half or twice the distance 12 to 13 ms (2-core x86-64 server).
 _FACES_AHEAD = 32
 _VERTICES_AHEAD = 16
 
@@ -21,46 +22,46 @@ _VERTICES_AHEAD = 16
 def fit_nodes(
     first: NDArray[np.int32], count: NDArray[np.int32], prim_ids: NDArray[np.int32], mesh: Mesh
 ) -> NDArray[np.void]:
-    """Return the nodes of a tree, each with the smallest box around all that lies below it.
+    """Return the nodes of a tree, each with the smallest box around the triangles below it.
 
     Parameters
     ----------
     first, count : (N,) int32
-        The links of right nodes (see `layout.NODE`): each child's row stands behind its parent's. Not checked.
+        The links of valid nodes, see `structs.NODE`: children lie behind their parent. Not checked.
     prim_ids : (F,) int32
         A permutation of the mesh's faces.
     mesh : Mesh
 
     Returns
     -------
-    (N,) `layout.NODE`
-        No coordinate is a negative zero, so that equal boxes are equal bytes: for the mesh that the tree was built
-        over, these are the builder's.
+    (N,) `structs.NODE`
+        No coordinate is a negative zero, so that equal boxes are equal bytes: over the mesh that the tree was built
+        for, the nodes equal the builder's.
 
     Notes
     -----
     O(N + F), in this thread.
     """
-    rows: NDArray[Any] = np.empty((len(first), NODE_LANES), np.float32)
-    _fit_rows(first, count, prim_ids, mesh.faces, mesh.vertices, rows)
-    return rows.view(NODE).reshape(-1)
+    lanes: NDArray[Any] = np.empty((len(first), NODE_LANES), np.float32)
+    _fit_boxes(first, count, prim_ids, mesh.faces, mesh.vertices, lanes)
+    return lanes.view(NODE).reshape(-1)
 
 
-@njit(cache=True, nogil=True)
-def _fit_rows(first, count, prim_ids, faces, vertices, rows):  # type: ignore[no-untyped-def]
-    """Write every row, the last one first: when a parent's turn comes, its children have their boxes."""
-    for row in range(len(first) - 1, -1, -1):
-        begin, prim_count = first[row], count[row]
+@compiled
+def _fit_boxes(first, count, prim_ids, faces, vertices, nodes):
+    """Write every node, the last one first: the children of a node have their boxes before the node gets its own."""
+    for node in range(len(first) - 1, -1, -1):
+        begin, prim_count = first[node], count[node]
         if prim_count == 0:
-            box = unite(box_of_node(load_row(rows, begin)), box_of_node(load_row(rows, begin + 1)))
+            box = unite(box_of_node(load_box(nodes, begin)), box_of_node(load_box(nodes, begin + 1)))
         else:
             box = empty_box()
-            for place in range(begin, begin + prim_count):
-                prim = prim_ids[place]
-                prefetch(faces, 3 * prim_ids[max(place - _FACES_AHEAD, 0)])
-                coming = prim_ids[max(place - _VERTICES_AHEAD, 0)]
+            for index in range(begin, begin + prim_count):
+                prim = prim_ids[index]
+                prefetch(faces, 3 * prim_ids[max(index - _FACES_AHEAD, 0)])
+                coming = prim_ids[max(index - _VERTICES_AHEAD, 0)]
                 for corner in range(3):
                     prefetch(vertices, 3 * faces[coming, corner])
                 for corner in range(3):
                     box = unite(load_point(vertices, faces[prim, corner]), box)
-        store_row(rows, row, as_node(box, begin, prim_count))
+        store_box(nodes, node, as_node(box, begin, prim_count))

@@ -1,21 +1,21 @@
-"""A tree as one file. Nothing in such a file is trusted: a damaged or a forged one is refused, never followed.
+"""A tree as one file. Its content is not trusted: a damaged or forged file is refused before its links are followed.
 
 The file, all numbers little-endian:
 
-    bytes   what
+    bytes   field
     8       MAGIC
     4       format version, uint32
     4       number of nodes N, uint32
     4       number of primitives F, uint32
     32      fingerprint of the mesh
-    16      digest of what follows this header
-    16      digest of the header up to here
+    16      digest of everything behind the header
+    16      digest of the header so far
     4 N     `first` of every node, int32
     4 N     `count` of every node, int32
     4 F     prim_ids, int32
 
-The boxes are not in it. They follow from the links and the mesh, and to compute them takes no longer than to read and
-check them, so the file has 8 bytes a node instead of 32, and a box can never be wrong.
+The boxes are not stored. They follow from the links and the mesh, and computing them takes no longer than reading and
+checking them would, so the file has 8 bytes per node instead of 32, and no box can be wrong.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..errors import TreeFileError
+from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
-from ..whole_file import check_target, write_whole
+from ..support.atomic_file import check_target, write_atomically
+from ..support.compiled import compiled
 from .refit import fit_nodes
 
-# The first byte is no text, and the line ends show a transfer that changed them (as in PNG).
+# The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).
 MAGIC = b"\x8bBVH\r\n\x1a\n"
 FORMAT_VERSION = 1
 
@@ -46,13 +46,13 @@ _WORD = np.dtype("<i4")
 
 
 def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: NDArray[np.int32], mesh: Mesh) -> None:
-    """Write a tree into a file, which appears there whole or not at all.
+    """Write a tree into a file, which appears complete or not at all.
 
     Parameters
     ----------
     path : str or path
-        A file that stands there is replaced.
-    nodes : (N,) `layout.NODE`
+        A file of this name is replaced.
+    nodes : (N,) `structs.NODE`
     prim_ids : (F,) int32
     mesh : Mesh
         Only its fingerprint goes into the file.
@@ -60,9 +60,12 @@ def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: 
     Raises
     ------
     ConfigError
-        The folder does not exist, or the path is a folder.
+        The folder does not exist, the path is a folder, or is no path at all.
     """
-    target = Path(path)
+    try:
+        target = Path(path)
+    except TypeError as error:
+        raise ConfigError(f"{path!r}: this is not the path of a file: {error}") from error
     check_target(target)
     payload = np.concatenate([nodes["first"], nodes["count"], prim_ids]).astype(_WORD, copy=False).data
     facts = _FACTS.pack(MAGIC, FORMAT_VERSION, len(nodes), len(prim_ids), mesh.fingerprint, _digest(payload))
@@ -72,7 +75,7 @@ def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: 
         file.write(_digest(facts))
         file.write(payload)
 
-    write_whole(target, write)
+    write_atomically(target, write)
 
 
 def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void], NDArray[np.int32]]:
@@ -86,19 +89,19 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
 
     Returns
     -------
-    nodes : (N,) `layout.NODE`
-        A right tree over the mesh, by the rules of `validate_tree`.
+    nodes : (N,) `structs.NODE`
+        A valid tree over the mesh, by the rules of `validate_tree`.
     prim_ids : (F,) int32
 
     Raises
     ------
     TreeFileError
-        The file cannot be read, is no saved tree, has another format, belongs to another mesh, is damaged or cut off,
-        or its links make no tree.
+        The file cannot be read, is not a saved tree, has another format, belongs to another mesh, is damaged or cut
+        off, or its links make no tree.
 
     Notes
     -----
-    O(N + F), with memory for the result and as many bytes again, whatever the file claims.
+    O(N + F), with memory for twice the result, whatever sizes the file claims.
     """
     try:
         with Path(path).open("rb") as file:
@@ -106,8 +109,12 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
             payload = np.empty(2 * node_count + mesh.face_count, _WORD)
             if file.readinto(payload.data.cast("B")) != payload.nbytes:
                 raise _damaged(path)
+    except TreeFileError:
+        raise
     except FileNotFoundError:
         raise TreeFileError(f"{path}: no such file") from None
+    except (TypeError, ValueError) as error:
+        raise TreeFileError(f"{path!r}: this is not the path of a file: {error}") from error
     except OSError as error:
         raise TreeFileError(f"{path}: the file cannot be read: {error.strerror or error}") from error
     if _digest(payload.data) != digest:
@@ -120,10 +127,10 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
 
 
 def _check_header(file: BinaryIO, path: str | os.PathLike[str], mesh: Mesh) -> tuple[int, bytes]:
-    """Check all that the header says, the file's size included; return the number of nodes and the payload's digest."""
+    """Check the header and the file's size; return the number of nodes and the digest of the payload."""
     header = file.read(_HEADER_BYTES)
     if not header.startswith(MAGIC):
-        raise TreeFileError(f"{path}: this is no file of a saved tree")
+        raise TreeFileError(f"{path}: this is not a saved tree")
     if len(header) < _HEADER_BYTES:
         raise _damaged(path)
     facts = header[: _FACTS.size]
@@ -155,36 +162,36 @@ def _digest(data: bytes | memoryview) -> bytes:
     return hashlib.sha256(data).digest()[:_DIGEST_BYTES]
 
 
-@njit(cache=True, nogil=True)
-def _are_links(first, count, prim_ids):  # type: ignore[no-untyped-def]
-    """Say whether rows and primitives make a tree, so that whoever follows the links stays inside the arrays.
+@compiled
+def _are_links(first, count, prim_ids):
+    """Return whether nodes and primitives make a tree, so that links can be followed without leaving the arrays.
 
-    Every row but the root is the child of one row above it, every place of `prim_ids` lies in one leaf, and `prim_ids`
-    is a permutation.
+    Every node but the root is the child of one node before it, every slot of `prim_ids` lies in one leaf, and
+    `prim_ids` is a permutation.
     """
     node_count, prim_count = len(first), len(prim_ids)
     is_child = np.zeros(node_count, np.bool_)
     in_leaf = np.zeros(prim_count, np.bool_)
     is_listed = np.zeros(prim_count, np.bool_)
-    child_count, place_count = 0, 0
-    for row in range(node_count):
-        begin, size = np.int64(first[row]), np.int64(count[row])
+    child_count, slot_count = 0, 0
+    for node in range(node_count):
+        begin, size = np.int64(first[node]), np.int64(count[node])
         if size == 0:
-            if begin <= row or begin + 1 >= node_count or is_child[begin] or is_child[begin + 1]:
+            if begin <= node or begin + 1 >= node_count or is_child[begin] or is_child[begin + 1]:
                 return False
             is_child[begin] = is_child[begin + 1] = True
             child_count += 2
         else:
             if size < 0 or begin < 0 or begin + size > prim_count:
                 return False
-            for place in range(begin, begin + size):
-                if in_leaf[place]:
+            for slot in range(begin, begin + size):
+                if in_leaf[slot]:
                     return False
-                in_leaf[place] = True
-            place_count += size
-    for place in range(prim_count):
-        prim = prim_ids[place]
+                in_leaf[slot] = True
+            slot_count += size
+    for slot in range(prim_count):
+        prim = prim_ids[slot]
         if prim < 0 or prim >= prim_count or is_listed[prim]:
             return False
         is_listed[prim] = True
-    return child_count == node_count - 1 and place_count == prim_count
+    return child_count == node_count - 1 and slot_count == prim_count

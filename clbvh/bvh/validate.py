@@ -1,4 +1,4 @@
-"""Whether a tree is right: the invariants that every builder must keep and every traversal relies on."""
+"""The invariants of a tree, which every builder must keep and every traversal relies on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValidationError
-from ..layout import NODE
+from ..structs import NODE
 from .bvh import Bvh
 
 
@@ -22,14 +22,14 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     Raises
     ------
     ValidationError
-        An invariant does not hold; the message names the first node that breaks it. The invariants: rows and
-        primitives have the right types and counts; siblings stand behind their parent; each node is reached once;
-        each primitive lies in exactly one leaf; each leaf's box is exactly the box of its triangles, each interior
-        box exactly the union of its children's.
+        An invariant does not hold; the message names the first node that breaks it. The invariants: nodes and
+        primitives have the right types and counts; siblings lie behind their parent; each node is reached once; each
+        primitive lies in exactly one leaf; each leaf's box is exactly the box of its triangles, each interior box
+        exactly the union of its children's.
 
     Notes
     -----
-    O(n) in nodes and primitives, numpy only: it shares no code with the builders.
+    O(n) in nodes and primitives, in numpy alone: it shares no code with the builders.
     """
     nodes, prim_ids, faces = bvh.nodes, bvh.prim_ids, bvh.mesh.faces
     if nodes.dtype != NODE or prim_ids.dtype != np.int32:
@@ -44,16 +44,16 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     if max_depth is not None:
         _check_depth(first, count, max_depth)
     if max_leaf_size is not None and count.max() > max_leaf_size:
-        row = int(np.flatnonzero(count > max_leaf_size)[0])
-        raise ValidationError(f"leaf {row} holds {count[row]} primitives; the limit is {max_leaf_size}")
+        leaf = int(np.flatnonzero(count > max_leaf_size)[0])
+        raise ValidationError(f"leaf {leaf} holds {count[leaf]} primitives; the limit is {max_leaf_size}")
 
 
 def _check_links(first: NDArray[np.int64], count: NDArray[np.int64]) -> None:
-    """Check that every row but the root is the child of exactly one interior node above it."""
+    """Check that every node but the root is the child of exactly one interior node before it."""
     _refuse(count < 0, "node {} has a negative count")
-    rows = np.arange(len(first))
+    nodes = np.arange(len(first))
     interior = count == 0
-    bad = interior & ((first <= rows) | (first + 1 >= len(first)))
+    bad = interior & ((first <= nodes) | (first + 1 >= len(first)))
     _refuse(bad, "interior node {} does not have both its children behind it, inside the tree")
     children = np.concatenate([first[interior], first[interior] + 1])
     references = np.bincount(children, minlength=len(first))
@@ -74,23 +74,23 @@ def _check_leaves(
     np.add.at(starts, first[leaf] + count[leaf], -1)
     covered = np.cumsum(starts)[:-1]
     if (covered != 1).any():
-        place = int(np.flatnonzero(covered != 1)[0])
-        owners = ", ".join(str(row) for row in np.flatnonzero(leaf & (first <= place) & (place < first + count)))
-        raise ValidationError(f"prim_ids[{place}] lies in {covered[place]} leaves ({owners or 'none'}) instead of one")
+        slot = int(np.flatnonzero(covered != 1)[0])
+        owners = ", ".join(str(node) for node in np.flatnonzero(leaf & (first <= slot) & (slot < first + count)))
+        raise ValidationError(f"prim_ids[{slot}] lies in {covered[slot]} leaves ({owners or 'none'}) instead of one")
 
-    # The leaves cover every place once, so each place has an owner.
-    leaf_rows = np.flatnonzero(leaf)
-    leaf_rows = leaf_rows[np.argsort(first[leaf_rows])]
-    owner = np.repeat(leaf_rows, count[leaf_rows])
+    # The leaves cover every slot of prim_ids once, so each slot has an owner.
+    leaves = np.flatnonzero(leaf)
+    leaves = leaves[np.argsort(first[leaves])]
+    owner = np.repeat(leaves, count[leaves])
     outside = np.flatnonzero((prim_ids < 0) | (prim_ids >= face_count))
     if len(outside):
-        row, prim = owner[outside[0]], prim_ids[outside[0]]
-        raise ValidationError(f"leaf {row} lists triangle {prim}, which the mesh does not have")
+        node, prim = owner[outside[0]], prim_ids[outside[0]]
+        raise ValidationError(f"leaf {node} lists triangle {prim}, which the mesh does not have")
     uses = np.bincount(prim_ids, minlength=face_count)
     repeated = np.flatnonzero(uses[prim_ids] > 1)
     if len(repeated):
         prim = int(prim_ids[repeated[0]])
-        owners = ", ".join(str(row) for row in owner[prim_ids == prim])
+        owners = ", ".join(str(node) for node in owner[prim_ids == prim])
         raise ValidationError(f"triangle {prim} is listed {uses[prim]} times instead of once, in leaves {owners}")
 
 
@@ -105,17 +105,17 @@ def _check_depth(first: NDArray[np.int64], count: NDArray[np.int64], max_depth: 
 
 
 def _check_boxes(bvh: Bvh) -> None:
-    """Check that every box is exactly the union of what lies below it."""
+    """Check that every box is exactly the union of the boxes below it."""
     nodes = bvh.nodes
-    leaf_rows = np.flatnonzero(nodes["count"] > 0)
-    leaf_rows = leaf_rows[np.argsort(nodes["first"][leaf_rows], kind="stable")]
+    leaves = np.flatnonzero(nodes["count"] > 0)
+    leaves = leaves[np.argsort(nodes["first"][leaves], kind="stable")]
     corners = bvh.mesh.vertices[bvh.mesh.faces[bvh.prim_ids]]
-    starts = nodes["first"][leaf_rows]
+    starts = nodes["first"][leaves]
     expected_min = np.minimum.reduceat(corners.min(axis=1), starts)
     expected_max = np.maximum.reduceat(corners.max(axis=1), starts)
 
-    interior_rows = np.flatnonzero(nodes["count"] == 0)
-    left = nodes["first"][interior_rows]
+    interior = np.flatnonzero(nodes["count"] == 0)
+    left = nodes["first"][interior]
     wrong = np.zeros(len(nodes), bool)
     for field, expected, unite in (
         ("aabb_min", expected_min, np.minimum),
@@ -123,12 +123,12 @@ def _check_boxes(bvh: Bvh) -> None:
     ):
         boxes = nodes[field]
         # Written so that NaN fails.
-        wrong[leaf_rows] |= ~(boxes[leaf_rows] == expected).all(axis=1)
-        wrong[interior_rows] |= ~(boxes[interior_rows] == unite(boxes[left], boxes[left + 1])).all(axis=1)
-    _refuse(wrong, "the box of node {} is not exactly the union of what lies below it")
+        wrong[leaves] |= ~(boxes[leaves] == expected).all(axis=1)
+        wrong[interior] |= ~(boxes[interior] == unite(boxes[left], boxes[left + 1])).all(axis=1)
+    _refuse(wrong, "the box of node {} is not exactly the union of the boxes below it")
 
 
 def _refuse(bad: NDArray[np.bool_], message: str) -> None:
-    """Raise for the first row that is marked."""
+    """Raise for the first node that is marked."""
     if bad.any():
         raise ValidationError(message.format(int(np.flatnonzero(bad)[0])))

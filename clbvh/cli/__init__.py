@@ -1,6 +1,6 @@
 """The command line: one file per verb, and the only place that prints.
 
-This file is all that a worker process imports of the command line when it starts, so it stays nearly empty.
+A worker process imports this file, and no other of the command line, when it starts; so it stays nearly empty.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Joins the verbs, and turns exceptions into one line and an exit code."""
+"""The command `clbvh`: joins the verbs, and turns exceptions into one line and an exit code."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _options(
 
 
 def exit_code_of(error: BaseException) -> int:
-    """Return the exit code for an exception: 2 bad input, 3 no usable device, 1 anything else that failed."""
+    """Return the exit code for an exception: 2 for bad input, 3 for no usable device, 1 for any other failure."""
     if isinstance(error, DeviceError):
         return EXIT_NO_DEVICE
     if isinstance(error, ClbvhError) and isinstance(error, ValueError):
@@ -60,15 +60,15 @@ def exit_code_of(error: BaseException) -> int:
 
 
 def run(arguments: list[str] | None = None) -> None:
-    """Run one command and leave the process with its exit code.
+    """Run one command and end the process with its exit code.
 
     Parameters
     ----------
     arguments : list of str, optional
-        What stands behind `clbvh`; `sys.argv` without it.
+        The words behind `clbvh`; those of `sys.argv` without it.
     """
     words = sys.argv[1:] if arguments is None else arguments
-    # `--debug` may stand anywhere: who adds it to a failed command adds it at the end.
+    # `--debug` is allowed anywhere: users add it to the end of the command that failed.
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
     try:

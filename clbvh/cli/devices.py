@@ -1,28 +1,29 @@
-"""`clbvh devices`: what can be chosen with `--device`."""
+"""`clbvh devices`: the devices that `--device` can choose."""
 
 from __future__ import annotations
 
 import json
 import re
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    from ..device.select import DeviceInfo, DeviceSurvey
+    from ..device.info import DeviceInfo
+    from ..device.select import DeviceSurvey
 
 _MIB = 1 << 20
 _GIB = 1 << 30
 
-# Of a table that goes into a file or a pipe: nothing is cut off there, and nobody's window is too narrow.
+# Width of a table that goes into a file or a pipe, where lines may be long.
 _PIPE_WIDTH = 250
 
 
 def devices(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the table.")] = False,
 ) -> None:
-    """List the OpenCL devices, the one that is used by default marked."""
+    """List the OpenCL devices, with a mark on the default one."""
     from ..device.select import choose_device, survey_devices
     from ..errors import DeviceError
 
@@ -35,23 +36,32 @@ def devices(
         reason = str(error)
 
     if as_json:
-        listed = [device.as_dict() | {"is_default": device == default} for device in survey.devices]
+        listed = [describe_device(device) | {"is_default": device == default} for device in survey.devices]
         print(json.dumps({"devices": listed, "problems": list(survey.problems)}, indent=2))
     elif survey.devices:
         _print_table(survey, default)
     if not survey.devices:
         raise DeviceError(reason)
 
-    # What is below the table is for a reader; with --json it must not mix with the object.
+    # Sentences for a reader go to stderr; on stdout they would mix with the JSON object.
     for sentence in [*survey.problems, reason]:
         if sentence:
             print(f"clbvh: {sentence}", file=sys.stderr)
+
+
+def describe_device(device: DeviceInfo) -> dict[str, Any]:
+    """Return the facts about a device for JSON, with the layout that it would use."""
+    from ..device.settings import find_settings
+
+    return device.as_dict() | {"layout": find_settings(device).layout}
 
 
 def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+
+    from ..device.settings import find_settings
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("", "device", "platform", "version", "driver", "memory", "units", "fp64", "layout"):
@@ -68,7 +78,7 @@ def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
             _format_memory(device.memory_bytes),
             str(device.compute_units),
             "yes" if device.has_fp64 else "no",
-            device.layout,
+            find_settings(device).layout,
             style="bold" if is_default else "",
         )
     console = Console(highlight=False)
@@ -80,7 +90,7 @@ def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
 
 
 def _shorten_version(version: str) -> str:
-    """Return the number that follows "OpenCL"; what drivers append to it fills a line."""
+    """Return "OpenCL" and its number, without the text that drivers append."""
     match = re.match(r"OpenCL \d+\.\d+", version)
     return match[0] if match else version
 

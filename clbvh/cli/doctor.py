@@ -1,4 +1,4 @@
-"""`clbvh doctor`: why a device is missing or does not work, and what to do about it."""
+"""`clbvh doctor`: the causes of a missing or failing device, and remedies."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .devices import describe_device
+
 if TYPE_CHECKING:
-    from ..device.diagnose import Diagnosis
+    from ..device.doctor.diagnose import Diagnosis
 
 _MARKS = {"ok": "[green]ok[/green]     ", "note": "[yellow]note[/yellow]   ", "problem": "[red]problem[/red]"}
 _INDENT = " " * 8
 
-# Also the default of `diagnose`, repeated here because importing it would make `clbvh --help` slow.
+# The default of `diagnose`, repeated because importing it would make `clbvh --help` slow.
 _TIMEOUT_S = 60.0
 
 
@@ -21,11 +23,11 @@ def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the text.")] = False,
     timeout_s: Annotated[
         float,
-        typer.Option("--timeout", min=1, metavar="SECONDS", help="How long one driver may take to answer."),
+        typer.Option("--timeout", min=1, metavar="SECONDS", help="Time limit for each answer of a driver."),
     ] = _TIMEOUT_S,
 ) -> None:
-    """Check OpenCL from the loader to a kernel on each device; say what is missing and what to do."""
-    from ..device.diagnose import diagnose
+    """Check OpenCL from the loader to a kernel on each device; print faults and remedies."""
+    from ..device.doctor.diagnose import diagnose
     from ..errors import DeviceError
 
     diagnosis = diagnose(timeout_s)
@@ -42,7 +44,12 @@ def _as_dict(diagnosis: Diagnosis) -> dict[str, object]:
         "works": diagnosis.works,
         "findings": [finding.as_dict() for finding in diagnosis.findings],
         "devices": [
-            trial.device.as_dict() | {"works": trial.works, "error": trial.error, "wall_s": round(trial.wall_s, 3)}
+            {
+                **describe_device(trial.device),
+                "works": trial.works,
+                "error": trial.error,
+                "wall_s": round(trial.wall_s, 3),
+            }
             for trial in diagnosis.trials
         ],
     }
@@ -52,7 +59,7 @@ def _print_findings(diagnosis: Diagnosis) -> None:
     from rich.console import Console
     from rich.markup import escape
 
-    # Commands must come out on one line each, so that they can be copied.
+    # Each command stays on one line, so that it can be copied.
     console = Console(highlight=False, soft_wrap=True)
     for finding in diagnosis.findings:
         console.print(f"{_MARKS[finding.severity]} {escape(finding.message)}")

@@ -1,4 +1,4 @@
-"""Options that several verbs have: each is written down once, and means the same everywhere."""
+"""Options that several verbs share: each is defined once, and means the same everywhere."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from ..build import BuildOptions
+    from ..builders.options import BuildOptions
 
 TREE_PANEL = "Tree"
 
-# The defaults of `clbvh.build.BuildOptions`, written down again: to import them would make `clbvh --help` wait for the
-# compiler. A test compares them.
+# The defaults of `clbvh.BuildOptions`, repeated because importing them would make `clbvh --help` slow. A test compares
+# them.
 DEFAULT_BUILDER = "sah"
 DEFAULT_LEAF_SIZE = 4
 DEFAULT_TRAVERSAL_COST = 1.0
@@ -32,15 +32,15 @@ Source = Annotated[
 Builder = Annotated[
     str,
     typer.Option(
-        help="sah, or a rung of the report's ladder: sequential, naive, range, cached, median, bin, atomic, flatten, "
-        "flat, frontier; to render also brute: no tree.",
+        help="sah, or a variant of the report's ladder: sequential, naive, range, cached, median, bin, atomic, "
+        "flatten, flat, frontier; for render also brute: no tree.",
         rich_help_panel=TREE_PANEL,
     ),
 ]
 Workers = Annotated[
     int | None,
     typer.Option(
-        help="Processes that build; 1: no others.",
+        help="Processes that build the tree; 1: only this one.",
         show_default="one per processor, for large meshes",
         rich_help_panel=TREE_PANEL,
     ),
@@ -58,21 +58,24 @@ TraversalCost = Annotated[
 TaskThreshold = Annotated[
     int | None,
     typer.Option(
-        help="Most triangles that become one worker's task.",
-        show_default="by mesh and workers",
+        help="Most triangles in one task of a worker.",
+        show_default="depends on mesh and workers",
         rich_help_panel=TREE_PANEL,
     ),
 ]
 Frontier = Annotated[
-    int, typer.Option(help="Most triangles in a leaf of the builder frontier.", rich_help_panel=TREE_PANEL)
+    int, typer.Option(help="Most triangles in a leaf, for the builder frontier.", rich_help_panel=TREE_PANEL)
 ]
 Quality = Annotated[
-    str, typer.Option(help="Of the builder sah: fast (to build), default or high.", rich_help_panel=TREE_PANEL)
+    str,
+    typer.Option(
+        help="Quality of the tree, for the builder sah: fast (to build), default or high.", rich_help_panel=TREE_PANEL
+    ),
 ]
 UseCache = Annotated[
     bool,
     typer.Option(
-        "--cache", help="Keep the tree for the next run, and use one that was kept.", rich_help_panel=TREE_PANEL
+        "--cache", help="Keep the tree for later runs, and use one that was kept.", rich_help_panel=TREE_PANEL
     ),
 ]
 CacheFolder = Annotated[
@@ -80,8 +83,8 @@ CacheFolder = Annotated[
     typer.Option(
         "--cache-dir",
         metavar="DIR",
-        help="The same, in this folder.",
-        show_default="the user's cache, CLBVH_CACHE",
+        help="Like --cache, in this folder.",
+        show_default="CLBVH_CACHE, or the user's cache",
         rich_help_panel=TREE_PANEL,
     ),
 ]
@@ -91,15 +94,15 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 def make_build_options(
     bins: int | None, leaf_size: int, traversal_cost: float, task_threshold: int | None, frontier: int, quality: str
 ) -> BuildOptions:
-    """Return what the options say, checked."""
-    from ..build import BuildOptions
+    """Return the options of a build, checked."""
+    from ..builders.options import BuildOptions
 
     return BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
 
 
 def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:
-    """Return the folder that `--cache` and `--cache-dir` mean, or None without either."""
-    from ..render.tree_cache import find_tree_cache
+    """Return the folder for kept trees by `--cache` and `--cache-dir`, None without either."""
+    from ..builders.tree_cache import find_tree_cache
 
     if folder is not None:
         return folder

@@ -1,4 +1,4 @@
-"""`clbvh render`: a mesh or a scene becomes a picture, and a table of where the time went."""
+"""`clbvh render`: a picture of a mesh or a scene, and a table of the time of each phase."""
 
 from __future__ import annotations
 
@@ -14,22 +14,25 @@ from . import options
 from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
-    from ..render import Picture, RenderOptions, Scene
+    from ..rendering.render import Picture, RenderOptions
+    from ..rendering.scene import Scene
 
 _SCENE = "Scene"
 _DEVICE = "Device"
 
-# What the rows of the time table say, in the order in which it happens.
+# The rows of the time table, in the order of the work.
 _PHASES = {
     "load": "load and re-base the mesh",
-    "pool_start": "start the workers, while loading",
-    "cache": "look for the tree in the cache, keep it there",
+    "pool_start": "start the workers, alongside: not in the total",
+    "cache": "look the tree up in the cache, or keep it there",
     "build": "build the tree",
-    "compile": "open the device, compile",
-    "upload": "host to device",
-    "kernel": "trace and shade",
-    "download": "device to host",
-    "total": "total",
+    "compile": "open the device, compile the kernels",
+    "layout": "arrange the tree for the device",
+    "upload": "host to device, by the device's clock",
+    "kernel": "trace and shade, by the device's clock",
+    "download": "device to host, by the device's clock",
+    "other": "launches, and whatever lies between the phases",
+    "total": "wall time",
     "write": "write the picture, not in the total",
 }
 
@@ -37,7 +40,8 @@ _PHASES = {
 def render(
     source: options.Source,
     output: Annotated[
-        list[Path], typer.Option("-o", "--output", help="Picture to write, .ppm or .png; may be given twice.")
+        list[Path],
+        typer.Option("-o", "--output", help="File of the picture, .ppm or .png; may be given several times."),
     ],
     hits: Annotated[
         Path | None,
@@ -53,27 +57,31 @@ def render(
     ] = None,
     eye: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Where the camera is.", show_default="sees it all", rich_help_panel=_SCENE),
+        typer.Option(
+            metavar="X,Y,Z", help="Position of the camera.", show_default="sees the whole mesh", rich_help_panel=_SCENE
+        ),
     ] = None,
     look_at: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="What the camera looks at.", rich_help_panel=_SCENE)
+        str | None, typer.Option(metavar="X,Y,Z", help="Point that the camera looks at.", rich_help_panel=_SCENE)
     ] = None,
     up: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Up in the picture.", show_default="0,1,0", rich_help_panel=_SCENE),
+        typer.Option(
+            metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=_SCENE
+        ),
     ] = None,
     fov: Annotated[
         float | None,
-        typer.Option(help="Vertical field of view, degrees.", show_default="35", rich_help_panel=_SCENE),
+        typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
     light: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Towards the light.", show_default="from the left above", rich_help_panel=_SCENE
+            metavar="X,Y,Z", help="Direction to the light.", show_default="above, to the left", rich_help_panel=_SCENE
         ),
     ] = None,
     background: Annotated[
-        str | None, typer.Option(metavar="R,G,B", help="Linear colour, 0 to 1.", rich_help_panel=_SCENE)
+        str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=_SCENE)
     ] = None,
     builder: options.Builder = options.DEFAULT_BUILDER,
     workers: options.Workers = None,
@@ -97,15 +105,16 @@ def render(
         str, typer.Option(help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8.", rich_help_panel=_DEVICE)
     ] = "auto",
     validate: Annotated[
-        bool, typer.Option("--validate", help="Check the tree, and pixels against a slow reference.")
+        bool, typer.Option("--validate", help="Check the tree, and a sample of pixels against a slow reference.")
     ] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Render a mesh or a scene."""
-    from ..render import RenderOptions, open_scene
-    from ..render.files import check_hits_path, check_picture_path
+    from ..rendering.image_files import check_hits_path, check_picture_path
+    from ..rendering.render import RenderOptions
+    from ..rendering.scene_file import open_scene
 
-    # Everything that can be refused is refused before any work.
+    # All input is checked before any work.
     for path in output:
         check_picture_path(path)
     if hits is not None:
@@ -161,10 +170,10 @@ def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] |
 
 
 def _render_with_status(scene: Scene, options: RenderOptions) -> Picture:
-    """Render, and say on a terminal what is going on."""
+    """Render, and show the current phase if stderr is a terminal."""
     from rich.console import Console
 
-    from ..render import render as render_scene
+    from ..rendering.render import render as render_scene
 
     console = Console(stderr=True)
     with console.status("") as status:
@@ -172,8 +181,8 @@ def _render_with_status(scene: Scene, options: RenderOptions) -> Picture:
 
 
 def _write(picture: Picture, output: list[Path], hits: Path | None) -> float:
-    """Write all files and return the milliseconds it took."""
-    from ..render.files import write_hits, write_picture
+    """Write all files and return the time in milliseconds."""
+    from ..rendering.image_files import write_hits, write_picture
 
     begin = time.perf_counter()
     for path in output:
@@ -212,8 +221,8 @@ def _print_report(report: dict[str, Any], picture: Picture) -> None:
         facts.add_row("validated", f"tree and {report['validated_pixels']:,} pixels agree with the reference")
 
     times = make_times()
-    for phase, what in _PHASES.items():
+    for phase, description in _PHASES.items():
         ms = report["timings_ms"][phase]
         if phase != "cache" or ms:
-            add_time(times, phase, ms, what, style="bold" if phase == "total" else "")
+            add_time(times, phase, ms, description, style="bold" if phase == "total" else "")
     print_tables(facts, times)

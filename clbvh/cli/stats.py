@@ -1,4 +1,4 @@
-"""`clbvh stats`: what a mesh's tree consists of, how good it is, and how long it took."""
+"""`clbvh stats`: the parts of a mesh's tree, measures of its quality, and the time of each phase."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from . import options
 from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
-    from ..render import Scene
-    from ..render.tree_maker import TreeOptions
-    from ..tree import Bvh, TreeStats
+    from ..builders.tree_maker import TreeOptions
+    from ..bvh import Bvh
+    from ..rendering.scene import Scene
+    from ..stats import TreeStats
 
 _MIB = 1 << 20
 
-# Of the histograms in the terminal.
+# Size of the histograms in the terminal.
 _MOST_ROWS = 16
 _BAR_CELLS = 40
 
@@ -35,25 +36,23 @@ def stats(
     quality: options.Quality = options.DEFAULT_QUALITY,
     exact: Annotated[
         bool,
-        typer.Option("--exact", help="Measure the end-point overlap on all triangles, not on 200,000 at most."),
+        typer.Option("--exact", help="Measure the end-point overlap on all triangles, not on at most 200,000."),
     ] = False,
-    rays: Annotated[
-        bool, typer.Option("--rays", help="Count what rays visit: node steps and triangle tests per ray.")
-    ] = False,
+    rays: Annotated[bool, typer.Option("--rays", help="Count node steps and triangle tests per ray.")] = False,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the histograms of leaf sizes and depths.")
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Build a tree and measure it."""
-    from ..render import open_scene
-    from ..render.tree_maker import TreeMaker, TreeOptions
-    from ..stopwatch import Stopwatch
-    from ..study.tree_plot import check_plot_path, write_tree_plot
-    from ..tree import measure_tree
-    from ..tree.stats import OVERLAP_SAMPLE
+    from ..builders.tree_maker import TreeMaker, TreeOptions
+    from ..rendering.scene_file import open_scene
+    from ..stats import measure_tree
+    from ..stats.tree_plot import check_plot_path, write_tree_plot
+    from ..stats.tree_stats import OVERLAP_SAMPLE
+    from ..support.stopwatch import Stopwatch, add_total
 
-    # Everything that can be refused is refused before any work.
+    # All input is checked before any work.
     if plot is not None:
         check_plot_path(plot)
     scene = open_scene(source)
@@ -73,6 +72,14 @@ def stats(
     watch.lap("measure")
     ray_costs = _measure_rays(made.bvh, scene) if rays else None
     watch.lap("rays")
+    phases_ms = {
+        "load": watch.laps_ms["load"],
+        "pool_start": made.timings_ms["pool_start"],
+        "build": made.timings_ms["build"],
+        "measure": watch.laps_ms["measure"],
+        **({"rays": watch.laps_ms["rays"]} if rays else {}),
+    }
+    timings_ms = add_total(phases_ms, watch.total_ms, overlapping=("pool_start",))
     if plot is not None:
         write_tree_plot(plot, measured, f"{mesh.name}, builder {builder}")
 
@@ -90,13 +97,7 @@ def stats(
         "build": {
             **_describe_options(wanted),
             "workers": made.workers,
-            "timings_ms": {
-                "load": watch.laps_ms["load"],
-                "pool_start": made.timings_ms["pool_start"],
-                "build": made.timings_ms["build"],
-                "measure": watch.laps_ms["measure"],
-                **({"rays": watch.laps_ms["rays"]} if rays else {}),
-            },
+            "timings_ms": timings_ms,
             "phases_ms": dict(made.bvh.timings_ms),
         },
         "tree": measured.as_dict(),
@@ -109,8 +110,8 @@ def stats(
 
 
 def _measure_rays(bvh: Bvh, scene: Scene) -> dict[str, dict[str, float]]:
-    """Return what a ray of each kind does in the mean."""
-    from ..study.ray_cost import measure_rays
+    """Return the mean counts per ray, for each kind of rays."""
+    from ..rendering.ray_cost import measure_rays
 
     visits = measure_rays(bvh, scene.camera(bvh.mesh), scene.width / scene.height)
     return {
@@ -151,7 +152,7 @@ def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
         "nodes",
         f"{measured.node_count:,}: {measured.interior_count:,} interior, {measured.leaf_count:,} leaves",
     )
-    facts.add_row("depth", f"{measured.depth}, of a leaf {measured.mean_leaf_depth:.2f} in the mean")
+    facts.add_row("depth", f"{measured.depth}; mean depth of a leaf {measured.mean_leaf_depth:.2f}")
     facts.add_row("SAH cost", f"{measured.sah_cost:.3f}, with a traversal cost of {measured.traversal_cost:g}")
     sampled = measured.epo_triangles < measured.triangle_count
     facts.add_row(
@@ -169,26 +170,40 @@ def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
             f"{100 * cost['hit']:.1f} % of {cost['rays']:,} hit",
         )
 
-    times = make_times()
-    add_time(times, "load", build["timings_ms"]["load"], "load and re-base the mesh")
-    who = describe_workers(build["workers"])
-    add_time(times, "build", build["timings_ms"]["build"], f"builder {build['builder']}, {who}; of this:")
-    for phase, ms in build["phases_ms"].items():
-        add_time(times, f"  {phase}", ms, "")
-    add_time(times, "measure", build["timings_ms"]["measure"], "what stands above")
-    if "rays" in report:
-        add_time(times, "rays", build["timings_ms"]["rays"], "cast on the host, step for step as layout bvh2")
-
     sizes = _make_histogram("triangles", measured.leaf_sizes, measured.leaf_count)
     depths = _make_histogram("depth", measured.leaf_depths, measured.leaf_count)
-    print_tables(facts, sizes, depths, times)
+    print_tables(facts, sizes, depths, _make_time_table(build))
+
+
+def _make_time_table(build: dict[str, Any]) -> Any:
+    """Return the table of all phases; those of the build are indented, and add up to it."""
+    from ..support.stopwatch import add_total
+
+    descriptions = {
+        "load": "load and re-base the mesh",
+        "pool_start": "start the workers, alongside: not in the total",
+        "build": f"builder {build['builder']}, {describe_workers(build['workers'])}; of this:",
+        "measure": "the measures above",
+        "rays": "cast on the host, step for step as layout bvh2",
+        "other": "between the phases",
+        "total": "wall time",
+    }
+    times = make_times()
+    for phase, ms in build["timings_ms"].items():
+        add_time(times, phase, ms, descriptions[phase], style="bold" if phase == "total" else "")
+        if phase == "build":
+            parts_ms = add_total(build["phases_ms"], ms)
+            del parts_ms["total"]
+            for part, part_ms in parts_ms.items():
+                add_time(times, f"  {part}", part_ms, "")
+    return times
 
 
 def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     """Return a table of bars."""
     from rich.table import Table
 
-    from ..tree.histogram import gather_bars
+    from ..stats.histogram import gather_bars
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column(heading, justify="right")
@@ -198,7 +213,7 @@ def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     bars = gather_bars(counts, _MOST_ROWS)
     highest = max(bar.count for bar in bars)
     for bar in bars:
-        # What there is at all can be seen.
+        # A bar that is not empty has at least one cell.
         cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
         table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", "█" * cells)
     return table

@@ -1,4 +1,4 @@
-"""The tables that verbs print: they look the same everywhere."""
+"""The tables that the verbs print, in one style."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def make_facts() -> Any:
-    """Return an empty table of names and what there is to say of each."""
+    """Return an empty table of names and facts."""
     from rich.table import Table
 
     facts = Table(box=None, show_header=False, pad_edge=False)
@@ -17,7 +17,7 @@ def make_facts() -> Any:
 
 
 def make_times() -> Any:
-    """Return an empty table of phases, their milliseconds, and what they are."""
+    """Return an empty table of phases, their milliseconds, and their descriptions."""
     from rich.table import Table
 
     times = Table(box=None, pad_edge=False, header_style="dim")
@@ -26,13 +26,13 @@ def make_times() -> Any:
     return times
 
 
-def add_time(times: Any, phase: str, ms: float, what: str, style: str = "") -> None:
+def add_time(times: Any, phase: str, ms: float, description: str, style: str = "") -> None:
     """Add a row to a table of `make_times`."""
-    times.add_row(phase, f"{ms:,.1f}", f"[dim]{what}[/dim]", style=style)
+    times.add_row(phase, f"{ms:,.1f}", f"[dim]{description}[/dim]", style=style)
 
 
 def describe_mesh(name: str, *facts: str) -> str:
-    """Return a line about a mesh; its name is shown as it is, brackets and all."""
+    """Return a line about a mesh; brackets in its name are no markup."""
     from rich.markup import escape
 
     return ", ".join([escape(name), *(fact for fact in facts if fact)])
@@ -44,7 +44,7 @@ def describe_workers(count: int) -> str:
 
 
 def print_tables(*tables: Any) -> None:
-    """Print tables to stdout, with an empty line between them."""
+    """Print tables to stdout, separated by empty lines."""
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True, file=sys.stdout)

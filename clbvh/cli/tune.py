@@ -1,4 +1,4 @@
-"""`clbvh tune`: which layout and which work-groups are the fastest on the device at hand."""
+"""`clbvh tune`: measure the fastest layout, work-group size and tile of a device, and keep them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from . import options
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..device.select import DeviceInfo
+    from ..device.info import DeviceInfo
     from ..device.settings import Settings
-    from ..render.tune import Trial
+    from ..rendering.tune import Trial
 
 
 def tune(
@@ -27,9 +27,9 @@ def tune(
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Measure layouts, work-groups and tiles on a device, and keep the fastest for the next runs."""
+    """Measure layouts, work-group sizes and tiles on a device, and keep the fastest for later runs."""
     from ..device.settings import keep_settings
-    from ..render.tune import tune as measure
+    from ..rendering.tune import tune as measure
 
     info, settings, trials = measure(device)
     path = keep_settings(info, settings)
@@ -59,6 +59,7 @@ def _print_trials(info: DeviceInfo, settings: Settings, trials: list[Trial], pat
         table.add_row(trial.what, trial.choice, f"{trial.ms:,.1f}", mark, style="bold" if trial.is_best else "")
     columns, rows = settings.tile
     facts.add_row(
-        "taken", f"{settings.layout}, groups of {settings.group_size} rays, tiles of {columns} x {rows} pixels"
+        "taken",
+        f"{settings.layout}, work-groups of {settings.work_group_size} rays, tiles of {columns} x {rows} pixels",
     )
     print_tables(table, facts)

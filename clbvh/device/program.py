@@ -11,17 +11,18 @@ import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from ..errors import InternalError, KernelBuildError
-from ..layout import c_declarations
-from ..resources import find_folder
+from ..structs import c_declarations
+from ..support.resources import find_folder
+from .kernel import Kernel
+from .session import DeviceSession
 
-if TYPE_CHECKING:
-    from .session import DeviceSession
+# The include that stands for the text made from `clbvh/structs.py`.
+STRUCTS_INCLUDE = "structs.cl"
 
-# The include that stands for the text made from `clbvh/layout.py`.
-LAYOUT_INCLUDE = "layout.cl"
+# An entry point in the expanded text: its name, and its arguments.
+_ENTRY_POINT = re.compile(r"^kernel void (\w+)\(([^)]*)\)", re.MULTILINE)
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
@@ -67,7 +68,7 @@ def _expand(name: str, roots: list[Path], lines: list[str], seen: set[str]) -> N
 
 def _read(name: str, roots: list[Path]) -> tuple[str, str]:
     """Return what compiler messages call a file, and its text."""
-    if name == LAYOUT_INCLUDE:
+    if name == STRUCTS_INCLUDE:
         return f"cl/{name}", c_declarations()
     for root in roots:
         if (root / name).is_file():
@@ -77,14 +78,14 @@ def _read(name: str, roots: list[Path]) -> tuple[str, str]:
 
 def build_kernel(
     session: DeviceSession, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
-) -> Any:
+) -> Kernel:
     """Compile ``kernels/NAME.cl`` and return its entry point of the same name; see `build_kernels`."""
     return build_kernels(session, name, defines, folder=folder)[name]
 
 
 def build_kernels(
     session: DeviceSession, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
-) -> dict[str, Any]:
+) -> dict[str, Kernel]:
     """Compile ``kernels/NAME.cl`` and return its entry points by name.
 
     Parameters
@@ -112,4 +113,18 @@ def build_kernels(
             program = cl.Program(session.context, source).build(options, devices=[session.info.cl_device])
     except cl.Error as error:
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
-    return {kernel.function_name: kernel for kernel in program.all_kernels()}
+    argument_names = find_arguments(source)
+    return {
+        kernel.function_name: Kernel(kernel, argument_names[kernel.function_name]) for kernel in program.all_kernels()
+    }
+
+
+def find_arguments(source: str) -> dict[str, list[str]]:
+    """Return the argument names of each entry point of an expanded source.
+
+    From the text and not from the driver: a driver that loads a compiled program from a cache may have forgotten them.
+    """
+    return {
+        name: re.findall(r"(\w+)\s*(?:,|$)", " ".join(arguments.split()))
+        for name, arguments in _ENTRY_POINT.findall(source)
+    }

@@ -1,4 +1,4 @@
-"""A buffer that stays on the device between launches, as large as the largest of them wanted it."""
+"""A buffer that stays on the device from launch to launch, and grows to the largest size asked for."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 from .session import DeviceSession
 
 
-class KeptBuffer:
-    """At most one buffer of a session.
+class ReusableBuffer:
+    """One buffer of a session, allocated when first taken.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class KeptBuffer:
         self._size = 0
 
     def take(self, size: int) -> Any:
-        """Return the buffer, with room for at least `size` bytes; a larger one takes its place where needed."""
+        """Return the buffer, with room for at least `size` bytes; it is replaced by a larger one where needed."""
         if self._buffer is None or size > self._size:
             self.release()
             self._buffer = self._session.allocate(size, for_mapping=self._for_mapping)
@@ -32,7 +32,7 @@ class KeptBuffer:
         return self._buffer
 
     def release(self) -> None:
-        """Give the buffer back; the next one is new."""
+        """Give the buffer back; the next `take` allocates a new one."""
         if self._buffer is not None:
             self._session.release(self._buffer)
         self._buffer = None

@@ -1,8 +1,8 @@
-"""Which OpenCL devices there are, and which one to use.
+"""The OpenCL devices of this machine, and the choice among them.
 
-This module asks every platform for its devices and picks one. It must not know why something is missing: that
-is `diagnose.py`. `pyopencl` is imported when first needed, so that a machine without a working OpenCL loader gets
-a `DeviceError` and not a traceback.
+Asks every platform for its devices and picks one. Must not know why a device is missing: that is
+`doctor/diagnose.py`. `pyopencl` is imported on first use, so that a machine without a working OpenCL loader gets a
+`DeviceError` instead of a traceback.
 """
 
 from __future__ import annotations
@@ -10,90 +10,31 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import DeviceError
-from .settings import find_settings
+from .info import DeviceInfo
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
-# What people ask for by kind, in the order the default prefers them.
+# The kinds that can be asked for, in the order of preference.
 KINDS = ("gpu", "accelerator", "cpu")
 
-# What an OpenCL loader answers when no driver is registered (extension cl_khr_icd).
+# The error code of an OpenCL loader without a registered driver (extension cl_khr_icd).
 _PLATFORM_NOT_FOUND = -1001
 
 
 @dataclass(frozen=True)
-class DeviceInfo:
-    """One OpenCL device, as its driver describes it.
-
-    Attributes
-    ----------
-    number : int
-        Position in `list_devices`; what ``--device 0`` refers to.
-    platform, platform_version : str
-        The driver the device belongs to.
-    name, vendor, version, driver_version : str
-        The device's own words; `version` is the OpenCL version it offers.
-    kind : str
-        ``"gpu"``, ``"accelerator"``, ``"cpu"`` or ``"other"``.
-    memory_bytes, max_allocation_bytes : int
-        All of the device's memory, and the largest single buffer.
-    compute_units : int
-        Cores of a CPU, multiprocessors of a GPU.
-    has_fp64 : bool
-        Whether kernels may use double precision.
-    has_unified_memory : bool
-        Whether it shares the host's memory: a CPU, or a GPU inside one.
-    is_available : bool
-        False when the driver itself says that the device, or its compiler, cannot be used.
-    cl_device : pyopencl.Device
-        The device itself; None in a description that was made up.
-    """
-
-    number: int
-    platform: str
-    platform_version: str
-    name: str
-    vendor: str
-    version: str
-    driver_version: str
-    kind: str
-    memory_bytes: int
-    max_allocation_bytes: int
-    compute_units: int
-    has_fp64: bool
-    has_unified_memory: bool = False
-    is_available: bool = True
-    cl_device: Any = field(default=None, repr=False, compare=False)
-
-    @property
-    def layout(self) -> str:
-        """The tree layout this device would traverse."""
-        return preferred_layout(self)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return everything that can be written as JSON, `layout` included."""
-        # `dataclasses.asdict` would try to copy the handle, which belongs to the driver.
-        facts = {name: value for name, value in vars(self).items() if name != "cl_device"}
-        return facts | {"layout": self.layout}
-
-    def __str__(self) -> str:
-        return f"{self.number}: {self.name} ({self.platform})"
-
-
-@dataclass(frozen=True)
 class DeviceSurvey:
-    """What all platforms answered.
+    """The answers of all platforms.
 
     Attributes
     ----------
     devices : tuple of DeviceInfo
-        Numbered from 0, the one that the default prefers first.
+        Numbered from 0, the default first.
     problems : tuple of str
-        One sentence for each platform or device that had to be left out.
+        One sentence for each platform or device that was left out.
     """
 
     devices: tuple[DeviceInfo, ...]
@@ -111,12 +52,12 @@ def import_pyopencl() -> Any:
     try:
         import pyopencl
     except (ImportError, OSError) as error:
-        raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for what to do") from error
+        raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for advice") from error
     return pyopencl
 
 
 def survey_devices() -> DeviceSurvey:
-    """Ask every platform for its devices, and remember what went wrong on the way.
+    """Ask every platform for its devices, and list the failures.
 
     A platform or a device whose queries fail is left out: one broken driver must not hide the others.
 
@@ -136,12 +77,12 @@ def survey_devices() -> DeviceSurvey:
             problems.append(f"the OpenCL loader fails: {error}")
         platforms = []
 
-    for place, platform in enumerate(platforms):
+    for number, platform in enumerate(platforms):
         try:
             platform_name = _tidy(platform.name)
             found = platform.get_devices()
         except cl.Error as error:
-            problems.append(f"platform {place} cannot be asked for its devices: {error}")
+            problems.append(f"platform {number} cannot be asked for its devices: {error}")
             continue
         if not found:
             problems.append(f"the platform '{platform_name}' offers no device")
@@ -157,7 +98,7 @@ def survey_devices() -> DeviceSurvey:
 def list_devices() -> list[DeviceInfo]:
     """Return all usable devices, numbered from 0 in an order that depends on the devices alone.
 
-    Empty when no driver is registered.
+    Empty if no driver is registered.
 
     Raises
     ------
@@ -173,9 +114,9 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
     Parameters
     ----------
     spec : str or int, optional
-        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; or a part of the name of a device
-        or its platform, in any case. Without it, the environment variable ``CLBVH_DEVICE`` decides,
-        and without that the best device is taken: a GPU, else an accelerator, else a CPU.
+        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; or a part of the name of a device or its
+        platform, in upper or lower case. Without it the environment variable ``CLBVH_DEVICE`` decides, and without
+        that the best device is taken: a GPU, else an accelerator, else a CPU.
 
     Raises
     ------
@@ -189,21 +130,21 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
     survey = survey_devices()
     if not survey.devices:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
-        raise DeviceError(f"no OpenCL device was found{reason}: run `clbvh doctor` to see what is missing")
+        raise DeviceError(f"no OpenCL device was found{reason}: run `clbvh doctor` to find the cause")
     return pick_device(survey.devices, spec, asked_by)
 
 
 def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by: str = "") -> DeviceInfo:
-    """Return the device of `devices` that `spec` means; the choice behind `choose_device`.
+    """Return the device that `spec` asks for; the choice behind `choose_device`.
 
     Parameters
     ----------
     devices : sequence of DeviceInfo
-        At least one, in the order of preference, `number` being the position.
+        At least one, in the order of preference, numbered in this order.
     spec : str or int, optional
         As for `choose_device`, without the environment variable.
     asked_by : str
-        Who asked, for the message of an error.
+        The origin of `spec`, for error messages.
 
     Raises
     ------
@@ -219,14 +160,14 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
         number = int(word)
         if 0 <= number < len(devices):
             return devices[number]
-        # "4090" is no number of a device here, but may well be a part of a name.
+        # "4090" is not a number of a device here, but may be a part of a name.
         if isinstance(spec, int):
             raise DeviceError(f"there is no device {number}{asked_by}: {there_are}")
 
     if word in KINDS:
         matches = [device for device in devices if device.kind == word]
     else:
-        # The full name beats a part of a longer one: "Tesla T4" must not be ambiguous beside "Tesla T4G".
+        # A full name beats a part of a longer one: "Tesla T4" must not be ambiguous beside "Tesla T4G".
         matches = [device for device in devices if device.name.lower() == word]
         matches = matches or [device for device in devices if word in _searchable_text(device)]
     if not matches:
@@ -240,23 +181,18 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
 def number_devices(devices: Sequence[DeviceInfo]) -> tuple[DeviceInfo, ...]:
     """Sort the devices by preference and number them.
 
-    The order of the platforms is the order of the files in a folder, which differs between machines and from
-    one installation to the next; so it decides only between devices that are alike in everything else.
+    The order of the platforms is the order of files in a folder, which differs between machines and installations; so
+    it decides only between devices that are equal in everything else.
     """
     ordered = sorted(devices, key=_preference)
     return tuple(replace(device, number=number) for number, device in enumerate(ordered))
 
 
-def preferred_layout(info: DeviceInfo) -> str:
-    """Return the tree layout of a device when the user does not choose one: the measured one, or that of its kind."""
-    return find_settings(info).layout
-
-
 def _describe(cl: Any, platform: Any, cl_device: Any) -> DeviceInfo:
-    """Ask one device for its properties; its number is not known yet."""
+    """Ask one device for its properties; the number is set later."""
 
     def ask_if_known(name: str, otherwise: Any) -> Any:
-        # Drivers may refuse a query that is newer than they are, or that they hold to be obsolete.
+        # Drivers may refuse queries that are newer than they are, or obsolete.
         try:
             return getattr(cl_device, name)
         except (cl.Error, AttributeError):
@@ -282,7 +218,7 @@ def _describe(cl: Any, platform: Any, cl_device: Any) -> DeviceInfo:
 
 
 def _name_kind(cl: Any, type_bits: int) -> str:
-    # The bits can be combined with DEFAULT, so they are tested one by one.
+    # The DEFAULT bit may be set besides, so the bits are tested one by one.
     if type_bits & cl.device_type.GPU:
         return "gpu"
     if type_bits & cl.device_type.ACCELERATOR:
@@ -293,40 +229,40 @@ def _name_kind(cl: Any, type_bits: int) -> str:
 
 
 def _tidy(text: str) -> str:
-    """Return a driver's text on one line, without the padding and the final zero that some drivers add."""
+    """Return a driver's text on one line, without the padding and the final zero of some drivers."""
     return " ".join(text.replace("\0", " ").split())
 
 
 def _preference(device: DeviceInfo) -> tuple[Any, ...]:
-    """Return a sorting key: what the default should take comes first."""
+    """Return a sorting key, lowest for the preferred device."""
     rank = KINDS.index(device.kind) if device.kind in KINDS else len(KINDS)
-    # Intel's emulator of its FPGA boards says "accelerator", and is slower than the CPU that it runs on.
+    # Intel's emulator of FPGA boards calls itself an accelerator, and is slower than the CPU that it runs on.
     if "emulation" in device.name.lower():
         rank = len(KINDS)
     is_gpu = device.kind == "gpu"
     return (
         not device.is_available,
         rank,
-        # A graphics card before the graphics unit of the CPU, which may claim all of the host's memory.
+        # A graphics card before a GPU inside the CPU, which may report all of the host's memory.
         is_gpu and device.has_unified_memory,
         -device.memory_bytes if is_gpu else 0,
         device.platform,
-        # Of two installed versions of one driver, the newer.
+        # The newer one of two installed versions of a driver.
         tuple(-int(digits) for digits in re.findall(r"\d+", device.driver_version)),
         device.name,
     )
 
 
 def _searchable_text(device: DeviceInfo) -> str:
-    # The version is in it because PoCL has its short name only there. The vendor is not: PoCL takes it from the
-    # CPU, "AuthenticAMD", and `--device amd` should mean the graphics card.
+    # With the version, which alone has PoCL's short name. Without the vendor, which PoCL takes from the CPU
+    # ("AuthenticAMD"): `--device amd` should mean the graphics card.
     return f"{device.name}\n{device.platform}\n{device.platform_version}".lower()
 
 
 def _is_same_hardware(one: DeviceInfo, other: DeviceInfo) -> bool:
-    """Tell whether it makes no difference to the user which of two devices is taken.
+    """Return whether two devices are interchangeable for the user.
 
-    Two drivers for the CPU drive the same CPU; two cards of one name are as good as each other.
+    Two drivers for the CPU drive the same CPU; two cards of one name are equally good.
     """
     if one.kind != other.kind:
         return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,16 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..closing import Closing
 from ..errors import DeviceError
-from .select import DeviceInfo, choose_device
+from ..support.context_manager import ContextManager
+from .info import DeviceInfo
+from .kernel import Kernel
+from .select import choose_device
+from .settings import find_settings
 from .timing import EventTimes
 
 # A buffer of no bytes is an error in OpenCL; an empty array gets this many.
 _SMALLEST_BUFFER_BYTES = 16
 
 
-class DeviceSession(Closing):
+class DeviceSession(ContextManager):
     """One device, opened; a context manager.
 
     Parameters
@@ -34,22 +38,27 @@ class DeviceSession(Closing):
     Attributes
     ----------
     info : DeviceInfo
+    settings : Settings
+        How kernels are launched on it.
     context, queue : pyopencl.Context, pyopencl.CommandQueue
     times : EventTimes
-        Of everything that went through this session.
+        Of all commands of this session.
     is_closed : bool
         Whether the buffers are gone.
     """
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
         self.info = device if isinstance(device, DeviceInfo) else choose_device(device)
+        self.settings = find_settings(self.info)
         import pyopencl as cl
 
         self._cl: Any = cl
         self.is_closed = False
         self.times = EventTimes()
         self._buffers: list[Any] = []
-        self._unfinished = ""  # what else an error of the next wait may come from
+        # A kernel's arguments are set one by one before it is enqueued.
+        self._launch_lock = threading.Lock()
+        self._unfinished = ""  # the kernel whose errors the next wait may report
         with self._errors("be opened"):
             self.context = cl.Context([self.info.cl_device])
             self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
@@ -62,13 +71,22 @@ class DeviceSession(Closing):
         return buffer
 
     def write(self, buffer: Any, array: NDArray[Any]) -> None:
-        """Copy an array into a buffer that exists."""
+        """Copy an array into an existing buffer."""
         with self._errors(f"take {array.nbytes / 1e6:,.1f} MB"):
             event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
         self.times.note("upload", event)
 
     def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> Any:
-        """Return a new buffer of `size` bytes; `for_mapping` where the host can reach it without a copy."""
+        """Return a new buffer of `size` bytes; `for_mapping` where the host can reach it without a copy.
+
+        Raises
+        ------
+        DeviceError
+            The size is above the device's largest allocation, or the device has no memory for it.
+        """
+        if size > self.info.max_allocation_bytes:
+            largest = f"the largest one it allocates has {self.info.max_allocation_bytes / 1e6:,.1f} MB"
+            raise _explain(self.info, f"hold a buffer of {size / 1e6:,.1f} MB", largest)
         flags = self._cl.mem_flags.READ_WRITE if writable else self._cl.mem_flags.READ_ONLY
         if for_mapping:
             flags |= self._cl.mem_flags.ALLOC_HOST_PTR
@@ -76,6 +94,10 @@ class DeviceSession(Closing):
             buffer = self._cl.Buffer(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
         self._buffers.append(buffer)
         return buffer
+
+    def fit_items(self, item_bytes: int, wanted: int) -> int:
+        """Return how many items of this size one buffer can hold, `wanted` at most and 1 at least."""
+        return max(1, min(wanted, self.info.max_allocation_bytes // item_bytes))
 
     def release(self, buffer: Any) -> None:
         """Give a buffer back before the session ends."""
@@ -91,24 +113,24 @@ class DeviceSession(Closing):
             self.times.note("download", event)
 
     @contextmanager
-    def mapped(self, buffer: Any, row_count: int, dtype: np.dtype, *, write: bool) -> Iterator[NDArray[Any]]:
-        """Give the beginning of a buffer as an array: to be filled, or else to be read. Nothing is copied on a CPU.
+    def mapped(self, buffer: Any, item_count: int, dtype: np.dtype, *, write: bool) -> Iterator[NDArray[Any]]:
+        """Give the beginning of a buffer as an array, to fill or to read. Nothing is copied on a CPU.
 
         Parameters
         ----------
         buffer : buffer
-        row_count : int
+        item_count : int
             At least 1.
         dtype : numpy.dtype
         write : bool
-            Whether the array is to be filled, all of it; otherwise it must not be written to.
+            True: all of the array is to be filled. False: it may only be read.
         """
         flags = self._cl.map_flags.WRITE_INVALIDATE_REGION if write else self._cl.map_flags.READ
         label = "upload" if write else "download"
-        with self._errors(f"{self._unfinished}share {row_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
+        with self._errors(f"{self._unfinished}share {item_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
             # As bytes: PyOpenCL takes no dtype that holds arrays.
             array, event = self._cl.enqueue_map_buffer(
-                self.queue, buffer, flags, 0, row_count * dtype.itemsize, np.uint8, is_blocking=True
+                self.queue, buffer, flags, 0, item_count * dtype.itemsize, np.uint8, is_blocking=True
             )
         self._unfinished = ""
         self.times.note(label, event)
@@ -118,20 +140,24 @@ class DeviceSession(Closing):
             with self._errors("take back what it shared with the host"):
                 self.times.note(label, array.base.release(self.queue))
 
-    def run(self, kernel: Any, work_size: tuple[int, ...], group_size: tuple[int, ...], *arguments: Any) -> None:
-        """Start a kernel once per work-item, behind all that was asked before. What reads its results waits for it.
+    def run(self, kernel: Kernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any) -> None:
+        """Start a kernel once per work-item, after all commands before it; reading its results waits for it.
 
         Parameters
         ----------
+        kernel : Kernel
         work_size : tuple of int
-            Work-items per dimension, rounded up to whole groups: the kernel checks its range.
-        group_size : tuple of int
+            Work-items per dimension, rounded up to whole work-groups: the kernel checks its range.
+        work_group : tuple of int
             Work-items of a work-group per dimension.
+        **arguments
+            The kernel's arguments by name.
         """
-        rounded = tuple(-(-size // group) * group for size, group in zip(work_size, group_size, strict=True))
-        with self._errors(f"run the kernel '{kernel.function_name}'"):
-            event = kernel(self.queue, rounded, group_size, *arguments)
-        self._unfinished = f"finish the kernel '{kernel.function_name}' and "
+        rounded = tuple(-(-size // edge) * edge for size, edge in zip(work_size, work_group, strict=True))
+        bound = kernel.bind(**arguments)
+        with self._errors(f"run the kernel '{kernel.name}'"), self._launch_lock:
+            event = kernel.enqueue(self.queue, rounded, work_group, bound)
+        self._unfinished = f"finish the kernel '{kernel.name}' and "
         self.times.note("kernel", event)
 
     def close(self) -> None:
@@ -145,7 +171,7 @@ class DeviceSession(Closing):
 
 
 class _DeviceErrors:
-    """Turn an OpenCL error into a `DeviceError` that says what the device could not do."""
+    """Turns an OpenCL error into a `DeviceError` that names the failed action."""
 
     def __init__(self, cl: Any, info: DeviceInfo, action: str) -> None:
         self._cl = cl
@@ -157,7 +183,12 @@ class _DeviceErrors:
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, self._cl.Error):
-            raise DeviceError(
-                f"the device '{self._info.name}' cannot {self._action} ({error}): "
-                "try a smaller job or another --device, and see `clbvh doctor`"
-            ) from error
+            raise _explain(self._info, self._action, error) from error
+
+
+def _explain(info: DeviceInfo, action: str, reason: object) -> DeviceError:
+    """Return the error for something that a device cannot do."""
+    return DeviceError(
+        f"the device '{info.name}' cannot {action} ({reason}): "
+        "try a smaller job or another --device, and see `clbvh doctor`"
+    )

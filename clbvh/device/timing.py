@@ -6,19 +6,19 @@ from typing import Any
 
 _NS_PER_MS = 1e6
 
-# A driver keeps memory for every event that is still held: so many are held at most.
+# Most events held at a time: a driver keeps memory for each of them.
 _MOST_EVENTS = 256
 
 
 class EventTimes:
-    """Sums the run times of commands by what they did: ``upload``, ``kernel``, ``download``."""
+    """Sums of the run times of commands, by label: ``upload``, ``kernel``, ``download``."""
 
     def __init__(self) -> None:
         self._events: list[tuple[str, Any]] = []
         self._sums_ms: dict[str, float] = {}
 
     def note(self, label: str, event: Any) -> None:
-        """Remember an enqueued command; its times are read when somebody asks."""
+        """Add an enqueued command; its times are read later, when the sums are wanted."""
         self._events.append((label, event))
         if len(self._events) >= _MOST_EVENTS:
             self.sums_ms()

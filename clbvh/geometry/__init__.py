@@ -1,8 +1,8 @@
-"""Meshes in memory: the data, the files they come from, and the shapes that need no file."""
+"""Meshes in memory: the data, the files they are loaded from, and procedural shapes. Knows nothing of trees."""
 
-from .known import find_known_mesh
-from .load import load_mesh
+from .fetch import find_known_mesh
+from .loading.load import load_mesh
 from .mesh import Mesh
-from .shapes import make_shape
+from .shapes.make_shape import make_shape
 
 __all__ = ["Mesh", "find_known_mesh", "load_mesh", "make_shape"]

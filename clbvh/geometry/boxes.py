@@ -1,11 +1,11 @@
 """Boxes as eight float lanes that stay in one register, for compiled loops.
 
-The one place where we write LLVM by hand: numba's optimiser neither finds the eight-lane minimum by itself nor keeps a
-running box in a register.
+The only hand-written LLVM besides `support/prefetch.py`: numba's optimiser neither finds the eight-lane minimum nor
+keeps a running box in a register. Must not know of meshes or trees.
 
 A row of an (n, 8) float32 array is ``(min_x, min_y, min_z, tag, -max_x, -max_y, -max_z, tally)``. The maximum is kept
-negated, so that one eight-lane minimum unites two boxes. What stands in the tag and in the tally after a minimum is
-garbage; `add_to_row` alone keeps the tally, an integer.
+negated, so that one eight-lane minimum unites two boxes. A minimum leaves garbage in the tag and in the tally; only
+`add_to_box` keeps the tally, an integer.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
-LANES = 8
-TAG = 3
-TALLY = 7
+from ..structs import BOX_LANES, BOX_TAG, BOX_TALLY
+
 _HALF = 4
 _AXES = 3
 _BYTES_PER_LANE = 4
@@ -26,18 +25,15 @@ _BYTES_PER_LANE = 4
 _FLOAT = ir.FloatType()
 _DOUBLE = ir.DoubleType()
 _INT = ir.IntType(32)
-_ROW = ir.VectorType(_FLOAT, LANES)
-_BYTES = ir.IntType(8).as_pointer()
-_INT_ROW = ir.VectorType(_INT, LANES)
+_ROW = ir.VectorType(_FLOAT, BOX_LANES)
+_INT_ROW = ir.VectorType(_INT, BOX_LANES)
 
-# Each lane of the minimum in the place of its maximum, and the other way round.
+# The two halves of a row, swapped.
 _SWAPPED = [4, 5, 6, 7, 0, 1, 2, 3]
-# All lanes of one row but the last, which is that of another.
-_LAST_OF_OTHER = [0, 1, 2, 3, 4, 5, 6, LANES + TALLY]
-# The lower half of one row, and the upper half of another.
+# All lanes of one row but the last, which comes from another row.
+_LAST_OF_OTHER = [0, 1, 2, 3, 4, 5, 6, BOX_LANES + BOX_TALLY]
+# The lower half of one row and the upper half of another.
 _UPPER_HALF_OF_OTHER = [0, 1, 2, 3, 12, 13, 14, 15]
-# What LLVM's prefetch wants to know: reading, high locality, data.
-_TO_READ_INTO_ALL_CACHES = (0, 3, 1)
 # The three axes in half a row; the fourth lane repeats one, so that it holds a number.
 _LOWER_AXES = [0, 1, 2, 2]
 _UPPER_AXES = [4, 5, 6, 6]
@@ -63,7 +59,7 @@ def _row_pointer(context: Any, builder: Any, array_type: Any, array: Any, row: A
     """Return a pointer to one row of a C-contiguous (n, 8) float32 array."""
     data = context.make_array(array_type)(context, builder, array).data
     lanes = builder.bitcast(data, _FLOAT.as_pointer())
-    first_lane = builder.mul(row, ir.Constant(row.type, LANES))
+    first_lane = builder.mul(row, ir.Constant(row.type, BOX_LANES))
     return builder.bitcast(builder.gep(lanes, [first_lane]), _ROW.as_pointer())
 
 
@@ -75,11 +71,11 @@ def _shuffle(builder: Any, value: Any, lanes: list[int]) -> Any:
 def _splat(builder: Any, value: Any) -> Any:
     """Return a row with the same float in every lane."""
     first = builder.insert_element(ir.Constant(_ROW, ir.Undefined), value, ir.Constant(_INT, 0))
-    return _shuffle(builder, first, [0] * LANES)
+    return _shuffle(builder, first, [0] * BOX_LANES)
 
 
 @intrinsic
-def load_row(typing_context, rows, row):  # type: ignore[no-untyped-def]
+def load_box(typing_context, rows, row):
     """Return `rows[row]` as a box."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -89,7 +85,7 @@ def load_row(typing_context, rows, row):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def load_point(typing_context, points, point):  # type: ignore[no-untyped-def]
+def load_point(typing_context, points, point):
     """Return row `point` of a C-contiguous (n, 3) float32 array as a box without extent; it holds no negative zero."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -100,30 +96,14 @@ def load_point(typing_context, points, point):  # type: ignore[no-untyped-def]
         for axis in range(_AXES):
             coordinate = builder.load(builder.gep(first, [ir.Constant(point.type, axis)]), align=_BYTES_PER_LANE)
             half = builder.insert_element(half, coordinate, ir.Constant(_INT, axis))
-        both = builder.shuffle_vector(half, builder.fneg(half), ir.Constant(_INT_ROW, list(range(LANES))))
-        return builder.fadd(both, ir.Constant(_ROW, [0.0] * LANES))  # -0.0 + 0.0 is 0.0
+        both = builder.shuffle_vector(half, builder.fneg(half), ir.Constant(_INT_ROW, list(range(BOX_LANES))))
+        return builder.fadd(both, ir.Constant(_ROW, [0.0] * BOX_LANES))  # -0.0 + 0.0 is 0.0
 
     return BOX(points, types.intp), generate
 
 
 @intrinsic
-def prefetch(typing_context, array, index):  # type: ignore[no-untyped-def]
-    """Ask for the number `index` of a C-contiguous array, counted through, before it is needed; it may not exist."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, index = arguments
-        data = context.make_array(signature.args[0])(context, builder, array).data
-        pointer = builder.bitcast(builder.gep(data, [index]), _BYTES)
-        types_of_call = ir.FunctionType(ir.VoidType(), [_BYTES, _INT, _INT, _INT])
-        ask = builder.module.declare_intrinsic("llvm.prefetch", [_BYTES], types_of_call)
-        builder.call(ask, [pointer, *(ir.Constant(_INT, value) for value in _TO_READ_INTO_ALL_CACHES)])
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), generate
-
-
-@intrinsic
-def store_row(typing_context, rows, row, box):  # type: ignore[no-untyped-def]
+def store_box(typing_context, rows, row, box):
     """Write a box to `rows[row]`, bit by bit: the tag lane may hold an integer."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -135,7 +115,7 @@ def store_row(typing_context, rows, row, box):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def unite(typing_context, left, right):  # type: ignore[no-untyped-def]
+def unite(typing_context, left, right):
     """Return the box of two boxes."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -146,14 +126,14 @@ def unite(typing_context, left, right):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def add_to_row(typing_context, rows, row, box):  # type: ignore[no-untyped-def]
+def add_to_box(typing_context, rows, row, box):
     """Unite a box into `rows[row]`, and count it in the row's tally."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer = _row_pointer(context, builder, signature.args[0], *arguments[:2])
         row, box = builder.load(pointer, align=_BYTES_PER_LANE), arguments[2]
         united = builder.select(builder.fcmp_ordered("<", box, row), box, row)
-        counted = builder.add(builder.bitcast(row, _INT_ROW), ir.Constant(_INT_ROW, [1] * LANES))
+        counted = builder.add(builder.bitcast(row, _INT_ROW), ir.Constant(_INT_ROW, [1] * BOX_LANES))
         mask = ir.Constant(_INT_ROW, _LAST_OF_OTHER)
         result = builder.shuffle_vector(united, builder.bitcast(counted, _ROW), mask)
         builder.store(result, pointer, align=_BYTES_PER_LANE)
@@ -163,28 +143,28 @@ def add_to_row(typing_context, rows, row, box):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def tally_of(typing_context, box):  # type: ignore[no-untyped-def]
+def tally_of(typing_context, box):
     """Return the tally of a row."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         lanes = builder.bitcast(arguments[0], _INT_ROW)
-        return builder.zext(builder.extract_element(lanes, ir.Constant(_INT, TALLY)), ir.IntType(64))
+        return builder.zext(builder.extract_element(lanes, ir.Constant(_INT, BOX_TALLY)), ir.IntType(64))
 
     return types.intp(BOX), generate
 
 
 @intrinsic
-def as_node(typing_context, box, first, count):  # type: ignore[no-untyped-def]
-    """Return a box with its maximum as it is, and two int32 in the tag and in the tally: a row of `layout.NODE`."""
+def as_node(typing_context, box, first, count):
+    """Return a box with a positive maximum, and two int32 in the tag and in the tally: a row of `structs.NODE`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         box, *numbers = arguments
-        zero = ir.Constant(_ROW, [0.0] * LANES)
-        # Not negated but subtracted from 0: there shall be no -0.0.
+        zero = ir.Constant(_ROW, [0.0] * BOX_LANES)
+        # Subtracted from 0 instead of negated, which could make -0.0.
         positive = builder.fsub(zero, box)
         row = builder.shuffle_vector(box, positive, ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER))
         lanes = builder.bitcast(row, _INT_ROW)
-        for lane, number in zip((TAG, TALLY), numbers, strict=True):
+        for lane, number in zip((BOX_TAG, BOX_TALLY), numbers, strict=True):
             lanes = builder.insert_element(lanes, builder.trunc(number, _INT), ir.Constant(_INT, lane))
         return builder.bitcast(lanes, _ROW)
 
@@ -192,8 +172,8 @@ def as_node(typing_context, box, first, count):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def box_of_node(typing_context, node):  # type: ignore[no-untyped-def]
-    """Return the box of a row of `layout.NODE`: what `as_node` was given."""
+def box_of_node(typing_context, node):
+    """Return the box of a row of `structs.NODE`, the inverse of `as_node`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         mask = ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER)
@@ -203,21 +183,21 @@ def box_of_node(typing_context, node):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def empty_box(typing_context):  # type: ignore[no-untyped-def]
-    """Return the box that changes nothing when it is united with another; its tally is 0."""
+def empty_box(typing_context):
+    """Return the neutral element of `unite`; its tally is 0."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return ir.Constant(_ROW, [float("inf")] * TALLY + [0.0])
+        return ir.Constant(_ROW, [float("inf")] * BOX_TALLY + [0.0])
 
     return BOX(), generate
 
 
 @intrinsic
-def centroid_of(typing_context, box):  # type: ignore[no-untyped-def]
-    """Return the box that holds just the doubled centroid, min + max."""
+def centroid_of(typing_context, box):
+    """Return the box that holds only the doubled centroid, min + max."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        # Less the swapped halves: min - (-max) below, -max - min above.
+        # Minus the swapped halves: min - (-max) in the lower half, -max - min in the upper one.
         swapped = _shuffle(builder, arguments[0], _SWAPPED)
         return builder.fsub(arguments[0], swapped)
 
@@ -225,7 +205,7 @@ def centroid_of(typing_context, box):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def half_area(typing_context, box):  # type: ignore[no-untyped-def]
+def half_area(typing_context, box):
     """Return half the surface area of a box that is not empty, as float64."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -242,7 +222,7 @@ def half_area(typing_context, box):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def scales_of(typing_context, bounds, bin_count, smallest_extent):  # type: ignore[no-untyped-def]
+def scales_of(typing_context, bounds, bin_count, smallest_extent):
     """Return the factors ``bin_count / extent`` of a box in the first three lanes; 0 on an axis that is flat.
 
     Parameters
@@ -259,13 +239,13 @@ def scales_of(typing_context, bounds, bin_count, smallest_extent):  # type: igno
         extent = builder.fneg(builder.fadd(bounds, swapped))
         flat = builder.fcmp_unordered("<=", extent, _splat(builder, smallest))
         scale = builder.fdiv(_splat(builder, bin_count), extent)
-        return builder.select(flat, ir.Constant(_ROW, [0.0] * LANES), scale)
+        return builder.select(flat, ir.Constant(_ROW, [0.0] * BOX_LANES), scale)
 
     return BOX(BOX, types.float32, types.float32), generate
 
 
 @intrinsic
-def lane_of(typing_context, box, lane):  # type: ignore[no-untyped-def]
+def lane_of(typing_context, box, lane):
     """Return one lane of a box."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -275,15 +255,15 @@ def lane_of(typing_context, box, lane):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def bins_of(typing_context, box, lower, scale):  # type: ignore[no-untyped-def]
+def bins_of(typing_context, box, lower, scale):
     """Return the bins of a box's centroid on the three axes, each ``int((centroid - lower) * scale)``."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         box, lower, scale = arguments
         centroid = builder.fsub(_shuffle(builder, box, _LOWER_AXES), _shuffle(builder, box, _UPPER_AXES))
         distance = builder.fsub(centroid, _shuffle(builder, lower, _LOWER_AXES))
-        place = builder.fmul(distance, _shuffle(builder, scale, _LOWER_AXES))
-        whole = builder.fptosi(place, ir.VectorType(_INT, _HALF))
+        position = builder.fmul(distance, _shuffle(builder, scale, _LOWER_AXES))
+        whole = builder.fptosi(position, ir.VectorType(_INT, _HALF))
         axes = [builder.zext(builder.extract_element(whole, ir.Constant(_INT, a)), ir.IntType(64)) for a in range(3)]
         return context.make_tuple(builder, signature.return_type, axes)
 

@@ -1,7 +1,9 @@
-"""The meshes that everybody knows by name: where they are looked for, and how they are fetched.
+"""The well-known meshes: how they are found on this machine, and how they are downloaded.
 
-Owns the table of names and the cache. The meshes come from the Stanford 3D Scanning Repository, Stanford Computer
-Graphics Laboratory; their use is free for research, with credit.
+Owns the table of their names and their place in the cache. Must not know how a mesh file is read.
+
+The meshes come from the Stanford 3D Scanning Repository, Stanford Computer Graphics Laboratory; their use is free for
+research, with credit.
 """
 
 from __future__ import annotations
@@ -17,34 +19,34 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, FetchError, MeshError
+from ..support.cache_folder import find_cache
 
 STANFORD = "https://graphics.stanford.edu/pub/3Dscanrep"
 
 MESHES_VARIABLE = "CLBVH_MESHES"
-CACHE_VARIABLE = "CLBVH_CACHE"
 
 _TIMEOUT_S = 30
 _BLOCK_BYTES = 1 << 16
-# The largest known mesh has 34 MB; a member that claims more than this is not one of them.
+# The largest known mesh has 34 MB; a larger member of an archive is not a known mesh.
 _MAX_MEMBER_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
 class KnownMesh:
-    """One row of the table.
+    """A known mesh, and the archive that holds it.
 
     Attributes
     ----------
     name : str
-        What users call it.
+        The name by which users ask for it.
     archive : str
         The archive's path below the repository's address.
     member : str
-        The mesh in the archive.
+        The path of the mesh in the archive.
     archive_sha256, member_sha256 : str or None
-        Sums of the two; at least one is known.
+        Checksums of the two; at least one is known.
     alternatives : tuple of str
-        File names that stand for the mesh too, when they lie in the folder of the user.
+        Other file names under which the user's folder may hold the mesh.
     """
 
     name: str
@@ -56,12 +58,12 @@ class KnownMesh:
 
     @property
     def file_name(self) -> str:
-        """What the mesh is called in the cache."""
+        """The name of the file in the cache."""
         return self.member.rsplit("/", 1)[-1]
 
     @property
     def file_names(self) -> tuple[str, ...]:
-        """What the mesh may be called in the folder of the user, best first."""
+        """The names that the file may have in the user's folder, best first."""
         return (self.file_name, *self.alternatives, f"{self.name}.ply")
 
 
@@ -92,24 +94,15 @@ KNOWN_MESHES = {
 
 
 def get_known_mesh(name: str) -> KnownMesh:
-    """Return the row of a name; raise `ConfigError` when there is none."""
+    """Return the known mesh of a name; raise `ConfigError` when there is none."""
     try:
         return KNOWN_MESHES[name]
     except KeyError:
         raise ConfigError(f"there is no known mesh '{name}': the known ones are {', '.join(KNOWN_MESHES)}") from None
 
 
-def find_cache() -> Path:
-    """Return the folder that fetched meshes go to: `CLBVH_CACHE`, or the one for caches of this system."""
-    if folder := os.environ.get(CACHE_VARIABLE):
-        return Path(folder)
-    import pooch
-
-    return Path(pooch.os_cache("clbvh"))
-
-
 def find_known_mesh(name: str) -> Path:
-    """Find the file of a known mesh: in the folder `CLBVH_MESHES`, then among the fetched ones.
+    """Find the file of a known mesh: in the folder `CLBVH_MESHES`, then in the cache.
 
     Parameters
     ----------
@@ -125,7 +118,7 @@ def find_known_mesh(name: str) -> Path:
     ConfigError
         No mesh is known by that name.
     MeshError
-        It is in neither place; the message says what would put it there.
+        It is in neither; the message says how to get it.
     """
     mesh = get_known_mesh(name)
     if folder := os.environ.get(MESHES_VARIABLE):
@@ -142,7 +135,7 @@ def find_known_mesh(name: str) -> Path:
 
 
 def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> Path:
-    """Download a known mesh into the cache, unless it is there.
+    """Download a known mesh into the cache, unless it is there already.
 
     Parameters
     ----------
@@ -156,14 +149,14 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
     Returns
     -------
     Path
-        The mesh in the cache. It appears there whole or not at all.
+        The mesh in the cache, where it appears complete or not at all.
 
     Raises
     ------
     ConfigError
         No mesh is known by that name.
     FetchError
-        The download failed or was cut off, a sum is wrong, or the archive does not have the mesh. Nothing of it stays.
+        The download failed or was cut off, a checksum is wrong, or the archive lacks the mesh. No file is left behind.
     """
     mesh = get_known_mesh(name)
     cache = find_cache()
@@ -173,7 +166,7 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
     url = f"{base_url.rstrip('/')}/{mesh.archive}"
     try:
         cache.mkdir(parents=True, exist_ok=True)
-        # Everything happens in a folder that goes away with all that is in it, whatever happens.
+        # A folder that is removed with its content, whatever happens.
         with tempfile.TemporaryDirectory(prefix=f"{name}-", dir=cache) as work:
             archive = _download(url, mesh, Path(work), progress)
             extracted = Path(work) / mesh.file_name
@@ -185,8 +178,8 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
 
 
 def _download(url: str, mesh: KnownMesh, folder: Path, progress: Any) -> Path:
-    """Download the archive into a folder and check its sum, if it is known."""
-    # Imported here: they take 0.2 s, and only a download needs them.
+    """Download the archive into a folder and check its checksum, if that is known."""
+    # Imported here: this takes 0.2 s, and only a download needs them.
     import pooch
     import requests
 
@@ -214,7 +207,7 @@ def _download(url: str, mesh: KnownMesh, folder: Path, progress: Any) -> Path:
 
 
 def _extract(archive: Path, mesh: KnownMesh, target: Path, url: str) -> None:
-    """Copy the mesh out of the archive and check its sum, if it is known.
+    """Copy the mesh out of the archive and check its checksum, if that is known.
 
     Only the member's bytes are used, never the path that the archive gives it.
     """

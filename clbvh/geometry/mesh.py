@@ -1,6 +1,6 @@
 """A triangle mesh in memory, checked and re-based.
 
-Owns the check of vertices and faces and the move to local coordinates. Knows nothing of files or trees.
+Owns the checks of vertices and faces and the move to local coordinates. Must not know of files or trees.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,12 +18,12 @@ from ..errors import MeshError
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
 MAX_FACE_COUNT = 2**30
 
-# Faces looked at together where many arrays of them are needed: they stay in the cache, which is three times as fast
-# for 871,306 faces on a 2-core x86-64 server, and the memory does not grow with the mesh.
+# Faces processed at a time where the work needs many temporary arrays: those stay in the cache, which is three times as
+# fast for 871,306 faces on a 2-core x86-64 server, and memory does not grow with the mesh.
 _CHUNK_FACES = 1 << 14
 
-# Points that lie side by side in one row while bounds are taken: numpy reduces long rows many at once, which is 40
-# times as fast for 437,645 points on a 2-core x86-64 server.
+# Points per row when bounds are taken: numpy reduces long rows with vector instructions, which is 40 times as fast for
+# 437,645 points on a 2-core x86-64 server.
 _POINTS_PER_ROW = 512
 
 
@@ -37,15 +38,15 @@ class Mesh:
     ----------
     vertices : (V, 3) float32, object units, relative to `origin`
     faces : (F, 3) int32, vertex indices
-        Face i of the file (after polygons are cut into triangles, in place) is row i.
+        In the order of the file, after polygons are cut into triangles.
     origin : (3,) float64, object units
         Centre of the vertices' box in the file's coordinates.
     name : str
-        What messages and reports call the mesh.
+        The name of the mesh in messages and reports.
 
     Notes
     -----
-    Build one with `Mesh.from_arrays` or `clbvh.load_mesh`: they check what the constructor takes for granted.
+    Build one with `Mesh.from_arrays` or `clbvh.load_mesh`: they check their arguments, which the constructor does not.
     """
 
     vertices: NDArray[np.float32]
@@ -64,7 +65,7 @@ class Mesh:
         faces : (F, 3) int
             Vertex indices from 0 to V - 1; not modified.
         name : str, optional
-            What messages and reports call the mesh.
+            The name of the mesh in messages and reports.
 
         Returns
         -------
@@ -74,7 +75,7 @@ class Mesh:
         ------
         MeshError
             Wrong shape or dtype, no faces, too many faces, a NaN or infinite coordinate, or a vertex index out of
-            range; the message names the first offender.
+            range; the message names the first fault.
         """
         checked_vertices = _check_vertices(vertices, name)
         checked_faces = _check_faces(faces, len(checked_vertices), name)
@@ -83,17 +84,17 @@ class Mesh:
         return cls(local, checked_faces, origin, name)
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
-        """Return a mesh of the same faces, whose vertices have moved.
+        """Return a mesh of the same faces with moved vertices.
 
         Parameters
         ----------
         vertices : (V, 3) float, object units, in the coordinates that the first vertices had before re-basing
-            As many as the mesh has; not modified.
+            The same number as before; not modified.
 
         Returns
         -------
         Mesh
-            With an origin of its own. It shares the array of faces.
+            With its own origin; it shares the array of faces.
 
         Raises
         ------
@@ -130,9 +131,9 @@ class Mesh:
 
     @cached_property
     def fingerprint(self) -> bytes:
-        """32 bytes that stand for vertices, faces and origin: the SHA-256 of their counts and bytes.
+        """32 bytes that identify vertices, faces and origin: the SHA-256 of their counts and bytes.
 
-        The name plays no part. About 1.8 GB/s where the processor has instructions for it, a quarter elsewhere.
+        The name does not count. About 1.8 GB/s where the processor has instructions for it, a quarter elsewhere.
         """
         digest = hashlib.sha256(f"{len(self.vertices)} vertices, {len(self.faces)} faces;".encode())
         digest.update(np.ascontiguousarray(self.origin, "<f8").data)
@@ -149,9 +150,16 @@ class Mesh:
         return f"Mesh({self.name!r}, vertices={len(self.vertices):,}, faces={self.face_count:,})"
 
 
+def _as_array(values: ArrayLike, name: str) -> NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise MeshError(f"{name} must be an array of shape (n, 3), but the rows differ in length: {error}") from error
+
+
 def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.floating]:
     """Return the vertices as a finite (V, 3) float array, without a copy where possible."""
-    array = np.asarray(vertices)
+    array = _as_array(vertices, f"{name}: vertices")
     if array.ndim != 2 or array.shape[1] != 3:
         raise MeshError(f"{name}: vertices must have shape (V, 3), not {array.shape}")
     if not np.issubdtype(array.dtype, np.floating):
@@ -162,14 +170,15 @@ def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.floating]:
         raise MeshError(f"{name}: the mesh has no vertices")
     finite = np.isfinite(array)
     if not finite.all():
-        row, axis = np.argwhere(~finite)[0]
-        raise MeshError(f"{name}: vertex {row} has a coordinate that is not finite: {'xyz'[axis]} = {array[row, axis]}")
+        vertex, axis = np.argwhere(~finite)[0]
+        coordinate = f"{'xyz'[axis]} = {array[vertex, axis]}"
+        raise MeshError(f"{name}: vertex {vertex} has a coordinate that is not finite: {coordinate}")
     return array
 
 
 def _check_faces(faces: ArrayLike, vertex_count: int, name: str) -> NDArray[np.int32]:
-    """Return the faces as an (F, 3) int32 array whose indices all name a vertex."""
-    array = np.asarray(faces)
+    """Return the faces as an (F, 3) int32 array of valid vertex indices."""
+    array = _as_array(faces, f"{name}: faces")
     if array.size == 0:
         raise MeshError(f"{name}: the mesh has no faces")
     if array.ndim != 2 or array.shape[1] != 3:
@@ -179,9 +188,9 @@ def _check_faces(faces: ArrayLike, vertex_count: int, name: str) -> NDArray[np.i
     if len(array) > MAX_FACE_COUNT:
         raise MeshError(f"{name}: the mesh has {len(array):,} faces; the limit is {MAX_FACE_COUNT:,}")
     if array.min() < 0 or array.max() >= vertex_count:
-        row, corner = np.argwhere((array < 0) | (array >= vertex_count))[0]
+        face, corner = np.argwhere((array < 0) | (array >= vertex_count))[0]
         raise MeshError(
-            f"{name}: face {row} refers to vertex {array[row, corner]}, but there are {vertex_count} vertices "
+            f"{name}: face {face} refers to vertex {array[face, corner]}, but there are {vertex_count} vertices "
             f"(0 to {vertex_count - 1})"
         )
     return np.ascontiguousarray(array, dtype=np.int32)
@@ -192,7 +201,7 @@ def _rebase(vertices: NDArray[np.floating], name: str) -> tuple[NDArray[np.float
     # The box is taken in the input's own precision, the centre and the subtraction in float64.
     lower = _reduce_points(np.minimum, vertices).astype(np.float64)
     upper = _reduce_points(np.maximum, vertices).astype(np.float64)
-    with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is refused below
+    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is refused below
         origin = lower + (upper - lower) / 2
         local = np.subtract(vertices, origin, dtype=np.float64).astype(np.float32)
     if not np.isfinite(local).all():

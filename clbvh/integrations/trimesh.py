@@ -1,4 +1,4 @@
-"""The ray engine of a `trimesh.Trimesh`: assign it to ``mesh.ray``, and everything of trimesh that casts rays uses it.
+"""The ray engine of a `trimesh.Trimesh`: assign it to ``mesh.ray``, and all ray queries of trimesh use it.
 
 Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pyembree.RayMeshIntersector``.
 """
@@ -10,19 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..build import build
+from ..builders.build import build
+from ..bvh import Bvh
 from ..device.select import choose_device
-from ..errors import DeviceError
+from ..device.settings import find_settings
+from ..errors import DeviceError, QueryError
 from ..geometry import Mesh
 from ..trace import Tracer
-from ..tree import Bvh
+from ..trace.points.inside import GENERIC_DIRECTIONS
 
-# What each ray gets at most, unless said otherwise: trimesh's default.
+# Most hits of a ray, unless the caller says otherwise: trimesh's default.
 _MAX_HITS = 100
-
-# Directions along which it is counted how often a point's rays leave the mesh. Any will do that no mesh is modelled
-# along; another one is tried where there and back do not agree, which only happens in meshes that are not closed.
-_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
 
 class RayMeshIntersector:
@@ -166,21 +164,21 @@ class RayMeshIntersector:
         closed mesh they always agree. Where they do not, a point from which one of them meets nothing is outside, and
         the others get another pair of rays.
         """
-        places = np.asarray(points, np.float64)
-        if places.ndim != 2 or places.shape[1] != 3:
-            raise ValueError("points must be (n,3)")
-        contains = np.zeros(len(places), np.bool_)
-        open_rows = np.flatnonzero(((places > self.mesh.bounds[0]) & (places < self.mesh.bounds[1])).all(axis=1))
-        for direction in _DIRECTIONS:
-            if len(open_rows) == 0:
+        points = np.asarray(points, np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise QueryError("points must be (n,3)")
+        contains = np.zeros(len(points), np.bool_)
+        undecided = np.flatnonzero(((points > self.mesh.bounds[0]) & (points < self.mesh.bounds[1])).all(axis=1))
+        for direction in GENERIC_DIRECTIONS:
+            if len(undecided) == 0:
                 break
             there, back = (
-                self._cast("count_hits", (places[open_rows], np.tile(sign * direction, (len(open_rows), 1))))
+                self._cast("count_hits", (points[undecided], np.tile(sign * direction, (len(undecided), 1))))
                 for sign in (1, -1)
             )
             agree = there % 2 == back % 2
-            contains[open_rows] = agree & (there % 2 == 1)
-            open_rows = open_rows[~agree & (there > 0) & (back > 0)]
+            contains[undecided] = agree & (there % 2 == 1)
+            undecided = undecided[~agree & (there > 0) & (back > 0)]
         return contains
 
     def close(self) -> None:
@@ -195,11 +193,11 @@ class RayMeshIntersector:
         self._content: int | None = None
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
-        """Run a query of the tracer; rays that it would refuse hit nothing."""
+        """Run a query of the tracer; rays that it refuses hit nothing."""
         tracer = self._open_tracer()
         try:
             return getattr(tracer, query)(*rays, **more)
-        except ValueError:
+        except QueryError:
             if rays[0].ndim != 2:
                 raise
             origins, directions = (np.array(values, np.float64) for values in rays)
@@ -238,7 +236,8 @@ class RayMeshIntersector:
             except DeviceError:
                 device, layout = "none", self._layout
             else:
-                device, layout = info.name, info.layout if self._layout == "auto" else self._layout
+                device = info.name
+                layout = find_settings(info).layout if self._layout == "auto" else self._layout
         return f"clbvh.RayMeshIntersector({self.mesh!r}, device={device!r}, layout={layout!r})"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -265,5 +264,5 @@ def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any],
     """Return both as arrays of one shape."""
     rays = np.asarray(origins), np.asarray(directions)
     if rays[0].shape != rays[1].shape:
-        raise ValueError("Ray origin and direction don't match!")
+        raise QueryError("Ray origin and direction don't match!")
     return rays

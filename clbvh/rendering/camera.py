@@ -1,9 +1,10 @@
-"""Where a picture is taken from."""
+"""The camera of a picture: its position and direction, its rays, and the automatic view of a mesh."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +36,15 @@ class Camera:
     ----------
     eye, look_at : (3,) float, the scene's coordinates
     up : (3,) float
-        Direction that is up in the picture; any length, not parallel to the line of sight.
+        The direction that is up in the picture; any length, not parallel to the line of sight.
     fov : float
         Vertical field of view in degrees, above 0 and below 180.
 
     Raises
     ------
     SceneError
-        The eye is where it looks, `up` is parallel to the line of sight, or the field of view is out of range.
+        A vector is not three finite numbers, `eye` equals `look_at`, `up` is parallel to the line of sight, or the
+        field of view is out of range.
     """
 
     eye: Vector
@@ -52,8 +54,8 @@ class Camera:
 
     def __post_init__(self) -> None:
         check_fov(self.fov)
-        if not np.isfinite([*self.eye, *self.look_at, *self.up]).all():
-            raise SceneError("the camera's eye, look_at and up must be finite numbers")
+        for name in ("eye", "look_at", "up"):
+            check_vector(f"the camera's {name}", getattr(self, name))
         self.axes()
 
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -61,7 +63,7 @@ class Camera:
         return make_axes(np.subtract(self.look_at, self.eye), np.asarray(self.up, np.float64))
 
     def rays(self, width: int, height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the rays that a picture of this size casts, one through the centre of each pixel.
+        """Return the rays of a picture of this size, one through the centre of each pixel.
 
         Returns
         -------
@@ -80,14 +82,25 @@ class Camera:
 
 def check_fov(fov: float) -> None:
     """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
-    if not 0 < fov < 180:
+    if not isinstance(fov, Real) or not 0 < fov < 180:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
+
+
+def check_vector(name: str, value: object) -> None:
+    """Raise `SceneError` unless a value is three finite numbers."""
+    try:
+        array = np.asarray(value)
+        is_vector = array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
+    except ValueError:  # rows of different lengths
+        is_vector = False
+    if not is_vector:
+        raise SceneError(f"{name} must be three finite numbers, not {value!r}")
 
 
 def make_axes(
     forward: NDArray[np.float64], up: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return right, up and forward as unit vectors at right angles."""
+    """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
     distance = np.linalg.norm(forward)
     if not distance > 0:
         raise SceneError("the camera's eye and look_at are the same point")
@@ -109,7 +122,7 @@ def frame_points(
     fov: float = DEFAULT_FOV,
     eye: Vector | None = None,
 ) -> Camera:
-    """Return a camera that sees all points, as large as possible, from a three-quarter view.
+    """Return a camera that sees all points from a three-quarter view, as close as possible.
 
     Parameters
     ----------
@@ -118,17 +131,17 @@ def frame_points(
     aspect : float
         Width of the picture divided by its height.
     up : (3,) float
-        Direction that is up in the picture.
+        The direction that is up in the picture.
     fov : float
         Vertical field of view in degrees.
     eye : (3,) float, optional
-        Look from here instead; the camera turns to the middle of the points' box.
+        A fixed position; the camera looks at the middle of the points' box.
 
     Notes
     -----
-    For a given direction of view the nearest position is exact: a point at (x, y, z) along right, up and forward is
-    inside the picture when abs(x - eye_x) <= (z - eye_z) tan(fov / 2), and so on; the tightest of these bounds over
-    all points give eye_x, eye_y and eye_z in closed form.
+    The nearest position for the direction of view is exact: a point at (x, y, z) along right, up and forward is inside
+    the picture if abs(x - eye_x) <= (z - eye_z) tan(fov / 2), and likewise for y; the tightest of these bounds over all
+    points give eye_x, eye_y and eye_z in closed form.
     """
     check_fov(fov)
     if eye is not None:
@@ -145,14 +158,14 @@ def frame_points(
     for begin in range(0, len(points), _CHUNK_VERTICES):
         chunk = points[begin : begin + _CHUNK_VERTICES].astype(np.float64)
         depth = chunk @ forward
-        place = chunk @ across
-        highest = np.maximum(highest, (place - depth[:, None] * tangents).max(axis=0))
-        lowest = np.minimum(lowest, (place + depth[:, None] * tangents).min(axis=0))
+        offset = chunk @ across
+        highest = np.maximum(highest, (offset - depth[:, None] * tangents).max(axis=0))
+        lowest = np.minimum(lowest, (offset + depth[:, None] * tangents).min(axis=0))
         nearest, farthest = min(nearest, depth.min()), max(farthest, depth.max())
 
     distance = float(((highest - lowest) / (2 * tangents)).max())
     size = max(farthest - nearest, float((highest - lowest).max()), _SMALLEST_DISTANCE)
-    # A flat mesh seen edge-on touches no side; and nothing may lie behind the eye.
+    # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
     distance = max(distance, -nearest + 1e-3 * size)
     centre = (highest + lowest) / 2
     eye_point = origin + across @ centre - distance * forward
@@ -166,7 +179,7 @@ def _three_quarter_direction(up: Vector) -> NDArray[np.float64]:
     if not np.isfinite(upward).all() or not np.linalg.norm(upward) > 0:
         raise SceneError(f"the camera's up must be a finite direction of length above 0, not {up}")
     upward = upward / np.linalg.norm(upward)
-    # The front is +z where y is up, and -y where z is up, as modelling programs have it.
+    # The front is +z if y is up, and -y if z is up, as in modelling programs.
     front = np.array([0.0, 0.0, 1.0]) if abs(upward[2]) < abs(upward[1]) else np.array([0.0, -1.0, 0.0])
     front = front - upward * (front @ upward)
     front /= np.linalg.norm(front)

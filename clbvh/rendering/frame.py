@@ -1,4 +1,4 @@
-"""One picture on the device: band by band, so that its size is bounded by the host's memory only."""
+"""One picture on the device, band by band, so that only the host's memory bounds its size."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device.program import build_kernels
+from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..device.settings import find_settings
-from ..layout import HIT
+from ..structs import HIT
 from ..trace.device_tree import DeviceTree
-from ..trace.entries import TileEntries
+from ..trace.rays.entry_points import find_entry_points
 
 # Pixels per kernel launch: 320 MiB of colours and hits on the device. A 4K picture is one launch.
 BAND_PIXELS = 2**24
@@ -38,45 +38,52 @@ class FrameRenderer:
     def __init__(self, session: DeviceSession, tree: DeviceTree, tile: tuple[int, int] | None = None) -> None:
         self._session = session
         self._tree = tree
-        self._tile = find_settings(session.info).tile if tile is None else tile
+        self._tile = tile or session.settings.tile
         kernels = build_kernels(session, "render", tree.defines)
         self._kernel = kernels["render"]
-        self._entries = TileEntries(session, tree, kernels.get("view_entries"))
+        # Absent in a layout without entry points.
+        self._entry_point_kernel = kernels.get("view_entry_points")
 
     def render(self, view: NDArray[np.void]) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
         """Return the colours and the hits of one view.
 
         Parameters
         ----------
-        view : (1,) `layout.VIEW`
+        view : (1,) `structs.VIEW`
 
         Returns
         -------
         colours : (height, width, 4) uint8
             Red, green, blue, and 255 where something is hit.
-        hits : (height, width) `layout.HIT`
+        hits : (height, width) `structs.HIT`
         """
         session = self._session
         width, height = int(view["width"][0]), int(view["height"][0])
         colours = np.empty((height, width, _CHANNELS), np.uint8)
         hits = np.empty((height, width), HIT)
-        band_rows = min(height, max(1, BAND_PIXELS // width))
+        band_pixels = session.fit_items(HIT.itemsize, BAND_PIXELS)
+        band_rows = min(height, max(1, band_pixels // width))
         view_buffer = session.upload(view)
         colour_buffer = session.allocate(band_rows * width * _CHANNELS)
         hit_buffer = session.allocate(band_rows * width * HIT.itemsize)
+        entry_point_buffer = ReusableBuffer(session)
         try:
             for first_row in range(0, height, band_rows):
                 row_count = min(band_rows, height - first_row)
-                size, rows = (width, row_count), (np.int32(first_row), np.int32(row_count))
-                entries = self._entries.find(size, self._tile, view_buffer, *rows)
+                band = {"view": view_buffer, "first_row": np.int32(first_row), "row_count": np.int32(row_count)}
+                work_size, entry_points = (width, row_count), None
+                if self._entry_point_kernel is not None:
+                    entry_points = find_entry_points(
+                        session, self._tree, self._entry_point_kernel, entry_point_buffer, work_size, self._tile, **band
+                    )
                 session.run(
-                    self._kernel, size, self._tile,
-                    *self._tree.arguments, entries, view_buffer, *rows, colour_buffer, hit_buffer,
+                    self._kernel, work_size, self._tile,
+                    **self._tree.arguments, **band, entry_points=entry_points, colours=colour_buffer, hits=hit_buffer,
                 )  # fmt: skip
                 session.download(colour_buffer, colours[first_row : first_row + row_count])
                 session.download(hit_buffer, hits[first_row : first_row + row_count])
         finally:
-            self._entries.release()
+            entry_point_buffer.release()
             for buffer in (view_buffer, colour_buffer, hit_buffer):
                 session.release(buffer)
         return colours, hits

@@ -1,4 +1,4 @@
-"""What a rendering writes: pictures and hits, each complete or not at all."""
+"""Files of pictures and of hits, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..trace.hits import Hits
-from ..whole_file import check_target, write_whole
+from ..support.atomic_file import check_target, write_atomically
+from ..trace.hits.hits import Hits
 
 PICTURE_SUFFIXES = (".ppm", ".png")
 HITS_SUFFIX = ".npz"
 
 
 def check_picture_path(path: Path) -> None:
-    """Raise `ConfigError` unless a picture can be written there; for a check before the work begins."""
+    """Raise `ConfigError` unless a picture can be written there; for checks before the work begins."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
         raise ConfigError(f"{path}: a picture's name must end in {' or '.join(PICTURE_SUFFIXES)}")
     check_target(path)
@@ -25,7 +25,7 @@ def check_picture_path(path: Path) -> None:
 def check_hits_path(path: Path) -> None:
     """Raise `ConfigError` unless hits can be written there."""
     if path.suffix.lower() != HITS_SUFFIX:
-        raise ConfigError(f"{path}: the name of a file of hits must end in {HITS_SUFFIX}")
+        raise ConfigError(f"{path}: the name of a hits file must end in {HITS_SUFFIX}")
     check_target(path)
 
 
@@ -38,13 +38,13 @@ def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
     rgb : (height, width, 3) uint8
     """
     check_picture_path(path)
-    # Imported here: it takes 0.1 s that a failed run need not spend.
+    # Imported here: it takes 0.1 s, which a failed run should not spend.
     from imageio import v3 as imageio
 
-    write_whole(path, lambda file: imageio.imwrite(file, rgb, extension=path.suffix.lower(), plugin="pillow"))
+    write_atomically(path, lambda file: imageio.imwrite(file, rgb, extension=path.suffix.lower(), plugin="pillow"))
 
 
 def write_hits(path: Path, hits: Hits) -> None:
     """Write hits as a numpy archive with the arrays t, u, v and prim_id, in the shape of the hits."""
     check_hits_path(path)
-    write_whole(path, lambda file: np.savez(file, t=hits.t, u=hits.u, v=hits.v, prim_id=hits.prim_id))
+    write_atomically(path, lambda file: np.savez(file, t=hits.t, u=hits.u, v=hits.v, prim_id=hits.prim_id))

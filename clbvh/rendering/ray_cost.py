@@ -1,26 +1,26 @@
-"""What a tree costs three kinds of rays: those of a picture, random ones, and those that leave its surface."""
+"""The cost of a tree for three kinds of rays: those of a picture, random ones, and those that leave the surface."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bvh import Bvh
 from ..geometry import Mesh
-from ..render.camera import Camera
-from ..trace.visits import Visits, count_visits
-from ..tree import Bvh
+from ..trace.oracle.visits import Visits, count_visits
+from .camera import Camera
 
-# Rays of each kind. Means over 50,000 are within 0.5 % of those over 500,000, of dragon, bunny and palace.
+# Rays of each kind. Means over 50,000 rays are within 0.5 % of means over 500,000, for dragon, bunny and palace.
 RAY_COUNT = 50_000
 
-# Rays leave the surface this far above it, in sizes of the mesh: float32 has to see that they do.
+# Distance from the surface at which rays start, in sizes of the mesh: large enough for float32 to resolve.
 _LIFT = 1e-5
 
 _Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RAY_COUNT) -> dict[str, Visits]:
-    """Count what rays visit.
+    """Count the node steps and triangle tests of rays.
 
     Parameters
     ----------
@@ -29,13 +29,13 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
     aspect : float
         Width of its picture divided by the height.
     ray_count : int, optional
-        Of each kind, about.
+        The approximate number of rays of each kind.
 
     Returns
     -------
     dict of str to Visits
-        ``"picture"``: the camera's. ``"random"``: from anywhere in the mesh's box in any direction. ``"surface"``: from
-        anywhere on the surface, on either side, as light leaves a matt one. The same rays for the same mesh and camera.
+        ``"picture"``: the camera's rays. ``"random"``: uniform in the mesh's box, in any direction. ``"surface"``:
+        uniform over the surface, to either side, distributed by the cosine. The same rays for the same mesh and camera.
     """
     generator = np.random.default_rng(0)
     height = max(1, round((ray_count / aspect) ** 0.5))
@@ -56,7 +56,7 @@ def _random_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Ray
 
 
 def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Rays:
-    """Return rays from places that are uniform over the surface; none for a mesh without area."""
+    """Return rays from points that are uniform over the surface; none for a mesh without area."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
@@ -65,11 +65,11 @@ def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Ra
     chosen = generator.choice(len(areas), count, p=areas / areas.sum())
     a, b, c = corners[chosen].transpose(1, 0, 2)
     root, share = np.sqrt(generator.random((count, 1))), generator.random((count, 1))
-    places = (1 - root) * a + root * (1 - share) * b + root * share * c
+    points = (1 - root) * a + root * (1 - share) * b + root * share * c
 
     # A unit normal plus a point of the unit sphere is distributed by the cosine.
     upward = normals[chosen] / areas[chosen, None] * generator.choice([-1.0, 1.0], (count, 1))
     sphere = generator.normal(size=(count, 3))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    return places + _LIFT * size * upward + mesh.origin, sphere + upward
+    return points + _LIFT * size * upward + mesh.origin, sphere + upward

@@ -1,9 +1,12 @@
-"""The whole way from a scene to a picture: load, build, upload, render. The one place that knows the order."""
+"""From a scene to a picture: load, build, open the device, render.
+
+Owns the order of these steps and their timings; each step is another file's.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -11,34 +14,34 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..build.builder import BUILDERS, leaf_limit
-from ..build.options import MAX_DEPTH
-from ..device.select import DeviceInfo
+from ..builders.options import MAX_DEPTH
+from ..builders.registry import BUILDERS, leaf_limit
+from ..builders.tree_maker import MadeTree, TreeMaker, TreeOptions
+from ..bvh import Bvh, sah_cost, validate_tree
+from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..errors import ConfigError, ValidationError
 from ..geometry import Mesh
-from ..stopwatch import Stopwatch
+from ..support.stopwatch import Stopwatch, add_total
 from ..trace.device_tree import BRUTE, DeviceTree, check_layout
-from ..trace.hits import Hits
-from ..trace.reference import find_differences
-from ..tree import Bvh, sah_cost, validate_tree
+from ..trace.hits.hits import Hits
+from ..trace.oracle.reference import find_differences
 from .camera import Camera
 from .frame import FrameRenderer
 from .scene import Scene
 from .scene_file import open_scene
-from .tree_maker import MadeTree, TreeMaker, TreeOptions
 from .view import make_view
 
-# Without a tree, cost is rays times triangles: above this many triangles that is no comparison but a hang.
+# Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
 BRUTE_LIMIT = 100_000
 
-# Ray-triangle tests that a validation may spend: about a second.
+# Most ray-triangle tests of a validation: about a second.
 _VALIDATION_TESTS = 50_000_000
 
 
 @dataclass(frozen=True)
 class RenderOptions(TreeOptions):
-    """How to render a scene, apart from what it shows.
+    """The options of a rendering that do not change the picture.
 
     Attributes
     ----------
@@ -47,8 +50,8 @@ class RenderOptions(TreeOptions):
     device : DeviceInfo, str, int or None
         See `choose_device`.
     layout : str
-        Layout of the tree on the device, or ``"auto"``: what suits the device, and ``"bvh2"`` for the builder
-        ``"frontier"``, since a wide layout cuts the large leaves that this builder is about.
+        Layout of the tree on the device, or ``"auto"``: the one that suits the device, but ``"bvh2"`` for the builder
+        ``"frontier"``, because a wide layout would split its large leaves.
     validate : bool
         Check the tree, and compare a sample of the pixels with the slow reference.
     """
@@ -65,7 +68,7 @@ class RenderOptions(TreeOptions):
 
     @property
     def chosen_layout(self) -> str:
-        """`layout`, or ``"auto"`` where the device is to choose."""
+        """The layout to ask the device for, with ``"auto"`` resolved where the builder decides."""
         return "bvh2" if self.layout == "auto" and self.builder == "frontier" else self.layout
 
 
@@ -79,7 +82,7 @@ class Picture:
     hits : Hits
         Each (height, width); t in object units from the eye, prim_id in the face order of the mesh's file.
     camera : Camera
-        Where the picture was taken from.
+        The camera of the picture.
     mesh : Mesh
     bvh : Bvh or None
         None without a tree.
@@ -88,15 +91,15 @@ class Picture:
     workers : int
         Processes that built the tree; 0 when it came from the cache.
     timings : dict of str to float
-        Milliseconds: load, pool_start (overlaps with load), cache (look for the tree, or keep it), build, compile,
-        upload, kernel, download, and total, the wall time of all of it. Upload, kernel and download are the device's
-        own times.
+        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, compile
+        (open the device, compile the kernels), layout (arrange the tree for the device), upload, kernel, download (the
+        device's own times), other (between these phases), and total: the wall time, the sum of all but pool_start.
     tree_from_cache : bool
-        Whether the tree was taken from the cache.
+        Whether the tree came from the cache.
     notes : tuple of str
-        What a user should know and what is no error.
+        Facts that a user should know but that are no errors.
     validated_pixels : int
-        How many pixels were compared with the reference.
+        The number of pixels that were compared with the reference.
     """
 
     rgb: NDArray[np.uint8]
@@ -113,7 +116,7 @@ class Picture:
     validated_pixels: int = 0
 
     def report(self) -> dict[str, Any]:
-        """Return the figures of the run, for a table or for JSON."""
+        """Return the numbers of the run, for a table or for JSON."""
         rays = self.hits.prim_id.size
         return {
             "mesh": self.mesh.name,
@@ -147,7 +150,7 @@ def render(
     Parameters
     ----------
     scene : Scene, str or path
-        A scene, a scene file, or whatever else `open_scene` takes.
+        A scene, or anything that `open_scene` takes.
     options : RenderOptions, optional
     on_phase : function, optional
         Called with the name of each phase as it begins.
@@ -196,6 +199,7 @@ def render(
         watch.lap("open")
         tree = DeviceTree(session, mesh, bvh, options.chosen_layout)
         watch.lap("layout")
+        tree_upload_ms = session.times.sums_ms()["upload"]
         renderer = FrameRenderer(session, tree)
         watch.lap("compile")
 
@@ -203,17 +207,7 @@ def render(
         colours, device_hits = renderer.render(make_view(scene, camera, mesh))
         total_ms = watch.total_ms
         hits = Hits.from_device(device_hits, mesh)
-
-        device_ms = session.times.sums_ms()
-        timings = {
-            "load": watch.laps_ms["load"],
-            **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
-            "compile": watch.laps_ms["open"] + watch.laps_ms["compile"],
-            "upload": device_ms["upload"],
-            "kernel": device_ms["kernel"],
-            "download": device_ms["download"],
-            "total": total_ms,
-        }
+        timings = _list_timings(watch.laps_ms, made, tree_upload_ms, session.times.sums_ms(), total_ms)
         validated = 0
         if options.validate:
             on_phase("validate")
@@ -234,13 +228,32 @@ def render(
     )
 
 
+def _list_timings(
+    laps_ms: Mapping[str, float],
+    made: MadeTree | None,
+    tree_upload_ms: float,
+    device_ms: Mapping[str, float],
+    total_ms: float,
+) -> dict[str, float]:
+    """Return the timings of a `Picture`; `device_ms` are the device's own times, the tree's upload included."""
+    phases_ms = {
+        "load": laps_ms["load"],
+        **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
+        "compile": laps_ms["open"] + laps_ms["compile"],
+        # The tree is uploaded as it is arranged; the upload has a row of its own.
+        "layout": max(laps_ms["layout"] - tree_upload_ms, 0.0),
+        **{phase: device_ms[phase] for phase in ("upload", "kernel", "download")},
+    }
+    return add_total(phases_ms, total_ms, overlapping=("pool_start",))
+
+
 def _validate(mesh: Mesh, bvh: Bvh | None, camera: Camera, hits: Hits, options: RenderOptions) -> int:
-    """Check the tree and a sample of the pixels; return how many pixels that was."""
+    """Check the tree and a sample of the pixels; return the number of pixels."""
     if bvh is not None:
         validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_limit(options.builder, options.build))
     height, width = hits.prim_id.shape
     pixel_count = min(width * height, max(1, _VALIDATION_TESTS // mesh.face_count))
-    # Evenly spread over the picture, the same ones each time; all of them when they are few.
+    # Spread evenly over the picture, the same ones each time; all of them if there are few.
     pixels = np.linspace(0, width * height - 1, pixel_count).astype(np.int64)
     origins, directions = camera.rays(width, height)
     differences = find_differences(

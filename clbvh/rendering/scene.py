@@ -1,10 +1,14 @@
-"""What a picture shows: a mesh, a camera, light and colours. `scene_file.py` reads one from a file."""
+"""The content of a picture: mesh, camera, light and colours.
+
+Owns the checks of these values; `scene_file.py` reads them from a file.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +17,10 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh, load_mesh
-from ..geometry.known import find_known_mesh
-from ..geometry.shapes import make_shape
-from ..layout import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, frame_points
+from ..geometry.fetch import find_known_mesh
+from ..geometry.shapes.make_shape import make_shape
+from ..structs import SHADINGS
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, frame_points
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -25,7 +29,7 @@ DEFAULT_SHADING = "lambert+shadow"
 
 @dataclass(frozen=True)
 class Light:
-    """One directed light, and an even one from the sky and the ground. Colours are linear, 0 to 1.
+    """A directed light, and ambient light from the sky and the ground. Colours are linear, 0 to 1.
 
     Attributes
     ----------
@@ -35,6 +39,11 @@ class Light:
         Of the directed light, on a surface that faces it.
     sky, ground : (3,) float
         On a surface that faces up, and one that faces down.
+
+    Raises
+    ------
+    SceneError
+        A value is not three finite numbers, or the direction is zero.
     """
 
     direction: Vector | None = None
@@ -42,14 +51,22 @@ class Light:
     sky: Vector = (0.19, 0.21, 0.24)
     ground: Vector = (0.07, 0.065, 0.06)
 
+    def __post_init__(self) -> None:
+        for name in ("colour", "sky", "ground"):
+            check_vector(f"the light's {name}", getattr(self, name))
+        if self.direction is not None:
+            check_vector("the light's direction", self.direction)
+            if not any(self.direction):
+                raise SceneError("the light's direction must not be zero")
+
     def with_direction(self, direction: Vector | None) -> Light:
-        """Return a copy that shines from elsewhere."""
+        """Return a copy with another direction."""
         return dataclasses.replace(self, direction=direction)
 
 
 @dataclass(frozen=True)
 class MeshSource:
-    """Where a scene's mesh comes from: exactly one of `path`, `name` and `shape`.
+    """The source of a scene's mesh: exactly one of `path`, `name` and `shape`.
 
     Attributes
     ----------
@@ -59,6 +76,11 @@ class MeshSource:
         A known mesh, such as ``bunny``.
     shape : str
         A procedural shape, with `triangles`, `seed` and the shape's own `options`.
+
+    Raises
+    ------
+    SceneError
+        None of the three is given, or several.
     """
 
     path: str | None = None
@@ -68,8 +90,12 @@ class MeshSource:
     seed: int = 0
     options: dict[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if sum(value is not None for value in (self.path, self.name, self.shape)) != 1:
+            raise SceneError("the mesh needs exactly one of path, name and shape")
+
     def load(self) -> Mesh:
-        """Return the mesh; raises `MeshError` or `ConfigError`."""
+        """Return the mesh; raise `MeshError` or `ConfigError` if there is none."""
         if self.shape is not None:
             return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
         return load_mesh(self.file())
@@ -79,7 +105,7 @@ class MeshSource:
         return find_known_mesh(self.name) if self.name is not None else Path(str(self.path))
 
     def estimate_face_count(self) -> int:
-        """Return about how many triangles there will be, without reading them; 0 where the file is missing."""
+        """Return the approximate number of triangles without reading them; 0 if the file is missing."""
         if self.shape is not None:
             return self.triangles
         file = self.file()
@@ -92,7 +118,7 @@ _BYTES_PER_FACE = 30
 
 @dataclass(frozen=True)
 class Transform:
-    """How the mesh is placed: scaled, then turned, then moved.
+    """The placement of the mesh: scaled, then rotated, then translated.
 
     Attributes
     ----------
@@ -101,42 +127,51 @@ class Transform:
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
+
+    Raises
+    ------
+    SceneError
+        A value is not finite, or the scale is zero.
     """
 
     scale: float = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.scale, Real) or not math.isfinite(self.scale) or self.scale == 0:
+            raise SceneError(f"the transform's scale must be a finite number other than 0, not {self.scale!r}")
+        check_vector("the transform's rotate", self.rotate)
+        check_vector("the transform's translate", self.translate)
+
     def apply(self, mesh: Mesh) -> Mesh:
         """Return the mesh in the scene's coordinates."""
         if self == Transform():
             return mesh
-        if self.scale == 0:
-            raise SceneError("the transform's scale must not be 0")
-        turn = np.eye(3)
+        rotation = np.eye(3)
         for axis, degrees in enumerate(self.rotate):
-            turn = _rotation(axis, math.radians(degrees)) @ turn
-        points = (mesh.vertices + mesh.origin) * self.scale @ turn.T + np.asarray(self.translate)
+            rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
+        points = (mesh.vertices + mesh.origin) * self.scale @ rotation.T + np.asarray(self.translate)
         return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that decides what a picture shows.
+    """Everything that determines the content of a picture.
 
     Attributes
     ----------
     mesh : MeshSource
     transform : Transform
     eye, look_at : (3,) float, or None
-        None: the camera frames the mesh by itself.
+        None: chosen so that the whole mesh is visible.
     up : (3,) float
-        Direction that is up in the picture.
+        The direction that is up in the picture.
     fov : float
-        Vertical field of view, degrees.
+        Vertical field of view in degrees.
     light : Light
     shading : str
-        One of `layout.SHADINGS`: ``lambert``, ``lambert+shadow``, ``normal``, ``depth``.
+        One of `structs.SHADINGS`: ``lambert``, ``lambert+shadow``, ``normal``, ``depth``.
     surface : (3,) float
         Linear colour of the mesh.
     background : pair of (3,) float
@@ -147,7 +182,7 @@ class Scene:
     Raises
     ------
     SceneError
-        A value out of range.
+        A value is out of range.
     """
 
     mesh: MeshSource
@@ -167,14 +202,22 @@ class Scene:
         if self.shading not in SHADINGS:
             raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
         for name, side in (("width", self.width), ("height", self.height)):
-            if not 1 <= side <= MAX_SIDE:
+            if not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
                 raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
         check_fov(self.fov)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
+        for name in ("eye", "look_at", "up"):
+            if getattr(self, name) is not None:
+                check_vector(f"the camera's {name}", getattr(self, name))
+        check_vector("the surface colour", self.surface)
+        if not isinstance(self.background, tuple | list) or len(self.background) != 2:
+            raise SceneError(f"the background must be two colours, top and bottom, not {self.background!r}")
+        for colour in self.background:
+            check_vector("a background colour", colour)
 
     def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that frames the mesh."""
+        """Return the camera: the one that was asked for, or one that sees the whole mesh."""
         if self.eye is not None and self.look_at is not None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
         return frame_points(
@@ -187,15 +230,15 @@ class Scene:
         )
 
     def with_changes(self, **changes: Any) -> Scene:
-        """Return a copy with the changes that are not None."""
+        """Return a copy with those changes that are not None."""
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
 
 
-def _rotation(axis: int, angle: float) -> NDArray[np.float64]:
+def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:
     """Return the right-handed rotation about one axis, (3, 3) float64."""
-    turn = np.eye(3)
+    rotation = np.eye(3)
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn[first, first] = turn[second, second] = math.cos(angle)
-    turn[second, first] = math.sin(angle)
-    turn[first, second] = -math.sin(angle)
-    return turn
+    rotation[first, first] = rotation[second, second] = math.cos(angle)
+    rotation[second, first] = math.sin(angle)
+    rotation[first, second] = -math.sin(angle)
+    return rotation

@@ -1,4 +1,4 @@
-"""Scene files: TOML tables become a `Scene`, and whatever they must not say becomes an error that names it."""
+"""Scene files: TOML tables become a `Scene`; unknown keys and values of the wrong type become errors that name them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, SceneError
-from ..resources import find_folder
+from ..support.resources import find_folder
 from .camera import Vector
 from .scene import Light, MeshSource, Scene, Transform
 
@@ -19,7 +19,7 @@ _TABLES = ("mesh", "transform", "camera", "light", "image")
 
 
 def open_scene(source: str | os.PathLike[str]) -> Scene:
-    """Return the scene that a path or a name stands for.
+    """Return the scene of a path or a name.
 
     Parameters
     ----------
@@ -30,9 +30,12 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     SceneError
-        The scene file is missing or says something that it must not.
+        The scene file is missing, or has an unknown key or an invalid value.
     """
-    text = os.fspath(source)
+    try:
+        text = os.fspath(source)
+    except TypeError as error:
+        raise SceneError(f"a scene is a Scene, or the name or path of one, not {source!r}") from error
     if text.endswith(SCENE_SUFFIX):
         return read_scene(Path(text))
     shipped = find_folder("scenes") / f"{text}{SCENE_SUFFIX}"
@@ -42,12 +45,12 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
 
 
 def read_scene(path: Path) -> Scene:
-    """Read a scene file; see `docs/scenes.md` for what it may say.
+    """Read a scene file; `docs/scenes.md` lists its keys.
 
     Raises
     ------
     SceneError
-        The file is missing, not TOML, or has a key or a value that it must not; the message names it.
+        The file is missing, not TOML, or has an unknown key or an invalid value, which the message names.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -68,7 +71,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def _make_scene(tables: dict[str, Any], folder: Path) -> Scene:
-    """Turn the tables of a scene file into a scene; what they leave out has the default."""
+    """Make a scene from the tables of a scene file; missing keys have their defaults."""
     _refuse_unknown(tables, _TABLES, "the scene")
     if "mesh" not in tables:
         raise SceneError("the scene has no [mesh] table: it needs a path, a name or a shape")
@@ -111,13 +114,12 @@ def _make_scene(tables: dict[str, Any], folder: Path) -> Scene:
 
 def _make_mesh_source(table: _Table, folder: Path) -> MeshSource:
     path, name, shape = table.text("path"), table.text("name"), table.text("shape")
-    if sum(value is not None for value in (path, name, shape)) != 1:
-        raise SceneError("[mesh] needs exactly one of path, name and shape")
+    source: dict[str, Any] = {"path": None if path is None else str(folder / path), "name": name, "shape": shape}
     if shape is None:
         table.refuse_rest()
-        return MeshSource(path=None if path is None else str(folder / path), name=name)
-    given = _given(triangles=table.integer("triangles"), seed=table.integer("seed"))
-    return MeshSource(shape=shape, options=table.rest_as_numbers(), **given)
+        return MeshSource(**source)
+    numbers = _given(triangles=table.integer("triangles"), seed=table.integer("seed"))
+    return MeshSource(**source, **numbers, options=table.rest_as_numbers())
 
 
 def _given(**values: Any) -> dict[str, Any]:
@@ -131,7 +133,7 @@ def _refuse_unknown(given: Any, known: tuple[str, ...], where: str) -> None:
 
 
 class _Table:
-    """One table of a scene file; every getter takes its key out, so that what is left is unknown."""
+    """One table of a scene file; every getter removes its key, so the keys that are left are unknown."""
 
     def __init__(self, name: str, values: dict[str, Any]) -> None:
         self._name = name
@@ -152,7 +154,7 @@ class _Table:
         return None if value is None else tuple(float(part) for part in value)  # type: ignore[return-value]
 
     def gradient(self, key: str) -> tuple[Vector, Vector] | None:
-        """Take one colour, or two: of the top and of the bottom."""
+        """Take one colour, or two: top and bottom."""
         value = self._take(
             key,
             "a colour of three numbers, or two of them: top and bottom",
@@ -166,20 +168,20 @@ class _Table:
         return tuple(map(float, top)), tuple(map(float, bottom))  # type: ignore[return-value]
 
     def rest_as_numbers(self) -> dict[str, float]:
-        """Take all that is left; each value must be a number."""
+        """Take all keys that are left; each value must be a number."""
         return {key: self.number(key) or 0.0 for key in list(self._values)}
 
     def refuse_rest(self) -> None:
-        """Raise for a key that nobody took."""
+        """Raise `SceneError` for a key that was not taken."""
         _refuse_unknown(self._values, tuple(self._known), f"[{self._name}]")
 
-    def _take(self, key: str, what: str, is_right: Any) -> Any:
+    def _take(self, key: str, expected: str, is_valid: Any) -> Any:
         self._known.append(key)
         if key not in self._values:
             return None
         value = self._values.pop(key)
-        if not is_right(value):
-            raise SceneError(f"[{self._name}] {key} must be {what}, not {value!r}")
+        if not is_valid(value):
+            raise SceneError(f"[{self._name}] {key} must be {expected}, not {value!r}")
         return value
 
 

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..build.builder import build
+from ..builders.build import build
+from ..device.info import DeviceInfo
 from ..device.program import build_kernel
-from ..device.select import DeviceInfo
+from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
 from ..device.settings import Settings, default_settings
 from ..geometry import Mesh
-from ..geometry.shapes import make_shape
-from ..layout import HIT, LAYOUT_WIDTHS, RAY
+from ..geometry.shapes.make_shape import make_shape
+from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY
 from ..trace.device_tree import DeviceTree
-from ..trace.entries import open_tile_entries
+from ..trace.rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from .camera import Camera, frame_points
 from .frame import FrameRenderer
 from .scene import MeshSource, Scene
@@ -28,10 +29,10 @@ TRIANGLES = 100_000
 WIDTH, HEIGHT = 640, 360
 _RUNS = 5
 
-_GROUP_SIZES = (16, 32, 64, 128, 256)
+_WORK_GROUP_SIZES = (16, 32, 64, 128, 256)
 _TILES = ((4, 4), (8, 4), (8, 8), (16, 8), (16, 16), (32, 4), (64, 1))
 
-# What is not faster by this share than the rule's choice does not replace it: that may be chance.
+# A choice replaces the rule's only if it is faster by this share: less may be chance.
 _LEAST_GAIN = 0.02
 
 
@@ -42,7 +43,7 @@ class Trial:
     Attributes
     ----------
     what : str
-        ``"layout"``, ``"group size"`` or ``"tile"``.
+        ``"layout"``, ``"work-group size"`` or ``"tile"``.
     choice : str
     ms : float
         Of the kernels, the fastest of several runs: one over neighbouring and one over shuffled rays, or a picture.
@@ -96,27 +97,40 @@ def tune(
         results = session.allocate(ray_count * HIT.itemsize)
         largest = session.info.cl_device.max_work_group_size
 
-        def casts(tree: DeviceTree, group_size: int) -> Callable[[], None]:
+        def casts(tree: DeviceTree, work_group_size: int) -> Callable[[], None]:
             kernel = build_kernel(session, "closest_hit", tree.defines)
-            entries = open_tile_entries(session, tree)
-            shape, tile = (ray_count, 1), (group_size, 1)
-            counts = np.int32(ray_count), np.int32(ray_count)
+            entry_point_kernel = None
+            if tree.has_entry_points:
+                entry_point_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines)
+            entry_point_buffer = ReusableBuffer(session)
+            work_size, work_group = (ray_count, 1), (work_group_size, 1)
 
             def run() -> None:
                 for rays, is_coherent in orders:
-                    # As they are, in no other order.
-                    begins = entries.find(shape, tile, rays, *counts) if is_coherent else None
-                    session.run(kernel, shape, tile, *tree.arguments, rays, results, *counts, None, begins)
+                    described = {"rays": rays, "ray_count": np.int32(ray_count), "row_length": np.int32(ray_count)}
+                    entry_points = None
+                    if is_coherent and entry_point_kernel is not None:
+                        entry_points = find_entry_points(
+                            session, tree, entry_point_kernel, entry_point_buffer, work_size, work_group, **described
+                        )
+                    session.run(
+                        kernel, work_size, work_group,
+                        **tree.arguments, **described, hits=results, order=None, entry_points=entry_points,
+                    )  # fmt: skip
 
             return run
 
         tasks: dict[Any, Callable[[], None]] = {
-            layout: casts(tree, chosen.group_size) for layout, tree in trees.items()
+            layout: casts(tree, chosen.work_group_size) for layout, tree in trees.items()
         }
         layout = _choose(trials, "layout", _measure(session, tasks), chosen.layout)
         tree = trees[layout]
-        tasks = {group_size: casts(tree, group_size) for group_size in _GROUP_SIZES if group_size <= largest}
-        group_size = _choose(trials, "group size", _measure(session, tasks), chosen.group_size)
+        tasks = {
+            work_group_size: casts(tree, work_group_size)
+            for work_group_size in _WORK_GROUP_SIZES
+            if work_group_size <= largest
+        }
+        work_group_size = _choose(trials, "work-group size", _measure(session, tasks), chosen.work_group_size)
 
         scene = Scene(mesh=MeshSource(shape="knot"), width=size[0], height=size[1], shading="lambert+shadow")
         view = make_view(scene, camera, mesh)
@@ -124,14 +138,14 @@ def tune(
             tile: _renders(FrameRenderer(session, tree, tile), view) for tile in _TILES if tile[0] * tile[1] <= largest
         }
         tile = _choose(trials, "tile", _measure(session, tasks), chosen.tile)
-        chosen = Settings(layout, group_size, tile, is_measured=True)
+        chosen = Settings(layout, work_group_size, tile, is_measured=True)
         return session.info, chosen, trials
 
 
 def _make_rays(camera: Camera, mesh: Mesh, size: tuple[int, int]) -> list[NDArray[np.void]]:
     """Return the rays of a picture, in its order and shuffled."""
     origins, directions = camera.rays(*size)
-    rays = np.zeros(size[0] * size[1], RAY)
+    rays = np.zeros(size[0] * size[1], PACKED_RAY)
     rays["origin"] = origins.reshape(-1, 3) - mesh.origin
     rays["direction"] = directions.reshape(-1, 3)
     rays["t_max"] = np.inf

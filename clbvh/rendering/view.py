@@ -1,4 +1,4 @@
-"""A scene as the render kernel takes it: one `layout.VIEW`."""
+"""A scene in the form that the render kernel takes: one `structs.VIEW`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError
 from ..geometry import Mesh
-from ..layout import SHADINGS, VIEW
+from ..structs import SHADINGS, VIEW
 from .camera import Camera
 from .scene import Scene
 
-# The automatic light, in the camera's frame: towards the viewer, to the left, and well above.
+# The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
 
 def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
-    """Return the view of a mesh, (1,) `layout.VIEW`.
+    """Return the view of a mesh, (1,) `structs.VIEW`.
 
     Parameters
     ----------
@@ -58,17 +57,14 @@ def _light_direction(
         towards = _LIGHT_ABOVE * up - _LIGHT_LEFT * right - _LIGHT_TOWARDS * forward
     else:
         towards = np.asarray(scene.light.direction, np.float64)
-    length = np.linalg.norm(towards)
-    if not length > 0:
-        raise SceneError("the light's direction must not be zero")
-    return towards / length
+    return towards / np.linalg.norm(towards)
 
 
 def _depth_range(mesh: Mesh, eye: NDArray[np.float64], forward: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the distances along the line of sight between which the corners of the mesh's box lie."""
+    """Return the nearest and the farthest distance of the mesh's box along the line of sight."""
     lower, upper = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
     nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
     farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
     nearest = max(nearest, 0.0)
-    # A mesh without depth is white all over.
+    # A mesh without depth is drawn white.
     return nearest, farthest if farthest > nearest else nearest + 1.0

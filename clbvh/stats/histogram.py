@@ -1,4 +1,4 @@
-"""Histograms that have to fit somewhere: long ones are gathered into a few bars."""
+"""Histograms for little space: neighbouring values are gathered into bars of equal width."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Bar:
-    """How often values from `first` to `last` occur, both included."""
+    """The number of occurrences of the values from `first` to `last`, both included."""
 
     first: int
     last: int
@@ -16,7 +16,7 @@ class Bar:
 
     @property
     def label(self) -> str:
-        """What stands beside the bar."""
+        """The text beside the bar."""
         return str(self.first) if self.first == self.last else f"{self.first} to {self.last}"
 
 
@@ -26,14 +26,14 @@ def gather_bars(counts: Sequence[int], most_bars: int) -> list[Bar]:
     Parameters
     ----------
     counts : sequence of int
-        How often 0, 1, 2, ... occur.
+        Numbers of occurrences of 0, 1, 2, ...
     most_bars : int
-        As many as fit.
+        The number of bars that fit.
 
     Returns
     -------
     list of Bar
-        From the lowest value that occurs to the highest one; empty when none does.
+        From the lowest occurring value to the highest; empty if none occurs.
     """
     occurring = [value for value, count in enumerate(counts) if count > 0]
     if not occurring:

@@ -1,7 +1,7 @@
-"""End-point overlap: how much of the surface lies in boxes of nodes that have nothing to do with it.
+"""End-point overlap: the share of the surface that lies in boxes of nodes which do not hold it.
 
-A ray that ends on a surface must visit every node whose box holds the end point, also those whose subtree does not
-have the triangle that it hits. The measure sums up just this, and explains differences between trees of equal SAH cost
+A ray that ends on a surface must visit every node whose box holds the end point, even if the subtree does not hold the
+triangle that is hit. The measure sums these visits up, and explains differences between trees of equal SAH cost
 (Aila, Karras and Laine, "On quality metrics of bounding volume hierarchies", HPG 2013).
 """
 
@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..bvh.bvh import Bvh
 from ..errors import ConfigError
-from ..layout import NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
-from .bvh import Bvh
+from ..structs import NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
+from ..support.compiled import compiled
 
-# A triangle that is clipped by six planes gains at most one vertex from each.
+# A triangle that is clipped by six planes gains at most one vertex from each plane.
 _MAX_VERTICES = 9
 
 
@@ -27,10 +27,9 @@ class Overlap:
     Attributes
     ----------
     epo : float
-        Expected cost of the needless node visits at the end of a ray that ends anywhere on the surface, each place
-        being as likely as any other.
+        Expected cost of the needless node visits at the end of a ray, whose end points are uniform over the surface.
     triangle_count : int
-        Triangles that were measured: all of them, or a sample.
+        The number of triangles measured: all of them, or a sample.
     """
 
     epo: float
@@ -54,7 +53,7 @@ def measure_overlap(
     intersection_cost : float
         Cost of one triangle test.
     sample : int, optional
-        Measure on this many triangles, evenly spread over the order of the leaves, instead of on all.
+        Measure on this many triangles, spread evenly over the order of the leaves, instead of on all.
 
     Returns
     -------
@@ -68,119 +67,116 @@ def measure_overlap(
 
     Notes
     -----
-    For each node, the area of the surface inside its box that does not belong to its subtree, times the node's cost,
-    summed up over all nodes and divided by the area of the whole surface. Boxes are closed: a triangle in the face of
-    a box lies inside. Where triangles are folded onto each other, each counts.
+    The sum over all nodes of the area of the surface inside the node's box that does not belong to its subtree, times
+    the node's cost, divided by the area of the whole surface. Boxes are closed: a triangle in the face of a box lies
+    inside. Where triangles coincide, each counts.
 
-    The area is exact up to rounding in float64, because triangles are clipped to the boxes. Each triangle goes down
-    the tree and is clipped further on its way, so the time is proportional to the overlaps there are, and not to nodes
-    times triangles. Deterministic.
+    The area is exact up to rounding in float64, because triangles are clipped to the boxes. Each triangle descends the
+    tree and is clipped on its way, so the time is proportional to the number of overlaps, not to nodes times
+    triangles. Deterministic.
     """
     if sample is not None and sample < 1:
         raise ConfigError(f"a sample must have at least 1 triangle, not {sample}")
-    place_count = len(bvh.prim_ids)
-    sample_count = place_count if sample is None else min(sample, place_count)
-    # The middles of equal intervals: all places, when the sample is the whole.
-    places = ((2 * np.arange(sample_count) + 1) * place_count) // (2 * sample_count)
+    prim_count = len(bvh.prim_ids)
+    sample_count = prim_count if sample is None else min(sample, prim_count)
+    # The middles of equal intervals: all slots of prim_ids where the sample is the whole.
+    slots = ((2 * np.arange(sample_count) + 1) * prim_count) // (2 * sample_count)
 
-    rows = np.ascontiguousarray(bvh.nodes).view(np.float32).reshape(-1, NODE_LANES)
+    nodes = np.ascontiguousarray(bvh.nodes).view(np.float32).reshape(-1, NODE_LANES)
     count = bvh.nodes["count"]
     costs = np.where(count > 0, count * float(intersection_cost), float(traversal_cost))
     overlap, area = _sum_overlaps(
-        bvh.mesh.vertices, bvh.mesh.faces, bvh.prim_ids, places, rows, rows.view(np.int32), costs, bvh.depth
+        bvh.mesh.vertices, bvh.mesh.faces, bvh.prim_ids, slots, nodes, nodes.view(np.int32), costs, bvh.depth
     )
     return Overlap(float(overlap / area) if area > 0 else 0.0, sample_count)
 
 
-@njit(cache=True, nogil=True)
-def _sum_overlaps(  # type: ignore[no-untyped-def]
-    vertices, faces, prim_ids, places, rows, row_ints, costs, depth
-):
+@compiled
+def _sum_overlaps(vertices, faces, prim_ids, slots, nodes, node_ints, costs, depth):
     """Return the summed costs times areas of the overlaps of some triangles, and the triangles' own area.
 
     Parameters
     ----------
     vertices, faces, prim_ids
         Of the mesh and of the tree.
-    places : (n,) int64
-        Where the triangles stand in `prim_ids`.
-    rows, row_ints : (N, 8) float32 and int32
-        The nodes.
+    slots : (n,) int64
+        The triangles, by their slots in `prim_ids`.
+    nodes, node_ints : (N, 8) float32 and int32, the same memory
     costs : (N,) float64
         Of a visit to each node.
     depth : int
         Of the tree.
     """
-    parents, owners = _find_owners(row_ints)
-    # owned_by[row] is the leaf at hand for all nodes above it: they have the triangle, so they are no overlap.
-    owned_by = np.full(len(rows), -1, np.int64)
+    parents, owners = _find_owners(node_ints)
+    # The last leaf whose triangle each node was found to hold: a node that holds the triangle is no overlap.
+    held_leaf = np.full(len(nodes), -1, np.int64)
 
-    # What waits: a node that the triangle is in or that has it, and the part of the triangle that is inside.
-    waiting_rows = np.empty(depth + 2, np.int64)
-    waiting_sizes = np.empty(depth + 2, np.int64)
-    waiting = np.empty((depth + 2, _MAX_VERTICES, 3), np.float64)
+    # Nodes that overlap or hold the triangle, and the part of the triangle inside their boxes.
+    stack_nodes = np.empty(depth + 2, np.int64)
+    stack_sizes = np.empty(depth + 2, np.int64)
+    stack_polygons = np.empty((depth + 2, _MAX_VERTICES, 3), np.float64)
     polygon = np.empty((_MAX_VERTICES, 3), np.float64)
     clipped = np.empty((2, _MAX_VERTICES, 3), np.float64)
 
     overlap, total_area = 0.0, 0.0
-    for number in range(len(places)):
+    for slot in slots:
         for corner in range(3):
-            polygon[corner] = vertices[faces[prim_ids[places[number]], corner]]
+            polygon[corner] = vertices[faces[prim_ids[slot], corner]]
         area = _measure_area(polygon, 3)
         total_area += area
         if area == 0:
             continue
-        leaf = owners[places[number]]
-        row = leaf
-        while row >= 0 and owned_by[row] != leaf:
-            owned_by[row] = leaf
-            row = parents[row]
-        if row_ints[0, NODE_COUNT] > 0:
-            continue  # the root is the only node, and has everything
+        leaf = owners[slot]
+        node = leaf
+        while node >= 0 and held_leaf[node] != leaf:
+            held_leaf[node] = leaf
+            node = parents[node]
+        if node_ints[0, NODE_COUNT] > 0:
+            continue  # the root is the only node, and holds every triangle
 
-        waiting_rows[0], waiting_sizes[0] = 0, 3
-        waiting[0] = polygon
-        waiting_count = 1
-        while waiting_count > 0:
-            waiting_count -= 1
-            size = waiting_sizes[waiting_count]
-            polygon[:size] = waiting[waiting_count, :size]
-            first = row_ints[waiting_rows[waiting_count], NODE_FIRST]
-            for row in range(first, first + 2):
-                if owned_by[row] == leaf:
+        stack_nodes[0], stack_sizes[0] = 0, 3
+        stack_polygons[0] = polygon
+        stack_size = 1
+        while stack_size > 0:
+            stack_size -= 1
+            size = stack_sizes[stack_size]
+            polygon[:size] = stack_polygons[stack_size, :size]
+            first = node_ints[stack_nodes[stack_size], NODE_FIRST]
+            for node in range(first, first + 2):
+                if held_leaf[node] == leaf:
                     part, part_size = polygon, size
                 else:
-                    side, part_size = _clip(polygon, size, rows, row, clipped)
+                    side, part_size = _clip(polygon, size, nodes, node, clipped)
                     part = clipped[side]
                     area = _measure_area(part, part_size)
                     if area == 0:
                         continue
-                    overlap += costs[row] * area
-                if row_ints[row, NODE_COUNT] == 0:
-                    waiting_rows[waiting_count], waiting_sizes[waiting_count] = row, part_size
-                    waiting[waiting_count, :part_size] = part[:part_size]
-                    waiting_count += 1
+                    overlap += costs[node] * area
+                if node_ints[node, NODE_COUNT] == 0:
+                    stack_nodes[stack_size], stack_sizes[stack_size] = node, part_size
+                    stack_polygons[stack_size, :part_size] = part[:part_size]
+                    stack_size += 1
     return overlap, total_area
 
 
-@njit(cache=True, nogil=True)
-def _find_owners(row_ints):  # type: ignore[no-untyped-def]
-    """Return the parent of each row, -1 for the root, and the leaf of each place in the order of the leaves."""
-    parents = np.full(len(row_ints), -1, np.int64)
-    place_count = 0
-    for row in range(len(row_ints)):
-        place_count += row_ints[row, NODE_COUNT]
-    owners = np.empty(place_count, np.int64)
-    for row in range(len(row_ints)):
-        first, count = row_ints[row, NODE_FIRST], row_ints[row, NODE_COUNT]
+@compiled
+def _find_owners(node_ints):
+    """Return the parent of each node, -1 for the root, and the leaf that owns each slot of `prim_ids`."""
+    parents = np.full(len(node_ints), -1, np.int64)
+    prim_count = 0
+    for node in range(len(node_ints)):
+        prim_count += node_ints[node, NODE_COUNT]
+    owners = np.empty(prim_count, np.int64)
+    for node in range(len(node_ints)):
+        first, count = node_ints[node, NODE_FIRST], node_ints[node, NODE_COUNT]
         if count == 0:
-            parents[first] = parents[first + 1] = row
-        owners[first : first + count] = row
+            parents[first] = parents[first + 1] = node
+        owners[first : first + count] = node
     return parents, owners
 
 
-@njit(cache=True, nogil=True)
-def _measure_area(polygon, size):  # type: ignore[no-untyped-def]
+@compiled
+def _measure_area(polygon, size):
     """Return the area of a plane, convex polygon; 0 for fewer than three vertices."""
     x = y = z = 0.0
     for corner in range(1, size - 1):
@@ -196,32 +192,31 @@ def _measure_area(polygon, size):  # type: ignore[no-untyped-def]
     return 0.5 * np.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True, nogil=True)
-def _clip(polygon, size, rows, row, clipped):  # type: ignore[no-untyped-def]
-    """Cut off what lies outside a node's box (Sutherland and Hodgman, "Reentrant polygon clipping", 1974).
+@compiled
+def _clip(polygon, size, nodes, node, clipped):
+    """Clip a polygon to a node's box (Sutherland and Hodgman, "Reentrant polygon clipping", 1974).
 
     Parameters
     ----------
     polygon : (9, 3) float64
         Its first `size` vertices; not modified.
-    rows : (N, 8) float32
-    row : int
-        The node.
+    nodes : (N, 8) float32
+    node : int
     clipped : (2, 9, 3) float64, written
-        Two polygons, of which one is read while the other is written.
+        Two polygons: one is read while the other is written.
 
     Returns
     -------
     side, size : int
         The result is the first `size` vertices of ``clipped[side]``.
     """
-    # Most polygons miss the box, or lie in it along most axes: look at the bounds first.
+    # Most polygons miss the box, which their bounds tell.
     for axis in range(3):
         low = high = polygon[0, axis]
         for corner in range(1, size):
             low = min(low, polygon[corner, axis])
             high = max(high, polygon[corner, axis])
-        if low > rows[row, NODE_MAX + axis] or high < rows[row, axis]:
+        if low > nodes[node, NODE_MAX + axis] or high < nodes[node, axis]:
             return 0, 0
     side = 0
     clipped[0, :size] = polygon[:size]
@@ -229,7 +224,7 @@ def _clip(polygon, size, rows, row, clipped):  # type: ignore[no-untyped-def]
         for is_upper in range(2):
             # Inside is where sign * coordinate <= sign * plane.
             sign = 2.0 * is_upper - 1.0
-            plane = sign * rows[row, NODE_MAX * is_upper + axis]
+            plane = sign * nodes[node, NODE_MAX * is_upper + axis]
             source, target = clipped[side], clipped[1 - side]
             is_cut = False
             for corner in range(size):

@@ -1,4 +1,4 @@
-"""One picture of a tree: how full its leaves are, and how deep they lie."""
+"""A figure of a tree: the histograms of the sizes and depths of its leaves."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigError
-from ..tree import TreeStats
-from ..tree.histogram import Bar, gather_bars
-from ..whole_file import check_target, write_whole
+from ..support.atomic_file import check_target, write_atomically
+from . import TreeStats
+from .histogram import Bar, gather_bars
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLOT_SUFFIX = ".png"
 
-# The figure is 1500 x 750 pixels: sharp on a slide, and whole on a screen.
+# The figure has 1500 x 750 pixels: sharp on a slide, and small enough for a screen.
 _SIZE_INCHES = (10, 5)
 _DPI = 150
 
 _MOST_BARS = 40
-# Above this many bars, numbers on them would touch each other.
+# With more bars than this, the numbers on them would touch each other.
 _MOST_LABELS = 12
-# Of the space from one bar to the next.
+# As a share of the distance from one bar to the next.
 _BAR_WIDTH = 0.82
 # From the centre of the outermost bar to the edge, in bars.
 _MARGIN = 0.7
-# Room above the highest bar, for what is written there.
+# The height of the axis relative to the highest bar: room for the number above it.
 _HEADROOM = 1.1
-# From the axis to its numbers, in points: the mark of the mean stands there.
+# Distance from the axis to its numbers, in points: room for the mark of the mean.
 _TICK_PAD = 9
 
 _INK, _MUTED, _GRID = "#20262e", "#66707c", "#e3e7ec"
@@ -45,7 +45,7 @@ _STYLE: Any = {
 
 
 def check_plot_path(path: Path) -> None:
-    """Raise `ConfigError` unless a plot can be drawn and written there; for a check before the work begins."""
+    """Raise `ConfigError` unless a plot can be drawn and written there; for checks before the work begins."""
     if path.suffix.lower() != PLOT_SUFFIX:
         raise ConfigError(f"{path}: a plot's name must end in {PLOT_SUFFIX}")
     check_target(path)
@@ -63,19 +63,19 @@ def write_tree_plot(path: Path, stats: TreeStats, title: str) -> None:
     path : Path
     stats : TreeStats
     title : str
-        What the figure calls the tree: mesh and builder.
+        The heading: mesh and builder.
 
     Raises
     ------
     ConfigError
-        Matplotlib is not installed, or there can be no such file.
+        Matplotlib is not installed, or the file cannot be written there.
     """
     check_plot_path(path)
     import matplotlib
 
     with matplotlib.rc_context(_STYLE):
         figure = _draw(stats, title)
-        write_whole(path, lambda file: figure.savefig(file, format="png", facecolor="white"))
+        write_atomically(path, lambda file: figure.savefig(file, format="png", facecolor="white"))
 
 
 def _draw(stats: TreeStats, title: str) -> Figure:
@@ -85,7 +85,7 @@ def _draw(stats: TreeStats, title: str) -> Figure:
     sizes, depths = figure.subplots(1, 2, gridspec_kw={"width_ratios": (1, 1.6)})
     figure.subplots_adjust(left=0.085, right=0.98, top=0.74, bottom=0.09, wspace=0.13)
 
-    # Dollar signs would begin a formula.
+    # Matplotlib takes an unescaped dollar sign for the start of a formula.
     figure.text(0.02, 0.925, title.replace("$", r"\$"), fontsize=15, fontweight="bold")
     figure.text(0.02, 0.87, _summary(stats), color=_MUTED)
     for axes, histogram, colour, heading, mean in (
@@ -112,7 +112,7 @@ def _summary(stats: TreeStats) -> str:
 
 
 def _draw_bars(axes: Any, bars: list[Bar], total: int, colour: str) -> None:
-    """Draw a histogram as shares of all leaves, with the shares on the bars where there is room."""
+    """Draw a histogram as shares of all leaves, with numbers on the bars where there is room."""
     width = bars[0].last + 1 - bars[0].first
     centres = [bar.first + (width - 1) / 2 for bar in bars]
     shares = [bar.count / total for bar in bars]
@@ -125,7 +125,7 @@ def _draw_bars(axes: Any, bars: list[Bar], total: int, colour: str) -> None:
 
     axes.set_xlim(centres[0] - _MARGIN * width, centres[-1] + _MARGIN * width)
     axes.set_ylim(0, _HEADROOM * max(shares))
-    axes.yaxis.set_major_formatter(lambda share, place: f"{100 * share:.3g} %")
+    axes.yaxis.set_major_formatter(lambda share, position: f"{100 * share:.3g} %")
     axes.grid(axis="y", color=_GRID, linewidth=0.8, zorder=0)
     axes.tick_params(length=0)
     axes.tick_params(axis="x", pad=_TICK_PAD)
@@ -134,7 +134,7 @@ def _draw_bars(axes: Any, bars: list[Bar], total: int, colour: str) -> None:
 
 
 def _mark_mean(axes: Any, heading: str, mean: float) -> None:
-    """Write the heading, and set a mark on the axis where the mean is."""
+    """Write the heading, and mark the mean on the axis."""
     mark = {"marker": "D", "markersize": 7, "color": "white", "markeredgecolor": _INK, "clip_on": False}
     axes.plot([mean], [0], zorder=4, **mark)
     axes.set_title(heading, loc="left", fontsize=11, fontweight="bold", pad=10)
@@ -147,7 +147,7 @@ def _mark_mean(axes: Any, heading: str, mean: float) -> None:
 
 
 def _percent(share: float) -> str:
-    """Return a share without decimals, unless that would say nothing."""
+    """Return a share in percent without decimals; empty for 0."""
     if share == 0:
         return ""
     return "<1 %" if share < 0.01 else f"{100 * share:.0f} %"

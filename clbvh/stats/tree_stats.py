@@ -1,4 +1,4 @@
-"""How good a tree is, and what it consists of."""
+"""The parts of a tree and its quality, as numbers."""
 
 from __future__ import annotations
 
@@ -8,72 +8,46 @@ from typing import Any
 
 import numpy as np
 
-from ..layout import LAYOUT_WIDTHS
-from .bvh import Bvh
-from .descent import find_depths
-from .device_arrays import measure_device_bytes
+from ..bvh.bvh import Bvh
+from ..bvh.depth import find_depths
+from ..bvh.sah_cost import sah_cost
+from ..layouts.device_arrays import measure_device_bytes
+from ..structs import LAYOUT_WIDTHS
 from .overlap import measure_overlap
 
-# The end-point overlap of larger meshes is measured on this many triangles. Of the 871,306-triangle dragon that gives
-# 3.628 instead of 3.629, in 0.8 s instead of 3.6 s on one core of an x86-64 server.
+# The end-point overlap of larger meshes is measured on this many triangles. For the dragon of 871,306 triangles that
+# yields 3.628 instead of 3.629, in 0.8 s instead of 3.6 s on one core of an x86-64 server.
 OVERLAP_SAMPLE = 200_000
-
-
-def sah_cost(bvh: Bvh, *, traversal_cost: float = 1.0, intersection_cost: float = 1.0) -> float:
-    """Return the expected cost of a random ray that hits the root's box, by the surface area heuristic.
-
-    Parameters
-    ----------
-    bvh : Bvh
-    traversal_cost : float
-        Cost of an interior node.
-    intersection_cost : float
-        Cost of one triangle test.
-
-    Returns
-    -------
-    float
-        The sum over all nodes of cost times area, relative to the root's area (MacDonald and Booth, "Heuristics
-        for ray tracing using space subdivision", 1990). For a mesh without extent, whose areas are all zero, the
-        cost of the ray that visits everything.
-    """
-    nodes = bvh.nodes
-    size = nodes["aabb_max"].astype(np.float64) - nodes["aabb_min"]
-    areas = size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
-    costs = np.where(nodes["count"] > 0, nodes["count"] * intersection_cost, traversal_cost)
-    if areas[0] == 0:
-        return float(costs.sum())
-    return float((areas * costs).sum() / areas[0])
 
 
 @dataclass(frozen=True)
 class TreeStats:
-    """What a tree consists of, and how good it is.
+    """The parts of a tree, and measures of its quality.
 
     Attributes
     ----------
     triangle_count, node_count, interior_count, leaf_count : int
-        Every interior node has two children, so there is one leaf more than interior nodes.
+        Every interior node has two children, so leaves outnumber interior nodes by one.
     depth : int
         Edges from the root to the deepest leaf.
     mean_leaf_depth, mean_leaf_size : float
         Over the leaves, each counted once.
     leaf_sizes : tuple of int
-        How many leaves have 0, 1, 2, ... triangles.
+        Numbers of leaves with 0, 1, 2, ... triangles.
     leaf_depths : tuple of int
-        How many leaves lie 0, 1, 2, ... levels deep.
+        Numbers of leaves at depth 0, 1, 2, ...
     traversal_cost, intersection_cost : float
-        Of an interior node and of a triangle test; both measures below are in their unit.
+        Of an interior node and of a triangle test; the unit of both measures below.
     sah_cost : float
         See `sah_cost`.
     epo : float
-        End-point overlap, see `clbvh.tree.overlap.measure_overlap`.
+        End-point overlap, see `clbvh.stats.overlap.measure_overlap`.
     epo_triangles : int
-        How many triangles it was measured on; all of them, or a sample.
+        The number of triangles that `epo` was measured on: all of them, or a sample.
     host_bytes : int
-        Nodes and the order of the primitives, without the mesh.
+        `nodes` and `prim_ids`, without the mesh.
     device_bytes : mapping of str to int
-        By layout: nodes, and the groups of triangles.
+        By layout: nodes and blocks of triangles.
     """
 
     triangle_count: int
@@ -104,7 +78,7 @@ class TreeStats:
         return {layout: size / self.triangle_count for layout, size in self.device_bytes.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything, bytes per triangle included, as types that JSON has."""
+        """Return all fields and properties as types that JSON has."""
         return {
             **asdict(self),
             "leaf_sizes": list(self.leaf_sizes),
@@ -130,7 +104,7 @@ def measure_tree(
     traversal_cost, intersection_cost : float
         Cost of an interior node and of one triangle test.
     overlap_sample : int or None
-        Most triangles on which the end-point overlap is measured; None for all, however many.
+        Most triangles on which the end-point overlap is measured; None for all.
 
     Returns
     -------

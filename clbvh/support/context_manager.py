@@ -1,4 +1,4 @@
-"""What must be closed can be used in a `with` block."""
+"""The base of objects that must be closed: they can be used in a `with` block."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from types import TracebackType
 from typing import Self
 
 
-class Closing:
-    """A context manager that calls `close` at the end of its block, however it ends."""
+class ContextManager:
+    """A context manager that calls `close` at the end of its block, also after an error."""
 
     def close(self) -> None:
-        """Give back what is held. Closing twice is allowed."""
+        """Release everything held. Closing twice is allowed."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

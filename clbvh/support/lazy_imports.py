@@ -1,6 +1,6 @@
-"""Names of a package that are imported when they are first used.
+"""Names of a package that are imported on first use.
 
-`import clbvh` is to cost nothing, and a worker process is to load no more than it runs.
+So `import clbvh` takes no time, and a worker process loads only the modules that it runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ def import_on_use(package: str, home_of: Mapping[str, str]) -> Callable[[str], A
     ----------
     package : str
     home_of : mapping of str to str
-        Which module of the package each name is in.
+        The module of the package that holds each name.
     """
 
     def get(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Where the files that ship with clbvh are: the kernel sources and the scenes.
+"""The folders of the files that ship with clbvh: kernel sources and scenes.
 
 A wheel carries them inside the package; a source checkout and an editable install have them one folder up.
 """
@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .errors import InternalError
+from ..errors import InternalError
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def find_folder(name: str) -> Path:

@@ -1,7 +1,7 @@
 """Rays in, hits out."""
 
-from .hits import AllHits, Hits
-from .points import ClosestPoints
+from .hits.hits import AllHits, Hits
+from .points.refine import ClosestPoints
 from .tracer import Tracer
 
 __all__ = ["AllHits", "ClosestPoints", "Hits", "Tracer"]

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from ..bvh import Bvh
 from ..device.session import DeviceSession
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..layout import BVH2_NODE, ENTRY_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
-from ..tree import Bvh
-from ..tree.device_arrays import DeviceArrays, make_device_arrays
-from ..tree.layouts import gather_triangles
+from ..layouts.device_arrays import DeviceArrays, make_device_arrays
+from ..layouts.leaf_blocks import gather_triangles
+from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
 
 BRUTE = "brute"
 
-# Stack sizes are rounded up to this many entries, so that most trees share one compiled kernel: a compilation takes
-# a second on PoCL.
+# Stack sizes are rounded up to a multiple of this, so that most trees share one compiled kernel: a compilation takes a
+# second on PoCL.
 _STACK_STEP = 16
 
-# A tree that needs more is not traversed: its stack would not fit a work-item's private memory. Those of our builders,
+# A tree that needs a longer stack is refused: it would not fit a work-item's private memory. The trees of our builders,
 # at most 64 levels deep, need less in any layout.
 _LONGEST_STACK = 1024
 
@@ -42,17 +43,20 @@ class DeviceTree:
     ------
     ConfigError
         An unknown layout, or a tree that is too deep.
+    DeviceError
+        The tree does not fit the device.
 
     Attributes
     ----------
-    arguments : tuple
-        What every traversal kernel takes first: nodes, groups, group count.
+    layout : str
+    arguments : dict of str to argument
+        Arguments of every traversal kernel by name: nodes, blocks, block_count.
     defines : dict of str to int
-        Macros that every traversal kernel needs.
-    entry_bytes : int
-        What a tile's entry takes, see `TileEntries`; 0 if the layout has none.
-    memory_bytes : int
-        Size of all buffers.
+        Macros of every traversal kernel.
+    has_entry_points : bool
+        Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl.
+    node_bytes, memory_bytes : int
+        Size of a node, and of all buffers.
     """
 
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:
@@ -62,16 +66,21 @@ class DeviceTree:
             arrays = DeviceArrays(np.empty(0, BVH2_NODE), gather_triangles(mesh, order), 0)
         else:
             arrays = make_device_arrays(bvh, self.layout)
-            if arrays.waiting > _LONGEST_STACK:
+            if arrays.stack_size > _LONGEST_STACK:
                 raise ConfigError(
-                    f"the tree is {bvh.depth} levels deep: as {self.layout} it needs a stack of {arrays.waiting} "
+                    f"the tree is {bvh.depth} levels deep: as {self.layout} it needs a stack of {arrays.stack_size} "
                     f"entries, and the traversal's holds {_LONGEST_STACK}"
                 )
-        self.arguments = (session.upload(arrays.nodes), session.upload(arrays.groups), np.int32(len(arrays.groups)))
-        stack_size = _STACK_STEP * max(1, math.ceil(arrays.waiting / _STACK_STEP))
+        self.arguments: dict[str, Any] = {
+            "nodes": session.upload(arrays.nodes),
+            "blocks": session.upload(arrays.blocks),
+            "block_count": np.int32(len(arrays.blocks)),
+        }
+        stack_size = _STACK_STEP * max(1, math.ceil(arrays.stack_size / _STACK_STEP))
         self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
-        self.entry_bytes = arrays.nodes.itemsize if self.layout in ENTRY_LAYOUTS else 0
-        self.memory_bytes = arrays.nodes.nbytes + arrays.groups.nbytes
+        self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
+        self.node_bytes = arrays.nodes.itemsize
+        self.memory_bytes = arrays.nodes.nbytes + arrays.blocks.nbytes
 
 
 def check_layout(layout: str) -> None:
@@ -85,4 +94,4 @@ def _resolve_layout(layout: str, session: DeviceSession, bvh: Bvh | None) -> str
     check_layout(layout)
     if bvh is None:
         return BRUTE
-    return session.info.layout if layout == "auto" else layout
+    return session.settings.layout if layout == "auto" else layout

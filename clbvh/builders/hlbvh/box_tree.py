@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from ...simd import LANES, centroid_of, empty_box, load_row, store_row, unite
-from ..compact import place_subtree
-from ..metadata import PRIM_ID
-from ..subtree import build_subtree
+from ...geometry.boxes import centroid_of, empty_box, load_box, store_box, unite
+from ...structs import BOX_LANES, PRIM_REF_ID
+from ...support.compiled import compiled
+from ..depth_first import Placement
+from ..prim_refs import BOUNDS_BOX, BOUNDS_CENTROIDS
+from ..sah.compact import place_finished
+from ..sah.rule import Rule
+from ..sah.subtree import SubtreeTask, build_subtree
 
 
-@njit(cache=True, nogil=True)
-def build_box_tree(boxes, count, depth, bins):  # type: ignore[no-untyped-def]
+@compiled
+def build_box_tree(boxes, count, depth, bins):
     """Build a tree by the surface area heuristic; see `subtree.build_subtree`.
 
     Parameters
@@ -24,24 +27,27 @@ def build_box_tree(boxes, count, depth, bins):  # type: ignore[no-untyped-def]
     Returns
     -------
     nodes : (2 * count - 1, 8) float32
-        Rows of `layout.NODE`, in depth-first order.
+        Rows of `structs.NODE`, in depth-first order.
     order : (count,) int32
-        Leaf [i, i + 1) is box ``order[i]``.
+        The i-th leaf from the left, [i, i + 1), is box ``order[i]``.
     """
-    records = np.empty((2, count, LANES), np.float32)
-    record_ints = records.view(np.int32)
-    bounds = np.empty((2, LANES), np.float32)
+    prim_refs = np.empty((2, count, BOX_LANES), np.float32)
+    ref_ints = prim_refs.view(np.int32)
+    bounds = np.empty((2, BOX_LANES), np.float32)
     whole, centroid_box = empty_box(), empty_box()
     for index in range(count):
-        box = load_row(boxes, index)
-        store_row(records[0], index, box)
-        record_ints[0, index, PRIM_ID] = index
+        box = load_box(boxes, index)
+        store_box(prim_refs[0], index, box)
+        ref_ints[0, index, PRIM_REF_ID] = index
         whole = unite(box, whole)
         centroid_box = unite(centroid_of(box), centroid_box)
-    store_row(bounds, 0, whole)
-    store_row(bounds, 1, centroid_box)
+    store_box(bounds, BOUNDS_BOX, whole)
+    store_box(bounds, BOUNDS_CENTROIDS, centroid_box)
     order = np.empty(count, np.int32)
-    node_count = build_subtree(records, record_ints, 0, count, 0, depth, bounds, bins, 1, 1.0, order)
-    nodes = np.empty((node_count, LANES), np.float32)
-    place_subtree(records, count, node_count, nodes, nodes.view(np.int32), 0, 1)
+    # As int64, or numba would compile everything once more for literal numbers.
+    zero, one = np.int64(0), np.int64(1)
+    task = SubtreeTask(zero, np.int64(count), zero, np.int64(depth), bounds)
+    node_count = build_subtree(prim_refs, task, Rule(np.int64(bins), one, 1.0), order)
+    nodes = np.empty((node_count, BOX_LANES), np.float32)
+    place_finished(prim_refs, count, node_count, Placement(zero, one), nodes)
     return nodes, order

@@ -1,5 +1,8 @@
 """The build of `quality="fast"`: triangles in Morton order, so that most of the tree needs no choice.
 
+After Lauterbach et al., "Fast BVH construction on GPUs" (2009), and Pantaleoni and Luebke, "HLBVH: hierarchical LBVH
+construction for real-time ray tracing of dynamic geometry" (2010).
+
 Owns the order of the steps. The tree is the same, byte for byte, for any number of workers and any task threshold.
 """
 
@@ -10,41 +13,43 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ...bvh import Bvh
 from ...geometry import Mesh
-from ...layout import NODE
-from ...simd import LANES
-from ...stopwatch import Stopwatch
-from ...tree import Bvh
-from ..crew import Crew, gather
+from ...structs import BOX_LANES, NODE
+from ...support.ranges import cut_range
+from ...support.stopwatch import Stopwatch
 from ..options import MAX_DEPTH, BuildOptions
-from ..pool import SubtreePool
-from ..ranges import cut_slices
-from ..sah import DEFAULT_BINS, SMALL_MESH, check_width
+from ..prim_refs import BOUNDS_CENTROIDS, MeshSlice
+from ..sah.build_sah import SMALL_MESH, check_width
+from ..sah.rule import Rule, make_rule
+from ..subtree_pool import SubtreePool
+from ..warm_up import make_small_mesh
+from ..workers.executor import CallingProcess, Executor, open_executor
 from . import steps
 from .box_tree import build_box_tree
-from .buckets import cut_buckets, fill_buckets
 from .codes import bound_vertices, count_cells, make_grid
-from .grow import BUCKET_DEPTH
-from .join import PLACEMENT_COLUMNS, place_buckets, plan_rows, write_top
+from .grow import TREELET_DEPTH
+from .join import join_treelets
+from .treelets import cut_treelets, fill_treelets
 
-# The grid that buckets are made of, and its number of cells.
+# The grid that treelets are made of, and its number of cells.
 _AXIS_BITS = 5
 _CELL_COUNT = 1 << 3 * _AXIS_BITS
 
-# Most primitives in a bucket that is more than one cell.
-_BUCKET_SIZE = 1024
+# Most primitives in a treelet that is more than one cell.
+_TREELET_SIZE = 1024
 
 # Tasks per worker: enough to even out unequal subtrees.
 _TASKS_PER_WORKER = 8
 
 
-def build_fast(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+def build_hlbvh(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
     """Build in as few milliseconds as possible; see `clbvh.build` for the parameters.
 
     Returns
     -------
     Bvh
-        Its phases: "buckets", "subtrees", "compact".
+        Its phases: "treelets", "subtrees", "compact".
 
     Notes
     -----
@@ -55,98 +60,83 @@ def build_fast(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> B
     _warm_up()
     if mesh.face_count < SMALL_MESH and options.task_threshold is None:
         pool = None
-    if pool is not None:
-        pool.map(steps.warm_up, [()] * pool.workers)
-    return _build(mesh, pool, options)
+    with open_executor(pool) as executor:
+        executor.run_on_each(steps.warm_up)
+        return _build(mesh, executor, options)
 
 
 @cache
 def _warm_up() -> None:
-    """Build a small tree."""
-    corners = np.arange(12, dtype=np.float32).reshape(4, 3)
-    faces = np.array([[0, 1, 2], [1, 2, 3], [0, 2, 3], [0, 1, 3]], np.int32)
-    _build(Mesh(corners, faces, np.zeros(3)), None, BuildOptions())
+    _build(make_small_mesh(), CallingProcess(), BuildOptions())
 
 
-def _build(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+def _build(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
-    count = mesh.face_count
-    bins = options.bins or DEFAULT_BINS
-    with gather(pool, count) as crew:
-        # One record per primitive, those of neighbours in one bucket.
-        rows = crew.arrays["records"].reshape(-1, LANES)
-        buckets = _fill_buckets(mesh, crew, rows)
-        watch.lap("buckets")
+    rule = make_rule(options)
+    executor.borrow("prim_refs", (2, mesh.face_count, BOX_LANES), np.float32)
+    executor.borrow("prim_ids", (mesh.face_count,), np.int32)
 
-        # Each bucket becomes a subtree.
-        boxes, row_counts = _grow_subtrees(crew, buckets, bins, options)
-        watch.lap("subtrees")
+    # One primitive reference per primitive, those of neighbours in one treelet.
+    treelets = _fill_treelets(mesh, executor)
+    watch.lap("treelets")
 
-        # The tree over the buckets, and all of it in depth-first order.
-        top_nodes, order = build_box_tree(boxes, len(boxes), MAX_DEPTH - BUCKET_DEPTH, bins)
-        placements = np.empty((len(buckets), PLACEMENT_COLUMNS), np.int64)
-        top_rows = np.empty((len(buckets) - 1, 3), np.int64)
-        row_count = plan_rows(top_nodes.view(np.int32), order, buckets, row_counts, placements, top_rows)
-        nodes, prim_ids = np.empty((row_count, LANES), np.float32), np.empty(count, np.int32)
-        node_ints = nodes.view(np.int32)
-        write_top(top_nodes, top_rows, nodes, node_ints)
-        result = nodes, node_ints, prim_ids
-        tasks = [
-            (buckets[part], row_counts[part], placements[part], rows, crew.arrays["prim_ids"], *result)
-            for part in (slice(*cut) for cut in cut_slices(0, len(buckets), crew.workers))
-        ]
-        crew.threads.run(place_buckets, tasks)
-        watch.lap("compact")
+    # Each treelet becomes a subtree.
+    boxes, node_counts = _grow_subtrees(executor, treelets, rule, options.task_threshold)
+    watch.lap("subtrees")
+
+    # The tree over the treelets, and all of it in depth-first order.
+    top = build_box_tree(boxes, len(boxes), MAX_DEPTH - TREELET_DEPTH, rule.bins)
+    nodes, prim_ids = join_treelets(executor, top, treelets, node_counts)
+    watch.lap("compact")
     return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
 
 
-def _fill_buckets(mesh: Mesh, crew: Crew, rows: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Write all records into their buckets; return begin and end of each, (k, 2)."""
-    workers = crew.workers
-    # A grid over the mesh.
-    bounds = np.empty((workers, 2, LANES), np.float32)
-    parts = cut_slices(0, len(mesh.vertices), workers)
-    crew.threads.run(bound_vertices, [(mesh.vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
-    whole = np.minimum.reduce(bounds)
-    check_width(mesh, whole)
-    grid = make_grid(whole, 1, _AXIS_BITS)
+def _fill_treelets(mesh: Mesh, executor: Executor) -> NDArray[np.int64]:
+    """Write all primitive references into their treelets; return begin and end of each, (k, 2)."""
+    run, workers = executor.threads.run, executor.workers
+    slices = [MeshSlice(mesh.vertices, mesh.faces, *cut) for cut in cut_range(0, mesh.face_count, workers)]
+    grid = _make_mesh_grid(mesh, executor)
 
-    # How many primitives there are in each cell, for each slice of the mesh.
-    slices = cut_slices(0, mesh.face_count, workers)
+    # Primitives in each cell, for each slice of the mesh.
     cells = np.empty(mesh.face_count, np.uint16)
     counts = np.zeros((workers, _CELL_COUNT), np.int32)
-    tasks = [(mesh.vertices, mesh.faces, *cut, grid, cells, counts[part]) for part, cut in enumerate(slices)]
-    crew.threads.run(count_cells, tasks)
-    bucket_of_cell = np.zeros(_CELL_COUNT, np.int32)
+    run(count_cells, [(part, grid, cells, counts[number]) for number, part in enumerate(slices)])
+    treelet_of_cell = np.zeros(_CELL_COUNT, np.int32)
     first_cells = np.empty(_CELL_COUNT, np.int64)
-    bucket_count = cut_buckets(counts.sum(axis=0), _BUCKET_SIZE, bucket_of_cell, first_cells)
+    treelet_count = cut_treelets(counts.sum(axis=0), _TREELET_SIZE, treelet_of_cell, first_cells)
 
-    # What each slice has in each bucket says where its records go.
-    slice_counts = np.add.reduceat(counts, first_cells[:bucket_count], axis=1, dtype=np.int64)
+    # The slots of a treelet's references follow from how many of them each slice has.
+    slice_counts = np.add.reduceat(counts, first_cells[:treelet_count], axis=1, dtype=np.int64)
     ends = slice_counts.sum(axis=0).cumsum()
     begins = ends - slice_counts.sum(axis=0)
-    next_rows = 2 * begins + slice_counts.cumsum(axis=0) - slice_counts
-    crew.threads.run(
-        fill_buckets,
-        [
-            (mesh.vertices, mesh.faces, *cut, cells, bucket_of_cell, next_rows[part], rows, rows.view(np.int32))
-            for part, cut in enumerate(slices)
-        ],
-    )
+    next_slots = 2 * begins + slice_counts.cumsum(axis=0) - slice_counts
+    slots = executor.arrays["prim_refs"].reshape(-1, BOX_LANES)
+    tasks = [(part, cells, treelet_of_cell, next_slots[number], slots) for number, part in enumerate(slices)]
+    run(fill_treelets, tasks)
     return np.stack([begins, ends], axis=1)
 
 
+def _make_mesh_grid(mesh: Mesh, executor: Executor) -> NDArray[np.float32]:
+    """Return the grid over all centroids of a mesh, see `make_grid`."""
+    parts = cut_range(0, len(mesh.vertices), executor.workers)
+    bounds = np.empty((executor.workers, 2, BOX_LANES), np.float32)
+    executor.threads.run(bound_vertices, [(mesh.vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
+    whole = np.minimum.reduce(bounds)
+    check_width(mesh, whole)
+    grid: NDArray[np.float32] = make_grid(whole, BOUNDS_CENTROIDS, _AXIS_BITS)
+    return grid
+
+
 def _grow_subtrees(
-    crew: Crew, buckets: NDArray[np.int64], bins: int, options: BuildOptions
+    executor: Executor, treelets: NDArray[np.int64], rule: Rule, task_threshold: int | None
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Build the subtrees of all buckets; return their boxes, (k, 8), and numbers of rows, (k,)."""
+    """Build the subtrees of all treelets; return their boxes, (k, 8), and numbers of nodes, (k,)."""
     # Neighbours travel together, until a task has its size.
-    size = options.task_threshold or max(1, int(buckets[-1, 1]) // (crew.workers * _TASKS_PER_WORKER))
-    cuts = np.flatnonzero(np.diff(buckets[:, 0] // size)) + 1
-    tasks = np.split(buckets, cuts)
+    size = task_threshold or max(1, int(treelets[-1, 1]) // (executor.workers * _TASKS_PER_WORKER))
+    cuts = np.flatnonzero(np.diff(treelets[:, 0] // size)) + 1
+    parts = np.split(treelets, cuts)
     # The largest first.
-    order = sorted(range(len(tasks)), key=lambda task: int(tasks[task][0, 0] - tasks[task][-1, 1]))
-    how = (bins, options.leaf_size, options.traversal_cost)
-    grown = dict(zip(order, crew.map(steps.grow_subtrees, [(tasks[task], *how) for task in order]), strict=True))
-    results = [grown[task] for task in range(len(tasks))]
-    return np.concatenate([boxes for boxes, _ in results]), np.concatenate([counts for _, counts in results])
+    order = sorted(range(len(parts)), key=lambda part: int(parts[part][0, 0] - parts[part][-1, 1]))
+    results = executor.map(steps.grow_subtrees, [(parts[part], rule) for part in order])
+    grown = [result for _, result in sorted(zip(order, results, strict=True), key=lambda pair: pair[0])]
+    return np.concatenate([boxes for boxes, _ in grown]), np.concatenate([counts for _, counts in grown])

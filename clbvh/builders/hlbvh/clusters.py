@@ -1,28 +1,29 @@
-"""Clusters: short runs of records in Morton order, to each of which the tree above looks as to one primitive."""
+"""Clusters: short runs of primitive references in Morton order; the tree above treats each as one primitive."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from ...simd import empty_box, load_row, store_row, unite
+from ...geometry.boxes import empty_box, load_box, store_box, unite
+from ...support.compiled import compiled
+from ..halving import middle_of
 
-# Most records in a cluster. More: less time; fewer: a better tree.
+# Most primitive references in a cluster. More: less time; fewer: a better tree.
 CLUSTER_SIZE = 32
 
 # A cut halves the range or takes one bit of the code: more than there are of both.
-_MOST_WAITING = 96
+_STACK_SIZE = 96
 
 
-@njit(cache=True, nogil=True)
-def find_cut(codes, begin, end):  # type: ignore[no-untyped-def]
+@compiled
+def find_cut(codes, begin, end):
     """Return where the highest bit that is not the same in all codes of a range changes; its middle if all are equal.
 
     After Lauterbach et al., "Fast BVH construction on GPUs" (2009).
     """
     differing = codes[begin] ^ codes[end - 1]
     if differing == 0:
-        return begin + (end - begin) // 2
+        return middle_of(begin, end)
     while differing & (differing - 1):
         differing &= differing - 1
     first_above = codes[end - 1] & -differing
@@ -36,8 +37,8 @@ def find_cut(codes, begin, end):  # type: ignore[no-untyped-def]
     return lower
 
 
-@njit(cache=True, nogil=True)
-def cut_clusters(codes, count, begins):  # type: ignore[no-untyped-def]
+@compiled
+def cut_clusters(codes, count, begins):
     """Cut sorted codes until no run is longer than `CLUSTER_SIZE`.
 
     Parameters
@@ -51,31 +52,31 @@ def cut_clusters(codes, count, begins):  # type: ignore[no-untyped-def]
     int
         Number of clusters.
     """
-    ends = np.empty(_MOST_WAITING, np.int64)  # of the ranges that wait, each begins where the one above it ends
-    waiting, cluster_count, begin, end = 0, 0, 0, count
+    stack = np.empty(_STACK_SIZE, np.int64)  # ends of ranges; each begins where the one above it in the stack ends
+    stack_size, cluster_count, begin, end = 0, 0, 0, count
     while True:
         if end - begin > CLUSTER_SIZE:
-            ends[waiting] = end
-            waiting += 1
+            stack[stack_size] = end
+            stack_size += 1
             end = find_cut(codes, begin, end)
             continue
         begins[cluster_count] = begin
         cluster_count += 1
         begin = end
-        if waiting == 0:
+        if stack_size == 0:
             begins[cluster_count] = count
             return cluster_count
-        waiting -= 1
-        end = ends[waiting]
+        stack_size -= 1
+        end = stack[stack_size]
 
 
-@njit(cache=True, nogil=True)
-def bound_clusters(records, begins, cluster_count, boxes, wholes, row):  # type: ignore[no-untyped-def]
+@compiled
+def bound_clusters(refs, begins, cluster_count, boxes, wholes, row):
     """Write the box of each cluster, and the box of all.
 
     Parameters
     ----------
-    records : (n, 8) float32
+    refs : (n, 8) float32
         In Morton order.
     begins : (>= cluster_count + 1,) int32
         See `cut_clusters`.
@@ -86,8 +87,8 @@ def bound_clusters(records, begins, cluster_count, boxes, wholes, row):  # type:
     whole = empty_box()
     for cluster in range(cluster_count):
         box = empty_box()
-        for record in range(begins[cluster], begins[cluster + 1]):
-            box = unite(load_row(records, record), box)
-        store_row(boxes, cluster, box)
+        for index in range(begins[cluster], begins[cluster + 1]):
+            box = unite(load_box(refs, index), box)
+        store_box(boxes, cluster, box)
         whole = unite(box, whole)
-    store_row(wholes, row, whole)
+    store_box(wholes, row, whole)

@@ -1,36 +1,35 @@
-"""What a worker does for the coordinator.
+"""The steps of the fast build that run in a worker: it builds the subtrees of treelets, and nothing else.
 
 The arrays, for n primitives:
 
-records    (2, n, 8) float32   as (2n, 8): `metadata` records in their buckets, then nodes, rows of `layout.NODE`
-prim_ids   (n,) int32          primitives in the order of each bucket's leaves
+    prim_refs  (2, n, 8) float32   as (2n, 8): the primitive references of each treelet, then its nodes
+    prim_ids   (n,) int32          primitives in the order of each treelet's leaves
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...simd import LANES
-from .grow import grow_buckets
+from ...structs import BOX_LANES
+from ..sah.rule import Rule
+from ..warm_up import make_small_arrays
+from ..workers.executor import Arrays
+from .grow import grow_treelets
 
-Arrays = Mapping[str, NDArray[Any]]
+_WARM_UP_RULE = Rule(2, 1, 1.0)
 
 
 def grow_subtrees(
-    arrays: Arrays, buckets: NDArray[np.int64], bins: int, leaf_size: int, traversal_cost: float
+    arrays: Arrays, treelets: NDArray[np.int64], rule: Rule
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Build the subtrees of some buckets; return their boxes, and how many rows each uses."""
-    rows = arrays["records"].reshape(-1, LANES)
-    boxes, row_counts = np.empty((len(buckets), LANES), np.float32), np.empty(len(buckets), np.int64)
-    grow_buckets(
-        rows, rows.view(np.int32), buckets, bins, leaf_size, traversal_cost, arrays["prim_ids"], boxes, row_counts
-    )
-    return boxes, row_counts
+    """Build the subtrees of some treelets, (k, 2); return their boxes, (k, 8), and how many nodes each has."""
+    boxes, node_counts = np.empty((len(treelets), BOX_LANES), np.float32), np.empty(len(treelets), np.int64)
+    slots = arrays["prim_refs"].reshape(-1, BOX_LANES)
+    grow_treelets(slots, treelets, rule, arrays["prim_ids"], boxes, node_counts)
+    return boxes, node_counts
 
 
 def warm_up(arrays: Arrays) -> None:
@@ -40,6 +39,5 @@ def warm_up(arrays: Arrays) -> None:
 
 @cache
 def _grow_something() -> None:
-    count = 2
-    arrays: Arrays = {"records": np.zeros((2, count, LANES), np.float32), "prim_ids": np.zeros(count, np.int32)}
-    grow_subtrees(arrays, np.array([[0, count]]), 2, 1, 1.0)
+    arrays = make_small_arrays()
+    grow_subtrees(arrays, np.array([[0, len(arrays["prim_ids"])]]), _WARM_UP_RULE)

@@ -1,31 +1,33 @@
-"""A mesh becomes a tree by one rung of the ladder.
+"""A mesh becomes a tree by one variant of the ladder.
 
-Owns the order of the phases. What differs between rungs is asked of the `Rung`, once per phase.
+Owns the order of the phases. Differences between variants are fields of `Variant`, looked up once per phase.
 """
 
 from __future__ import annotations
 
 from functools import cache, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...bvh import Bvh
 from ...errors import InternalError
 from ...geometry import Mesh
-from ...layout import NODE, NODE_LANES
-from ...stopwatch import Stopwatch
-from ...tree import Bvh
+from ...structs import NODE, NODE_LANES
+from ...support.ranges import cut_range
+from ...support.stopwatch import Stopwatch
+from ..depth_first import place_top
 from ..options import BuildOptions
-from ..pool import SubtreePool
+from ..subtree_pool import SubtreePool
+from ..warm_up import make_small_mesh
+from ..workers.executor import Arrays, CallingProcess, Executor, open_executor
 from . import steps
-from .crew import Caller, Crew, Workers, run_on_each
 from .divide import Rule
 from .heap import COUNTER_WORDS, WORDS
 from .prims import BOX
-from .rungs import RUNGS, Nodes, Rung
-from .top import TopNode, assign_rows, divide_top, write_top
+from .top import TopNode, divide_top, write_top
+from .variants import VARIANTS, Nodes, Variant
 
 # The report's number of bins.
 DEFAULT_BINS = 8
@@ -34,24 +36,24 @@ DEFAULT_BINS = 8
 _TASKS_PER_WORKER = 8
 
 
-def build_rung(rung: Rung, mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
-    """Build a tree by one rung of the ladder.
+def build_variant(variant: Variant, mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+    """Build a tree by one variant of the ladder.
 
     Parameters
     ----------
-    rung : Rung
+    variant : Variant
     mesh : Mesh
     pool : SubtreePool or None
-        Worker processes for a parallel rung. Without one, the calling process builds.
+        Worker processes for a parallel variant. Without one, the calling process builds.
     options : BuildOptions
-        Of these `bins`, `leaf_size`, `task_threshold` and `frontier` are heeded, where the rung has them.
+        Of these `bins`, `leaf_size`, `task_threshold` and `frontier` are heeded, where the variant has them.
 
     Returns
     -------
     Bvh
         The same bytes for any pool and any threshold. No leaf lies deeper than 64. Its phases: "share" (the mesh
         for the workers), "metadata", "top" (tasks that divide one range each), "subtrees", and "flatten" or
-        "convert" (linked nodes become rows) or "compact" (rows move to their final places).
+        "convert" (linked nodes are flattened) or "compact" (nodes move to their indices in the tree).
 
     Raises
     ------
@@ -60,133 +62,136 @@ def build_rung(rung: Rung, mesh: Mesh, pool: SubtreePool | None, options: BuildO
 
     Notes
     -----
-    O(n log n) in the number of triangles, from `median` on; O(n log² n) for the rungs that sort.
+    O(n log n) in the number of triangles, from `median` on; O(n log² n) for the variants that sort.
     """
     # Compiled code is loaded before time is taken.
-    _rehearse(rung.name)
-    crew = Caller() if pool is None or not rung.parallel else Workers(pool)
-    with crew:
-        run_on_each(crew, rehearse, rung.name)
-        return _build(rung, mesh, crew, options)
+    _warm_up(variant.name)
+    with open_executor(pool if variant.parallel else None) as executor:
+        executor.run_on_each(prepare, variant.name)
+        return _build(variant, mesh, executor, options)
 
 
-LADDER = {name: partial(build_rung, rung) for name, rung in RUNGS.items()}
+LADDER = {name: partial(build_variant, variant) for name, variant in VARIANTS.items()}
 
 
-def rehearse(arrays: steps.Arrays, name: str) -> None:
-    """Load all compiled code of a rung into this process, and free what an interrupted build left; a step."""
-    _rehearse(name)
+def prepare(arrays: Arrays, name: str) -> None:
+    """Load all compiled code of a variant into this process, and free the trees of an interrupted build; a step."""
+    _warm_up(name)
     steps.free_held(arrays)
 
 
 @cache
-def _rehearse(name: str) -> None:
-    """Build a tree of four triangles, with a top."""
-    corners = np.arange(12, dtype=np.float32).reshape(4, 3)
-    faces = np.array([[0, 1, 2], [1, 2, 3], [0, 2, 3], [0, 1, 3]], np.int32)
-    options = BuildOptions(leaf_size=1, task_threshold=2)
-    _build(RUNGS[name], Mesh(corners, faces, np.zeros(3)), Caller(), options)
+def _warm_up(name: str) -> None:
+    """Build a small tree with a top."""
+    _build(VARIANTS[name], make_small_mesh(), CallingProcess(), BuildOptions(leaf_size=1, task_threshold=2))
 
 
-def _build(rung: Rung, mesh: Mesh, crew: Crew, options: BuildOptions) -> Bvh:
+def _build(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
     count = mesh.face_count
-    rule = Rule(rung.how, options.bins or DEFAULT_BINS, rung.leaf_size(options), rung.copies)
-    crew.share("vertices", mesh.vertices)
-    crew.share("faces", mesh.faces)
-    prim_ids = crew.create("prim_ids", (count,), np.int32)
+    rule = Rule(variant.how, options.bins or DEFAULT_BINS, variant.leaf_size(options), variant.copies)
+    executor.share("vertices", mesh.vertices)
+    executor.share("faces", mesh.faces)
+    prim_ids = executor.create("prim_ids", (count,), np.int32)
     prim_ids[:] = np.arange(count)
     watch.lap("share")
 
     # Boxes and centroids, once.
-    if rung.cached:
-        crew.create("aabbs", (count, BOX), np.float32)
-        crew.create("centroids", (count, 3), np.float32)
-        cuts = [count * number // crew.workers for number in range(crew.workers + 1)]
-        crew.map(steps.cache_slice, list(pairwise(cuts)))
-        crew.discard("vertices", "faces")
+    if variant.cached:
+        executor.create("aabbs", (count, BOX), np.float32)
+        executor.create("centroids", (count, 3), np.float32)
+        executor.map(steps.cache_slice, cut_range(0, count, executor.workers))
+        executor.discard("vertices", "faces")
         watch.lap("metadata")
 
     # The top, one task per node.
-    if rung.nodes is Nodes.COUNTER:
-        crew.create("blocks", (2 * count, WORDS), np.int64)
-        crew.create("counter", (COUNTER_WORDS,), np.int64)
-    root = TopNode(0, count, 0, np.arange(count, dtype=np.int32) if rung.copies else None)
-    divide_top(crew, root, rule, _choose_threshold(rung, crew, count, options))
+    if variant.nodes is Nodes.COUNTER:
+        executor.create("blocks", (2 * count, WORDS), np.int64)
+        executor.create("counter", (COUNTER_WORDS,), np.int64)
+    root = TopNode(0, count, 0, np.arange(count, dtype=np.int32) if variant.copies else None)
+    divide_top(executor, root, rule, _choose_threshold(variant, executor, count, options))
     watch.lap("top")
 
-    # The subtrees, one task each, and all of it as rows.
-    finish = {Nodes.HEAP: _finish_linked, Nodes.COUNTER: _finish_counted, Nodes.ROWS: _finish_rows}[rung.nodes]
-    nodes = finish(rung, crew, root, rule, watch)
+    # The subtrees, one task each, and the flat tree.
+    finish = {Nodes.HEAP: _finish_linked, Nodes.COUNTER: _finish_counted, Nodes.ROWS: _finish_rows}[variant.nodes]
+    nodes = finish(variant, executor, root, rule, watch)
     return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
 
 
-def _choose_threshold(rung: Rung, crew: Crew, count: int, options: BuildOptions) -> int:
-    """Return up to how many primitives a range is one task."""
-    if not rung.parallel:
+def _choose_threshold(variant: Variant, executor: Executor, count: int, options: BuildOptions) -> int:
+    """Return the largest number of primitives of a range that is one task."""
+    if not variant.parallel:
         return count
     if options.task_threshold is not None:
         return options.task_threshold
-    return count if crew.workers == 1 else count // (crew.workers * _TASKS_PER_WORKER)
+    return count if executor.workers == 1 else count // (executor.workers * _TASKS_PER_WORKER)
 
 
-def _finish_linked(rung: Rung, crew: Crew, root: TopNode, rule: Rule, watch: Stopwatch) -> NDArray[np.float32]:
-    """Build linked subtrees; each worker keeps its own, and makes rows of them when all are done."""
+def _finish_linked(
+    variant: Variant, executor: Executor, root: TopNode, rule: Rule, watch: Stopwatch
+) -> NDArray[np.float32]:
+    """Build linked subtrees; each worker keeps its own, and flattens them when all are built."""
     subtrees = _subtrees(root)
-    for node, row_count in zip(subtrees, _build_all(crew, steps.build_and_hold, subtrees, rule), strict=True):
-        node.row_count = row_count
+    for node, node_count in zip(subtrees, _build_all(executor, steps.build_and_hold, subtrees, rule), strict=True):
+        node.node_count = node_count
     watch.lap("subtrees")
 
-    nodes, placements = _place(crew, root, subtrees)
-    written = sum(run_on_each(crew, steps.flatten_held, placements))
+    nodes, finished = _place(executor, root, subtrees)
+    written = sum(executor.run_on_each(steps.flatten_held, finished))
     if written != len(subtrees):
         raise InternalError(f"{len(subtrees)} subtrees were built, but {written} became rows")
-    watch.lap("flatten" if rung.flattens else "convert")
-    run_on_each(crew, steps.free_held)
+    watch.lap("flatten" if variant.flattens else "convert")
+    executor.run_on_each(steps.free_held)
     return nodes
 
 
-def _finish_counted(rung: Rung, crew: Crew, root: TopNode, rule: Rule, watch: Stopwatch) -> NDArray[np.float32]:
-    """Build subtrees whose nodes have numbers, link the top by them, and make rows of the whole."""
+def _finish_counted(
+    variant: Variant, executor: Executor, root: TopNode, rule: Rule, watch: Stopwatch
+) -> NDArray[np.float32]:
+    """Build subtrees whose nodes have numbers, link the top by them, and flatten the whole."""
     subtrees = _subtrees(root)
-    for node, block in zip(subtrees, _build_all(crew, steps.build_counted, subtrees, rule), strict=True):
+    for node, block in zip(subtrees, _build_all(executor, steps.build_counted, subtrees, rule), strict=True):
         node.block = block
     watch.lap("subtrees")
 
     top = [(node.block, node.box, [child.block for child in node.children]) for node in root.walk() if node.children]
-    (node_count,) = crew.map(steps.link_counted, [(top,)])
-    nodes = crew.create("nodes", (node_count, NODE_LANES), np.float32)
-    crew.map(steps.flatten_counted, [(root.block,)])
+    (node_count,) = executor.map(steps.link_counted, [(top,)])
+    nodes = executor.create("nodes", (node_count, NODE_LANES), np.float32)
+    executor.map(steps.flatten_counted, [(root.block,)])
     watch.lap("convert")
     return nodes
 
 
-def _finish_rows(rung: Rung, crew: Crew, root: TopNode, rule: Rule, watch: Stopwatch) -> NDArray[np.float32]:
-    """Build subtrees as rows, each in rows of its own, and move them together."""
-    crew.create("rows", (2 * root.end, NODE_LANES), np.float32)
+def _finish_rows(
+    variant: Variant, executor: Executor, root: TopNode, rule: Rule, watch: Stopwatch
+) -> NDArray[np.float32]:
+    """Build flat subtrees, each in rows of its own, and move them together."""
+    executor.create("rows", (2 * root.end, NODE_LANES), np.float32)
     subtrees = _subtrees(root)
-    for node, row_count in zip(subtrees, _build_all(crew, steps.build_flat, subtrees, rule), strict=True):
-        node.row_count = row_count
+    for node, node_count in zip(subtrees, _build_all(executor, steps.build_flat, subtrees, rule), strict=True):
+        node.node_count = node_count
     watch.lap("subtrees")
 
-    nodes, placements = _place(crew, root, subtrees)
-    crew.map(steps.place_subtrees, [(placements[number :: crew.workers],) for number in range(crew.workers)])
+    nodes, finished = _place(executor, root, subtrees)
+    executor.map(steps.place_subtrees, [(finished[number :: executor.workers],) for number in range(executor.workers)])
     watch.lap("compact")
     return nodes
 
 
 def _subtrees(root: TopNode) -> list[TopNode]:
-    """Return the ranges that are left for one task each, largest first."""
+    """Return the ranges at the bottom of the top, one task each, largest first."""
     return sorted((node for node in root.walk() if not node.children), key=len, reverse=True)
 
 
-def _build_all(crew: Crew, step: Any, subtrees: list[TopNode], rule: Rule) -> list[int]:
-    """Return what a step says of each subtree: its number of nodes, or its root's number."""
-    return crew.map(step, [(node.begin, node.end, node.depth, node.ids, rule) for node in subtrees])
+def _build_all(executor: Executor, step: Any, subtrees: list[TopNode], rule: Rule) -> list[int]:
+    """Build all subtrees; return the results of the step, the number of nodes or the root's number."""
+    return executor.map(step, [(node.task, node.ids, rule) for node in subtrees])
 
 
-def _place(crew: Crew, root: TopNode, subtrees: list[TopNode]) -> tuple[NDArray[np.float32], list[steps.Placement]]:
-    """Create the final rows and write the top; return them, and where each subtree goes."""
-    nodes = crew.create("nodes", (assign_rows(root), NODE_LANES), np.float32)
+def _place(
+    executor: Executor, root: TopNode, subtrees: list[TopNode]
+) -> tuple[NDArray[np.float32], list[steps.Finished]]:
+    """Create the nodes of the whole tree and write the top; return them, and the place of each subtree."""
+    nodes = executor.create("nodes", (place_top(root), NODE_LANES), np.float32)
     write_top(root, nodes)
-    return nodes, [steps.Placement(node.begin, node.row_count, node.row, node.first_row) for node in subtrees]
+    return nodes, [steps.Finished(node.begin, node.node_count, node.placement) for node in subtrees]

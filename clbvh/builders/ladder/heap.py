@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, njit
+from numba import carray
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from ...support.compiled import compiled
 from ..options import MAX_DEPTH
 
 # Words of a node; the box lies in the first three.
@@ -27,7 +28,7 @@ COUNT = 6  # 0 in an interior node
 WORDS = 7
 NODE_BYTES = 8 * WORDS
 
-# The counter has a cache line for itself, so that what it costs is its own cost.
+# The counter has a cache line of its own, so that its cost can be measured alone.
 COUNTER_WORDS = 8
 
 
@@ -37,9 +38,9 @@ class Heap(NamedTuple):
     Attributes
     ----------
     blocks : (k, 7) int64
-        The shared array; without rows, nodes come from the process's own heap.
+        The shared array; when it is empty, nodes come from the process's own heap.
     counter : (8,) int64
-        Word 0: how many nodes were allocated.
+        Word 0: number of nodes allocated.
     """
 
     blocks: NDArray[np.int64]
@@ -52,7 +53,7 @@ def make_private_heap() -> Heap:
 
 
 @intrinsic
-def add_atomically(typing_context, counter, amount):  # type: ignore[no-untyped-def]
+def add_atomically(typing_context, counter, amount):
     """Add to word 0 of an int64 array, undivided by any other thread or process; return what was there."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -63,7 +64,7 @@ def add_atomically(typing_context, counter, amount):  # type: ignore[no-untyped-
 
 
 @intrinsic
-def _allocate_block(typing_context, size):  # type: ignore[no-untyped-def]
+def _allocate_block(typing_context, size):
     """Return the address of a new block of memory, 0 if there is none."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -73,7 +74,7 @@ def _allocate_block(typing_context, size):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _free_block(typing_context, address):  # type: ignore[no-untyped-def]
+def _free_block(typing_context, address):
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         context.nrt.free(builder, builder.inttoptr(arguments[0], ir.IntType(8).as_pointer()))
         return context.get_dummy_value()
@@ -82,33 +83,33 @@ def _free_block(typing_context, address):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _pointer_to(typing_context, address):  # type: ignore[no-untyped-def]
+def _pointer_to(typing_context, address):
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
 
     return types.voidptr(types.intp), generate
 
 
-@njit(cache=True, nogil=True)
-def base_of(heap):  # type: ignore[no-untyped-def]
-    """Return what turns a reference into an address."""
+@compiled
+def base_of(heap):
+    """Return the address to which references are relative."""
     return np.int64(heap.blocks.ctypes.data) if len(heap.blocks) > 0 else np.int64(0)
 
 
-@njit(cache=True, nogil=True)
-def words_of(address):  # type: ignore[no-untyped-def]
+@compiled
+def words_of(address):
     """Return the node at an address as (7,) int64."""
     return carray(_pointer_to(address), (WORDS,), np.int64)
 
 
-@njit(cache=True, nogil=True)
-def box_of(address):  # type: ignore[no-untyped-def]
+@compiled
+def box_of(address):
     """Return the box of the node at an address as (6,) float32."""
     return carray(_pointer_to(address), (2 * LEFT,), np.float32)
 
 
-@njit(cache=True, nogil=True)
-def allocate_node(heap):  # type: ignore[no-untyped-def]
+@compiled
+def allocate_node(heap):
     """Return a reference to a new node."""
     if len(heap.blocks) > 0:
         return add_atomically(heap.counter, 1) * NODE_BYTES
@@ -119,18 +120,18 @@ def allocate_node(heap):  # type: ignore[no-untyped-def]
     return address
 
 
-@njit(cache=True, nogil=True)
-def free_nodes(root):  # type: ignore[no-untyped-def]
+@compiled
+def free_nodes(root):
     """Free a node of the process's own heap, given its address, and all below it."""
-    waiting = np.empty(MAX_DEPTH + 2, np.int64)
-    waiting[0] = root
-    waiting_count = 1
-    while waiting_count > 0:
-        waiting_count -= 1
-        address = waiting[waiting_count]
+    stack = np.empty(MAX_DEPTH + 2, np.int64)
+    stack[0] = root
+    stack_size = 1
+    while stack_size > 0:
+        stack_size -= 1
+        address = stack[stack_size]
         words = words_of(address)
         if words[COUNT] == 0:
-            waiting[waiting_count] = words[RIGHT]
-            waiting[waiting_count + 1] = words[LEFT]
-            waiting_count += 2
+            stack[stack_size] = words[RIGHT]
+            stack[stack_size + 1] = words[LEFT]
+            stack_size += 2
         _free_block(address)

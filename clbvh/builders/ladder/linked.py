@@ -1,33 +1,54 @@
-"""A range of primitives becomes a tree of linked nodes; a tree of linked nodes becomes rows."""
+"""A range of primitives becomes a tree of linked nodes; a tree of linked nodes becomes flat."""
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
+from typing import NamedTuple
 
-from ...layout import NODE_COUNT, NODE_FIRST, NODE_MAX
+import numpy as np
+from numpy.typing import NDArray
+
+from ...structs import NODE_COUNT, NODE_FIRST, NODE_MAX
+from ...support.compiled import compiled
 from ..options import MAX_DEPTH
 from .divide import bound_range, divide, list_prims
 from .heap import COUNT, FIRST, LEFT, RIGHT, allocate_node, base_of, box_of, words_of
 from .prims import BOX
 
 
-@njit(cache=True, nogil=True)
-def build_linked(prims, ids, begin, end, first, depth, rule, prim_ids, scratch, heap):  # type: ignore[no-untyped-def]
-    """Build the subtree over ids[begin:end] from new nodes.
+class LinkedTask(NamedTuple):
+    """A range of primitives that becomes a linked subtree.
+
+    Attributes
+    ----------
+    ids : (m,) int32
+        The index array of all nodes, or this node's own list.
+    begin, end : int
+        Its range of `ids`.
+    first : int
+        Where its primitives begin in `prim_ids`.
+    depth : int
+        Depth of the subtree's root in the whole tree.
+    """
+
+    ids: NDArray[np.int32]
+    begin: int
+    end: int
+    first: int
+    depth: int
+
+
+@compiled
+def build_linked(prims, task, rule, prim_ids, scratch, heap):
+    """Build a subtree from new nodes.
 
     Parameters
     ----------
     prims : Recomputed or Cached
-    ids : (m,) int32, changed in place
-        The index array of all nodes, or this node's own list.
-    first : int
-        Where its primitives lie in `prim_ids`.
-    depth : int
-        Depth of the subtree's root in the whole tree.
+    task : LinkedTask
+        Its `ids` are changed in place.
     rule : Rule
     prim_ids : (n,) int32, written by the leaves
-        May be `ids`.
+        May be `task.ids`.
     scratch : Scratch
     heap : Heap
 
@@ -37,11 +58,12 @@ def build_linked(prims, ids, begin, end, first, depth, rule, prim_ids, scratch, 
         Reference to the subtree's root.
     """
     base = base_of(heap)
-    # Nodes that wait for their turn, at most one per level because the left child is taken at once: range, place in
-    # prim_ids, depth, parent. A loop, because numba loads recursive functions wrongly from its cache (its issue 6061).
-    waiting = np.empty((MAX_DEPTH + 1, 5), np.int64)
-    waiting_lists = [ids]
-    waiting_count = 0
+    ids, begin, end, first, depth = task
+    # Right children: begin, end, first, depth, parent. At most one per level, because the left child is next. A loop,
+    # because numba loads recursive functions wrongly from its cache (its issue 6061).
+    stack = np.empty((MAX_DEPTH + 1, 5), np.int64)
+    stack_lists = [ids]
+    stack_size = 0
     root = parent = np.int64(-1)
     child = LEFT
     while True:
@@ -56,76 +78,75 @@ def build_linked(prims, ids, begin, end, first, depth, rule, prim_ids, scratch, 
         for lane in range(BOX):
             box[lane] = scratch.bounds[0, lane]
 
-        # A leaf; then the right child that waits.
+        # A leaf; then the right child on top of the stack.
         if end - begin <= rule.leaf_size:
             words[FIRST] = first
             words[COUNT] = end - begin
             list_prims(ids, begin, end, first, prim_ids)
-            if waiting_count == 0:
+            if stack_size == 0:
                 return root
-            waiting_count -= 1
-            begin, end, first, depth, parent = (
-                waiting[waiting_count, 0], waiting[waiting_count, 1], waiting[waiting_count, 2],
-                waiting[waiting_count, 3], waiting[waiting_count, 4],
-            )  # fmt: skip
+            stack_size -= 1
+            begin, end, first = stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2]
+            depth, parent = stack[stack_size, 3], stack[stack_size, 4]
             child = RIGHT
             if rule.copies:
-                ids = waiting_lists.pop()
+                ids = stack_lists.pop()
             continue
 
-        # Two halves; the left one is next.
+        # An interior node; its right child goes on the stack, the left one is next.
         middle = divide(prims, ids, begin, end, depth, rule, scratch)
         words[COUNT] = 0
         depth += 1
-        waiting[waiting_count, 0] = middle
-        waiting[waiting_count, 1] = end
-        waiting[waiting_count, 2] = first + middle - begin
-        waiting[waiting_count, 3] = depth
-        waiting[waiting_count, 4] = reference
+        stack[stack_size, 0] = middle
+        stack[stack_size, 1] = end
+        stack[stack_size, 2] = first + middle - begin
+        stack[stack_size, 3] = depth
+        stack[stack_size, 4] = reference
         if rule.copies:
-            waiting[waiting_count, 0] = 0
-            waiting[waiting_count, 1] = end - middle
-            waiting_lists.append(ids[middle:end].copy())
+            stack[stack_size, 0] = 0
+            stack[stack_size, 1] = end - middle
+            stack_lists.append(ids[middle:end].copy())
             ids = ids[begin:middle].copy()
             begin, end = 0, middle - begin
         else:
             end = middle
-        waiting_count += 1
+        stack_size += 1
         parent, child = reference, LEFT
 
 
-@njit(cache=True, nogil=True)
-def flatten(base, root, nodes, node_ints, root_row, first_row):  # type: ignore[no-untyped-def]
-    """Write a linked tree as rows in depth-first order.
+@compiled
+def flatten(base, root, placement, nodes):
+    """Write a linked tree in depth-first order.
 
     Parameters
     ----------
     base, root : int
-        What turns a reference into an address; the reference to the root.
-    nodes, node_ints : (N, 8) float32 and int32, the same memory, rows of `layout.NODE`, written
-    root_row, first_row : int
-        The row of the root, and of the first of its descendants.
+        The address to which references are relative, and the reference to the root.
+    placement : Placement
+    nodes : (N, 8) float32, rows of `structs.NODE`, written
     """
-    # Nodes that wait for their turn: at most one per level, because the left child is taken at once.
-    waiting = np.empty((MAX_DEPTH + 1, 2), np.int64)
-    waiting_count = 0
-    reference, row, next_row = root, root_row, first_row
+    node_ints = nodes.view(np.int32)
+    # Right children: reference and index. At most one per level, because the left child is next.
+    stack = np.empty((MAX_DEPTH + 1, 2), np.int64)
+    stack_size = 0
+    reference = root
+    index, next_index = placement
     while True:
         words, box = words_of(base + reference), box_of(base + reference)
         for axis in range(3):
-            nodes[row, axis] = box[axis]
-            nodes[row, NODE_MAX + axis] = box[axis + 3]
-        node_ints[row, NODE_COUNT] = words[COUNT]
+            nodes[index, axis] = box[axis]
+            nodes[index, NODE_MAX + axis] = box[axis + 3]
+        node_ints[index, NODE_COUNT] = words[COUNT]
         if words[COUNT] == 0:
-            node_ints[row, NODE_FIRST] = next_row
-            waiting[waiting_count, 0] = words[RIGHT]
-            waiting[waiting_count, 1] = next_row + 1
-            waiting_count += 1
-            reference, row = words[LEFT], next_row
-            next_row += 2
+            node_ints[index, NODE_FIRST] = next_index
+            stack[stack_size, 0] = words[RIGHT]
+            stack[stack_size, 1] = next_index + 1
+            stack_size += 1
+            reference, index = words[LEFT], next_index
+            next_index += 2
         else:
-            node_ints[row, NODE_FIRST] = words[FIRST]
-            if waiting_count == 0:
+            node_ints[index, NODE_FIRST] = words[FIRST]
+            if stack_size == 0:
                 return
-            waiting_count -= 1
-            reference, row = waiting[waiting_count, 0], waiting[waiting_count, 1]
+            stack_size -= 1
+            reference, index = stack[stack_size, 0], stack[stack_size, 1]

@@ -5,23 +5,22 @@ Equal centroids are ordered by primitive id, so that there is one order, whichev
 
 from __future__ import annotations
 
-from numba import njit
-
+from ...support.compiled import compiled
 from .prims import centroid_of
 
 # Runs of this many primitives are sorted by insertion before they are merged, as sorting libraries do.
 _RUN = 8
 
 
-@njit(cache=True, nogil=True)
-def comes_before(prims, one, other, axis):  # type: ignore[no-untyped-def]
+@compiled
+def comes_before(prims, one, other, axis):
     """Say whether primitive `one` lies before primitive `other`."""
     here, there = centroid_of(prims, one, axis), centroid_of(prims, other, axis)
     return here < there or (here == there and one < other)
 
 
-@njit(cache=True, nogil=True)
-def sort_range(prims, ids, begin, end, axis, scratch):  # type: ignore[no-untyped-def]
+@compiled
+def sort_range(prims, ids, begin, end, axis, scratch):
     """Sort ids[begin:end] along an axis, in O(n log n) comparisons whatever the input.
 
     Parameters
@@ -33,36 +32,36 @@ def sort_range(prims, ids, begin, end, axis, scratch):  # type: ignore[no-untype
     for first in range(begin, end, _RUN):
         for index in range(first + 1, min(first + _RUN, end)):
             prim = ids[index]
-            place = index
-            while place > first and comes_before(prims, prim, ids[place - 1], axis):
-                ids[place] = ids[place - 1]
-                place -= 1
-            ids[place] = prim
-    # Merge neighbours: the left run steps aside, so that the merged one fits in its place.
+            slot = index
+            while slot > first and comes_before(prims, prim, ids[slot - 1], axis):
+                ids[slot] = ids[slot - 1]
+                slot -= 1
+            ids[slot] = prim
+    # Merge neighbours: the left run moves to the scratch memory, so that the merged one can overwrite both.
     width = _RUN
     while width < end - begin:
         for first in range(begin, end - width, 2 * width):
             for index in range(width):
                 scratch[index] = ids[first + index]
             left, right, right_end = 0, first + width, min(first + 2 * width, end)
-            place = first
+            slot = first
             while left < width:
                 if right < right_end and comes_before(prims, ids[right], scratch[left], axis):
-                    ids[place] = ids[right]
+                    ids[slot] = ids[right]
                     right += 1
                 else:
-                    ids[place] = scratch[left]
+                    ids[slot] = scratch[left]
                     left += 1
-                place += 1
+                slot += 1
         width *= 2
 
 
-@njit(cache=True, nogil=True)
-def select(prims, ids, begin, end, middle, axis, scratch):  # type: ignore[no-untyped-def]
+@compiled
+def select(prims, ids, begin, end, middle, axis, scratch):
     """Move the primitives that a sort would put before `middle` there, in any order, and the others behind them.
 
-    Hoare's selection, O(n) for nearly every input (C. A. R. Hoare, "Algorithm 65: find", 1961). When it does not
-    come near its end in time, a sort of what is left bounds it, as in Musser's introselect (1997).
+    Hoare's selection, O(n) for nearly every input (C. A. R. Hoare, "Algorithm 65: find", 1961). When too
+    many rounds have not ended it, a sort of the rest bounds it, as in Musser's introselect (1997).
     """
     low, high = begin, end - 1
     rounds_left = 0

@@ -1,6 +1,6 @@
-"""Where the box and the centroid of a primitive come from: the mesh, each time anew, or two arrays filled before.
+"""The source of a primitive's box and centroid: the mesh, each time anew, or two arrays filled before.
 
-The first three rungs recompute both in every comparison, all later ones look them up. The rest of the ladder asks
+The first three variants recompute both in every comparison, all later ones look them up. The rest of the ladder asks
 `bound_prim` and `centroid_of` and does not know which of the two it gets; numba compiles it once for each.
 """
 
@@ -9,16 +9,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numba.extending import overload
 from numpy.typing import NDArray
+
+from ...support.compiled import compiled
 
 # A box is (min_x, min_y, min_z, max_x, max_y, max_z).
 BOX = 6
 
 
 class Recomputed(NamedTuple):
-    """The mesh itself: every question is answered from the corners."""
+    """The mesh itself: boxes and centroids are computed from the corners each time."""
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
@@ -41,30 +42,30 @@ def centroid_of(prims: Recomputed | Cached, prim: int, axis: int) -> np.float32:
     raise NotImplementedError
 
 
-@njit(cache=True, nogil=True)
-def _bound_corners(vertices, faces, prim, axis):  # type: ignore[no-untyped-def]
+@compiled
+def _bound_corners(vertices, faces, prim, axis):
     a, b, c = vertices[faces[prim, 0], axis], vertices[faces[prim, 1], axis], vertices[faces[prim, 2], axis]
     # Adding zero turns -0.0 into 0.0: which of the two a minimum gives would depend on the order of the primitives.
     return min(a, b, c) + np.float32(0.0), max(a, b, c) + np.float32(0.0)
 
 
-@njit(cache=True, nogil=True)
-def _centre(lower, upper):  # type: ignore[no-untyped-def]
+@compiled
+def _centre(lower, upper):
     # Halved before they are added: the sum of two large coordinates would overflow.
     return np.float32(0.5) * lower + np.float32(0.5) * upper
 
 
 @overload(bound_prim)
-def _bound_prim(prims, prim):  # type: ignore[no-untyped-def]
+def _bound_prim(prims, prim):
     if prims.instance_class is Cached:
 
-        def bound(prims, prim):  # type: ignore[no-untyped-def]
+        def bound(prims, prim):
             aabbs = prims.aabbs
             return aabbs[prim, 0], aabbs[prim, 1], aabbs[prim, 2], aabbs[prim, 3], aabbs[prim, 4], aabbs[prim, 5]
 
     else:
 
-        def bound(prims, prim):  # type: ignore[no-untyped-def]
+        def bound(prims, prim):
             min_x, max_x = _bound_corners(prims.vertices, prims.faces, prim, 0)
             min_y, max_y = _bound_corners(prims.vertices, prims.faces, prim, 1)
             min_z, max_z = _bound_corners(prims.vertices, prims.faces, prim, 2)
@@ -74,15 +75,15 @@ def _bound_prim(prims, prim):  # type: ignore[no-untyped-def]
 
 
 @overload(centroid_of)
-def _centroid_of(prims, prim, axis):  # type: ignore[no-untyped-def]
+def _centroid_of(prims, prim, axis):
     if prims.instance_class is Cached:
 
-        def centroid(prims, prim, axis):  # type: ignore[no-untyped-def]
+        def centroid(prims, prim, axis):
             return prims.centroids[prim, axis]
 
     else:
 
-        def centroid(prims, prim, axis):  # type: ignore[no-untyped-def]
+        def centroid(prims, prim, axis):
             # The whole box, as the report's comparison does, although one axis of it is asked for.
             box = bound_prim(prims, prim)
             return _centre(box[axis], box[axis + 3])
@@ -90,8 +91,8 @@ def _centroid_of(prims, prim, axis):  # type: ignore[no-untyped-def]
     return centroid
 
 
-@njit(cache=True, nogil=True)
-def fill_cache(vertices, faces, begin, end, aabbs, centroids):  # type: ignore[no-untyped-def]
+@compiled
+def fill_cache(vertices, faces, begin, end, aabbs, centroids):
     """Write the boxes and centroids of the primitives from `begin` to `end`.
 
     Parameters

@@ -1,6 +1,6 @@
-"""What a worker does for the coordinator of a rung: one function per step.
+"""The steps of a variant that run in a worker: all work on primitives and nodes, so that only ranges are sent.
 
-The arrays, for n primitives; which of them there are depends on the rung:
+The arrays, for n primitives; which of them there are depends on the variant:
 
     vertices   (V, 3) float32   the mesh
     faces      (n, 3) int32     the mesh
@@ -9,44 +9,44 @@ The arrays, for n primitives; which of them there are depends on the rung:
     prim_ids   (n,) int32       the index array; result
     blocks     (2n, 7) int64    the nodes that one atomic counter hands out
     counter    (8,) int64       that counter
-    rows       (2n, 8) float32  rows of `layout.NODE`, where subtrees are built
-    nodes      (N, 8) float32   result, rows of `layout.NODE`
+    rows       (2n, 8) float32  rows of `structs.NODE`, where subtrees are built
+    nodes      (N, 8) float32   result, rows of `structs.NODE`
 
-A range is (begin, end, depth). With it comes a list of its primitives where each node has its own, and None where
-the index array holds them.
+With a range comes its own list of primitives in variants whose nodes have one, and None where the index array has them.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .divide import Rule, bound_range, divide, make_scratch
+from ..depth_first import WHOLE_TREE, Placement, place_subtree
+from ..workers.executor import Arrays
+from .divide import Rule, Task, bound_range, divide, make_scratch
 from .heap import COUNT, LEFT, NODE_BYTES, RIGHT, Heap, allocate_node, free_nodes, make_private_heap
-from .linked import build_linked, flatten
+from .linked import LinkedTask, build_linked, flatten
 from .prims import BOX, Cached, Recomputed, fill_cache
-from .rows import build_rows, place_rows
+from .rows import build_rows
 
-Arrays = Mapping[str, NDArray[Any]]
 Ids = NDArray[np.int32] | None
 
 
 class _Held(threading.local):
-    """Linked trees of this process that wait to become rows; each thread that builds has its own."""
+    """Linked trees of this process that are not flattened yet; each thread that builds has its own."""
 
     def __init__(self) -> None:
-        self.roots: dict[int, int] = {}  # the root's address, by the place of the first primitive
+        self.roots: dict[int, int] = {}  # index of the first primitive -> address of the root
 
 
 _held = _Held()
 
 
 class Halves(NamedTuple):
-    """What became of a range of the top.
+    """The result of dividing a range of the top.
 
     Attributes
     ----------
@@ -65,13 +65,12 @@ class Halves(NamedTuple):
     block: int
 
 
-class Placement(NamedTuple):
-    """Where a finished subtree goes: its primitives begin at `begin`, and it has `row_count` nodes."""
+class Finished(NamedTuple):
+    """A finished subtree: its first primitive, its number of nodes, and its place in the tree."""
 
     begin: int
-    row_count: int
-    root_row: int
-    first_row: int
+    node_count: int
+    placement: Placement
 
 
 def cache_slice(arrays: Arrays, begin: int, end: int) -> None:
@@ -79,8 +78,9 @@ def cache_slice(arrays: Arrays, begin: int, end: int) -> None:
     fill_cache(arrays["vertices"], arrays["faces"], begin, end, arrays["aabbs"], arrays["centroids"])
 
 
-def divide_range(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule: Rule) -> Halves:
+def divide_range(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> Halves:
     """Divide a range of the top, all on one worker: here the report's builder is serial."""
+    begin, end, depth = task
     prims, scratch = _prims(arrays), make_scratch(end - begin)
     index, first, last = (arrays["prim_ids"], begin, end) if ids is None else (ids, 0, len(ids))
     bound_range(prims, index, first, last, scratch.bounds)
@@ -91,40 +91,34 @@ def divide_range(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rul
     return Halves(box, begin + middle - first, lists, block)
 
 
-def build_and_hold(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule: Rule) -> int:
+def build_and_hold(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> int:
     """Build a linked subtree in this process's own heap and keep it there; return its number of nodes."""
     heap = make_private_heap()
-    _held.roots[begin] = _build_linked(arrays, begin, end, depth, ids, rule, heap)
+    _held.roots[task.begin] = _build_linked(arrays, task, ids, rule, heap)
     return int(heap.counter[0])
 
 
-def build_counted(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule: Rule) -> int:
+def build_counted(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> int:
     """Build a linked subtree from the nodes that one counter hands out to all workers; return the root's number."""
-    return _build_linked(arrays, begin, end, depth, ids, rule, _shared_heap(arrays)) // NODE_BYTES
+    return _build_linked(arrays, task, ids, rule, _shared_heap(arrays)) // NODE_BYTES
 
 
-def build_flat(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule: Rule) -> int:
-    """Build a subtree in rows from 2 * begin on; return its number of nodes.
-
-    A tree over n primitives has at most 2n - 1 nodes, so ranges that do not overlap own rows that do not overlap.
-    """
-    rows, scratch = arrays["rows"], make_scratch(end - begin)
-    return build_rows(
-        _prims(arrays), begin, end, depth, rule, arrays["prim_ids"], scratch, rows, rows.view(np.int32), 2 * begin
-    )
+def build_flat(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> int:
+    """Build a subtree in the rows of its range; return its number of nodes."""
+    scratch = make_scratch(task.end - task.begin)
+    return build_rows(_prims(arrays), task, rule, arrays["prim_ids"], scratch, arrays["rows"])
 
 
-def flatten_held(arrays: Arrays, placements: Sequence[Placement]) -> int:
-    """Write those subtrees that this process holds as rows; return how many there are."""
-    nodes = arrays["nodes"]
-    mine = [placement for placement in placements if placement.begin in _held.roots]
-    for begin, _, root_row, first_row in mine:
-        flatten(0, _held.roots[begin], nodes, nodes.view(np.int32), root_row, first_row)
+def flatten_held(arrays: Arrays, subtrees: Sequence[Finished]) -> int:
+    """Flatten those subtrees that this process holds; return how many there are."""
+    mine = [subtree for subtree in subtrees if subtree.begin in _held.roots]
+    for subtree in mine:
+        flatten(0, _held.roots[subtree.begin], subtree.placement, arrays["nodes"])
     return len(mine)
 
 
 def free_held(arrays: Arrays) -> None:
-    """Free all linked trees that wait, those of an interrupted build included."""
+    """Free all linked trees that this process holds, those of an interrupted build included."""
     while _held.roots:
         free_nodes(_held.roots.popitem()[1])
 
@@ -141,16 +135,14 @@ def link_counted(arrays: Arrays, top: Sequence[tuple[int, NDArray[np.float32], S
 
 
 def flatten_counted(arrays: Arrays, root: int) -> None:
-    """Write the whole linked tree in the shared blocks as rows."""
-    blocks, nodes = arrays["blocks"], arrays["nodes"]
-    flatten(blocks.ctypes.data, root * NODE_BYTES, nodes, nodes.view(np.int32), 0, 1)
+    """Flatten the whole linked tree in the shared blocks."""
+    flatten(arrays["blocks"].ctypes.data, root * NODE_BYTES, WHOLE_TREE, arrays["nodes"])
 
 
-def place_subtrees(arrays: Arrays, placements: Sequence[Placement]) -> None:
-    """Copy subtrees to their final rows."""
-    rows, nodes = arrays["rows"].view(np.int32), arrays["nodes"].view(np.int32)
-    for begin, row_count, root_row, first_row in placements:
-        place_rows(rows, 2 * begin, row_count, nodes, root_row, first_row)
+def place_subtrees(arrays: Arrays, subtrees: Sequence[Finished]) -> None:
+    """Copy subtrees to their indices in the whole tree."""
+    for begin, node_count, placement in subtrees:
+        place_subtree(arrays["rows"], 2 * begin, node_count, 0, placement, arrays["nodes"])
 
 
 def _prims(arrays: Arrays) -> Cached | Recomputed:
@@ -163,7 +155,10 @@ def _shared_heap(arrays: Arrays) -> Heap:
     return Heap(arrays["blocks"], arrays["counter"])
 
 
-def _build_linked(arrays: Arrays, begin: int, end: int, depth: int, ids: Ids, rule: Rule, heap: Heap) -> int:
+def _build_linked(arrays: Arrays, task: Task, ids: Ids, rule: Rule, heap: Heap) -> int:
+    begin, end, depth = task
     prim_ids, scratch = arrays["prim_ids"], make_scratch(end - begin)
-    index, first, last = (prim_ids, begin, end) if ids is None else (ids, 0, len(ids))
-    return build_linked(_prims(arrays), index, first, last, begin, depth, rule, prim_ids, scratch, heap)
+    linked = (
+        LinkedTask(prim_ids, begin, end, begin, depth) if ids is None else LinkedTask(ids, 0, len(ids), begin, depth)
+    )
+    return build_linked(_prims(arrays), linked, rule, prim_ids, scratch, heap)

@@ -1,8 +1,8 @@
-"""The top of a rung's tree: one task per node, as the report's builder has it, and the rows that it ends in.
+"""The top of a variant's tree: one task per node, as the report's builder has it.
 
-A range larger than the task threshold is divided by one worker, its two halves by two; what is left below are the
-subtrees, one task each. The root is divided by one worker alone while all others wait: that is what the report
-measured, and what `clbvh.build.top` does better.
+A range larger than the task threshold is divided by one worker, its two halves by two; the ranges at the bottom are
+the subtrees, one task each. The root is divided by one worker alone while all others wait: that is what the report
+measured, and `clbvh.builders.sah.top` does better.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ...layout import NODE_COUNT, NODE_FIRST, NODE_MAX
+from ...structs import NODE_COUNT, NODE_FIRST, NODE_MAX
+from ..depth_first import WHOLE_TREE, Placement
+from ..workers.executor import Executor
 from . import steps
-from .crew import Crew
-from .divide import Rule
+from .divide import Rule, Task
 from .prims import BOX
 
 
@@ -28,16 +29,17 @@ class TopNode:
     ----------
     begin, end, depth : int
     ids : (m,) int32 or None
-        Its own list of primitives, where nodes have such.
+        Its own list of primitives, in variants whose nodes have one.
     box : (6,) float32
         Known when it has children.
     children : tuple of TopNode
-        None or two.
+        Two, or none.
     block : int
         Its number, or that of its subtree's root, where a counter numbers nodes.
-    row_count, row, first_row : int
-        Number of nodes of its subtree, when it has no children here; the final rows of the node and of its first
-        descendant.
+    node_count : int
+        Nodes of its subtree, when that is built.
+    placement : Placement
+        Its place in the finished tree, when all subtrees are built.
     """
 
     begin: int
@@ -47,27 +49,29 @@ class TopNode:
     box: NDArray[np.float32] = field(default_factory=lambda: np.empty(BOX, np.float32))
     children: tuple[TopNode, ...] = ()
     block: int = -1
-    row_count: int = 0
-    row: int = 0
-    first_row: int = 1
+    node_count: int = 0
+    placement: Placement = WHOLE_TREE
 
     def __len__(self) -> int:
         return self.end - self.begin
 
+    @property
+    def task(self) -> Task:
+        """Its range and its depth."""
+        return Task(self.begin, self.end, self.depth)
+
     def walk(self) -> Iterator[TopNode]:
-        """Yield this node and all below it, parents first."""
-        waiting = [self]
-        while waiting:
-            node = waiting.pop()
-            yield node
-            waiting += reversed(node.children)
+        """Yield this node and all below it, parents first, from left to right."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
 
 
-def divide_top(crew: Crew, root: TopNode, rule: Rule, threshold: int) -> None:
+def divide_top(executor: Executor, root: TopNode, rule: Rule, threshold: int) -> None:
     """Divide the root, and all ranges below it, until none has more than `threshold` primitives."""
     level = [root]
     while level := [node for node in level if len(node) > max(threshold, rule.leaf_size)]:
-        halves = crew.map(steps.divide_range, [(node.begin, node.end, node.depth, node.ids, rule) for node in level])
+        halves = executor.map(steps.divide_range, [(node.task, node.ids, rule) for node in level])
         for node, (box, middle, lists, block) in zip(level, halves, strict=True):
             node.box, node.block, node.ids = box, block, None
             node.children = (
@@ -77,25 +81,13 @@ def divide_top(crew: Crew, root: TopNode, rule: Rule, threshold: int) -> None:
         level = [child for node in level for child in node.children]
 
 
-def assign_rows(root: TopNode) -> int:
-    """Give every node its rows in the depth-first order of the whole tree; return how many rows there are."""
-    next_row = 1
-    for node in root.walk():
-        node.first_row = next_row
-        if node.children:
-            node.children[0].row, node.children[1].row = next_row, next_row + 1
-            next_row += 2
-        else:
-            next_row += node.row_count - 1
-    return next_row
-
-
 def write_top(root: TopNode, nodes: NDArray[np.float32]) -> None:
-    """Write the nodes that have children here to their rows."""
+    """Write the nodes of the top, (N, 8) float32."""
     node_ints = nodes.view(np.int32)
     for node in root.walk():
         if node.children:
-            nodes[node.row, :3] = node.box[:3]
-            nodes[node.row, NODE_MAX : NODE_MAX + 3] = node.box[3:]
-            node_ints[node.row, NODE_FIRST] = node.first_row
-            node_ints[node.row, NODE_COUNT] = 0
+            index, first_child = node.placement
+            nodes[index, :3] = node.box[:3]
+            nodes[index, NODE_MAX : NODE_MAX + 3] = node.box[3:]
+            node_ints[index, NODE_FIRST] = first_child
+            node_ints[index, NODE_COUNT] = 0

@@ -10,25 +10,25 @@ from .divide import BINS, SELECT, SORT
 
 
 class Nodes(Enum):
-    """Where a rung's nodes come from."""
+    """The kinds of nodes of the variants."""
 
     HEAP = "linked, from the process's own heap"
     COUNTER = "linked, from one array, numbered by an atomic counter that all workers share"
-    ROWS = "rows of the flat tree"
+    ROWS = "nodes of the flat tree"
 
 
 @dataclass(frozen=True)
-class Rung:
+class Variant:
     """One builder of the ladder.
 
     Attributes
     ----------
     name : str
-        What `clbvh.build` calls it.
+        Its name for `clbvh.build`.
     report : str
-        What the report calls it.
+        Its name in the report.
     does, teaches : str
-        What it changes, and what the report learned from it.
+        Its change against the variant before, and the lesson of the report.
     parallel : bool
         Children are tasks for the workers, down to the task threshold.
     copies : bool
@@ -39,8 +39,8 @@ class Rung:
         SORT, SELECT or BINS, of `divide`.
     nodes : Nodes
     flattens : bool
-        The pass that makes rows of linked nodes is a part of the build. The other rungs with linked nodes need it
-        only because a `Bvh` has rows; their phase is called "convert", and is not what the report measured.
+        The pass that flattens linked nodes is a part of the build. The other variants with linked nodes need it only
+        because a `Bvh` is flat; their phase is called "convert", and the report did not measure it.
     frontier : bool
         Leaves hold up to `BuildOptions.frontier` primitives.
     """
@@ -58,11 +58,11 @@ class Rung:
     frontier: bool = False
 
     def leaf_size(self, options: BuildOptions) -> int:
-        """Return how many primitives a leaf of this rung holds at most."""
+        """Return how many primitives a leaf of this variant holds at most."""
         return options.frontier if self.frontier else options.leaf_size
 
 
-SEQUENTIAL = Rung(
+SEQUENTIAL = Variant(
     name="sequential",
     report="sequential baseline",
     does="top-down; a list of primitives per node, sorted on the longest axis, cut at the median; linked nodes",
@@ -120,7 +120,7 @@ FLATTEN = replace(
     BIN,
     name="flatten",
     report="bvh_cpu_gpu",
-    does="a separate pass makes rows of the linked nodes",
+    does="a separate pass flattens the linked nodes",
     teaches="the pass costs time",
     flattens=True,
 )
@@ -128,7 +128,7 @@ FLAT = replace(
     BIN,
     name="flat",
     report="bvh_cpu_gpu_flat",
-    does="straight into rows",
+    does="straight into the flat array",
     teaches="the report's final design",
     nodes=Nodes.ROWS,
 )
@@ -141,4 +141,7 @@ FRONTIER = replace(
     frontier=True,
 )
 
-RUNGS = {rung.name: rung for rung in (SEQUENTIAL, NAIVE, RANGE, CACHED, MEDIAN, BIN, ATOMIC, FLATTEN, FLAT, FRONTIER)}
+VARIANTS = {
+    variant.name: variant
+    for variant in (SEQUENTIAL, NAIVE, RANGE, CACHED, MEDIAN, BIN, ATOMIC, FLATTEN, FLAT, FRONTIER)
+}

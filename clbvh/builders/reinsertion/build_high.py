@@ -1,7 +1,7 @@
 """The quality `high`: the default tree, rearranged until rays find less to test.
 
-Owns the order of the steps, and what threads share. The tree is the same, byte for byte, for any number of workers:
-the subtrees that are rearranged follow from the tree, and each is the work of one thread.
+Owns the order of the steps and the division of the tree among threads. The tree is the same, byte for byte, for any
+number of workers: the subtrees that threads rearrange follow from the tree, and each is the work of one thread.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
-from ..host_threads import HostThreads
-from ..layout import NODE
-from ..simd import LANES
-from ..stopwatch import Stopwatch
-from ..tree import Bvh, sah_cost
-from .fold import choose_leaves, fold
-from .metadata import record_slice
-from .options import DEFAULT_QUALITY, MAX_DEPTH, BuildOptions
-from .pool import SubtreePool
-from .reinsertion import count_prims, list_rows, reinsert_below
-from .sah import build_sah
-from .unfold import LINK, ROOT, unfold
+from ...bvh import Bvh, sah_cost
+from ...geometry import Mesh
+from ...structs import BOX_LANES, EXPANDED_FIRST, NODE
+from ...support.host_threads import HostThreads
+from ...support.stopwatch import Stopwatch
+from ..options import DEFAULT_QUALITY, MAX_DEPTH, BuildOptions
+from ..prim_refs import fill_slice
+from ..sah.build_sah import build_sah
+from ..subtree_pool import SubtreePool
+from .collapse import choose_leaves, collapse
+from .expand_leaves import expand_leaves
+from .expanded_tree import ROOT, ExpandedTree, count_prims, list_descendants
+from .reinsert import reinsert_below
 
-# More bins than the default ones give a better start on scans, and now and then a worse one elsewhere: both are built,
-# and the tree of the lower cost is rearranged. docs/decisions.md has the shares.
+# More bins than the default give a better start on scans, and sometimes a worse one elsewhere: both trees are built,
+# and the one of the lower cost is rearranged. docs/internals/decisions.md has the shares.
 _FINER_BINS = 64
 
-# A subtree stays within the same eighth of the triangles. With the whole tree to choose from, the SAH cost falls by
-# another percent, but not what rays test: docs/decisions.md. And eighths are work for eight threads.
+# A node stays within the same eighth of the triangles. With the whole tree to choose from, the SAH cost falls by
+# another percent, but rays test no less: docs/internals/decisions.md. And eighths are work for eight threads.
 _PARTS = 8
-_SMALLEST_PART = 4096  # a few milliseconds: no work to share
+_SMALLEST_PART = 4096  # a few milliseconds: nothing to share
 
-# The first pass does about three quarters of what there is to do; four more than these gain less than 0.2 %, on scans
+# The first pass saves about three quarters of the total; four passes more than these save less than 0.2 %, on scans
 # and in buildings.
 _PASSES = 4
 
@@ -46,47 +46,32 @@ def build_high(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> B
     Returns
     -------
     Bvh
-        Never of a higher SAH cost than the default one, at the traversal cost of the options.
+        Never of a higher SAH cost than the default tree, at the traversal cost of the options.
 
     Notes
     -----
-    As many threads of this process as the pool has workers. Besides the mesh and two trees it takes about 110 bytes
-    per triangle.
+    Uses as many threads of this process as the pool has workers. Besides the mesh and two trees it takes about 110
+    bytes per triangle.
     """
     start = _build_start(mesh, pool, options)
     watch = Stopwatch()
-    count = mesh.face_count
-    records = np.empty((count, LANES), np.float32)
-    record_slice(mesh, 0, count, records)
-    nodes = np.ascontiguousarray(start.nodes).view(np.float32).reshape(-1, LANES)
-    rows = np.zeros((2 * count, LANES), np.float32)
-    links, parents = rows.view(np.int32), np.zeros(count, np.int32)
-    unfold(nodes, nodes.view(np.int32), start.prim_ids, records, rows, links, parents)
-    del records
-    watch.lap("unfold")
+    tree = _expand(start)
+    watch.lap("expand_leaves")
 
-    order = np.empty(2 * count, np.int32)
-    order[0] = ROOT
-    tops = _choose_tops(links, _list_all(links, order), max(count // _PARTS, _SMALLEST_PART))
+    order = np.empty(2 * mesh.face_count, np.int32)
+    parts = _choose_parts(tree.links, _list_nodes(tree.links, order))
     threads = HostThreads(1) if pool is None else pool.threads
-    threads.run(_optimise, [(rows, links, parents, *part) for part in tops])
+    threads.run(_rearrange, [(tree, *part) for part in parts])
     watch.lap("reinsert")
 
-    is_leaf = np.empty(2 * count, np.bool_)
-    depth = choose_leaves(rows, links, options.leaf_size, options.traversal_cost, _list_all(links, order), is_leaf)
-    better = start
-    if depth <= MAX_DEPTH:
-        folded = np.empty((2 * count, LANES), np.float32)
-        prim_ids = np.empty(count, np.int32)
-        row_count = fold(rows, links, is_leaf, folded, folded.view(np.int32), prim_ids)
-        better = Bvh(folded[:row_count].copy().view(NODE).reshape(-1), prim_ids, mesh)
-    cheapest = _cheapest((start, better), options)
-    watch.lap("fold")
+    better = _collapse(tree, _list_nodes(tree.links, order), mesh, options)
+    cheapest = start if better is None else _cheapest((start, better), options)
+    watch.lap("collapse")
     return replace(cheapest, timings_ms={**start.timings_ms, **watch.laps_ms})
 
 
 def _build_start(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
-    """Return the better one of two finished trees."""
+    """Return the cheaper one of two finished trees."""
     plain = replace(options, quality=DEFAULT_QUALITY)
     start = build_sah(mesh, pool, plain)
     if options.bins is not None:
@@ -99,35 +84,58 @@ def _build_start(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) ->
 
 
 def _cheapest(trees: Iterable[Bvh], options: BuildOptions) -> Bvh:
-    """Return the tree of the lowest SAH cost, the first one of several."""
+    """Return the tree of the lowest SAH cost, the first one of equals."""
     return min(trees, key=lambda tree: sah_cost(tree, traversal_cost=options.traversal_cost))
 
 
-def _list_all(links: NDArray[np.int32], order: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return all rows, parents first; `order` is where they are put, behind the root."""
-    return order[: 1 + list_rows(links, ROOT, order[1:])]
+def _expand(bvh: Bvh) -> ExpandedTree:
+    """Return the tree with every triangle as a leaf of its own."""
+    count = bvh.mesh.face_count
+    prim_refs = np.empty((count, BOX_LANES), np.float32)
+    fill_slice(bvh.mesh, 0, count, prim_refs)
+    nodes = np.ascontiguousarray(bvh.nodes).view(np.float32).reshape(-1, BOX_LANES)
+    boxes = np.zeros((2 * count, BOX_LANES), np.float32)
+    tree = ExpandedTree(boxes, boxes.view(np.int32), np.zeros(count, np.int32))
+    expand_leaves(nodes, nodes.view(np.int32), bvh.prim_ids, prim_refs, tree)
+    return tree
 
 
-def _choose_tops(links: NDArray[np.int32], order: NDArray[np.int32], largest: int) -> list[tuple[int, int]]:
-    """Return the largest subtrees of at most so many triangles: their roots and sizes, the largest first."""
-    sizes = count_prims(links, order)
-    tops = []
-    waiting = [ROOT]
-    while waiting:
-        row = waiting.pop()
-        if sizes[row] <= largest:
-            tops.append((row, int(sizes[row])))
+def _collapse(tree: ExpandedTree, order: NDArray[np.int32], mesh: Mesh, options: BuildOptions) -> Bvh | None:
+    """Return the finished tree, None if it would be too deep."""
+    is_leaf = np.empty(len(tree.boxes), np.bool_)
+    if choose_leaves(tree, options.leaf_size, options.traversal_cost, order, is_leaf) > MAX_DEPTH:
+        return None
+    nodes = np.empty_like(tree.boxes)
+    prim_ids = np.empty(mesh.face_count, np.int32)
+    node_count = collapse(tree, is_leaf, nodes, nodes.view(np.int32), prim_ids)
+    return Bvh(nodes[:node_count].copy().view(NODE).reshape(-1), prim_ids, mesh)
+
+
+def _list_nodes(links: NDArray[np.int32], order: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return all nodes, parents first, in the memory of `order`."""
+    order[0] = ROOT
+    return order[: 1 + list_descendants(links, ROOT, order[1:])]
+
+
+def _choose_parts(links: NDArray[np.int32], order: NDArray[np.int32]) -> list[tuple[int, int]]:
+    """Return disjoint subtrees, each the work of one thread: their roots and primitive counts, the largest first."""
+    prim_counts = count_prims(links, order)
+    most_prims = max(prim_counts[ROOT] // _PARTS, _SMALLEST_PART)
+    parts = []
+    stack = [ROOT]
+    while stack:
+        node = stack.pop()
+        if prim_counts[node] <= most_prims:
+            parts.append((node, int(prim_counts[node])))
         else:
-            child = int(links[row, LINK])
-            waiting += [child + 1, child]
-    return sorted(tops, key=lambda top: -top[1])
+            child = int(links[node, EXPANDED_FIRST])
+            stack += [child + 1, child]
+    return sorted(parts, key=lambda part: -part[1])
 
 
-def _optimise(
-    rows: NDArray[np.float32], links: NDArray[np.int32], parents: NDArray[np.int32], top: int, size: int
-) -> None:
-    """Rearrange one subtree."""
-    below = np.empty(2 * size, np.int32)
+def _rearrange(tree: ExpandedTree, top: int, prim_count: int) -> None:
+    """Reinsert the nodes of one subtree, pass by pass, until none moves."""
+    order = np.empty(2 * prim_count, np.int32)
     for _ in range(_PASSES):
-        if reinsert_below(rows, links, parents, top, below[: list_rows(links, top, below)]) == 0:
+        if reinsert_below(tree, top, order[: list_descendants(tree.links, top, order)]) == 0:
             return

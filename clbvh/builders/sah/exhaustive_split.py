@@ -1,4 +1,4 @@
-"""Ranges of so few primitives that every way to divide them can be tried.
+"""Exhaustive splits: of a few primitives every division in two is tried.
 
 Most nodes of a tree are this small. Trying all divisions takes less time than filling bins, and finds the cheapest
 one, which need not be a cut along an axis.
@@ -6,85 +6,84 @@ one, which need not be a cut along an axis.
 
 from __future__ import annotations
 
-from numba import njit
-
-from ..simd import empty_box, half_area, load_row, store_row, unite
+from ...geometry.boxes import empty_box, half_area, load_box, store_box, unite
+from ...support.compiled import compiled
 
 # Four primitives can be divided in 7 ways, five in 15.
-FEW = 4
+MAX_EXHAUSTIVE = 4
 
 
-@njit(cache=True, nogil=True)
-def find_division(records, begin, prim_count):  # type: ignore[no-untyped-def]
-    """Return the cheapest division of 2 to `FEW` records in two.
+@compiled
+def find_exhaustive_split(refs, begin, prim_count):
+    """Return the cheapest division of 2 to `MAX_EXHAUSTIVE` primitives in two.
 
     Parameters
     ----------
-    records : (n, 8) float32
+    refs : (n, 8) float32
     begin, prim_count : int
 
     Returns
     -------
     cost : float
         Half area times count, summed over both sides.
-    left : int
-        Bit i is set if record begin + i goes left. The first record always does, and of equal costs the division that
-        is tried first wins.
+    left_mask : int
+        Bit i is set if the primitive reference at begin + i goes left. The first one always does, and of equal costs
+        the division that is tried first wins.
     """
-    a, b = load_row(records, begin), load_row(records, begin + 1)
+    a, b = load_box(refs, begin), load_box(refs, begin + 1)
     if prim_count == 2:
         return half_area(a) + half_area(b), 0b01
 
-    c = load_row(records, begin + 2)
+    c = load_box(refs, begin + 2)
     ab, ac, bc = unite(a, b), unite(a, c), unite(b, c)
     if prim_count == 3:
-        cost, left = _cheaper(half_area(a) + 2 * half_area(bc), 0b001, 2 * half_area(ab) + half_area(c), 0b011)
-        return _cheaper(cost, left, 2 * half_area(ac) + half_area(b), 0b101)
+        cost, left_mask = _cheaper(half_area(a) + 2 * half_area(bc), 0b001, 2 * half_area(ab) + half_area(c), 0b011)
+        return _cheaper(cost, left_mask, 2 * half_area(ac) + half_area(b), 0b101)
 
-    d = load_row(records, begin + 3)
+    d = load_box(refs, begin + 3)
     ad, bd, cd = unite(a, d), unite(b, d), unite(c, d)
-    cost, left = _cheaper(2 * (half_area(ab) + half_area(cd)), 0b0011, 2 * (half_area(ac) + half_area(bd)), 0b0101)
-    cost, left = _cheaper(cost, left, 2 * (half_area(ad) + half_area(bc)), 0b1001)
-    cost, left = _cheaper(cost, left, half_area(a) + 3 * half_area(unite(b, cd)), 0b0001)
-    cost, left = _cheaper(cost, left, half_area(b) + 3 * half_area(unite(a, cd)), 0b1101)
-    cost, left = _cheaper(cost, left, half_area(c) + 3 * half_area(unite(ab, d)), 0b1011)
-    return _cheaper(cost, left, half_area(d) + 3 * half_area(unite(ab, c)), 0b0111)
+    cost, left_mask = _cheaper(2 * (half_area(ab) + half_area(cd)), 0b0011, 2 * (half_area(ac) + half_area(bd)), 0b0101)
+    cost, left_mask = _cheaper(cost, left_mask, 2 * (half_area(ad) + half_area(bc)), 0b1001)
+    cost, left_mask = _cheaper(cost, left_mask, half_area(a) + 3 * half_area(unite(b, cd)), 0b0001)
+    cost, left_mask = _cheaper(cost, left_mask, half_area(b) + 3 * half_area(unite(a, cd)), 0b1101)
+    cost, left_mask = _cheaper(cost, left_mask, half_area(c) + 3 * half_area(unite(ab, d)), 0b1011)
+    return _cheaper(cost, left_mask, half_area(d) + 3 * half_area(unite(ab, c)), 0b0111)
 
 
-@njit(cache=True, nogil=True)
-def _cheaper(cost, left, other_cost, other_left):  # type: ignore[no-untyped-def]
-    return (other_cost, other_left) if other_cost < cost else (cost, left)
+@compiled
+def _cheaper(cost, left_mask, other_cost, other_left_mask):
+    return (other_cost, other_left_mask) if other_cost < cost else (cost, left_mask)
 
 
-@njit(cache=True, nogil=True)
-def count_left(left):  # type: ignore[no-untyped-def]
-    """Return how many of at most `FEW` records go left."""
-    return (left & 1) + (left >> 1 & 1) + (left >> 2 & 1) + (left >> 3 & 1)
+@compiled
+def count_left(left_mask):
+    """Return how many of at most `MAX_EXHAUSTIVE` primitives go left."""
+    return (left_mask & 1) + (left_mask >> 1 & 1) + (left_mask >> 2 & 1) + (left_mask >> 3 & 1)
 
 
-@njit(cache=True, nogil=True)
-def divide(source, begin, prim_count, left, target, children):  # type: ignore[no-untyped-def]
-    """Copy the records of a range to both sides, in their order.
+@compiled
+def divide(source, target, begin, prim_count, left_mask, boxes):
+    """Copy the primitive references of a range to both sides, in their order.
 
     Parameters
     ----------
     source, target : (n, 8) float32
-    begin, prim_count, left : int
-        The range, and what `find_division` says of it.
-    children : (2, 8) float32, written
+    begin, prim_count, left_mask : int
+        The range and its division, see `find_exhaustive_split`.
+    boxes : (2, 8) float32, written
         The boxes of both sides.
     """
-    to_left, to_right = begin, begin + count_left(left)
+    left, right = begin, begin + count_left(left_mask)
     left_box, right_box = empty_box(), empty_box()
     for index in range(prim_count):
-        box = load_row(source, begin + index)
-        if left >> index & 1:
-            store_row(target, to_left, box)
+        box = load_box(source, begin + index)
+        if left_mask >> index & 1:
+            store_box(target, left, box)
             left_box = unite(box, left_box)
-            to_left += 1
+            left += 1
         else:
-            store_row(target, to_right, box)
+            store_box(target, right, box)
             right_box = unite(box, right_box)
-            to_right += 1
-    store_row(children, 0, left_box)
-    store_row(children, 1, right_box)
+            right += 1
+    store_box(boxes, 0, left_box)
+    store_box(boxes, 1, right_box)

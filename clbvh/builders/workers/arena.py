@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..closing import Closing
-from ..errors import PoolError
+from ...errors import PoolError
+from ...support.context_manager import ContextManager
 
 _MEMINFO = Path("/proc/meminfo")
 _OWN_FILES = Path("/proc/self/fd")
@@ -33,7 +33,7 @@ _serials = itertools.count()
 
 @dataclass(frozen=True)
 class ArrayHandle:
-    """What a worker needs to attach to a shared array.
+    """A shared array, as a worker attaches to it.
 
     Attributes
     ----------
@@ -71,17 +71,17 @@ class ArrayHandle:
         return replace(self, shape=shape, dtype=np.dtype(dtype))
 
 
-class Arena(Closing):
+class Arena(ContextManager):
     """Owner of the shared arrays of one build; a context manager that frees them all.
 
-    An array that `create` returned stays valid after the arena is closed, for as long as it is referenced: what
-    the arena frees is the way for others to attach, and its own hold on the memory.
+    An array that `create` returned stays valid after the arena is closed, for as long as it is referenced: the arena
+    gives up its own hold on the memory, and others can no longer attach.
     """
 
     def __init__(self) -> None:
         self._files: dict[str, int] = {}
         self._names: list[Path] = []
-        # Memory is taken when it is first written to, so what the system calls free still holds what was promised.
+        # Memory is taken when it is first written to, so the system still counts promised memory as free.
         self._free_bytes = free_memory_bytes()
         self._promised_bytes: dict[str, int] = {}
 
@@ -134,7 +134,7 @@ class Arena(Closing):
         if size > shutil.disk_usage(folder).free:
             raise _no_space(size, folder)
         if _OWN_FILES.is_dir():
-            # A file without a name, where the file system knows such: nothing can be left behind.
+            # A file without a name, where the file system supports that: nothing can be left behind.
             with tempfile.TemporaryFile(prefix="clbvh-", dir=folder) as file:
                 descriptor = os.dup(file.fileno())
             path = f"/proc/{os.getpid()}/fd/{descriptor}"

@@ -1,7 +1,7 @@
 """Worker processes that outlive builds.
 
 Owns the processes and their pipes: start, hand out steps, collect results, notice death and silence. Knows nothing
-of trees: what a worker does is a function from `steps`.
+of meshes and trees: a step is any function, and a module that workers need in memory is given by its name.
 """
 
 from __future__ import annotations
@@ -21,14 +21,12 @@ from numbers import Integral
 from types import TracebackType
 from typing import Any, cast
 
-from numpy.typing import NDArray
-
-from ..closing import Closing
-from ..errors import ConfigError, PoolError
-from ..host_threads import HostThreads, usable_cores
+from ...errors import ConfigError, PoolError
+from ...support.context_manager import ContextManager
+from ...support.host_threads import HostThreads, usable_cores
 from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
-from .workspace import Shapes, Workspace
+from .workspace import Workspace
 
 # Exit code of a worker that finds itself creating a pool while it imports the main script.
 _UNGUARDED = 73
@@ -41,12 +39,11 @@ _STOP_PATIENCE_S = 2.0
 _ERROR_PATIENCE_S = 0.2
 
 
-class SubtreePool(Closing):
-    """Worker processes that build subtrees.
+class WorkerPool(ContextManager):
+    """Worker processes that run steps on shared arrays.
 
     The workers start in the background at once, by a fork server (or by spawning where there is none): never by
-    forking this process, whose OpenCL driver may run threads that a fork would cut off. Use it as a context
-    manager, for as many builds as you like.
+    forking this process, whose OpenCL driver may run threads that a fork would cut off.
 
     Parameters
     ----------
@@ -54,6 +51,9 @@ class SubtreePool(Closing):
         Number of processes; the number of usable processors without it.
     timeout_s : float, optional
         Seconds, above 0, after which a worker that does not answer counts as dead.
+    preload : str, optional
+        The name of a module that every worker imports before it counts as ready. The fork server imports it once, and
+        all workers inherit it.
 
     Raises
     ------
@@ -70,7 +70,9 @@ class SubtreePool(Closing):
     under ``if __name__ == "__main__":``.
     """
 
-    def __init__(self, workers: int | None = None, *, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+    def __init__(
+        self, workers: int | None = None, *, timeout_s: float = DEFAULT_TIMEOUT_S, preload: str | None = None
+    ) -> None:
         if workers is not None and (isinstance(workers, bool) or not isinstance(workers, Integral)):
             raise ConfigError(f"workers must be a whole number, not {workers!r}")
         if workers is not None and workers < 1:
@@ -85,6 +87,7 @@ class SubtreePool(Closing):
         self.workers = int(workers or usable_cores())
         self.start_ms = 0.0
         self._timeout_s = timeout_s
+        self._preload = preload
         self._processes: list[Any] = []
         self._connections: list[Connection] = []
         self._start_error: BaseException | None = None
@@ -95,7 +98,7 @@ class SubtreePool(Closing):
         self._workspace = Workspace()
         # Two threads that build with one pool take turns.
         self._one_build = threading.Lock()
-        # Starting the fork server blocks until it has imported the builder, so a thread does it.
+        # Starting the fork server blocks until it has imported its modules, so a thread does it.
         self._starter = threading.Thread(target=self._start, name="clbvh-pool-start", daemon=True)
         self._starter.start()
 
@@ -114,34 +117,22 @@ class SubtreePool(Closing):
         with _ClosedOnError(self):
             for worker in range(self.workers):
                 self._send(worker, (ATTACH, dict(handles)))
-            waiting = dict.fromkeys(range(self.workers))
-            while waiting:
-                worker, _ = self._receive(waiting)
-                del waiting[worker]
+            self._wait_for_all()
 
     @contextmanager
-    def lend(self, shapes: Shapes) -> Iterator[dict[str, NDArray[Any]]]:
-        """Lend shared arrays that every worker holds, too, for the length of a `with` block.
+    def hold(self) -> Iterator[Workspace]:
+        """Hold the workers for one build, for the length of a `with` block; builds of other threads wait.
 
-        Their memory stays mapped in all processes between builds, up to 1 GiB; they begin with whatever it holds.
-
-        Parameters
-        ----------
-        shapes : mapping of str to (shape, dtype)
+        Yields the memory that stays mapped in all processes from one build to the next.
 
         Raises
         ------
         PoolError
-            A worker died, or there is not enough memory to share.
+            The workers did not start.
         """
         self.wait_ready()
         with self._one_build:
-            arrays, handles = self._workspace.take(shapes)
-            self.attach(handles)
-            yield arrays
-            if self._workspace.is_too_large:
-                self._workspace.close()
-                self.attach({})
+            yield self._workspace
 
     def map(self, step: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Run ``step(arrays, *task)`` for every task, on whichever worker is free, in the order given.
@@ -188,39 +179,36 @@ class SubtreePool(Closing):
     ) -> None:
         super().__exit__(kind, error, trace)
         if error is None and self._unguarded and self._start_error is not None:
-            # A mesh small enough to be built without the workers would hide it.
+            # Nothing in the block has used the workers, so nothing has raised it.
             raise self._start_error
 
     def __repr__(self) -> str:
-        return f"SubtreePool(workers={self.workers}{', closed' if self._closed else ''})"
+        return f"{type(self).__name__}(workers={self.workers}{', closed' if self._closed else ''})"
 
     def _start(self) -> None:
         """Start all workers and wait until each says that it is ready; keep an error for `wait_ready`."""
         begin = time.perf_counter()
         try:
-            # Windows has no fork server. Elsewhere it imports the builder once, and every worker inherits it.
+            # Windows has no fork server.
             if sys.platform == "win32":
                 context: Any = multiprocessing.get_context("spawn")
                 folder = None
             else:
                 context = multiprocessing.get_context("forkserver")
-                context.set_forkserver_preload(["clbvh.build.preload"])
+                context.set_forkserver_preload([self._preload] if self._preload else [])
                 folder = get_temp_dir()  # where the fork server's socket lies
             for number in range(self.workers):
                 ours, theirs = context.Pipe()
-                _limit_waiting(ours, self._timeout_s)
+                _limit_transfer(ours, self._timeout_s)
                 process = context.Process(
-                    target=serve, args=(theirs, folder), name=f"clbvh-worker-{number}", daemon=True
+                    target=serve, args=(theirs, folder, self._preload), name=f"clbvh-worker-{number}", daemon=True
                 )
                 with _hidden_name_of_no_script():
                     process.start()
                 theirs.close()
                 self._processes.append(process)
                 self._connections.append(ours)
-            waiting = dict.fromkeys(range(self.workers))
-            while waiting:
-                worker, _ = self._receive(waiting)
-                del waiting[worker]
+            self._wait_for_all()
         except PoolError as error:
             self._start_error = error
         except Exception as error:
@@ -247,8 +235,15 @@ class SubtreePool(Closing):
         self._workspace.close()
         self.threads.close()
 
+    def _wait_for_all(self) -> None:
+        """Return when every worker has answered."""
+        silent = dict.fromkeys(range(self.workers))
+        while silent:
+            worker, _ = self._receive(silent)
+            del silent[worker]
+
     def _send(self, worker: int, message: tuple[Any, ...]) -> None:
-        """Send a message to a worker that waits for one."""
+        """Send a message to an idle worker."""
         try:
             self._connections[worker].send(message)
         except BlockingIOError:
@@ -257,7 +252,7 @@ class SubtreePool(Closing):
             raise self._explain_death(worker) from None
 
     def _receive(self, workers: Mapping[int, Any]) -> tuple[int, Any]:
-        """Return the next answer of any of these workers, and whose it is."""
+        """Return the next worker that answers, of these, and its result."""
         connections = {self._connections[worker]: worker for worker in workers}
         ready = wait(list(connections), timeout=self._timeout_s)
         if not ready:
@@ -275,7 +270,7 @@ class SubtreePool(Closing):
         return worker, value
 
     def _explain_silence(self, workers: Iterable[int]) -> PoolError:
-        """Return the error for workers of which none answers."""
+        """Return the error for workers that do not answer."""
         numbers = ", ".join(str(worker) for worker in workers)
         return PoolError(f"worker {numbers} has not answered for {self._timeout_s:g} s and was stopped")
 
@@ -286,8 +281,8 @@ class SubtreePool(Closing):
         if process.exitcode == _UNGUARDED:
             self._unguarded = True
             return PoolError(
-                "this script creates a SubtreePool while its workers import it: put the code that runs under "
-                'if __name__ == "__main__":'
+                f"this script creates a {type(self).__name__} while its workers import it: put the code that runs "
+                'under if __name__ == "__main__":'
             )
         return PoolError(
             f"worker {worker} died (exit code {process.exitcode}); a negative code is the signal that killed it, "
@@ -310,8 +305,8 @@ def _hidden_name_of_no_script() -> Iterator[None]:
         main.__file__ = name
 
 
-def _limit_waiting(connection: Connection, timeout_s: float) -> None:
-    """Let a message that gets stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
+def _limit_transfer(connection: Connection, timeout_s: float) -> None:
+    """Let a message that is stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
     if sys.platform == "win32":
         return  # a pipe there has no such limit
     seconds, fraction = divmod(timeout_s, 1)
@@ -324,7 +319,7 @@ def _limit_waiting(connection: Connection, timeout_s: float) -> None:
 class _ClosedOnError:
     """Close the pool when the block fails: its workers may still write to arrays that are about to go."""
 
-    def __init__(self, pool: SubtreePool) -> None:
+    def __init__(self, pool: WorkerPool) -> None:
         self._pool = pool
 
     def __enter__(self) -> None:

@@ -1,7 +1,8 @@
-"""The life of a worker process: load the compiled code, then answer until the pipe closes."""
+"""The life of a worker process: import what its steps need, then answer until the pipe closes."""
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import shutil
 import signal
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-# What a message asks for, and what follows it.
+# Kinds of messages, each with its content.
 ATTACH = "attach"  # name -> ArrayHandle
 RUN = "run"  # step function, arguments
 STOP = "stop"
@@ -21,8 +22,8 @@ STOP = "stop"
 _DEATH_TAKES_S = 1.0
 
 
-def serve(connection: Connection, folder: str | None) -> None:
-    """Answer the messages of a `SubtreePool` with (True, result) or (False, traceback).
+def serve(connection: Connection, folder: str | None, preload: str | None) -> None:
+    """Answer the messages of a `WorkerPool` with (True, result) or (False, traceback).
 
     The loop ends with STOP, or when the pipe closes because the coordinator is gone, however it went.
 
@@ -31,11 +32,13 @@ def serve(connection: Connection, folder: str | None) -> None:
     connection : Connection
     folder : str or None
         The coordinator's folder for the sockets of `multiprocessing`. It removes that itself unless it is killed.
+    preload : str or None
+        The name of a module to import first.
     """
     # Ctrl-C reaches the whole process group. The coordinator decides what it means; workers follow its pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Done already where a fork server started this process.
-    from . import preload  # noqa: F401
+    if preload is not None:
+        importlib.import_module(preload)  # a fork server has done so already
 
     attached: dict[str, _Attached] = {}
     try:

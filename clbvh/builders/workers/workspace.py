@@ -6,7 +6,6 @@ time of a build: 871,306 triangles, two workers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -14,64 +13,60 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..closing import Closing
+from ...support.context_manager import ContextManager
 from .arena import Arena, ArrayHandle
 
 # More than this is given back after a build: enough for 15 million triangles.
 _KEPT_BYTES = 2**30
 
-# Arrays by name: shape and dtype.
-Shapes = Mapping[str, tuple[tuple[int, ...], DTypeLike]]
-
 
 @dataclass(frozen=True, eq=False)
-class _Room:
-    """Memory for one array; it may be larger than the array at hand."""
+class _Block:
+    """Memory of one name; it may be larger than the array that lies in it."""
 
     arena: Arena
     handle: ArrayHandle
     memory: NDArray[np.uint8]
 
 
-class Workspace(Closing):
-    """Owner of arrays that are taken again and again, by name."""
+class Workspace(ContextManager):
+    """Owner of shared memory that is used again, by name."""
 
     def __init__(self) -> None:
-        self._rooms: dict[str, _Room] = {}
+        self._blocks: dict[str, _Block] = {}
 
-    def take(self, shapes: Shapes) -> tuple[dict[str, NDArray[Any]], dict[str, ArrayHandle]]:
-        """Return arrays of these shapes, with whatever they hold, and the handles that attach workers to them.
+    def take(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> tuple[ArrayHandle, NDArray[Any]]:
+        """Return an array with arbitrary contents, and the handle that attaches workers to it.
+
+        It lies in the memory of the last array of this name, if that is large enough.
 
         Raises
         ------
         PoolError
             See `Arena.create`.
         """
-        arrays, handles = {}, {}
-        for name, (shape, dtype) in shapes.items():
-            room = self._find_room(name, prod(shape) * np.dtype(dtype).itemsize)
-            handles[name] = room.handle.reshape(shape, dtype)
-            arrays[name] = handles[name].view(room.memory)
-        return arrays, handles
+        block = self._find_block(name, prod(shape) * np.dtype(dtype).itemsize)
+        handle = block.handle.reshape(shape, dtype)
+        return handle, handle.view(block.memory)
 
     @property
     def is_too_large(self) -> bool:
         """Whether it holds more than should be kept between builds."""
-        return sum(room.memory.nbytes for room in self._rooms.values()) > _KEPT_BYTES
+        return sum(block.memory.nbytes for block in self._blocks.values()) > _KEPT_BYTES
 
     def close(self) -> None:
         """Give all memory back. Closing twice is allowed."""
-        while self._rooms:
-            self._rooms.popitem()[1].arena.close()
+        while self._blocks:
+            self._blocks.popitem()[1].arena.close()
 
-    def _find_room(self, name: str, size: int) -> _Room:
-        room = self._rooms.get(name)
-        if room is not None and room.memory.nbytes >= size:
-            return room
-        if room is not None:
-            self._rooms.pop(name).arena.close()
+    def _find_block(self, name: str, size: int) -> _Block:
+        block = self._blocks.get(name)
+        if block is not None and block.memory.nbytes >= size:
+            return block
+        if block is not None:
+            self._blocks.pop(name).arena.close()
         # An arena of its own: it knows how much memory is free at this moment.
         arena = Arena()
         handle, memory = arena.create((size,), np.uint8)
-        self._rooms[name] = _Room(arena, handle, memory)
-        return self._rooms[name]
+        self._blocks[name] = _Block(arena, handle, memory)
+        return self._blocks[name]

@@ -1,7 +1,7 @@
-"""What to do about it: the words and commands that `diagnose.py` puts under its findings.
+"""Advice: the sentences and commands under the findings of `doctor/diagnose.py`.
 
-Each function takes what was found and returns lines; one that begins with ``$`` is a command that can be pasted
-into a shell. Nothing here starts a driver.
+Each function takes facts and returns lines; a line that begins with ``$`` is a command for a shell. No function touches
+a driver.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..info import DeviceInfo
 from .drivers import SYSTEM_VENDORS, DeviceFile, FoundLibrary, IcdFile, LoaderRule
-from .select import DeviceInfo
 
 Advice = tuple[str, ...]
 
-# PoCL of the PyPI package `pocl-binary-distribution`, whose last release it is.
+# Major version of PoCL in the last release of the PyPI package `pocl-binary-distribution`.
 _PYPI_POCL_MAJOR = 3
 
 _USER_VENDORS = "~/.config/OpenCL/vendors"
 
 ADVICE_FOR_LISTING: Advice = (
-    "one of the drivers does this: try them one at a time to find it",
+    "one of the drivers causes this: try them one at a time to find it",
     "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices",
 )
 
@@ -48,7 +48,7 @@ ADVICE_FOR_GPU: dict[str, Advice] = {
 
 
 def advise_pyopencl(failure: str, has_bundled_loader: bool) -> Advice:
-    """Return what to do when pyopencl cannot be imported."""
+    """Return advice for a pyopencl that cannot be imported."""
     reinstall = "$ pip install --force-reinstall --only-binary :all: pyopencl"
     if "libOpenCL" in failure and not has_bundled_loader:
         return (
@@ -74,7 +74,7 @@ def advise_icd(library: FoundLibrary) -> Advice:
 
 
 def advise_device_files(refused: Sequence[DeviceFile]) -> Advice:
-    """Return how to be let at device files."""
+    """Return advice for device files without permission."""
     if all(file.vendor == "NVIDIA" for file in refused):
         return ("in a container: start it with the GPU (`docker run --gpus all`); else ask your administrator",)
     return (
@@ -84,18 +84,18 @@ def advise_device_files(refused: Sequence[DeviceFile]) -> Advice:
 
 
 def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
-    """Return what to do about a failure, from what the driver and its compiler said.
+    """Return advice for a failure, by the messages of the driver and its compiler.
 
     Parameters
     ----------
     text : str
-        The error and everything that was written.
+        The error and the whole output.
     device : DeviceInfo, optional
         The device that failed.
     """
     is_pocl = device is not None and "pocl" in f"{device.platform_version} {device.version}".lower()
-    # pocl/pocl issue 1049: a processor that is newer than the LLVM inside PoCL is called "generic", which the
-    # compiler then refuses. A wrong guess instead ends in an instruction that the processor does not have.
+    # pocl/pocl issue 1049: the LLVM inside PoCL calls a newer processor "generic", which the compiler then refuses. A
+    # wrong guess ends in an instruction that the processor does not have.
     if re.search(r"unknown target CPU|does not recognize your cpu", text) or (is_pocl and "SIGILL" in text):
         return (
             "this PoCL is older than the CPU, and its compiler does not know it: use a newer PoCL",
@@ -126,7 +126,7 @@ def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
         number = 0 if device is None else device.number
         return (
             "let PoCL say more:",
-            f"$ POCL_DEBUG=err {shlex.quote(sys.executable)} -m clbvh.device.probe try {number}",
+            f"$ POCL_DEBUG=err {shlex.quote(sys.executable)} -m clbvh.device.doctor.probe try {number}",
             "a newer PoCL may help:",
             *_newer_pocl(device),
         )
@@ -134,9 +134,9 @@ def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
 
 
 def advise_cpu_driver(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> Advice:
-    """Return how any machine gets a device at last: PoCL, which needs nothing but a CPU."""
+    """Return advice that gives any machine a device: PoCL, which needs only a CPU."""
     if any("pocl" in f"{icd.path.name} {icd.library}".lower() for icd in icd_files):
-        return ("PoCL, which needs no GPU, is registered: see above what it lacks",)
+        return ("PoCL, which needs no GPU, is registered: see above for its problem",)
     if rule.single and rule.bundled is not None and (rule.bundled / "pocl.icd").is_file():
         return (f"{rule.variable} hides the PoCL that is installed:", f"$ unset {rule.variable}")
     advice: Advice = ("PoCL runs on the CPU and needs no GPU:",)
@@ -146,7 +146,7 @@ def advise_cpu_driver(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> Advice:
 
 
 def advise_unloadable(icd: IcdFile) -> Advice:
-    """Return what to do about a driver file whose library cannot be loaded."""
+    """Return advice for a driver file whose library cannot be loaded."""
     if "/" in icd.library and not Path(icd.library).exists():
         return ("the driver was removed or moved: reinstall it, or delete the file",)
     return (
@@ -156,7 +156,7 @@ def advise_unloadable(icd: IcdFile) -> Advice:
 
 
 def _newer_pocl(device: DeviceInfo | None) -> Advice:
-    """Return the commands that get a newer PoCL than the one of `device`."""
+    """Return the commands that install a newer PoCL than the one of `device`."""
     commands: Advice = (
         "$ conda install -c conda-forge pyopencl pocl",
         "$ sudo apt install pocl-opencl-icd    # on a recent release of the system",
@@ -167,6 +167,6 @@ def _newer_pocl(device: DeviceInfo | None) -> Advice:
 
 
 def _read_major(device: DeviceInfo | None) -> int:
-    """Return the major version of a device's driver, -1 when it is not known."""
+    """Return the major version of a device's driver, -1 if unknown."""
     match = re.match(r"\d+", device.driver_version) if device is not None else None
     return int(match[0]) if match else -1

@@ -1,7 +1,7 @@
-"""Finds out why a device is missing or does not work: the checks behind `clbvh doctor`.
+"""Finds the causes of missing or failing devices.
 
-Returns data and prints nothing. Everything that touches a driver happens in processes of its own (`probe.py`);
-what the file system tells comes from `drivers.py`, what to do about it from `advice.py`.
+Returns data and prints nothing. Drivers are touched only in processes of their own (`probe.py`); facts from the file
+system come from `drivers.py`, remedies from `advice.py`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from ..errors import DeviceError
+from ...errors import DeviceError
+from ..info import DeviceInfo
+from ..select import DEVICE_VARIABLE, pick_device
 from . import drivers
 from .advice import (
     ADVICE_FOR_GPU,
@@ -27,32 +29,31 @@ from .advice import (
 )
 from .drivers import DeviceFile, FoundLibrary, IcdFile, LoaderRule
 from .probe import ProbeResult, run_probe
-from .select import DEVICE_VARIABLE, DeviceInfo, pick_device
 
 Severity = Literal["ok", "note", "problem"]
 
 # A first compilation takes about a second with PoCL; the first use of a GPU after boot can take ten.
 PROBE_TIMEOUT_S = 60.0
 
-# Of a compiler's log, as much as fits into a few lines of a terminal; `Trial.error` has all of it.
+# Most characters of a compiler's log in a message: a few lines; `Trial.error` has all of it.
 _ERROR_LENGTH = 400
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes
     ----------
     check : str
-        Which check found it: ``"pyopencl"``, ``"loader"``, ``"driver file"``, ``"driver library"``,
+        The check: ``"pyopencl"``, ``"loader"``, ``"driver file"``, ``"driver library"``,
         ``"device file"``, ``"platform"``, ``"device"``, ``"hardware"`` or ``"choice"``.
     severity : {"ok", "note", "problem"}
-        A note may well be as intended; a problem keeps something from working.
+        A note may be intended; a problem prevents something from working.
     message : str
-        What is so.
+        The fact that was found.
     advice : tuple of str
-        What to do, line by line; a line that begins with ``$`` is a command.
+        Remedies, line by line; a line that begins with ``$`` is a command.
     """
 
     check: str
@@ -61,13 +62,13 @@ class Finding:
     advice: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the finding as it is written to JSON."""
+        """Return the finding as JSON has it."""
         return dict(vars(self))
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How a small kernel fared on one device; `error` is empty when the result was right."""
+    """The result of a small kernel on one device; `error` is empty if the result was right."""
 
     device: DeviceInfo
     error: str
@@ -81,7 +82,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All findings, in the order in which an OpenCL program needs things, and what each device can do."""
+    """All findings, in the order in which an OpenCL program meets them, and the trial of each device."""
 
     findings: tuple[Finding, ...]
     trials: tuple[Trial, ...]
@@ -98,13 +99,13 @@ def diagnose(timeout_s: float = PROBE_TIMEOUT_S) -> Diagnosis:
     Parameters
     ----------
     timeout_s : float
-        How long one driver may take to answer.
+        Time limit for each answer of a driver.
     """
     rule = drivers.read_loader_rule(os.environ, drivers.find_bundled_folder())
     listing = run_probe("list", timeout_s=timeout_s)
     findings = check_pyopencl(listing, rule)
 
-    # The driver files only say something where the loader works with files.
+    # Driver files matter only where the loader works with files.
     on_linux = sys.platform == "linux"
     icd_files = drivers.find_icd_files(rule) if on_linux else []
     if on_linux:
@@ -133,7 +134,7 @@ def diagnose(timeout_s: float = PROBE_TIMEOUT_S) -> Diagnosis:
 
 
 def check_pyopencl(listing: ProbeResult, rule: LoaderRule) -> list[Finding]:
-    """Say whether pyopencl can be imported, and which loader it uses."""
+    """Check whether pyopencl can be imported, and which loader it uses."""
     if listing.answer.get("pyopencl"):
         loader = listing.answer.get("loader") or "the system's loader"
         return [
@@ -147,7 +148,7 @@ def check_pyopencl(listing: ProbeResult, rule: LoaderRule) -> list[Finding]:
 
 
 def check_loader_rule(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> list[Finding]:
-    """Say where the loader looks for drivers."""
+    """Check where the loader looks for drivers."""
     if rule.single:
         return [
             Finding(
@@ -177,7 +178,7 @@ def check_loader_rule(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> list[Fi
 
 
 def check_icd_files(icd_files: Sequence[IcdFile], loaded: Sequence[ProbeResult]) -> list[Finding]:
-    """Say for each registered driver whether its library can be loaded.
+    """Check for each registered driver whether its library can be loaded.
 
     Parameters
     ----------
@@ -207,7 +208,7 @@ def check_libraries(libraries: Sequence[FoundLibrary], icd_files: Sequence[IcdFi
         if library.driver.stem in named:
             continue
         message = f"{library.path} is a driver ({library.driver.vendor}) that no *.icd file names"
-        # A driver for the CPU, or Mesa's beside the maker's own, is often left out on purpose.
+        # A driver for the CPU, or Mesa's beside the vendor's own, is often left out on purpose.
         severity: Severity = "problem" if library.driver.vendor in drivers.GPU_VENDORS.values() else "note"
         findings.append(Finding("driver library", severity, message, advise_icd(library)))
     return findings
@@ -223,7 +224,7 @@ def check_device_files(device_files: Sequence[DeviceFile]) -> list[Finding]:
 
 
 def check_listing(listing: ProbeResult) -> list[Finding]:
-    """Report platforms that had to be left out, and a listing that did not come to its end."""
+    """Report platforms that were left out, and a listing that did not finish."""
     findings = [
         Finding("platform", "problem", problem, advise_failure(problem + listing.log))
         for problem in listing.answer.get("problems", ())
@@ -237,7 +238,7 @@ def check_listing(listing: ProbeResult) -> list[Finding]:
 
 
 def check_trial(trial: Trial, log: str = "") -> Finding:
-    """Say how the small kernel fared on one device."""
+    """Check the result of the small kernel on one device."""
     if trial.works:
         return Finding("device", "ok", f"{trial.device} computes correctly ({trial.wall_s:.1f} s)")
     said = textwrap.shorten(trial.error, _ERROR_LENGTH, placeholder=" ...")
@@ -258,7 +259,7 @@ def check_hardware(gpus: Sequence[str], working: Sequence[DeviceInfo]) -> list[F
     served = " ".join(f"{info.vendor} {info.name} {info.platform}" for info in working if info.kind != "cpu").lower()
     findings = []
     for vendor in dict.fromkeys(gpus):
-        # AMD's own driver spells its vendor out.
+        # AMD's own driver spells its vendor's name out.
         if vendor.lower() in served or (vendor == "AMD" and "advanced micro devices" in served):
             continue
         message = f"there is a GPU of {vendor} in this machine, and no OpenCL device that uses it"
@@ -267,7 +268,7 @@ def check_hardware(gpus: Sequence[str], working: Sequence[DeviceInfo]) -> list[F
 
 
 def check_choice(trials: Sequence[Trial]) -> list[Finding]:
-    """Say which device would be used, and whether that is one that works."""
+    """Check whether the device that would be used works."""
     if not trials:
         return []
     spec = os.environ.get(DEVICE_VARIABLE, "").strip() or None

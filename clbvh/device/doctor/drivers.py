@@ -1,9 +1,9 @@
-"""What the file system says about OpenCL drivers, without loading any of them.
+"""Facts about OpenCL drivers from the file system, without loading any of them.
 
 An OpenCL program loads `libOpenCL`, the loader. The loader reads small files, `*.icd`, each of which names the
-library of one driver. This module follows the same rules, and looks for what they miss: libraries that no
-`.icd` file names, graphics cards that no library serves, device files that may not be opened. It draws no
-conclusions: `diagnose.py` does.
+library of one driver. This module follows the same rules, and also finds libraries that no `.icd` file names, graphics
+cards that no library serves, and device files that may not be opened. It draws no conclusions: `doctor/diagnose.py`
+does.
 
 The rules are those of ocl-icd, the loader inside the wheels of pyopencl (manual page libOpenCL(7)). That copy
 also reads `pyopencl/.libs`, where the package `pocl-binary-distribution` puts PoCL, unless `OCL_ICD_VENDORS`
@@ -23,7 +23,7 @@ from pathlib import Path
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 
-# In the order the loader looks at them.
+# In the order in which the loader reads them.
 VENDOR_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
 
 _LDCONFIG = ("ldconfig", "/sbin/ldconfig", "/usr/sbin/ldconfig")
@@ -32,14 +32,14 @@ _LDCONFIG_TIMEOUT_S = 10
 
 @dataclass(frozen=True)
 class Driver:
-    """A driver that is known to exist somewhere.
+    """A driver that this module recognises.
 
     Attributes
     ----------
     stem : str
-        How the file name of its library begins.
+        The start of the file name of its library.
     vendor : str
-        Whose hardware it drives, as in `GPU_VENDORS`; for a CPU driver the name of the driver.
+        The vendor of the hardware, as in `GPU_VENDORS`; for a CPU driver the name of the driver.
     icd_name : str
         The usual name of its `.icd` file.
     """
@@ -67,16 +67,16 @@ _GPU_CLASSES = (0x03, 0x12)
 
 @dataclass(frozen=True)
 class LoaderRule:
-    """Where the loader looks.
+    """The places that the loader reads.
 
     Attributes
     ----------
     folders : tuple of Path
         Their `*.icd` files are read. They need not exist.
     single : str
-        The only driver, a `.icd` file or a library, when `OCL_ICD_VENDORS` names one; else empty.
+        The only driver, a `.icd` file or a library, if `OCL_ICD_VENDORS` names one; else empty.
     variable : str
-        The environment variable that decided, or empty.
+        The environment variable that decides, or empty.
     bundled : Path or None
         The folder inside the `pyopencl` package, if the wheel brought a loader.
     """
@@ -89,7 +89,7 @@ class LoaderRule:
 
 @dataclass(frozen=True)
 class IcdFile:
-    """One file that registers a driver; `library` is what it names, empty when it cannot be read."""
+    """A file that registers a driver; `library` is the name in it, empty if it cannot be read."""
 
     path: Path
     library: str
@@ -97,7 +97,7 @@ class IcdFile:
     def loadable_name(self, rule: LoaderRule) -> str:
         """Return the name under which the loader opens the library."""
         beside = self.path.parent / self.library
-        # The bundled loader finds its own neighbours by its run path, which nobody else has.
+        # Only the bundled loader finds its neighbours, by its run path.
         if self.path.parent == rule.bundled and "/" not in self.library and beside.is_file():
             return str(beside)
         return self.library
@@ -113,7 +113,7 @@ class FoundLibrary:
 
 @dataclass(frozen=True)
 class DeviceFile:
-    """A device file of a GPU that exists; `may_open` tells whether this user may read and write it."""
+    """An existing device file of a GPU; `may_open` if this user may read and write it."""
 
     path: Path
     vendor: str
@@ -146,16 +146,16 @@ def read_loader_rule(
     default = SYSTEM_VENDORS
     if bundled is None and (Path(prefix) / "conda-meta").is_dir():
         default = Path(prefix) / "etc/OpenCL/vendors"
-    also = () if bundled is None else (bundled,)
+    bundled_folders = () if bundled is None else (bundled,)
 
     vendors, vendor_path = (environment.get(variable, "") for variable in VENDOR_VARIABLES)
     if vendors and not Path(vendors).is_dir():
         return LoaderRule((), vendors, VENDOR_VARIABLES[0], bundled)
     if vendors:
-        return LoaderRule((Path(vendors), *also), "", VENDOR_VARIABLES[0], bundled)
+        return LoaderRule((Path(vendors), *bundled_folders), "", VENDOR_VARIABLES[0], bundled)
     if vendor_path:
-        return LoaderRule((Path(vendor_path), *also), "", VENDOR_VARIABLES[1], bundled)
-    return LoaderRule((default, *also), "", "", bundled)
+        return LoaderRule((Path(vendor_path), *bundled_folders), "", VENDOR_VARIABLES[1], bundled)
+    return LoaderRule((default, *bundled_folders), "", "", bundled)
 
 
 def find_icd_files(rule: LoaderRule) -> list[IcdFile]:
@@ -164,7 +164,7 @@ def find_icd_files(rule: LoaderRule) -> list[IcdFile]:
         path = Path(rule.single)
         if path.suffix != ".icd":
             return [IcdFile(path, rule.single)]
-        # A bare name is looked for among the system's files first.
+        # A bare name is searched among the system's files first.
         in_system = SYSTEM_VENDORS / path
         return [_read_icd(in_system if "/" not in rule.single and in_system.exists() else path)]
     return [_read_icd(path) for folder in rule.folders for path in sorted(folder.glob("*.icd"))]
@@ -178,7 +178,7 @@ def find_libraries(folders: Iterable[Path], cached: Iterable[Path] = ()) -> list
     folders : iterable of Path
         Searched in this order; they need not exist.
     cached : iterable of Path
-        Libraries known already, such as those of `read_library_cache`; they come before the folders.
+        Known libraries, for example those of `read_library_cache`; they come before the folders.
     """
     candidates = [*cached]
     for folder in folders:
@@ -194,7 +194,7 @@ def find_libraries(folders: Iterable[Path], cached: Iterable[Path] = ()) -> list
 
 
 def match_driver(library: str) -> Driver | None:
-    """Return the known driver that a library, given by its name or path, belongs to."""
+    """Return the known driver of a library, which is given by its name or path."""
     name = Path(library.strip()).name
     return next((driver for driver in KNOWN_DRIVERS if name.startswith(driver.stem)), None)
 
@@ -225,7 +225,7 @@ def usual_folders(environment: Mapping[str, str] = os.environ, prefix: str = sys
 
 
 def read_library_cache() -> list[Path]:
-    """Return the libraries that the dynamic linker knows; empty where there is no `ldconfig` command."""
+    """Return the libraries that the dynamic linker knows; empty without an `ldconfig` command."""
     for command in _LDCONFIG:
         try:
             answer = subprocess.run(
@@ -283,5 +283,5 @@ def _read_icd(path: Path) -> IcdFile:
         text = path.read_bytes().decode(errors="replace")
     except OSError:
         return IcdFile(path, "")
-    # Only the end of the line is cut off, as the loader does: to it a stray blank is part of the name.
+    # Like the loader, cut off only the end of the line: to it a stray blank is part of the name.
     return IcdFile(path, text.split("\n", 1)[0])

@@ -1,9 +1,9 @@
-"""Touches drivers in a process of its own, so that one that crashes or hangs takes nothing else down.
+"""Touches drivers in a process of its own, so that a crash or a hang of one affects nothing else.
 
-`python -m clbvh.device.probe WHAT` does one thing and writes one JSON object on its standard output.
+`python -m clbvh.device.doctor.probe WHAT` does one thing and writes one JSON object on its standard output.
 `run_probe` starts it and reads the answer; the calling process never loads OpenCL itself. WHAT is one of
 
-- ``list``: what pyopencl, its loader and all platforms say;
+- ``list``: describe pyopencl, its loader and all platforms;
 - ``try NUMBER``: compile and run a small kernel on one device of that list, and check the result;
 - ``load NAME``: load a driver's library as the loader would.
 """
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeviceError
+from ...errors import DeviceError
 
 # One more than a power of two: a driver that rounds the range shows itself.
 _ITEM_COUNT = 1025
@@ -34,27 +34,27 @@ __kernel void double_and_add(__global const float *restrict source, __global flo
 }
 """
 
-# A compiler that no longer works must not hide behind what it compiled on a better day.
+# A compiler that no longer works must not hide behind kernels that it compiled earlier.
 _WITHOUT_CACHES = {"POCL_KERNEL_CACHE": "0", "PYOPENCL_NO_CACHE": "1", "CUDA_CACHE_DISABLE": "1"}
 
-# How long a killed probe may take to vanish; one that hangs in the operating system never does.
+# Time limit for a killed probe to end; one that hangs in the operating system never does.
 _KILL_TIMEOUT_S = 5
 
 
 @dataclass(frozen=True)
 class ProbeResult:
-    """What became of a probe.
+    """The outcome of a probe.
 
     Attributes
     ----------
     answer : dict
-        The JSON object; empty when there is none.
+        The JSON object; empty if there is none.
     failure : str
-        What went wrong, empty when nothing did.
+        The reason of a failure; empty without one.
     log : str
-        What the probe and the drivers wrote on standard error.
+        The output of the probe and of the drivers on standard error.
     wall_s : float
-        From start to end of the process.
+        Duration of the process.
     """
 
     answer: dict[str, Any]
@@ -64,9 +64,9 @@ class ProbeResult:
 
 
 def run_probe(*arguments: str, timeout_s: float) -> ProbeResult:
-    """Run `python -m clbvh.device.probe` with these arguments and wait for its answer."""
+    """Run `python -m clbvh.device.doctor.probe` with these arguments and wait for its answer."""
     started = time.perf_counter()
-    # "-W ignore": a warning of a library is no failure of a driver, whatever PYTHONWARNINGS says.
+    # "-W ignore": a library's warning is not a driver's failure, whatever PYTHONWARNINGS says.
     process = subprocess.Popen(
         [sys.executable, "-W", "ignore", "-m", __name__, *arguments],
         stdin=subprocess.DEVNULL,
@@ -76,7 +76,7 @@ def run_probe(*arguments: str, timeout_s: float) -> ProbeResult:
         text=True,
         errors="replace",
     )
-    # Without `with`, whose end waits for the process: one that hangs in the operating system cannot be killed.
+    # No `with`, whose end would wait for the process: one that hangs in the operating system cannot be killed.
     try:
         output, log = process.communicate(timeout=timeout_s)
         failure = _explain_exit(process.returncode)
@@ -91,7 +91,7 @@ def run_probe(*arguments: str, timeout_s: float) -> ProbeResult:
     try:
         answer = json.loads(output)
     except ValueError:
-        return ProbeResult({}, failure or "answered nothing that can be read", log, wall_s)
+        return ProbeResult({}, failure or "gave no readable answer", log, wall_s)
     if failure and "error" not in answer:
         failure = f"answered, but then {failure}"
     return ProbeResult(answer, answer.get("error", failure), log, wall_s)
@@ -119,7 +119,7 @@ def _explain_exit(code: int) -> str:
 
 def _list() -> dict[str, Any]:
     """Describe pyopencl, the loader and the devices."""
-    from .select import import_pyopencl, survey_devices
+    from ..select import import_pyopencl, survey_devices
 
     cl = import_pyopencl()
     survey = survey_devices()
@@ -132,7 +132,7 @@ def _list() -> dict[str, Any]:
 
 
 def _find_loaded_loader() -> str:
-    """Return the path of the libOpenCL in this process; empty where the system does not tell."""
+    """Return the path of the libOpenCL in this process; empty if the system does not tell."""
     try:
         maps = Path("/proc/self/maps").read_text()
     except OSError:
@@ -145,7 +145,7 @@ def _try(number: int) -> dict[str, Any]:
     """Compile and run a small kernel on one device."""
     import numpy as np
 
-    from .select import import_pyopencl, pick_device, survey_devices
+    from ..select import import_pyopencl, pick_device, survey_devices
 
     cl = import_pyopencl()
     device = pick_device(survey_devices().devices, number)
@@ -183,7 +183,7 @@ def _load(name: str) -> dict[str, Any]:
 
 
 def _main(arguments: list[str]) -> None:
-    # Drivers print; what they print must not end up inside the answer.
+    # The output of drivers must not end up in the answer.
     answer_file = os.dup(1)
     os.dup2(2, 1)
     try:
@@ -194,9 +194,9 @@ def _main(arguments: list[str]) -> None:
         elif len(arguments) == 2 and arguments[0] == "load":
             answer = _load(arguments[1])
         else:
-            sys.exit("usage: python -m clbvh.device.probe list | try NUMBER | load NAME")
+            sys.exit("usage: python -m clbvh.device.doctor.probe list | try NUMBER | load NAME")
     except DeviceError as error:
-        # The first cause is what helps: the loader's own words, without our advice to run the doctor.
+        # The cause has the loader's own words, without the advice to run the doctor.
         answer = {"error": str(error.__cause__ or error)}
     os.write(answer_file, json.dumps(answer).encode())
 

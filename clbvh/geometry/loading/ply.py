@@ -1,6 +1,6 @@
 """The PLY format: ASCII, binary little-endian and big-endian, with any properties and any polygons.
 
-Owns the header and the rows; numpy and pyminiply read the numbers. Nothing is made that is larger than the file allows.
+Owns the header and the rows; numpy and pyminiply read the numbers. No array is larger than the file allows.
 
 Greg Turk, "The PLY Polygon File Format", 1994.
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError
+from ...errors import MeshError
 from .polygons import cut_fans
 
 _MAX_HEADER_BYTES = 1 << 20
@@ -27,13 +27,13 @@ _TYPES = {
 }
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _NEWLINE = ord("\n")
-_CHUNK_BYTES = 1 << 18  # looked through together: they stay in the cache
-# A mesh that is farther from zero than twice its width would lose two bits or more when float32 is re-based.
+_CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
+# float32 loses two bits or more when a mesh is re-based that is farther from zero than twice its width.
 _MAX_REACH = 2
 
 
 class _Property(NamedTuple):
-    """One property of an element; a list when it has a type for its lengths."""
+    """One property of an element; a list if it has a type for lengths."""
 
     name: str
     dtype: np.dtype
@@ -49,7 +49,7 @@ class _Element(NamedTuple):
 
 
 class _Column(NamedTuple):
-    """The values of one property, row after row, and how many of them each row has."""
+    """The values of one property, row after row, and the number of them in each row."""
 
     values: NDArray[np.number]
     sizes: NDArray[np.int64]
@@ -70,7 +70,7 @@ def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.in
         if element.row_count and element.properties:
             columns[element.name], begin = read_rows(data, begin, element)
     if data[begin:].strip():
-        raise MeshError("the file goes on where its header says it ends, so one of the two is damaged")
+        raise MeshError("the file goes on behind the end that its header declares, so one of the two is damaged")
 
     if not {"x", "y", "z"} <= columns.get("vertex", {}).keys():
         raise MeshError("the mesh has no vertices with x, y and z")
@@ -90,7 +90,7 @@ def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.in
 
 
 def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
-    """Return the byte order, the elements, and where the data begin."""
+    """Return the byte order, the elements, and the offset of the data."""
     header = _HEADER.match(data, 0, _MAX_HEADER_BYTES)
     if header is None:
         raise MeshError("the file is cut off or not a PLY file: it has no header from 'ply' to 'end_header'")
@@ -114,7 +114,7 @@ def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
                     raise ValueError(line)  # noqa: TRY301
         except (LookupError, ValueError) as error:
             words = line.decode("latin-1").strip()[:80]
-            raise MeshError(f"the PLY header has a line that makes no sense: '{words}'") from error
+            raise MeshError(f"the PLY header has a line that is not PLY: '{words}'") from error
     if not byte_order:
         raise MeshError("the PLY header has no 'format' line, so it does not say how to read the data")
     return byte_order, elements, header.end()
@@ -123,11 +123,11 @@ def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
 def _read_plain_text(
     data: bytes, begin: int, elements: list[_Element], file: Path
 ) -> tuple[NDArray[np.number], NDArray[np.integer]] | None:
-    """Return what is in an ASCII file of float vertices and triangles, or None if it is not quite that.
+    """Return the mesh of an ASCII file of float vertices and triangles, None for any other file.
 
-    pyminiply reads decimal numbers four times as fast as numpy. Of its faces no use is made: it takes words for 0,
-    and fills polygons of more than four corners with chance values. It also trusts the lengths of lists, so it only
-    gets to see a file whose faces numpy has found to be in order.
+    pyminiply reads decimal numbers four times as fast as numpy. Its faces are not used: it reads words as 0 and fills
+    polygons of more than four corners with random values. It also trusts the lengths of lists, so it is called only
+    after numpy has found the faces to be in order.
     """
     if [element.name for element in elements] != ["vertex", "face"]:
         return None
@@ -146,7 +146,7 @@ def _read_plain_text(
         rows = np.fromstring(data[end:], np.int64, sep=" ").reshape(face_count, 4)
         vertices = pyminiply.read(file, read_normals=False, read_uv=False, read_color=False)[0]
         lower, upper = vertices.min(axis=0), vertices.max(axis=0)
-    except Exception:  # the careful reader finds out what is wrong, or does without pyminiply
+    except Exception:  # the general reader names the fault, or reads the file without pyminiply
         return None
     # Written so that NaN and infinity fail it.
     is_near = max(-lower.min(), upper.max()) <= _MAX_REACH * (upper - lower).max() < np.inf
@@ -155,7 +155,7 @@ def _read_plain_text(
 
 
 def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
-    """Turn the lines of one element into binary rows of int64 or float64, and read those."""
+    """Convert the lines of one element to binary rows of int64 or float64, and read those."""
     end = _find_line_end(data, begin, element.row_count)
     if end < begin:
         raise _cut_off(element)
@@ -165,12 +165,12 @@ def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[st
     properties = [_Property(prop.name, dtype, prop.length_dtype and dtype) for prop in element.properties]
     columns, row_end = _read_rows(rows, 0, element._replace(properties=properties))
     if row_end != len(rows):
-        raise MeshError(f"the lines of '{element.name}' have more numbers than they should")
+        raise MeshError(f"the lines of '{element.name}' have more numbers than the header declares")
     return columns, end
 
 
 def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
-    """Return where the line behind so many lines begins, or -1 if there are fewer."""
+    """Return the offset of the line behind the next `line_count` lines, -1 if there are fewer."""
     while line_count > (count := data.count(b"\n", begin, begin + _CHUNK_BYTES)):
         line_count -= count
         begin += _CHUNK_BYTES
@@ -181,11 +181,11 @@ def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
 
 
 def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
-    """Read the element that starts at byte `begin`; return its columns and where it ends."""
+    """Read the element at offset `begin`; return its columns and the offset of its end."""
     min_width = sum((prop.length_dtype or prop.dtype).itemsize for prop in element.properties)
     if begin + element.row_count * min_width > len(data):
         raise _cut_off(element)
-    # Nearly always the lists of all rows are as long as those of the first one: then the rows are a table.
+    # The lists of all rows are nearly always as long as those of the first row: then the rows are a table.
     first, first_end = _walk_rows(data, begin, element._replace(row_count=1))
     end = begin + element.row_count * (first_end - begin)
     if end <= len(data):

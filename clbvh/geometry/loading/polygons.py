@@ -1,29 +1,31 @@
-"""Polygons to triangles, in place: a polygon of m corners becomes m - 2 triangles, where it stood."""
+"""Polygons to triangles: a polygon of m corners is replaced by m - 2 triangles in the order of the faces."""
 
 from __future__ import annotations
+
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError
+from ...errors import MeshError
 
 
 def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
     """Cut polygons into fans around their first corners.
 
-    A fan covers a convex polygon exactly. It leaves a polygon that has a dent, unless the dent is the first corner.
+    A fan covers a convex polygon exactly. It reaches out of a concave one, unless the first corner is the concave one.
 
     Parameters
     ----------
     corners : (n,) int
-        Vertex indices of all polygons, one after the other.
+        Vertex indices of all polygons, concatenated.
     sizes : (p,) int
         Corners per polygon.
 
     Returns
     -------
     (F, 3) int
-        Triangles in the order of the polygons, wound like them.
+        Triangles in the order of the polygons, with their winding.
 
     Raises
     ------
@@ -40,3 +42,9 @@ def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArra
     first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
     step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
     return corners[np.column_stack((first, first + step + 1, first + step + 2))]
+
+
+def join_polygons(polygons: list[list[bytes]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners of all polygons, concatenated, and the number of corners of each."""
+    corners = np.fromiter(map(int, chain.from_iterable(polygons)), np.int64)
+    return corners, np.fromiter(map(len, polygons), np.int64)

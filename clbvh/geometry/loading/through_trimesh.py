@@ -1,6 +1,6 @@
-"""STL, glTF and whatever else trimesh reads, as one mesh.
+"""STL, glTF and all other formats that trimesh reads, as one mesh.
 
-Owns what trimesh leaves open: a file that is cut off is refused, and a scene is flattened in the order of its file.
+Adds to trimesh that a file which was cut off is refused, and that a scene is flattened in the order of its file.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError
-from .mesh import Mesh
+from ...errors import MeshError
+from ..mesh import Mesh
 
 _GLB_LENGTH = slice(8, 12)  # bytes of a GLB file that hold its size
 _STL_COUNT = slice(80, 84)  # bytes of a binary STL file that hold the number of its triangles
 _STL_TRIANGLE_BYTES = 50
-_PRIMITIVE_SUFFIX_LENGTH = 7  # what trimesh appends to a node's name for each of several primitives
+_PRIMITIVE_SUFFIX_LENGTH = 7  # trimesh appends it to a node's name for each of several primitives
 
 
 def read_through_trimesh(data: bytes, file: Path, file_format: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
-    """Return the vertices (V, 3) and faces (F, 3) of all parts of a file, one part behind the other."""
+    """Return the vertices (V, 3) and faces (F, 3) of all parts of a file, concatenated."""
     declared_bytes = int.from_bytes(data[_GLB_LENGTH], "little")
     if file_format == "glb" and declared_bytes != len(data):
         raise MeshError(f"the file is cut off or damaged: it declares {declared_bytes:,} bytes, but has {len(data):,}")
     declared_count = _count_stl_triangles(data) if file_format == "stl" else None
 
-    # Imported here: it takes 0.3 s, and most files do without.
+    # Imported here: it takes 0.3 s, and most files do not need it.
     import trimesh
 
     if file_format not in trimesh.exchange.load.mesh_formats():
         raise MeshError("not a mesh file of a known kind: PLY, OBJ, STL, OFF, GLB and glTF are read")
     log = logging.getLogger("trimesh")
     level = log.level
-    log.setLevel(logging.CRITICAL)  # it would print a traceback for a normal that is no number
+    log.setLevel(logging.CRITICAL)  # it would print a traceback for a normal that is not a number
     try:
         scene = trimesh.load_scene(
             io.BytesIO(data),
@@ -57,9 +57,9 @@ def read_through_trimesh(data: bytes, file: Path, file_format: str) -> tuple[NDA
         transform, name = scene.graph[node]
         part = scene.geometry[name]
         if isinstance(part, trimesh.Trimesh) and len(part.faces):
-            # Checked here, because behind another part a wrong index would name a vertex of that one.
+            # Checked here: once concatenated, a wrong index could refer to a vertex of another part.
             Mesh.from_arrays(part.vertices, part.faces, name=f"part '{name}'")
-            part = part.copy().apply_transform(transform)  # which turns the winding back where it mirrors
+            part = part.copy().apply_transform(transform)  # flips the winding where it mirrors
             vertices.append(part.vertices)
             faces.append(part.faces)
     count = sum(map(len, faces))
@@ -69,12 +69,12 @@ def read_through_trimesh(data: bytes, file: Path, file_format: str) -> tuple[NDA
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Return whether the bytes are just as many as a binary STL file would have by its header."""
+    """Return whether the size is the one that the header of a binary STL file would declare."""
     return len(data) == _STL_COUNT.stop + int.from_bytes(data[_STL_COUNT], "little") * _STL_TRIANGLE_BYTES
 
 
 def _count_stl_triangles(data: bytes) -> int:
-    """Return how many triangles an STL file should have."""
+    """Return the number of triangles that an STL file declares."""
     count = int.from_bytes(data[_STL_COUNT], "little")
     if not is_binary_stl(data):
         count = len(re.findall(rb"\bfacet\s+normal\b", data, re.IGNORECASE))
@@ -86,8 +86,8 @@ def _count_stl_triangles(data: bytes) -> int:
 def _restore_order(nodes: list[str], parents: dict[str, str]) -> list[str]:
     """Return glTF nodes in the order of the file.
 
-    trimesh goes through siblings from the last to the first, but through the primitives of one node, which become
-    nodes called after it, from the first to the last.
+    trimesh lists siblings from the last to the first, but the primitives of one node, which become nodes named after
+    it, from the first to the last.
     """
 
     def find_owner(node: str) -> str:

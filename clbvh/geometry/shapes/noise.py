@@ -10,10 +10,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-_TABLE_SIZE = 256  # the field repeats after so many units along each axis
-_LACUNARITY = 2.03  # octaves that are not quite twice as fine do not share lattice points
+_TABLE_SIZE = 256  # the period of the field along each axis, in units
+_LACUNARITY = 2.03  # not quite 2, so that octaves do not share lattice points
 _GAIN = 0.5
-_SUM_OF_STRENGTHS = 1 / (1 - _GAIN)  # of endless octaves: a field keeps its height when it gets finer ones
+_SUM_OF_STRENGTHS = 1 / (1 - _GAIN)  # of endless octaves: finer ones do not change the height of a field
 _CHUNK_POINTS = 1 << 14  # temporaries of a chunk stay in the cache
 
 
@@ -27,11 +27,11 @@ def fractal_noise(
     points : (n, d) float64, in units of the coarsest octave's lattice
         In two or three dimensions, or more.
     generator : numpy.random.Generator
-        Which field; drawn from.
+        Chooses the field; drawn from.
     octaves : int
-        Fields that are summed, each about twice as fine and half as strong as the one before.
+        Number of summed fields, each about twice as fine and half as strong as the one before.
     ridged : bool, optional
-        Fold each octave at zero, so that sharp crests stand there, and roughen the crests more than the valleys.
+        Reflect each octave at zero, which makes sharp crests, and roughen the crests more than the valleys.
 
     Returns
     -------
@@ -63,21 +63,21 @@ def fractal_noise(
 def _gradient_noise(
     points: NDArray[np.float64], order: NDArray[np.int64], slopes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return one octave at (n, d) points: a random slope at each lattice point, blended in between."""
+    """Return one octave at (n, d) points: random slopes at the lattice points, blended in between."""
     dimensions = points.shape[1]
     floor = np.floor(points)
     cell = floor.astype(np.int64)
     inside = points - floor
-    # Perlin's quintic ("Improving Noise", 2002): no crease at the borders of the cells.
+    # Perlin's quintic ("Improving Noise", 2002): no creases at the borders of cells.
     blend = inside**3 * (inside * (inside * 6 - 15) + 10)
     field = np.zeros(len(points))
     for corner in product((0, 1), repeat=dimensions):
-        place = np.zeros(len(points), dtype=np.int64)
+        slot = np.zeros(len(points), dtype=np.int64)
         weight = np.ones(len(points))
         for axis, step in enumerate(corner):
-            place = order[(place + cell[:, axis] + step) % _TABLE_SIZE]
+            slot = order[(slot + cell[:, axis] + step) % _TABLE_SIZE]
             weight *= blend[:, axis] if step else 1 - blend[:, axis]
-        slope = slopes[place]
+        slope = slopes[slot]
         height = np.zeros(len(points))
         for axis, step in enumerate(corner):
             height += slope[:, axis] * (inside[:, axis] - step)

@@ -1,4 +1,4 @@
-"""A building: what architectural scenes have and scans have not, huge and long thin triangles among tiny ones.
+"""A building, with the triangles of architectural scenes that scans lack: huge, and long and thin, among tiny ones.
 
 Halls side by side and one above the other, each with floor and walls of a few large triangles, doors and windows,
 columns, a stair with a balustrade, beams, braces under the ceiling, vases and a chandelier. Lengths are metres, y is
@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .solids import Solid, make_beam, make_box, make_lathe
+from .solids import CUBE_FACES, Solid, make_beam, make_box, make_lathe, require_triangles
 
-# Most of a hall's triangles are in what stands in it; `tests/unit/test_palace.py` holds this against a whole hall.
+# The triangles of a whole hall, most of them in its furniture; `tests/unit/geometry/test_palace.py` checks the number.
 HALL_TRIANGLES = 6620
 
 _HEIGHT = 4.2  # of a storey
@@ -24,15 +24,16 @@ _WALL = 0.25
 _NARROWEST, _WIDEST = 6.0, 11.0  # halls
 _STOREYS = 3
 
-# Vertices lie on a grid, so that those of parts that touch are the same, and stay so in float32. The spacing is far
-# below the smallest edge, and a power of two: about a quarter of a millimetre.
+# Vertices lie on a grid, so that parts that touch share theirs, in float32 too. The spacing is far below the smallest
+# edge, and a power of two: about a quarter of a millimetre.
 _SPACING = 2.0**-12
 # Three whole numbers in one of 64 bits: 32 metres of height, 2048 of length and width, which a billion triangles need.
 _HEIGHT_BITS, _SIDE_BITS = 17, 23
 
 
 def make_palace(triangles: int, generator: np.random.Generator) -> Solid:
-    """Return a palace of at most so many triangles, part by part until the next one does not fit."""
+    """Return a palace of at most `triangles` triangles, part by part until the next one does not fit."""
+    require_triangles("palace", triangles, len(CUBE_FACES))
     hall_count = -(-triangles // HALL_TRIANGLES)
     storeys = min(_STOREYS, hall_count)
     columns = math.ceil(math.sqrt(hall_count / storeys))
@@ -43,8 +44,8 @@ def make_palace(triangles: int, generator: np.random.Generator) -> Solid:
     faces: list[NDArray[np.int64]] = []
     vertex_count = face_count = 0
     for hall in range(hall_count):
-        storey, place = hall % storeys, hall // storeys
-        row, column = divmod(place, columns)
+        storey, plot = hall % storeys, hall // storeys
+        row, column = divmod(plot, columns)
         lower = np.array([x_lines[column], storey * _HEIGHT, z_lines[row]])
         upper = np.array([x_lines[column + 1], (storey + 1) * _HEIGHT, z_lines[row + 1]])
         for part_vertices, part_faces in _make_hall(lower, upper, generator):
@@ -58,7 +59,7 @@ def make_palace(triangles: int, generator: np.random.Generator) -> Solid:
 
 
 def _join(vertices: list[NDArray[np.float64]], faces: list[NDArray[np.int64]]) -> Solid:
-    """Put the parts onto the grid, and let those that touch share their vertices."""
+    """Move the vertices onto the grid, and merge equal ones."""
     steps: NDArray[np.int64] = np.rint(np.concatenate(vertices) / _SPACING).astype(np.int64)
     steps -= steps.min(axis=0)
     keys = (((steps[:, 0] << _SIDE_BITS) + steps[:, 2]) << _HEIGHT_BITS) + steps[:, 1]
@@ -86,15 +87,15 @@ def _make_hall(
         yield make_beam((inner_x[0], ceiling - 1.0, at), (inner_x[0] + 0.9, ceiling - 0.2, at), 0.09)
         yield make_beam((inner_x[1], ceiling - 1.0, at), (inner_x[1] - 0.9, ceiling - 0.2, at), 0.09)
 
-    # Columns along both sides, a stair against the back wall, and what stands around.
+    # Columns along both sides, a stair against the back wall, vases and a chandelier.
     radius = generator.uniform(0.14, 0.22)
     for column_x in (x + 0.22 * (far_x - x), x + 0.78 * (far_x - x)):
         for share in (0.3, 0.7):
             yield from _make_column((column_x, floor, z + share * (far_z - z)), ceiling - 0.25 - floor, radius)
     yield from _make_stair(inner_x[0] + 0.6, floor, inner_z[0] + 0.1, far_x - x - 3.0)
     for _ in range(3):
-        place = (generator.uniform(*inner_x), floor, generator.uniform(z + 2.0, inner_z[1]))
-        yield _make_vase(place, generator)
+        foot = (generator.uniform(*inner_x), floor, generator.uniform(z + 2.0, inner_z[1]))
+        yield _make_vase(foot, generator)
     yield from _make_chandelier(((x + far_x) / 2, ceiling - 0.25, (z + far_z) / 2), generator)
 
 

@@ -1,17 +1,25 @@
-"""Plain solids that procedural shapes are put together from: vertices and faces, all float64 and int64."""
+"""Plain solids, the parts of procedural shapes: vertices in float64 and faces in int64."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import ConfigError
+
 Solid = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+
+def require_triangles(name: str, triangles: int, least: int) -> None:
+    """Raise `ConfigError` unless there are enough triangles for the smallest mesh of the shape."""
+    if triangles < least:
+        raise ConfigError(f"the shape '{name}' needs at least {least} triangles, not {triangles}")
 
 
 def cut_quads(
     a: NDArray[np.int64], b: NDArray[np.int64], c: NDArray[np.int64], d: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return two triangles per quad a, b, c, d, one behind the other."""
+    """Return two triangles per quad a, b, c, d, next to each other."""
     return np.column_stack((a, b, c, a, c, d)).reshape(-1, 3)
 
 
@@ -29,7 +37,7 @@ def make_box(lower: ArrayLike, upper: ArrayLike) -> Solid:
 
 
 def make_beam(begin: ArrayLike, end: ArrayLike, width: float) -> Solid:
-    """Return a square beam from one (3,) point to another that is not straight above it."""
+    """Return a beam of square cross-section between two (3,) points, of which none is straight above the other."""
     begin, end = np.asarray(begin, np.float64), np.asarray(end, np.float64)
     along = (end - begin) / 2
     side = np.cross(along, [0.0, 1.0, 0.0])
@@ -45,9 +53,9 @@ def make_lathe(centre: ArrayLike, radii: ArrayLike, heights: ArrayLike, sides: i
     Parameters
     ----------
     centre : (3,) float
-        Of height 0.
+        The point on the axis at height 0.
     radii, heights : (k,) float
-        The profile, from below.
+        The profile, from bottom to top.
     sides : int
         Quads around the axis; 2 (k - 1) sides triangles in all.
     """
@@ -57,8 +65,8 @@ def make_lathe(centre: ArrayLike, radii: ArrayLike, heights: ArrayLike, sides: i
     rings[..., 0] = radii[:, None] * np.cos(angle)
     rings[..., 1] = heights[:, None]
     rings[..., 2] = radii[:, None] * np.sin(angle)
-    row, column = np.divmod(np.arange((len(radii) - 1) * sides), sides)
+    ring, column = np.divmod(np.arange((len(radii) - 1) * sides), sides)
     next_column = (column + 1) % sides
-    here, above = row * sides, (row + 1) * sides
+    here, above = ring * sides, (ring + 1) * sides
     faces = cut_quads(here + column, above + column, above + next_column, here + next_column)
     return rings.reshape(-1, 3) + np.asarray(centre, np.float64), faces

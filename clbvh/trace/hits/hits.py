@@ -1,4 +1,4 @@
-"""What rays hit."""
+"""The results of ray queries."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
-from ..geometry import Mesh
-from ..layout import NO_PRIM
-from .surface import find_locations, find_normals
+from ...errors import ConfigError
+from ...geometry import Mesh
+from ...structs import NO_PRIM
+from .locations import find_locations, find_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Hits:
 
     @classmethod
     def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
-        """Take an array of `layout.HIT` apart; the fields are views of it."""
+        """Take an array of `structs.HIT` apart; the fields are views of it."""
         return cls(hits["t"], hits["u"], hits["v"], hits["prim_id"], mesh)
 
     @property

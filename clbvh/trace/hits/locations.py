@@ -1,14 +1,15 @@
-"""Points of a mesh's surface in float64, by face and barycentric coordinates."""
+"""Locations and normals of hits in float64, by face and barycentric coordinates."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
-from ..host_threads import HostThreads
-from ..layout import NO_PRIM
+from ...geometry import Mesh
+from ...structs import NO_PRIM
+from ...support.compiled import compiled
+from ...support.host_threads import HostThreads
+from ..triangles import triangles_of
 
 
 def find_locations(
@@ -18,53 +19,51 @@ def find_locations(
     v: NDArray[np.floating],
 ) -> NDArray[np.float64]:
     """Return (..., 3) float64, the file's coordinates: ``(1 - u - v) a + u b + v c``; NaN without a face."""
-    places = np.empty((*prim_id.shape, 3))
-    rows = places.reshape(-1, 3)
+    locations = np.empty((*prim_id.shape, 3))
+    flat = locations.reshape(-1, 3)
     prims = np.ascontiguousarray(prim_id).reshape(-1)
     us, vs = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v))
+
+    def locate(begin: int, end: int) -> None:
+        _locate(triangles_of(mesh), prims[begin:end], us[begin:end], vs[begin:end], flat[begin:end])
+
     with HostThreads() as threads:
-        threads.for_ranges(
-            len(rows),
-            lambda first, last: _locate(
-                mesh.vertices, mesh.faces, mesh.origin, prims[first:last], us[first:last], vs[first:last],
-                rows[first:last],
-            ),
-        )  # fmt: skip
-    return places
+        threads.for_ranges(len(flat), locate)
+    return locations
 
 
 def find_normals(mesh: Mesh, prim_id: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return (..., 3) float64: unit normals on the side from which the corners run anticlockwise; NaN without a face.
+    """Return (..., 3) float64: unit normals on the side from which the corners run anticlockwise.
 
-    NaN for a triangle without area, too.
+    NaN without a face, and for a triangle without area.
     """
     normals = np.empty((*prim_id.shape, 3))
-    _make_normals(
-        mesh.vertices, mesh.faces, np.ascontiguousarray(prim_id).reshape(-1), normals.reshape(-1, 3),
-    )  # fmt: skip
+    _make_normals(triangles_of(mesh), np.ascontiguousarray(prim_id).reshape(-1), normals.reshape(-1, 3))
     return normals
 
 
-@njit(cache=True, nogil=True)
-def _locate(vertices, faces, origin, prim_ids, us, vs, places):  # type: ignore[no-untyped-def]
-    for row in range(len(prim_ids)):
-        prim, u, v = prim_ids[row], us[row], vs[row]
+@compiled
+def _locate(triangles, prim_ids, us, vs, locations):
+    origin, vertices, faces = triangles.origin, triangles.vertices, triangles.faces
+    for hit in range(len(prim_ids)):
+        prim, u, v = prim_ids[hit], us[hit], vs[hit]
         for axis in range(3):
             if prim == NO_PRIM:
-                places[row, axis] = np.nan
+                locations[hit, axis] = np.nan
                 continue
             a = np.float64(vertices[faces[prim, 0], axis])
             ab, ac = vertices[faces[prim, 1], axis] - a, vertices[faces[prim, 2], axis] - a
-            places[row, axis] = origin[axis] + (a + (u * ab + v * ac))
+            locations[hit, axis] = origin[axis] + (a + (u * ab + v * ac))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _make_normals(vertices, faces, prim_ids, normals):  # type: ignore[no-untyped-def]
+@compiled(error_model="numpy")
+def _make_normals(triangles, prim_ids, normals):
+    vertices, faces = triangles.vertices, triangles.faces
     ab, ac = np.empty(3), np.empty(3)
-    for row in range(len(prim_ids)):
-        prim = prim_ids[row]
+    for hit in range(len(prim_ids)):
+        prim = prim_ids[hit]
         if prim == NO_PRIM:
-            normals[row] = np.nan
+            normals[hit] = np.nan
             continue
         for axis in range(3):
             a = np.float64(vertices[faces[prim, 0], axis])
@@ -73,8 +72,8 @@ def _make_normals(vertices, faces, prim_ids, normals):  # type: ignore[no-untype
         largest = 0.0
         for axis in range(3):
             following, last = (axis + 1) % 3, (axis + 2) % 3
-            normals[row, axis] = ab[following] * ac[last] - ab[last] * ac[following]
-            largest = max(largest, abs(normals[row, axis]))
+            normals[hit, axis] = ab[following] * ac[last] - ab[last] * ac[following]
+            largest = max(largest, abs(normals[hit, axis]))
         for axis in range(3):
-            normals[row, axis] /= largest
-        normals[row] /= np.sqrt(normals[row, 0] ** 2 + normals[row, 1] ** 2 + normals[row, 2] ** 2)
+            normals[hit, axis] /= largest
+        normals[hit] /= np.sqrt(normals[hit, 0] ** 2 + normals[hit, 1] ** 2 + normals[hit, 2] ** 2)

@@ -11,14 +11,15 @@ call.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
-from ..layout import NO_PRIM
-from .hits import AllHits, Hits
+from ...geometry import Mesh
+from ...structs import NO_PRIM
+from ...support.compiled import compiled
+from ..hits.hits import AllHits, Hits
 
 # How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
 # 2^-24 times the distance from the ray's origin. The watertight test rounds each coordinate about six times.
@@ -34,7 +35,7 @@ class Difference:
     ----------
     ray : int
     obtained_t, obtained_prim_id : float, int
-        The answer at hand.
+        The answer of the traversal.
     expected_t, expected_prim_id : float, int
         The nearest triangle that the ray surely hits; infinite and -1 if there is none.
     """
@@ -62,7 +63,7 @@ def find_differences(
     mesh : Mesh
     origins, directions : (n, 3) float64, relative to the mesh's origin
     hits : Hits
-        What some traversal found, n entries.
+        The answers of a traversal, n of them.
 
     Returns
     -------
@@ -78,13 +79,11 @@ def find_differences(
     nearest_sure = np.empty(len(origins), np.float64)
     sure_prim = np.empty(len(origins), np.int64)
     hit_is_possible = np.empty(len(origins), np.bool_)
-    _judge(
-        mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
-        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
+    given = _Hits(
         np.asarray(hits.t, np.float64), np.asarray(hits.u, np.float64), np.asarray(hits.v, np.float64),
-        np.asarray(hits.prim_id, np.int64), _ROUNDINGS * _FLOAT32_ROUNDING,
-        nearest_sure, sure_prim, hit_is_possible,
+        np.asarray(hits.prim_id, np.int64),
     )  # fmt: skip
+    _judge(_question(mesh, origins, directions), given, nearest_sure, sure_prim, hit_is_possible)
     wrong = ~hit_is_possible | (nearest_sure < np.inf) & ~hits.is_hit
     return [
         Difference(int(ray), float(hits.t[ray]), int(hits.prim_id[ray]), float(nearest_sure[ray]), int(sure_prim[ray]))
@@ -102,7 +101,7 @@ def find_wrong_crossings(
     mesh : Mesh
     origins, directions : (n, 3) float64, relative to the mesh's origin
     hits : AllHits
-        What some traversal found for n rays, without limits.
+        The answers of a traversal for n rays, without limits.
 
     Returns
     -------
@@ -114,27 +113,51 @@ def find_wrong_crossings(
     O(rays x triangles).
     """
     is_wrong = np.zeros(len(origins), np.bool_)
-    _judge_crossings(
-        mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
-        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
-        hits.offsets, hits.prim_id, _ROUNDINGS * _FLOAT32_ROUNDING, is_wrong,
-    )  # fmt: skip
+    _judge_crossings(_question(mesh, origins, directions), hits.offsets, hits.prim_id, is_wrong)
     return np.flatnonzero(is_wrong)
 
 
-@njit(cache=True, nogil=True)
-def _judge_crossings(  # type: ignore[no-untyped-def]
-    vertices, faces, degenerate, origins, directions, offsets, prim_ids, rounding, is_wrong
-):
+class _Question(NamedTuple):
+    """Triangles and rays in float64, and the largest rounding of the device, relative to the largest coordinate."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    degenerate: NDArray[np.bool_]
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    rounding: float
+
+
+class _Hits(NamedTuple):
+    """The answers of a traversal, one for each ray."""
+
+    t: NDArray[np.float64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
+    prim_id: NDArray[np.int64]
+
+
+def _question(mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> _Question:
+    return _Question(
+        mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
+        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
+        _ROUNDINGS * _FLOAT32_ROUNDING,
+    )  # fmt: skip
+
+
+@compiled
+def _judge_crossings(question, offsets, prim_ids, is_wrong):
     """Compare every ray's crossings with every triangle; see `find_wrong_crossings`."""
+    vertices, faces, degenerate = question.vertices, question.faces, question.degenerate
+    origins, directions, rounding = question.origins, question.directions, question.rounding
     verdict = np.empty(3, np.float64)
     frame = np.empty((3, 3), np.float64)
     found_by = np.full(len(faces), -1, np.int64)
     for ray in range(len(origins)):
         _make_frame(directions[ray], frame)
-        for place in range(offsets[ray], offsets[ray + 1]):
-            is_wrong[ray] |= found_by[prim_ids[place]] == ray
-            found_by[prim_ids[place]] = ray
+        for crossing in range(offsets[ray], offsets[ray + 1]):
+            is_wrong[ray] |= found_by[prim_ids[crossing]] == ray
+            found_by[prim_ids[crossing]] = ray
         for prim in range(len(faces)):
             is_found = found_by[prim] == ray
             if degenerate[prim]:
@@ -146,18 +169,18 @@ def _judge_crossings(  # type: ignore[no-untyped-def]
             is_wrong[ray] |= (surely_crossed and not is_found) or (surely_missed and is_found)
 
 
-@njit(cache=True, nogil=True)
-def _judge(  # type: ignore[no-untyped-def]
-    vertices, faces, degenerate, origins, directions, hit_t, hit_u, hit_v, hit_prim, rounding,
-    nearest_sure, sure_prim, possible,
-):  # fmt: skip
+@compiled
+def _judge(question, hits, nearest_sure, sure_prim, possible):
     """Compare every ray's hit with every triangle; see `find_differences`."""
+    vertices, faces, degenerate = question.vertices, question.faces, question.degenerate
+    origins, directions, rounding = question.origins, question.directions, question.rounding
+    hit_t, hit_u, hit_v, hit_prim = hits.t, hits.u, hits.v, hits.prim_id
     verdict = np.empty(3, np.float64)
     frame = np.empty((3, 3), np.float64)
     for ray in range(len(origins)):
         length = _make_frame(directions[ray], frame)
 
-        # The triangle that was found must be one that the ray can hit, about there. Written so that NaN fails.
+        # The triangle found must be one that the ray can hit, near the distance found. Written so that NaN fails.
         found_t, found_slack = np.inf, 0.0
         prim = hit_prim[ray]
         if prim == NO_PRIM:
@@ -185,8 +208,8 @@ def _judge(  # type: ignore[no-untyped-def]
                     possible[ray] = False
 
 
-@njit(cache=True, nogil=True)
-def _make_frame(direction, frame):  # type: ignore[no-untyped-def]
+@compiled
+def _make_frame(direction, frame):
     """Write an orthonormal frame whose last row is the direction, normalised; return the direction's length."""
     length = np.sqrt((direction**2).sum())
     along = direction / length
@@ -201,8 +224,8 @@ def _make_frame(direction, frame):  # type: ignore[no-untyped-def]
     return length
 
 
-@njit(cache=True, nogil=True)
-def _test(vertices, faces, prim, origin, frame, rounding, verdict):  # type: ignore[no-untyped-def]
+@compiled
+def _test(vertices, faces, prim, origin, frame, rounding, verdict):
     """Test one triangle against one ray.
 
     Writes to `verdict`: 1 surely hit, 0 too close to call, -1 surely missed; the distance along the ray; how far it
@@ -246,8 +269,8 @@ def _test(vertices, faces, prim, origin, frame, rounding, verdict):  # type: ign
     verdict[2] = blur * (1.0 + np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz))
 
 
-@njit(cache=True, nogil=True)
-def _is_on_ray(vertices, faces, prim, origin, frame, rounding, u, v):  # type: ignore[no-untyped-def]
+@compiled
+def _is_on_ray(vertices, faces, prim, origin, frame, rounding, u, v):
     """Return whether u and v name a point of the triangle that is on the ray, as far as float32 can tell."""
     if not (u >= 0.0 and v >= 0.0 and u + v <= 1.0 + rounding):
         return False
@@ -265,8 +288,8 @@ def _is_on_ray(vertices, faces, prim, origin, frame, rounding, u, v):  # type: i
     return np.hypot(w * ax + u * bx + v * cx, w * ay + u * by + v * cy) * double_area <= slack
 
 
-@njit(cache=True, nogil=True)
-def _project(vertices, vertex, origin, frame):  # type: ignore[no-untyped-def]
+@compiled
+def _project(vertices, vertex, origin, frame):
     """Return a corner's coordinates in the ray's frame: two across the ray, one along it."""
     x = vertices[vertex, 0] - origin[0]
     y = vertices[vertex, 1] - origin[1]

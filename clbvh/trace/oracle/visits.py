@@ -1,34 +1,37 @@
-"""What a ray costs: node steps and triangle tests, counted on the host, step for step as `cl/traverse_bvh2.cl` walks.
+"""The cost of rays: node steps and triangle tests, counted on the host, step for step as in `cl/traversal/bvh2.cl`.
 
-A measure of trees that no machine's speed gets into. It needs no OpenCL device. The same boxes, the same order of the
-children and the same culling as on the device; every number is float32, as it is there. Only the edge functions are
-computed another way, which may change the last bit of `t`.
+A measure of trees that does not depend on a machine's speed, and needs no OpenCL device. Boxes, the order of children
+and culling are those of the device, and so is float32. Only the edge functions are computed another way, which may
+change the last bit of `t`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from ..layout import (
+from ...bvh import Bvh
+from ...layouts.bvh2 import make_bvh2_nodes
+from ...layouts.leaf_blocks import gather_triangles
+from ...structs import (
     BVH2_COUNT,
     BVH2_FIRST,
     BVH2_LANES,
     BVH2_MAX,
     BVH2_MIN,
     NO_PRIM,
-    RAY,
+    PACKED_RAY,
     TRIANGLE_LANES,
     TRIANGLE_PRIM_ID,
 )
-from ..tree import Bvh
-from ..tree.layouts import gather_triangles, make_bvh2_nodes
-from .rays import RayBox, pack_rays, read_rays
+from ...support.compiled import compiled
+from ..rays.batch import TreeBox, read_rays
+from ..rays.pack import pack_rays
 
-# `SLAB_SLACK` of cl/aabb.cl: 24 roundings.
+# `SLAB_SLACK` of cl/boxes/aabb.cl: 24 roundings.
 _ROUNDING = 2.0**-24
 _SLAB_SLACK = np.float32(1.0) + np.float32(24 * _ROUNDING / (1 - 24 * _ROUNDING))
 
@@ -37,18 +40,18 @@ _ZERO, _ONE, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """What each ray did on its way through a tree.
+    """Counts for each ray.
 
     Attributes
     ----------
     node_steps : (n,) int32
-        Interior nodes at which the ray was. Each step tests the boxes of both children.
+        Interior nodes visited. Each step tests the boxes of both children.
     leaf_visits : (n,) int32
-        Leaves whose box the ray met.
+        Leaves visited.
     triangle_tests : (n,) int32
-        Triangles in those leaves, up to the end of the search.
+        Triangles tested in those leaves.
     prim_id : (n,) int32
-        What the ray hit; -1 on a miss. With `any_hit`, the first one found.
+        Face that the ray hits; -1 on a miss. With `any_hit`, the first one found.
     """
 
     node_steps: NDArray[np.int32]
@@ -73,12 +76,12 @@ class Visits:
 
     @property
     def tests_per_ray(self) -> float:
-        """Node steps and triangle tests of a ray in the mean: with both costs 1, what the SAH cost is about."""
+        """Mean of node steps plus triangle tests: what the SAH cost estimates, with both costs 1."""
         return self.node_steps_per_ray + self.triangle_tests_per_ray
 
     @property
     def visits_per_ray(self) -> float:
-        """Nodes that a ray visits in the mean: interior ones and leaves."""
+        """Mean number of nodes visited, interior nodes and leaves."""
         return self.node_steps_per_ray + self.leaf_visits_per_ray
 
 
@@ -95,7 +98,7 @@ def count_visits(
     t_max: ArrayLike = np.inf,
     any_hit: bool = False,
 ) -> Visits:
-    """Cast rays on the host and count what they do.
+    """Cast rays on the host and count their steps.
 
     Parameters
     ----------
@@ -111,62 +114,79 @@ def count_visits(
 
     Raises
     ------
-    ValueError
+    QueryError
         See `Tracer.closest_hit`.
 
     Notes
     -----
     In this thread: about a million node steps in 10 ms.
     """
-    batch = read_rays(origins, directions, t_min, t_max)
-    rays = np.empty(len(batch), RAY)
-    pack_rays(batch.part(0, len(batch)), RayBox.around(bvh), rays)
+    batch, _ = read_rays(origins, directions, t_min, t_max)
+    rays = np.empty(batch.ray_count, PACKED_RAY)
+    pack_rays(batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
     nodes = make_bvh2_nodes(bvh).view(np.float32).reshape(-1, BVH2_LANES)
     triangles = gather_triangles(bvh.mesh, bvh.prim_ids).view(np.float32).reshape(-1, TRIANGLE_LANES)
+    tree = _Tree(nodes, nodes.view(np.int32), triangles, triangles.view(np.int32), max(1, bvh.depth))
+    packed = _Rays(rays["origin"], rays["direction"], rays["t_min"], rays["t_max"])
     counts = np.zeros((4, len(rays)), np.int32)
-    _walk(
-        nodes, nodes.view(np.int32), triangles, triangles.view(np.int32),
-        rays["origin"], rays["direction"], rays["t_min"], rays["t_max"], any_hit, max(1, bvh.depth), counts,
-    )  # fmt: skip
+    _walk(tree, packed, any_hit, counts)
     return Visits(*counts)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _walk(  # type: ignore[no-untyped-def]
-    nodes, node_ints, triangles, triangle_ints, origins, directions, t_mins, t_maxs, any_hit, stack_size, counts
-):
-    """Walk through the tree with every ray; `counts` holds the fields of `Visits`."""
-    stack = np.empty(stack_size, np.int64)
+class _Tree(NamedTuple):
+    """A tree in the `bvh2` layout as 4-byte lanes, floats and integers, and the length of its stack."""
+
+    nodes: NDArray[np.float32]
+    node_ints: NDArray[np.int32]
+    triangles: NDArray[np.float32]
+    triangle_ints: NDArray[np.int32]
+    stack_size: int
+
+
+class _Rays(NamedTuple):
+    """The fields of packed rays."""
+
+    origins: NDArray[np.float32]
+    directions: NDArray[np.float32]
+    t_mins: NDArray[np.float32]
+    t_maxs: NDArray[np.float32]
+
+
+@compiled(error_model="numpy")
+def _walk(tree, rays, any_hit, counts):
+    """Traverse the tree with every ray; `counts` holds the fields of `Visits`."""
+    nodes, node_ints, triangles, triangle_ints = tree.nodes, tree.node_ints, tree.triangles, tree.triangle_ints
+    stack = np.empty(tree.stack_size, np.int64)
     inverse = np.empty(3, np.float32)
     shear = np.empty(3, np.float32)
-    lean = np.empty(2, np.float32)
-    for ray in range(len(origins)):
-        origin, direction = origins[ray], directions[ray]
-        t_min, t_max = t_mins[ray], t_maxs[ray]
+    perturbation = np.empty(2, np.float32)
+    for ray in range(len(rays.origins)):
+        origin, direction = rays.origins[ray], rays.directions[ray]
+        t_min, t_max = rays.t_mins[ray], rays.t_maxs[ray]
         for axis in range(3):
             inverse[axis] = _ONE / direction[axis]
-        z_axis = _make_shear(origin, direction, shear, lean)
+        z_axis = _make_shear(origin, direction, shear, perturbation)
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = triangle_tests = 0
-        waiting = 0
+        stack_size = 0
         node = 0
         is_done = False
         while not is_done:
             # Which children does the ray meet, and which first?
             node_steps += 1
             limit = nearest_t if nearest_t < t_max else t_max
-            meets_left, entry_left = _meets_child(nodes, node, 0, origin, inverse, t_min, limit)
-            meets_right, entry_right = _meets_child(nodes, node, 1, origin, inverse, t_min, limit)
+            meets_left, t_left = _meets_child(nodes, node, 0, origin, inverse, t_min, limit)
+            meets_right, t_right = _meets_child(nodes, node, 1, origin, inverse, t_min, limit)
             if meets_left and meets_right:
-                first = 1 if entry_right < entry_left else 0
-                stack[waiting] = 2 * node + 1 - first
-                waiting += 1
+                first = 1 if t_right < t_left else 0
+                stack[stack_size] = 2 * node + 1 - first
+                stack_size += 1
                 child = 2 * node + first
             elif meets_left or meets_right:
                 child = 2 * node + (1 if meets_right else 0)
-            elif waiting > 0:
-                waiting -= 1
-                child = stack[waiting]
+            elif stack_size > 0:
+                stack_size -= 1
+                child = stack[stack_size]
             else:
                 break
 
@@ -176,63 +196,63 @@ def _walk(  # type: ignore[no-untyped-def]
                 count = node_ints[child >> 1, BVH2_COUNT + (child & 1)]
                 leaf_visits += 1
                 triangle_tests += count
-                for place in range(begin, begin + count):
-                    t = _cross_triangle(triangles, place, origin, z_axis, shear, lean)
-                    prim = triangle_ints[place, TRIANGLE_PRIM_ID]
+                for triangle in range(begin, begin + count):
+                    t = _intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation)
+                    prim = triangle_ints[triangle, TRIANGLE_PRIM_ID]
                     if t >= t_min and t <= t_max and (t < nearest_t or (t == nearest_t and prim < nearest_prim)):
                         nearest_t, nearest_prim = t, prim
-                is_done = waiting == 0 or (any_hit and nearest_prim != NO_PRIM)
+                is_done = stack_size == 0 or (any_hit and nearest_prim != NO_PRIM)
                 if is_done:
                     break
-                waiting -= 1
-                child = stack[waiting]
+                stack_size -= 1
+                child = stack[stack_size]
             node = node_ints[child >> 1, BVH2_FIRST + (child & 1)]
         counts[0, ray], counts[1, ray], counts[2, ray] = node_steps, leaf_visits, triangle_tests
         counts[3, ray] = nearest_prim
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _meets_child(nodes, node, child, origin, inverse, t_min, t_max):  # type: ignore[no-untyped-def]
-    """Return whether the ray meets a child's box, and where it enters; see `meets_aabb` in cl/aabb.cl."""
-    entry, leave = t_min, t_max
+@compiled(error_model="numpy")
+def _meets_child(nodes, node, child, origin, inverse, t_min, t_max):
+    """Return whether the ray meets a child's box, and where it enters; see `meets_aabb` in cl/boxes/aabb.cl."""
+    t_near, t_far = t_min, t_max
     for axis in range(2, -1, -1):
         lower = nodes[node, BVH2_MIN + 3 * child + axis]
         upper = nodes[node, BVH2_MAX + 3 * child + axis]
         is_backward = inverse[axis] < _ZERO
         near = ((upper if is_backward else lower) - origin[axis]) * inverse[axis]
         far = ((lower if is_backward else upper) - origin[axis]) * inverse[axis]
-        entry = near if near > entry else entry
-        leave = far if far < leave else leave
-    return entry <= leave * _SLAB_SLACK, entry
+        t_near = near if near > t_near else t_near
+        t_far = far if far < t_far else t_far
+    return t_near <= t_far * _SLAB_SLACK, t_near
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _make_shear(origin, direction, shear, lean):  # type: ignore[no-untyped-def]
-    """Write the shear that makes the ray the z axis, and to which side it leans; return which axis becomes z.
+@compiled(error_model="numpy")
+def _make_shear(origin, direction, shear, perturbation):
+    """Write the shear that makes the ray the z axis, and the perturbation; return the axis that becomes z.
 
-    See `make_path` in cl/ray.cl.
+    See `make_ray` in cl/rays/ray.cl.
     """
     x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])
     z_axis = (0 if x > z else 2) if x > y else (1 if y > z else 2)
     x_axis, y_axis = (z_axis + 1) % 3, (z_axis + 2) % 3
     along = direction[z_axis]
     shear[0], shear[1], shear[2] = direction[x_axis] / along, direction[y_axis] / along, _ONE / along
-    lean[0] = -origin[x_axis] - shear[0] * -origin[z_axis]
-    lean[1] = -origin[y_axis] - shear[1] * -origin[z_axis]
+    perturbation[0] = -origin[x_axis] - shear[0] * -origin[z_axis]
+    perturbation[1] = -origin[y_axis] - shear[1] * -origin[z_axis]
     return z_axis
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cross_triangle(triangles, place, origin, z_axis, shear, lean):  # type: ignore[no-untyped-def]
-    """Return where the ray crosses a triangle, NaN if it does not; see `intersect_triangle` in cl/triangle.cl."""
-    ax, ay, az = _shear_vertex(triangles, place, 0, origin, z_axis, shear)
-    bx, by, bz = _shear_vertex(triangles, place, 1, origin, z_axis, shear)
-    cx, cy, cz = _shear_vertex(triangles, place, 2, origin, z_axis, shear)
+@compiled(error_model="numpy")
+def _intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation):
+    """Return t where the ray crosses a triangle, NaN if it does not; see cl/triangles/triangle.cl."""
+    ax, ay, az = _shear_vertex(triangles, triangle, 0, origin, z_axis, shear)
+    bx, by, bz = _shear_vertex(triangles, triangle, 1, origin, z_axis, shear)
+    cx, cy, cz = _shear_vertex(triangles, triangle, 2, origin, z_axis, shear)
     edge_a, edge_b, edge_c = _edge(cx, by, cy, bx), _edge(ax, cy, ay, cx), _edge(bx, ay, by, ax)
     area = edge_a + edge_b + edge_c
-    side_a = _side_of_edge(edge_a, bx, by, cx, cy, lean)
-    side_b = _side_of_edge(edge_b, cx, cy, ax, ay, lean)
-    side_c = _side_of_edge(edge_c, ax, ay, bx, by, lean)
+    side_a = _side_of_edge(edge_a, bx, by, cx, cy, perturbation)
+    side_b = _side_of_edge(edge_b, cx, cy, ax, ay, perturbation)
+    side_c = _side_of_edge(edge_c, ax, ay, bx, by, perturbation)
     is_left = side_a < _ZERO or side_b < _ZERO or side_c < _ZERO
     is_right = side_a > _ZERO or side_b > _ZERO or side_c > _ZERO
     if (is_left and is_right) or area == _ZERO:
@@ -240,28 +260,28 @@ def _cross_triangle(triangles, place, origin, z_axis, shear, lean):  # type: ign
     return (edge_a * az + edge_b * bz + edge_c * cz) / area
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _side_of_edge(edge, begin_x, begin_y, end_x, end_y, lean):  # type: ignore[no-untyped-def]
-    """Return the edge function, and where it is zero, what it is beside the edge."""
+@compiled(error_model="numpy")
+def _side_of_edge(edge, begin_x, begin_y, end_x, end_y, perturbation):
+    """Return the edge function, and where it is zero, that of the perturbed ray."""
     if edge != _ZERO:
         return edge
     along_x, along_y = end_x - begin_x, end_y - begin_y
-    leaning = _edge(lean[0], along_y, lean[1], along_x)
-    if leaning != _ZERO:
-        return leaning
+    perturbed = _edge(perturbation[0], along_y, perturbation[1], along_x)
+    if perturbed != _ZERO:
+        return perturbed
     return along_y if along_y != _ZERO else -along_x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _shear_vertex(triangles, place, corner, origin, z_axis, shear):  # type: ignore[no-untyped-def]
+@compiled(error_model="numpy")
+def _shear_vertex(triangles, triangle, corner, origin, z_axis, shear):
     x_axis, y_axis = (z_axis + 1) % 3, (z_axis + 2) % 3
-    x = triangles[place, 3 * corner + x_axis] - origin[x_axis]
-    y = triangles[place, 3 * corner + y_axis] - origin[y_axis]
-    z = triangles[place, 3 * corner + z_axis] - origin[z_axis]
+    x = triangles[triangle, 3 * corner + x_axis] - origin[x_axis]
+    y = triangles[triangle, 3 * corner + y_axis] - origin[y_axis]
+    z = triangles[triangle, 3 * corner + z_axis] - origin[z_axis]
     return x - shear[0] * z, y - shear[1] * z, shear[2] * z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _edge(a, b, c, d):  # type: ignore[no-untyped-def]
+@compiled(error_model="numpy")
+def _edge(a, b, c, d):
     """Return a * b - c * d: products of float32 are exact in float64, so the sign of the difference is right."""
     return np.float32(np.float64(a) * np.float64(b) - np.float64(c) * np.float64(d))

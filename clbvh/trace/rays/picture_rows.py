@@ -1,8 +1,8 @@
-"""Finds out whether rays are those of a picture, row by row: then they are traced tile by tile.
+"""Pictures among flat arrays of rays: the length of their rows, so that they can be cast tile by tile.
 
-Neighbours in a row are not the only neighbours of a picture's ray; those above and below are as close. An array of rays
-does not say how long its rows are, but a way along it leads away from a ray and comes back to it a row later. A scan
-all around, of which no row has an end, is such a picture as well.
+The neighbours of a picture's ray in the rows above and below are as close as those in its own row. A flat array of rays
+does not say how long its rows are, but a walk along it leads away from a ray and comes back to it one row later. A
+scan all around, of which no row has an end, is a picture as well.
 """
 
 from __future__ import annotations
@@ -10,48 +10,48 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from .rays import RayBatch
+from ...support.compiled import compiled
+from .batch import RayBatch
 
 # Shorter rows, or fewer of them, are hardly larger than a tile.
-_LEAST_WIDTH = 32
+_LEAST_ROW_LENGTH = 32
 _LEAST_ROWS = 16
-_MOST_WIDTH = 1 << 16
+_MOST_ROW_LENGTH = 1 << 16
 
-# Rays are near each other that are not farther apart than so many steps from ray to ray: pixels may be oblong, and rays
-# jittered.
-_NEAR = 8
+# Two rays are near each other if they are at most this many mean steps from ray to ray apart: pixels may be oblong, and
+# rays jittered.
+_NEAR_STEPS = 8
 
-# In so many places it is looked at how far the next row is, and in so many of them it has to be near: at the poles of a
-# scan all around, its rows are short.
+# Rows sampled; this many must have a nearby next row. At the poles of a scan all around, rows are short.
 _SAMPLES = 32
-_ENOUGH = 24
+_LEAST_GOOD_SAMPLES = 24
 
 _NONE = 0
 
 
-def find_row_length(batch: RayBatch) -> int | None:
-    """Return how many rays are in a row of the picture that the batch is; None if it is none.
+def is_picture_size(row_length: int, row_count: int) -> bool:
+    """Say whether a picture of this size has rows worth casting tile by tile."""
+    return row_length >= _LEAST_ROW_LENGTH and row_count >= _LEAST_ROWS
 
-    Parameters
-    ----------
-    batch : RayBatch
+
+def find_row_length(batch: RayBatch) -> int | None:
+    """Return the number of rays in a row if the batch is a picture, None if it is none.
 
     Notes
     -----
-    Results do not depend on the answer, only the time that they take. It takes 0.1 ms itself for rows of 4,000 rays,
-    and 10 ms at most.
+    Results do not depend on the answer, only their time. The search takes 0.1 ms for rows of 4,000 rays, and 10 ms at
+    most.
     """
-    if len(batch) < _LEAST_WIDTH * _LEAST_ROWS:
+    if batch.ray_count < _LEAST_ROW_LENGTH * _LEAST_ROWS:
         return None
     origins, directions = batch.origins, batch.directions
-    width = _find_return(origins, directions)
-    return width if width != _NONE and _are_rows_near(origins, directions, width) else None
+    row_length = _find_return(origins, directions)
+    return row_length if row_length != _NONE and _are_rows_near(origins, directions, row_length) else None
 
 
-@njit(cache=True, nogil=True)
-def _distance(origins, directions, one, other):  # type: ignore[no-untyped-def]
+@compiled
+def _distance(origins, directions, one, other):
     squares = 0.0
     for axis in range(3):
         squares += (np.float64(origins[one, axis]) - np.float64(origins[other, axis])) ** 2
@@ -59,53 +59,54 @@ def _distance(origins, directions, one, other):  # type: ignore[no-untyped-def]
     return math.sqrt(squares)
 
 
-@njit(cache=True, nogil=True)
-def _find_return(origins, directions):  # type: ignore[no-untyped-def]
-    """Return after how many rays the way comes back to where it is in the middle of the batch."""
+@compiled
+def _find_return(origins, directions):
+    """Return the number of rays after which a walk from the middle of the batch comes back to its beginning."""
     begin = len(origins) // 2
     travelled = 0.0
     was_away = False
-    for width in range(1, min(len(origins) // _LEAST_ROWS, _MOST_WIDTH) + 1):
-        travelled += _distance(origins, directions, begin + width - 1, begin + width)
-        near = _NEAR * travelled / width
-        is_near = _distance(origins, directions, begin, begin + width) <= near
+    for row_length in range(1, min(len(origins) // _LEAST_ROWS, _MOST_ROW_LENGTH) + 1):
+        travelled += _distance(origins, directions, begin + row_length - 1, begin + row_length)
+        near = _NEAR_STEPS * travelled / row_length
+        is_near = _distance(origins, directions, begin, begin + row_length) <= near
         if was_away and is_near:
-            return _find_nearest_row(origins, directions, width) if width >= _LEAST_WIDTH else _NONE
+            return _find_nearest_row(origins, directions, row_length) if row_length >= _LEAST_ROW_LENGTH else _NONE
         # Written so that NaN is not away.
-        was_away = was_away or _distance(origins, directions, begin, begin + width) > near
+        was_away = was_away or _distance(origins, directions, begin, begin + row_length) > near
     return _NONE
 
 
-@njit(cache=True, nogil=True)
-def _find_nearest_row(origins, directions, width):  # type: ignore[no-untyped-def]
-    """Return the length, of this one and those that follow, for which the next row is the nearest."""
-    nearest, least = width, np.inf
-    # The jump at the end of a row makes steps look twice as long: near may be twice as far, before the row and behind.
-    for candidate in range(width, width + 4 * _NEAR + 1):
+@compiled
+def _find_nearest_row(origins, directions, row_length):
+    """Return the length, of this one and the next ones, for which the next row is nearest."""
+    nearest, least = row_length, np.inf
+    # The jump at the end of a row makes mean steps look twice as long, so "near" may reach twice as far, before the
+    # row and behind it.
+    for candidate in range(row_length, row_length + 4 * _NEAR_STEPS + 1):
         total = 0.0
         for sample in range(_SAMPLES):
-            place = sample * (len(origins) - 1 - candidate) // _SAMPLES
-            total += _distance(origins, directions, place, place + candidate)
+            ray = sample * (len(origins) - 1 - candidate) // _SAMPLES
+            total += _distance(origins, directions, ray, ray + candidate)
         if total < least:
             nearest, least = candidate, total
     return nearest
 
 
-@njit(cache=True, nogil=True)
-def _are_rows_near(origins, directions, width):  # type: ignore[no-untyped-def]
-    """Whether the next row is near in enough places, and the middle of a row far from its begin."""
-    row_count = len(origins) // width
+@compiled
+def _are_rows_near(origins, directions, row_length):
+    """Say whether the next row is near for enough samples, and the middle of a row far from its beginning."""
+    row_count = len(origins) // row_length
     good = 0
     for sample in range(_SAMPLES):
-        begin = sample * (row_count - 1) // _SAMPLES * width
-        half = width // 2
+        begin = sample * (row_count - 1) // _SAMPLES * row_length
+        half = row_length // 2
         travelled = 0.0
         for ray in range(begin, begin + half):
             travelled += _distance(origins, directions, ray, ray + 1)
-        near = _NEAR * travelled / half
-        place = begin + half * sample // _SAMPLES
+        near = _NEAR_STEPS * travelled / half
+        ray = begin + half * sample // _SAMPLES
         good += (
             _distance(origins, directions, begin, begin + half) > near
-            and _distance(origins, directions, place, place + width) <= near
+            and _distance(origins, directions, ray, ray + row_length) <= near
         )
-    return good >= _ENOUGH
+    return good >= _LEAST_GOOD_SAMPLES

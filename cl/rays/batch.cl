@@ -1,0 +1,42 @@
+// A batch of rays in memory: one work-item per ray, one work-group per tile.
+//
+// A batch has rows of `row_length` rays. The rays of a picture keep its rows, and tiles are rectangles of pixels; any
+// other batch is a single row, and a tile is a piece of it.
+//
+// Arguments that the ray kernels (any_hit, closest_hit, count_hits, first_hits) share, and in part the kernel
+// of the tiles' entry points:
+//
+// nodes[node_count]           node_t: the tree in its layout, see clbvh/structs.py
+// blocks[block_count]         block_t: triangles in leaf order, object units relative to the mesh's origin
+// rays[ray_count]             packed_ray_t: object units relative to the mesh's origin; t in lengths of the direction
+// row_length                  rays per row
+// order[ray_count]            ray_id of each ray: its number on the host, which is the index of its results. Neighbours
+//                             in the batch should be close together in space, see clbvh/trace/rays/sort.py. NULL:
+//                             the identity
+// entry_points[tile_count]    node_t: the node at which the rays of each tile begin, see cl/traversal/entry_point.cl.
+//                             NULL: all begin at the root
+//
+// Work-items: (row_length, rows), rounded up to whole tiles.
+
+#include "rays/ray.cl"
+
+// The ray_id of work-items beyond the edges of the batch.
+#define NO_RAY -1
+
+// Loads the ray of this work-item. Returns its ray_id, or NO_RAY, with `ray` untouched, beyond the edges of the batch.
+INLINED int load_ray(
+    const global packed_ray_t *rays, const int ray_count, const int row_length, const global int *order, ray_t *ray)
+{
+    const int column = get_global_id(0);
+    const int ray_index = (int)get_global_id(1) * row_length + column;
+    if (column >= row_length || ray_index >= ray_count) {
+        return NO_RAY;
+    }
+    *ray = unpack_ray(rays + ray_index);
+    return order ? order[ray_index] : ray_index;
+}
+
+INLINED int find_tile_index(void)
+{
+    return get_group_id(1) * get_num_groups(0) + get_group_id(0);
+}

@@ -1,0 +1,42 @@
+// A ray in private memory, with the numbers that the box test and the triangle test derive from its direction.
+
+#include "structs.cl"
+#include "math/numeric.cl"
+
+typedef struct {
+    float3 origin;
+    float3 direction;
+    float3 inverse;  // 1 / direction; for a zero, infinity with the sign of the zero
+    float3 shear;    // x / z, y / z and 1 / z of the permuted direction, see permute_axes
+    int axis;        // the axis of the direction's largest component
+    float t_min;
+    float t_max;
+} ray_t;
+
+// Permutes a vector so that component `axis` becomes z. The permutation is cyclic: it keeps orientations.
+INLINED float3 permute_axes(const float3 v, const int axis)
+{
+    return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v;
+}
+
+// Assumes a finite direction of moderate length, 1e-18 to 1e18, and t_min >= 0.
+INLINED ray_t make_ray(const float3 origin, const float3 direction, const float t_min, const float t_max)
+{
+    ray_t ray;
+    ray.origin = origin;
+    ray.direction = direction;
+    ray.t_min = t_min;
+    ray.t_max = t_max;
+    ray.inverse = 1.0f / direction;
+
+    const float3 size = magnitude(direction);
+    ray.axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
+    const float3 permuted = permute_axes(direction, ray.axis);
+    ray.shear = (float3)(permuted.x / permuted.z, permuted.y / permuted.z, 1.0f / permuted.z);
+    return ray;
+}
+
+INLINED ray_t unpack_ray(const global packed_ray_t *packed)
+{
+    return make_ray(load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max);
+}

@@ -1,0 +1,1 @@
+"""The quality `high`: the default tree, rearranged by reinsertion."""

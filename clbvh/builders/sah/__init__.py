@@ -1,0 +1,1 @@
+"""The default builder: binned surface area heuristic, parallel from the root."""

@@ -1,0 +1,1 @@
+"""Worker processes and the memory they share; no geometry."""

@@ -1,0 +1,69 @@
+"""The description of one OpenCL device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+# A CPU's vector unit works within a work-item, a GPU's across work-items.
+_LAYOUT_OF_KIND = {"gpu": "bvh2", "accelerator": "bvh2", "cpu": "bvh8"}
+_LAYOUT_OF_ANY = "bvh2"
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """One OpenCL device, as its driver describes it.
+
+    Attributes
+    ----------
+    number : int
+        Index in `list_devices`, and the number for ``--device``.
+    platform, platform_version : str
+        The driver the device belongs to.
+    name, vendor, version, driver_version : str
+        As the driver reports them; `version` is the OpenCL version of the device.
+    kind : str
+        ``"gpu"``, ``"accelerator"``, ``"cpu"`` or ``"other"``.
+    memory_bytes, max_allocation_bytes : int
+        The device's whole memory, and its largest single buffer.
+    compute_units : int
+        Cores of a CPU, multiprocessors of a GPU.
+    has_fp64 : bool
+        Whether kernels can use double precision.
+    has_unified_memory : bool
+        Whether the device shares the host's memory: a CPU, or a GPU in the same chip.
+    is_available : bool
+        False if the driver reports that the device or its compiler cannot be used.
+    cl_device : pyopencl.Device
+        The handle; None in a description that comes from elsewhere.
+    """
+
+    number: int
+    platform: str
+    platform_version: str
+    name: str
+    vendor: str
+    version: str
+    driver_version: str
+    kind: str
+    memory_bytes: int
+    max_allocation_bytes: int
+    compute_units: int
+    has_fp64: bool
+    has_unified_memory: bool = False
+    is_available: bool = True
+    cl_device: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def layout(self) -> str:
+        """The tree layout that suits this kind of device; a session uses the measured one, if there is one."""
+        return _LAYOUT_OF_KIND.get(self.kind, _LAYOUT_OF_ANY)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all fields that JSON can hold, and `layout`."""
+        # `dataclasses.asdict` would try to copy the handle, which belongs to the driver.
+        facts = {name: value for name, value in vars(self).items() if name != "cl_device"}
+        return facts | {"layout": self.layout}
+
+    def __str__(self) -> str:
+        return f"{self.number}: {self.name} ({self.platform})"

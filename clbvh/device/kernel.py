@@ -1,0 +1,44 @@
+"""A compiled entry point, and the binding of its arguments by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import InternalError
+
+
+class Kernel:
+    """A compiled entry point that takes its arguments by name.
+
+    Parameters
+    ----------
+    cl_kernel : pyopencl.Kernel
+    argument_names : sequence of str
+        In the order of the declaration.
+    """
+
+    def __init__(self, cl_kernel: Any, argument_names: Sequence[str]) -> None:
+        self.name = str(cl_kernel.function_name)
+        self.argument_names = tuple(argument_names)
+        self._cl_kernel = cl_kernel
+
+    def bind(self, **arguments: Any) -> list[Any]:
+        """Return arguments in the order of the declaration.
+
+        Raises
+        ------
+        InternalError
+            A name is missing, or the kernel has no argument of that name.
+        """
+        if len(arguments) != len(self.argument_names) or not all(name in arguments for name in self.argument_names):
+            differing = sorted(arguments.keys() ^ set(self.argument_names))
+            raise InternalError(
+                f"the kernel '{self.name}' takes {', '.join(self.argument_names)}: missing or unknown are "
+                f"{', '.join(differing)}"
+            )
+        return [arguments[name] for name in self.argument_names]
+
+    def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
+        """Start the kernel and return its event."""
+        return self._cl_kernel(queue, work_size, work_group, *arguments)

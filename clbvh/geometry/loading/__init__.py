@@ -1,0 +1,1 @@
+"""Mesh files become meshes: one file per family of formats."""

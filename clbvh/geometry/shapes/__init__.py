@@ -1,0 +1,1 @@
+"""Procedural meshes: one file per shape."""

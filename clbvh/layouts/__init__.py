@@ -1,0 +1,1 @@
+"""A finished tree as the arrays that a device traverses: one file per layout."""

@@ -1,0 +1,1 @@
+"""Things that any program needs, none of them about rays."""

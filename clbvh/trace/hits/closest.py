@@ -1,0 +1,77 @@
+"""Queries with one answer for each ray: the closest hit, any hit, the number of hits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import Mesh
+from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
+from ..rays.batch import RayBatch
+from ..rays.pieces import Progress
+from .hits import Hits
+from .refine import refine_closest
+
+Shape = tuple[int, ...]
+
+
+def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
+    """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
+    count = batch.ray_count
+    t, u, v, prim_id = np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.int32)
+    for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
+
+        def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
+            rays = slice(begin + first, begin + last)
+            part = batch.part(rays.start, rays.stop)
+            refine_closest(part, mesh, found[first:last], t[rays], u[rays], v[rays], prim_id[rays])
+
+        caster.threads.for_ranges(len(found), refine)
+    return Hits(t.reshape(shape), u.reshape(shape), v.reshape(shape), prim_id.reshape(shape), mesh)
+
+
+def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
+    """Return the face of the closest hit of each ray; see `Tracer.closest_prim`."""
+    prim_id = np.empty(batch.ray_count, np.int32)
+    for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
+
+        def copy(first: int, last: int, begin: int = begin, prims: NDArray[np.int32] = found["prim_id"]) -> None:
+            prim_id[begin + first : begin + last] = prims[first:last]
+
+        caster.threads.for_ranges(len(found), copy)
+    return prim_id.reshape(shape)
+
+
+def find_any_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
+    """Return whether each ray hits anything; see `Tracer.any_hit`."""
+    is_blocked = np.empty(batch.ray_count, np.bool_)
+    for begin, found in _cast_rays(caster, ANY_HIT, batch, shape, progress):
+        is_blocked[begin : begin + len(found)] = found
+    return is_blocked.reshape(shape)
+
+
+def count_hits(
+    caster: Caster, batch: RayBatch, shape: Shape, max_hits: int | None, progress: Progress | None
+) -> NDArray[np.int32]:
+    """Return the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`."""
+    counts = np.empty(batch.ray_count, np.int32)
+    most = np.int32(max_hits or NO_LIMIT)
+    for begin, found in _cast_rays(caster, COUNT_HITS, batch, shape, progress, max_hits=most):
+        counts[begin : begin + len(found)] = found
+    return counts.reshape(shape)
+
+
+def _cast_rays(
+    caster: Caster, query: Query, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yield the results of each piece of a batch, in the order of the rays, and the index of its first ray.
+
+    Results are valid until the next ones are asked for.
+    """
+    with caster.open_call() as call:
+        for piece in call.cut_rays(batch, shape, progress=progress):
+            with call.cast(query, call.pack_rays(batch, piece, shape), **arguments) as found:
+                yield piece.begin, found

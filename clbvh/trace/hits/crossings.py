@@ -1,0 +1,190 @@
+"""The crossings of each ray, as the device finds them: the nearest few in one launch, more for the rays that have more.
+
+Memory on the device is bounded, whatever the number of crossings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import Mesh
+from ...structs import HIT, HIT_LANES, HIT_PRIM_ID, NO_PRIM
+from ...support.compiled import compiled
+from ...support.prefetch import prefetch
+from ..launch import FIRST_HITS, Call, Caster
+from ..rays.batch import RayBatch
+from ..rays.pieces import Progress, RayPiece
+
+# Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
+MOST_SLOTS = 2**21
+
+# Slots of each ray in the first round, and their growth from round to round. Few rays of real meshes need a second one.
+FIRST_SLOTS = 8
+SLOT_GROWTH = 4
+
+# The source of a ray's crossings: the number of a segment, and the offset in it in this many bits.
+OFFSET_BITS = 40
+OFFSET_MASK = (1 << OFFSET_BITS) - 1
+
+# A hit in 8-byte words; the face is the upper half of the last one.
+_HIT_WORDS = HIT_LANES // 2
+_PRIM_WORD, _PRIM_SHIFT = HIT_PRIM_ID // 2, 32
+
+# Prefetch distance in rays.
+_PREFETCH_RAYS = 16
+
+
+class Crossings(NamedTuple):
+    """The crossings of rays, as the device found them.
+
+    Attributes
+    ----------
+    counts : (n,) int32
+        Crossings of each ray.
+    sources : (n,) int64
+        Index of a ray's first crossing in `found`, as a segment and an offset; anything for a ray without crossings.
+        The others follow in the order along the ray.
+    segment_begins : (segments + 1,) int64
+        Begin of each segment in `found`.
+    found : (m, 4) float32
+        `structs.HIT` as lanes.
+    """
+
+    counts: NDArray[np.int32]
+    sources: NDArray[np.int64]
+    segment_begins: NDArray[np.int64]
+    found: NDArray[np.float32]
+
+
+@dataclass
+class _Search:
+    """A search for crossings: the request, and the results so far; see `Crossings`."""
+
+    call: Call
+    max_hits: int | None
+    progress: Progress | None
+    counts: NDArray[np.int32]
+    sources: NDArray[np.int64]
+    segments: list[NDArray[np.int64]] = field(default_factory=list)
+
+
+def find_crossings(
+    caster: Caster, mesh: Mesh, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
+) -> Crossings:
+    """Return the crossings of each ray, the nearest `max_hits` at most."""
+    count = batch.ray_count
+    with caster.open_call() as call:
+        search = _Search(call, max_hits, progress, np.zeros(count, np.int32), np.zeros(count, np.int64))
+        rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, mesh.face_count + 1)
+        while rays.ray_count > 0:
+            crowded = _search_round(search, rays, ray_ids, shape, slots)
+            # Only the first round has the shape of a picture, and the user's progress.
+            rays, ray_ids, shape, search.progress = batch.take(crowded), crowded, (len(crowded),), None
+            # No ray crosses a triangle twice, so one slot more than there are triangles is never taken.
+            slots = min(slots * SLOT_GROWTH, mesh.face_count + 1)
+
+    segment_begins = running_sums(np.array([len(segment) for segment in search.segments], np.int64))
+    found = np.empty((segment_begins[-1], _HIT_WORDS), np.int64)
+
+    def join(begin: int, segment: NDArray[np.int64]) -> None:
+        found[begin : begin + len(segment)] = segment
+
+    caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), search.segments, strict=True)))
+    return Crossings(search.counts, search.sources, segment_begins, found.view(np.float32))
+
+
+def _search_round(
+    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, shape: tuple[int, ...], slots: int
+) -> NDArray[np.int64]:
+    """Find the nearest crossings of rays, and return the indices of those whose slots are all taken.
+
+    `ray_ids` are the indices of the rays among the user's; None for all of them.
+    """
+    call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
+    most_rays = max(1, call.fit(HIT, MOST_SLOTS) // wanted)
+    crowded = [np.empty(0, np.int64)]
+    for piece in call.cut_rays(batch, shape, most_rays=most_rays, progress=search.progress):
+        packed = call.pack_rays(batch, piece, shape, in_ray_order=False)
+        with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
+            crowded += _compact_piece(search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, _HIT_WORDS))
+    return np.concatenate(crowded)
+
+
+def _compact_piece(
+    search: _Search, piece: RayPiece, ray_ids: NDArray[np.int64] | None, kept: NDArray[np.int64]
+) -> list[NDArray[np.int64]]:
+    """Add the hits of a piece to the search, without gaps; return the indices of its crowded rays, in parts."""
+    slots, threads = kept.shape[1], search.call.threads
+    users = (
+        piece.begin + piece.ray_ids().astype(np.int64) if ray_ids is None else ray_ids[piece.begin + piece.ray_ids()]
+    )
+
+    def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        hits, crowded = np.empty(((last - first) * slots, _HIT_WORDS), np.int64), np.empty(last - first, np.int64)
+        hit_count, crowded_count = _compact(
+            kept[first:last], users[first:last], slots == search.max_hits, segment << OFFSET_BITS,
+            hits, crowded, search.counts, search.sources,
+        )  # fmt: skip
+        # Most slots are empty: their memory is given back.
+        hits.resize((hit_count, _HIT_WORDS), refcheck=False)
+        return hits, crowded[:crowded_count].copy()
+
+    ranges = threads.ranges(len(kept))
+    parts = threads.run(compact, [(len(search.segments) + part, *bounds) for part, bounds in enumerate(ranges)])
+    search.segments += [hits for hits, _ in parts]
+    return [crowded for _, crowded in parts]
+
+
+@compiled
+def _compact(kept, users, is_enough, segment, hits, crowded, counts, sources):
+    """Copy the hits before the first miss of each ray, one behind the other.
+
+    Rays whose slots are all taken are listed instead, unless `is_enough`. Returns the numbers of hits copied and of
+    rays listed.
+    """
+    slots = kept.shape[1]
+    hit_count, crowded_count = 0, 0
+    for ray in range(len(users)):
+        coming = users[min(ray + _PREFETCH_RAYS, len(users) - 1)]
+        prefetch(counts, coming)
+        prefetch(sources, coming)
+        count = 0
+        while count < slots and kept[ray, count, _PRIM_WORD] >> _PRIM_SHIFT != NO_PRIM:
+            count += 1
+        if count == 0:
+            continue
+        user = users[ray]
+        if count == slots and not is_enough:
+            crowded[crowded_count] = user
+            crowded_count += 1
+            continue
+        counts[user], sources[user] = count, segment | hit_count
+        for slot in range(count):
+            hits[hit_count, 0], hits[hit_count, 1] = kept[ray, slot, 0], kept[ray, slot, 1]
+            hit_count += 1
+    return hit_count, crowded_count
+
+
+@compiled
+def source_index(source, segment_begins):
+    """Return the index of a ray's first crossing in `Crossings.found`."""
+    return segment_begins[source >> OFFSET_BITS] + (source & OFFSET_MASK)
+
+
+def running_sums(counts: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return (n + 1,) int64: the sum of the counts before each one, and of all."""
+    offsets = np.empty(len(counts) + 1, np.int64)
+    _sum_up(counts, offsets)
+    return offsets
+
+
+@compiled
+def _sum_up(counts, offsets):
+    # Three times as fast as numpy's sum of 4-byte numbers in 8 bytes.
+    offsets[0] = 0
+    for index in range(len(counts)):
+        offsets[index + 1] = offsets[index] + counts[index]

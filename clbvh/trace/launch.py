@@ -1,0 +1,278 @@
+"""A launch: rays or points are packed into a batch on the device, the batch is cast with a kernel, results come back.
+
+A query opens a call. The call packs batches and casts them; its buffers belong to it alone until it ends, and then
+serve the next call. Nothing else is remembered from one call to the next.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device.kernel import Kernel
+from ..device.program import build_kernel
+from ..device.reusable_buffer import ReusableBuffer
+from ..device.session import DeviceSession
+from ..errors import QueryError
+from ..structs import HIT, PACKED_POINT, PACKED_RAY
+from ..support.context_manager import ContextManager
+from ..support.host_threads import HostThreads
+from .device_tree import DeviceTree
+from .rays.batch import RayBatch, TreeBox
+from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
+from .rays.pack import pack_rays
+from .rays.pieces import Progress, RayPiece, cut_points, cut_rays
+
+
+class Query(NamedTuple):
+    """A kernel and what it writes.
+
+    Attributes
+    ----------
+    kernel : str
+        Name of the kernel and of its file.
+    results : str
+        Name of the argument for the results.
+    dtype : numpy.dtype
+        Of one result.
+    """
+
+    kernel: str
+    results: str
+    dtype: np.dtype
+
+
+CLOSEST_HIT = Query("closest_hit", "hits", HIT)
+ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
+COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
+FIRST_HITS = Query("first_hits", "hits", HIT)
+CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
+
+# "All of them", for a kernel that stops at a number of hits.
+NO_LIMIT = np.iinfo(np.int32).max
+
+
+class Batch(NamedTuple):
+    """Packed rays or points on the device.
+
+    Attributes
+    ----------
+    item_count : int
+        Rays or points.
+    work_size : (int, int)
+        Columns and rows of work-items.
+    work_group : (int, int)
+        Columns and rows of a work-group.
+    arguments : mapping of str to argument
+        What a kernel is told about the batch, by the names of its arguments.
+    """
+
+    item_count: int
+    work_size: tuple[int, int]
+    work_group: tuple[int, int]
+    arguments: Mapping[str, Any]
+
+
+class Caster(ContextManager):
+    """One tree on one device, its kernels, and buffers that calls take and give back.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Closed with the caster.
+    tree : DeviceTree
+    box : TreeBox
+        Around the tree.
+    """
+
+    def __init__(self, session: DeviceSession, tree: DeviceTree, box: TreeBox) -> None:
+        self.session = session
+        self.tree = tree
+        self.box = box
+        self.threads = HostThreads()
+        self._lock = threading.Lock()
+        self._kernels: dict[str, Kernel] = {}
+        self._free_buffers: list[dict[str, ReusableBuffer]] = []
+
+    @contextmanager
+    def open_call(self) -> Iterator[Call]:
+        """Open a call; its buffers are its own for as long as the block lasts.
+
+        Raises
+        ------
+        QueryError
+            The tree is no longer on the device.
+        """
+        if self.session.is_closed:
+            raise QueryError("the tracer is closed: its tree is no longer on the device")
+        with self._lock:
+            buffers = self._free_buffers.pop() if self._free_buffers else {}
+        try:
+            yield Call(self, buffers)
+        finally:
+            with self._lock:
+                self._free_buffers.append(buffers)
+
+    def kernel(self, name: str) -> Kernel:
+        """Return a kernel, compiled when first asked for."""
+        with self._lock:
+            if name not in self._kernels:
+                self._kernels[name] = build_kernel(self.session, name, self.tree.defines)
+            return self._kernels[name]
+
+    def close(self) -> None:
+        """Give the device's memory back."""
+        self.release()
+        self.session.close()
+
+    def release(self) -> None:
+        """Give back the buffers of calls; the tree stays."""
+        self.threads.close()
+        with self._lock:
+            while self._free_buffers:
+                for buffer in self._free_buffers.pop().values():
+                    buffer.release()
+
+
+class Call:
+    """One query at work: it packs batches, casts them, and holds its buffers until it ends.
+
+    A buffer holds one batch, and one batch's results, at a time: a batch is cast before the next one is packed.
+    """
+
+    def __init__(self, caster: Caster, buffers: dict[str, ReusableBuffer]) -> None:
+        self.caster = caster
+        self.threads = caster.threads
+        self.box = caster.box
+        self._session = caster.session
+        self._tree = caster.tree
+        self._buffers = buffers
+
+    def fit(self, dtype: np.dtype, wanted: int) -> int:
+        """Return how many items of a dtype the device holds in one buffer, `wanted` at most."""
+        return self._session.fit_items(dtype.itemsize, wanted)
+
+    def cut_rays(
+        self,
+        batch: RayBatch,
+        shape: tuple[int, ...] = (),
+        *,
+        most_rays: int = 0,
+        progress: Progress | None = None,
+    ) -> Iterator[RayPiece]:
+        """Yield the pieces in which to cast a batch of rays; see `pieces.cut_rays`."""
+        return cut_rays(
+            batch, self.box, self.threads, shape=shape, tile_rows=self._session.settings.tile[1],
+            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, NO_LIMIT),
+            most_rays=most_rays, progress=progress,
+        )  # fmt: skip
+
+    def pack_rays(
+        self, batch: RayBatch, piece: RayPiece, shape: tuple[int, ...] = (), *, in_ray_order: bool = True
+    ) -> Batch:
+        """Put the rays of a piece on the device.
+
+        Parameters
+        ----------
+        batch : RayBatch
+        piece : RayPiece
+            Of the batch.
+        shape : tuple of int
+            Leading shape of the user's arrays, for messages.
+        in_ray_order : bool
+            Whether the results are to be in the order of the chunk's rays, whatever the order of the piece; then the
+            piece is the whole chunk.
+        """
+        count = piece.ray_count
+        chunk = None if piece.order is None else batch.part(piece.begin, piece.end)
+
+        def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+            if chunk is None or piece.order is None:
+                begin = piece.begin + first
+                pack_rays(batch.part(begin, piece.begin + last), self.box, packed, first_ray=begin, shape=shape)
+            else:
+                order = piece.order[first:last]
+                pack_rays(chunk, self.box, packed, order=order, first_ray=piece.begin, shape=shape)
+
+        rays = self._fill("packed", PACKED_RAY, count, pack)
+        order = None
+        if piece.order is not None and in_ray_order:
+            order = self._fill("order", piece.order.dtype, count, partial(_copy, piece.order))
+        row_length = piece.row_length or count
+        work_size, work_group = (row_length, -(-count // row_length)), self._work_group(piece)
+        described = {"rays": rays, "ray_count": np.int32(count), "row_length": np.int32(row_length)}
+        entry_points = None
+        if piece.is_coherent and self._tree.has_entry_points:
+            kernel, buffer = self.caster.kernel(ENTRY_POINT_KERNEL), self._buffer("entry points")
+            entry_points = find_entry_points(
+                self._session, self._tree, kernel, buffer, work_size, work_group, **described
+            )
+        return Batch(count, work_size, work_group, described | {"order": order, "entry_points": entry_points})
+
+    def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
+        """Yield the chunks in which to cast points; see `pieces.cut_points`."""
+        return cut_points(point_count, most_points=self.fit(PACKED_POINT, NO_LIMIT), progress=progress)
+
+    def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
+        """Put points on the device.
+
+        Parameters
+        ----------
+        count : int
+        pack : function
+            Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write; from
+            several threads.
+        """
+        points = self._fill("packed", PACKED_POINT, count, pack)
+        work_group = (self._session.settings.work_group_size, 1)
+        return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
+
+    @contextmanager
+    def cast(
+        self, query: Query, batch: Batch, *, results_per_item: int = 1, **arguments: Any
+    ) -> Iterator[NDArray[Any]]:
+        """Cast a batch with a kernel and give its results, which are valid inside the block.
+
+        Parameters
+        ----------
+        query : Query
+        batch : Batch
+            At least one ray or point.
+        results_per_item : int
+        **arguments
+            The kernel's own arguments, by name.
+        """
+        count = batch.item_count * results_per_item
+        results = self._buffer("results").take(count * query.dtype.itemsize)
+        self._session.run(
+            self.caster.kernel(query.kernel), batch.work_size, batch.work_group,
+            **self._tree.arguments, **batch.arguments, **{query.results: results}, **arguments,
+        )  # fmt: skip
+        with self._session.mapped(results, count, query.dtype, write=False) as found:
+            yield found
+
+    def _work_group(self, piece: RayPiece) -> tuple[int, int]:
+        settings = self._session.settings
+        return settings.tile if piece.row_length else (settings.work_group_size, 1)
+
+    def _fill(self, name: str, dtype: np.dtype, count: int, fill: Callable[[int, int, NDArray[Any]], None]) -> Any:
+        """Return a buffer of the call after several threads have filled it."""
+        buffer = self._buffer(name).take(count * dtype.itemsize)
+        with self._session.mapped(buffer, count, dtype, write=True) as items:
+            self.threads.for_ranges(count, lambda first, last: fill(first, last, items[first:last]))
+        return buffer
+
+    def _buffer(self, name: str) -> ReusableBuffer:
+        if name not in self._buffers:
+            self._buffers[name] = ReusableBuffer(self._session, for_mapping=name != "entry points")
+        return self._buffers[name]
+
+
+def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:
+    target[:] = source[first:last]

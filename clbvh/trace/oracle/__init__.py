@@ -1,0 +1,1 @@
+"""Slow, independent answers: every triangle against every ray in float64, and counted visits."""

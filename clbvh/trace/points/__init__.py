@@ -1,0 +1,1 @@
+"""Queries about points: the closest point of the surface, and the side of it."""

@@ -1,0 +1,47 @@
+"""The closest point of the surface for each point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import Mesh
+from ..launch import CLOSEST_POINT, Call, Caster
+from ..rays.pieces import Progress
+from .order import find_point_order
+from .pack import check_points, pack_points, unit_scale
+from .refine import ClosestPoints, refine_points
+
+
+def find_closest_points(
+    caster: Caster, mesh: Mesh, points: NDArray[Any], progress: Progress | None = None
+) -> ClosestPoints:
+    """Return the closest points of the surface; see `Tracer.closest_point`."""
+    shape, flat = points.shape[:-1], points.reshape(-1, 3)
+    count = len(flat)
+    found = ClosestPoints(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32))
+    with caster.open_call() as call:
+        for begin, end in call.cut_points(count, progress):
+            chunk = np.ascontiguousarray(flat[begin:end])
+            check_points(chunk, begin, shape)
+            part = ClosestPoints(found.distance[begin:end], found.point[begin:end], found.prim_id[begin:end])
+            _find_chunk(call, mesh, chunk, part)
+    return ClosestPoints(found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape))
+
+
+def _find_chunk(call: Call, mesh: Mesh, points: NDArray[Any], closest: ClosestPoints) -> None:
+    """Write the closest points for a chunk of points, which is cast in a coherent order."""
+    order = find_point_order(points, call.box, call.threads)
+
+    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+        pack_points(points, call.box, order[first:last], packed)
+
+    batch = call.pack_points(len(points), pack)
+    with call.cast(CLOSEST_POINT, batch, scale=unit_scale(call.box)) as prim_id:
+
+        def refine(first: int, last: int) -> None:
+            refine_points(points, mesh, call.box, order[first:last], prim_id[first:last], closest)
+
+        call.threads.for_ranges(len(points), refine)

@@ -1,0 +1,1 @@
+"""Rays on their way to the device: read, ordered, packed."""
