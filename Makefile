@@ -10,16 +10,11 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
 
-# numba notices a change in the file of a function, not in the files that it compiles into it; so each state of the
-# compiled rooms has a cache of its own.
-COMPILED := $(shell find clbvh/build clbvh/tree clbvh/trace clbvh/layout.py clbvh/morton_bits.py clbvh/simd.py -name '*.py' | sort | xargs cat | cksum)
-NUMBA_CACHE := $(VENV)/numba-cache/$(firstword $(COMPILED))
-
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test test-long lint bench clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(INSTALLED_DEV) ## make .venv with clbvh and everything that tests and lint need
 
@@ -27,14 +22,22 @@ demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	@mkdir -p $(OUT)
 	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
 
-test: $(INSTALLED_DEV) ## run all tests on the OpenCL device at hand, PoCL if there is no other
-	NUMBA_CACHE_DIR=$(CURDIR)/$(NUMBA_CACHE) $(BIN)/python -m pytest $(TESTS)
+# Each of the WORKERS runs whole files: it compiles for itself what its files share. One test alone is quicker without.
+WORKERS := $(if $(TESTS),0,auto)
 
-lint: $(INSTALLED_DEV) ## ruff, mypy and import-linter
+test: $(INSTALLED_DEV) ## run all tests on the OpenCL device at hand, PoCL if there is no other
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile $(TESTS)
+
+# A property's examples and most seeds are random; `make test-long SEED=123` repeats a run.
+test-long: $(INSTALLED_DEV) ## run all tests with many more random examples, for an hour or so
+	$(BIN)/python -m pytest --hypothesis-profile=long $(if $(SEED),--hypothesis-seed=$(SEED)) $(TESTS)
+
+lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+	$(BIN)/python .ci/lint_kernels.py
 
 bench: $(INSTALLED_PEERS) ## measure, beside the peers (installs Open3D and embreex)
 	$(BIN)/python -m pytest bench tests/peers -q -s

@@ -1,6 +1,6 @@
-"""What each rung of the report's ladder takes, phase by phase.
+"""What each variant of the report's ladder takes, phase by phase.
 
-Rungs take turns, so that a drift of the machine's speed meets all of them. What is printed is the fastest run of
+Variants take turns, so that a drift of the machine's speed meets all of them. What is printed is the fastest run of
 each: whatever else the machine does can only add to it.
 """
 
@@ -9,8 +9,8 @@ from __future__ import annotations
 import pytest
 
 import clbvh
-from clbvh.build.ladder import LADDER
-from clbvh.render.camera import frame_points
+from clbvh.builders.ladder import LADDER
+from clbvh.rendering.camera import frame_points
 
 RUNS = 9
 WORKERS = (1, 2)
@@ -23,7 +23,7 @@ SLOW_RUNS = 2
 FRONTIERS = (4, 16, 64, 256, 1024, 4096, 8192)
 WIDTH, HEIGHT = 800, 450
 
-# Linked nodes become rows because a Bvh has rows; the report's rungs of these names did not need it.
+# Linked nodes become rows because a Bvh has rows; the report's variants of these names did not need it.
 NOT_THE_BUILD = "convert"
 
 
@@ -35,7 +35,7 @@ def test_ladder(mesh):
             for (name, workers), laps in taken.items():
                 if run < SLOW_RUNS or name not in SLOW:
                     laps.append(dict(LADDER[name](mesh, {1: one, 2: two}[workers], options).timings_ms))
-    print(f"\n{'rung':12}{'workers':>8}{'build ms':>10}  phases")
+    print(f"\n{'variant':12}{'workers':>8}{'build ms':>10}  phases")
     for (name, workers), laps in taken.items():
         best = min(laps, key=_build_ms)
         phases = ", ".join(f"{lap} {ms:.0f}" for lap, ms in best.items())

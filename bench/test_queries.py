@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
-from clbvh.render.camera import frame_points
+from clbvh.rendering.camera import frame_points
 
 from .paired import compare, measure_ms
 

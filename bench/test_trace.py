@@ -1,4 +1,4 @@
-"""How long rays take: every layout, beside Open3D. Kernel times, the best of several runs, measured in turn."""
+"""Speed of rays in every layout, beside Open3D: kernel times, the best of several runs, measured in turn."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.layout import LAYOUT_WIDTHS
-from clbvh.render.camera import frame_points
-from clbvh.trace import caster
-from clbvh.trace.ray_order import RayOrder
+from clbvh.rendering.camera import frame_points
+from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace import launch
+from clbvh.trace.rays.pieces import RayPiece, cut_rays
 
 from .paired import DEFAULT_RUNS, measure_ms
 
@@ -22,14 +22,14 @@ LIGHT = (0.3, 0.8, 0.5)
 
 
 @pytest.fixture(autouse=True)
-def rays_as_given(monkeypatch):
-    """Kernels are compared on the rays that are named: what sorting gains, and takes, is in bench/test_queries.py."""
-    find_order = caster.find_order
+def unsorted_rays(monkeypatch):
+    """Kernels are compared on rays in their own order; bench/test_queries.py has the gain and the cost of sorting."""
 
-    def find_no_order(*arguments, is_picture):
-        return RayOrder(None, find_order(*arguments, is_picture=is_picture).is_coherent)
+    def cut_unsorted(*arguments, **options):
+        for piece in cut_rays(*arguments, **options):
+            yield piece if piece.order is None else RayPiece(piece.begin, piece.end)
 
-    monkeypatch.setattr(caster, "find_order", find_no_order)
+    monkeypatch.setattr(launch, "cut_rays", cut_unsorted)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def kernel_ms(tracer: clbvh.Tracer, query: str, rays: Any) -> Callable[[], float
 
 
 def shadow_rays(tracer: clbvh.Tracer, rays: Any) -> tuple[Any, Any]:
-    """Return origins a little in front of what rays hit, and directions towards a light."""
+    """Return origins just in front of the hits of rays, and directions towards a light."""
     hits = tracer.closest_hit(*rays)
     share = (1 - 1e-4) * hits.t[hits.is_hit, None]
     starts = rays[0][hits.is_hit] + share * rays[1][hits.is_hit]
@@ -103,20 +103,24 @@ def test_layouts_and_open3d(mesh, rays, tracers, open3d, order):
 
 
 @pytest.mark.parametrize("kind", ["picture", "shadow"])
-def test_what_entries_gain(rays, tracers, monkeypatch, kind):
-    """The same kernel, with rays that begin where their tile enters the tree, and at the root."""
+def test_gain_of_entry_points(rays, tracers, monkeypatch, kind):
+    """The same kernel, with rays that begin at the entry points of their tiles, and at the root."""
     tracer = tracers["bvh8"]
     cast = rays if kind == "picture" else shadow_rays(tracer, rays)
-    with_entries = kernel_ms(tracer, "closest_hit", cast)
+    with_entry_points = kernel_ms(tracer, "closest_hit", cast)
+
+    def cut_incoherent(*arguments, **options):
+        for piece in cut_rays(*arguments, **options):
+            yield piece._replace(order=None, is_coherent=False)
 
     def from_the_root() -> float:
         with monkeypatch.context() as patch:
-            patch.setattr(caster, "find_order", lambda *arguments, is_picture: RayOrder(None, False))
-            return with_entries()
+            patch.setattr(launch, "cut_rays", cut_incoherent)
+            return with_entry_points()
 
-    tasks = {"with entries": with_entries, "from the root": from_the_root}
+    tasks = {"with entry points": with_entry_points, "from the root": from_the_root}
     speeds = race(f"bvh8, {len(cast[0]):,} {kind} rays", len(cast[0]), tasks)
-    print(f"entries: {speeds['with entries'] / speeds['from the root']:.2f} times as fast")
+    print(f"entry points: {speeds['with entry points'] / speeds['from the root']:.2f} times as fast")
 
 
 def test_any_hit_of_shadow_rays(mesh, rays, tracers):
@@ -138,10 +142,10 @@ def test_axis_parallel_rays(mesh, tracers):
         steps = np.stack(np.meshgrid(*[np.linspace(0, 1, AXIS_GRID)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
         origins = lowest + np.insert(steps, axis, -1, axis=1) * (highest - lowest)
         direction = np.eye(3)[axis]
-        turned = direction + 1e-3 * np.roll(direction, 1) + 1e-3 * np.roll(direction, 2)
+        tilted = direction + 1e-3 * np.roll(direction, 1) + 1e-3 * np.roll(direction, 2)
         casts = {
             name: kernel_ms(tracers["bvh8"], "closest_hit", (origins, np.broadcast_to(along, origins.shape)))
-            for name, along in (("parallel", direction), ("slightly turned", turned))
+            for name, along in (("parallel", direction), ("slightly tilted", tilted))
         }
         speeds = race(f"bvh8, {len(origins):,} rays along {'xyz'[axis]}", len(origins), casts)
-        print(f"parallel rays take {speeds['slightly turned'] / speeds['parallel']:.2f} times as long as turned ones")
+        print(f"parallel rays take {speeds['slightly tilted'] / speeds['parallel']:.2f} times as long as tilted ones")

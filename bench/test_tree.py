@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.render.camera import frame_points
-from clbvh.study.ray_cost import measure_rays
+from clbvh.rendering.camera import frame_points
+from clbvh.rendering.ray_cost import measure_rays
 
 from .paired import compare, measure_ms
 

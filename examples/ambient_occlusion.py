@@ -1,8 +1,8 @@
-"""How much of the sky each vertex of a mesh sees: any-hit rays over the hemisphere above it.
+"""The share of the sky that each vertex of a mesh sees: any-hit rays over the hemisphere above it.
 
     python examples/ambient_occlusion.py [MESH] [-o occlusion.ply] [--rays 64]
 
-Writes a PLY with the share of open sky as grey vertex colours.
+Writes a PLY file with the share of open sky as grey vertex colours.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import clbvh
 
 
 def vertex_normals(mesh: clbvh.Mesh) -> np.ndarray:
-    """Return (V, 3) unit normals: the mean of the faces around each vertex, by their areas."""
+    """Return (V, 3) unit normals: the mean of the faces around each vertex, weighted by area."""
     a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(np.float64) for corner in range(3))
     normals = np.zeros((len(mesh.vertices), 3))
     for corner in range(3):
@@ -25,14 +25,14 @@ def vertex_normals(mesh: clbvh.Mesh) -> np.ndarray:
 
 
 def open_sky(tracer: clbvh.Tracer, mesh: clbvh.Mesh, rays: int, seed: int = 0) -> np.ndarray:
-    """Return (V,) the cosine-weighted share of directions in which each vertex sees nothing of the mesh."""
+    """Return the cosine-weighted share of directions without a hit, (V,), for each vertex."""
     normals = vertex_normals(mesh)
     size = float(np.ptp(mesh.vertices, axis=0).max())
     origins = mesh.vertices + mesh.origin + 1e-4 * size * normals
     generator = np.random.default_rng(seed)
     seen = np.zeros(len(origins))
     for _ in range(rays):
-        # A point on the sphere around the tip of the normal: the directions to it are cosine-weighted.
+        # Directions to random points on the unit sphere around the tip of the normal are cosine-weighted.
         offset = generator.normal(size=origins.shape)
         offset /= np.linalg.norm(offset, axis=1)[:, None]
         seen += ~tracer.any_hit(origins, normals + 0.999 * offset)

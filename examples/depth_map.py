@@ -1,8 +1,8 @@
-"""A depth map of a trimesh, cast by `mesh.ray`: trimesh does the camera, clbvh the rays.
+"""A depth map of a trimesh, with rays cast by `mesh.ray`, which is clbvh's.
 
     python examples/depth_map.py [MESH] [-o depth.png] [--width 640]
 
-Near is white, far is black, and nothing is black, too.
+Near is white; far is dark, and the background is black.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from clbvh.integrations.trimesh import RayMeshIntersector
 
 
 def depth_map(mesh: trimesh.Trimesh, width: int, height: int) -> np.ndarray:
-    """Return (height, width) distances along the view, NaN where nothing is; the camera looks down the z axis."""
+    """Return distances along the view, (height, width), NaN without a hit; the camera looks down the z axis."""
     low, high = mesh.bounds
     x = np.linspace(low[0], high[0], width)
     y = np.linspace(high[1], low[1], height)

@@ -1,4 +1,4 @@
-"""Which points are inside of a closed mesh, and how far from its surface: its volume by counting.
+"""Points inside a closed mesh, and their distance to its surface: the volume by random points.
 
 python examples/inside_test.py [MESH] [--points 100000]
 """
@@ -13,7 +13,7 @@ import clbvh
 
 
 def estimate_volume(tracer: clbvh.Tracer, mesh: clbvh.Mesh, count: int, seed: int = 0) -> tuple[float, float]:
-    """Return the volume inside of the mesh, by random points, and its standard error."""
+    """Return an estimate of the mesh's volume by random points, and its standard error."""
     low, high = mesh.vertices.min(axis=0) + mesh.origin, mesh.vertices.max(axis=0) + mesh.origin
     points = np.random.default_rng(seed).uniform(low, high, (count, 3))
     share = tracer.contains(points).mean()
@@ -22,7 +22,7 @@ def estimate_volume(tracer: clbvh.Tracer, mesh: clbvh.Mesh, count: int, seed: in
 
 
 def volume(mesh: clbvh.Mesh) -> float:
-    """Return the volume by the divergence theorem, which needs faces that all point outwards."""
+    """Return the volume by the divergence theorem, for faces that all point outwards."""
     a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(np.float64) for corner in range(3))
     return float((a * np.cross(b, c)).sum() / 6)
 

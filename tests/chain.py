@@ -4,7 +4,7 @@ import numpy as np
 
 from clbvh import Bvh, validate_tree
 from clbvh.geometry import Mesh
-from clbvh.layout import NODE
+from clbvh.structs import NODE
 
 
 def make_chain(count, leaf_side):
@@ -18,7 +18,7 @@ def make_chain(count, leaf_side):
     triangles[-1, 0] = [2, 2, count - 1]
     mesh = Mesh(triangles.reshape(-1, 3), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.zeros(3))
 
-    # Level i splits off triangle i; what remains begins at i + 1.
+    # Level i splits off triangle i; the rest begins at i + 1.
     nodes = np.zeros(2 * count - 1, NODE)
     parent = 0
     for level in range(count):

@@ -99,13 +99,13 @@ def anywhere(mesh, inside, count, generator):
 
 
 def side_by_side(mesh, inside, count, generator):
-    """From one point to vertices and edges, round by round: rays that begin together, see cl/entry.cl."""
+    """From one point to vertices and edges, ordered by direction: neighbours share an entry point."""
     origin = as_float32(inside(1, generator))
     targets = np.concatenate((mesh.vertices, edge_midpoints(mesh)))
     directions = as_float32(targets[generator.integers(0, len(targets), count)] - origin)
     height = directions[:, 2] / np.linalg.norm(directions, axis=1)
-    turn = np.arctan2(directions[:, 1], directions[:, 0])
-    order = np.lexsort((turn, np.floor(height * np.sqrt(count) / 4)))
+    azimuth = np.arctan2(directions[:, 1], directions[:, 0])
+    order = np.lexsort((azimuth, np.floor(height * np.sqrt(count) / 4)))
     return np.broadcast_to(origin, directions.shape), directions[order]
 
 
@@ -124,7 +124,7 @@ def border_edges(faces):
 def close_holes(mesh):
     """The mesh with a vertex in the middle of each hole's loop, joined to its border.
 
-    What is left is closed in the sense of parity: every edge belongs to an even number of triangles. Triangles at edges
+    The result is closed in the sense of parity: every edge belongs to an even number of triangles. Triangles at edges
     that more than two share may cross each other; counts do not mind.
     """
     border = border_edges(mesh.faces)

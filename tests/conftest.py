@@ -1,19 +1,51 @@
-"""What tests of every kind share: a device, the real meshes, and the rule about skipping."""
+"""Shared by all tests: a device, the real meshes, the folder of machine code, and the rule about skipping."""
 
 from __future__ import annotations
 
 import os
+import random
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
-from clbvh.device.session import DeviceSession
-from clbvh.errors import DeviceError
+from clbvh.support.cache_folder import CACHE_VARIABLE, find_cache
 
-# The only reasons for which a test may skip where REQUIRE_DEVICE is set: what is missing is no part of the project.
+from . import profiles
+
+if TYPE_CHECKING:
+    from clbvh.device.session import DeviceSession
+
+# The only reasons for which a test may skip where REQUIRE_DEVICE is set: missing things that are no part of the
+# project.
 _MAY_BE_MISSING = ("CLBVH_MESHES", "peers:")
 REQUIRE_DEVICE = "CLBVH_REQUIRE_DEVICE"
+
+# `--hypothesis-profile` comes later and wins.
+settings.load_profile(profiles.SHORT)
+
+# All processes of a run share the user's machine code, however a test sets `CLBVH_CACHE`. numba reads this when it is
+# imported, so nothing above may import it.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(find_cache() / "compiled"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config) -> None:
+    """Choose the seed of a long run, unless the command line has it, before hypothesis looks at it."""
+    if config.getoption("--hypothesis-profile") == profiles.LONG:
+        if config.option.hypothesis_seed is None:
+            config.option.hypothesis_seed = random.randrange(2**32)
+        profiles.RunSeed.value = int(config.option.hypothesis_seed)
+
+
+def pytest_report_header(config) -> str | None:
+    """Show the seed of a long run."""
+    if profiles.is_long():
+        return f"seed {profiles.RunSeed.value}: repeat this run by `make test-long SEED={profiles.RunSeed.value}`"
+    return None
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -30,14 +62,17 @@ def pytest_runtest_makereport(item, call):
 
 @pytest.fixture(scope="session", autouse=True)
 def _empty_cache(tmp_path_factory) -> Iterator[None]:
-    """What the user keeps, settings of `clbvh tune` above all, is of no matter to tests."""
+    """Hide the user's cache: settings of `clbvh tune`, trees and meshes there must not change a test."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CLBVH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.mktemp("cache")))
         yield
 
 
 @pytest.fixture(scope="session")
 def _opened_device() -> Iterator[DeviceSession]:
+    from clbvh.device.session import DeviceSession
+    from clbvh.errors import DeviceError
+
     try:
         session = DeviceSession()
     except DeviceError as error:
@@ -64,3 +99,10 @@ def real_mesh_path():
         return path
 
     return find
+
+
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A temporary folder with a short name: a socket in it must fit the 108 bytes that Unix has for its path."""
+    with tempfile.TemporaryDirectory(prefix="clbvh-") as folder:
+        yield Path(folder)

@@ -1,4 +1,4 @@
-"""A script in a session of its own, so that a test can see every process that it ever leaves behind (Linux)."""
+"""A script in a session of its own, so that a test sees every process that it leaves behind (Linux)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Rays that make a traversal's life hard, for tests of every kind.
+"""Rays that are hard for a traversal, for tests of every kind.
 
-All coordinates fit float32, so that what the oracle judges is what the device cast.
+All coordinates fit float32, so that the oracle judges the very rays that the device cast.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Triangle soups for tests: unconnected triangles, seeded, with as many troubles as a test asks for."""
+"""Triangle soups for tests: unconnected triangles, seeded, with as many defects as a test asks for."""
 
 from __future__ import annotations
 

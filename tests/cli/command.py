@@ -1,39 +1,99 @@
-"""Runs the command as a user does: in a process of its own."""
+"""Runs the command: in this process, or in one of its own where the process itself is tested."""
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
+
+import pytest
+
+from clbvh.cli.app import run
 
 TIMEOUT_S = 120
 
 _DEVICE_VARIABLES = ("CLBVH_DEVICE", "OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
 
-# The installed script does just this.
+# Drivers read these when they are loaded, which has happened in this process. The doctor alone hands its environment
+# to new processes.
+_DRIVER_PREFIXES = ("OCL_", "OPENCL_", "POCL_", "PYTHON")
+
+# The same as the installed script.
 _SCRIPT = "from clbvh.cli import main; main()"
 
 
-def run_clbvh(*arguments: object, folder: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run `clbvh` with these arguments and wait for it.
+@dataclass(frozen=True)
+class Answer:
+    """Exit code and output of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run_clbvh(*arguments: object, **environment: str) -> Answer:
+    """Run `clbvh` with these arguments in this process.
+
+    An exception that would be a traceback for the user is one for the test.
 
     Parameters
     ----------
     *arguments
         Words of the command line; paths and numbers are welcome.
-    folder : Path, optional
-        The working folder.
     **environment
-        Variables on top of the test's own, of which those that choose a device or a driver are dropped.
+        Variables on top of the test's own, without those that choose a device or a driver.
     """
-    inherited = {name: value for name, value in os.environ.items() if name not in _DEVICE_VARIABLES}
-    return subprocess.run(
+    is_doctor = arguments[:1] == ("doctor",)
+    assert is_doctor or not any(name.startswith(_DRIVER_PREFIXES) for name in environment), "needs its own process"
+    output, errors = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
+        for name in _DEVICE_VARIABLES:
+            patch.delenv(name, raising=False)
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        with pytest.raises(SystemExit) as ended:
+            run([str(argument) for argument in arguments])
+    return Answer(ended.value.code or 0, output.getvalue(), errors.getvalue())
+
+
+def make_environment(**environment: str) -> dict[str, str]:
+    """Return the environment of a process: the test's own without the choice of a device or driver, and these."""
+    return {name: value for name, value in os.environ.items() if name not in _DEVICE_VARIABLES} | environment
+
+
+def run_process(*arguments: object, **environment: str) -> Answer:
+    """Run `clbvh` with these arguments in a process of its own; see `run_clbvh`."""
+    process = subprocess.run(
         [sys.executable, "-c", _SCRIPT, *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=TIMEOUT_S,
-        env=inherited | environment,
-        cwd=folder,
+        env=make_environment(**environment),
         check=False,
     )
+    return Answer(process.returncode, process.stdout, process.stderr)
+
+
+def refuses(answer: Answer, code: int, *words: str) -> None:
+    """Check for one line on stderr that has these words, and nothing on stdout."""
+    assert (answer.returncode, answer.stdout) == (code, ""), answer.stderr
+    (line,) = answer.stderr.splitlines()
+    assert line.startswith("clbvh: ")
+    for word in words:
+        assert word in line
+
+
+def hidden_drivers(folder: Path) -> dict[str, str]:
+    """Return the environment of a machine whose only OpenCL driver is gone; `folder` is for its driver file."""
+    icd = folder / "gone.icd"
+    icd.write_text("libgone.so.7\n")
+    return {"OCL_ICD_VENDORS": str(icd)}
+
+
+def shadowed_modules(folder: Path) -> dict[str, str]:
+    """Return the environment of a process that finds the modules in `folder` before all others."""
+    return {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}

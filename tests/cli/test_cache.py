@@ -1,4 +1,4 @@
-"""`clbvh render --cache` as a user runs it."""
+"""`clbvh render --cache`: which trees are stored and taken, and the messages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_the_table_says_where_the_tree_is_from(render):
     assert "1 worker" in first.stdout
     assert "from the cache" in second.stdout
     assert "agree with the reference" in second.stdout
-    assert "look for the tree in the cache" in second.stdout
+    assert "look the tree up in the cache" in second.stdout
     assert "cache" not in without.stdout
 
 
@@ -71,7 +71,7 @@ def test_a_damaged_file_is_built_again_and_said(render, tmp_path):
     assert result.returncode == 0
     assert json.loads(result.stdout)["tree_from_cache"] is False
     (line,) = result.stderr.splitlines()
-    assert line.startswith("clbvh: the tree in the cache cannot be used, and is built again: ")
+    assert line.startswith("clbvh: the tree in the cache cannot be used and is built again: ")
     assert str(tree) in line
     assert (tmp_path / "a.ppm").read_bytes() == (tmp_path / "b.ppm").read_bytes()
     assert json.loads(render("--cache", "--json").stdout)["tree_from_cache"] is True

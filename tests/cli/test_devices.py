@@ -1,26 +1,18 @@
-"""`clbvh devices` as a user runs it, in a process of its own."""
+"""`clbvh devices`: the table, the JSON object, and machines that lack something, each in a process of its own."""
 
 import json
 
 import pytest
 
-from .command import run_clbvh
+from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
 
 @pytest.fixture(scope="module")
 def listed():
-    """What `clbvh devices --json` says about this machine."""
+    """The answer of `clbvh devices --json` on this machine."""
     answer = run_clbvh("devices", "--json")
     assert answer.returncode == 0
     return json.loads(answer.stdout)["devices"]
-
-
-@pytest.fixture
-def no_driver(tmp_path):
-    """The environment of a machine whose only driver is gone."""
-    icd = tmp_path / "gone.icd"
-    icd.write_text("libgone.so.7\n")
-    return {"OCL_ICD_VENDORS": str(icd)}
 
 
 def test_the_json_object_describes_every_device(listed):
@@ -37,16 +29,17 @@ def test_the_json_object_describes_every_device(listed):
     assert {device["layout"] for device in listed if device["kind"] == "cpu"} <= {"bvh8"}
 
 
-def test_the_table_has_a_row_for_every_device_and_marks_the_default(listed):
+def test_the_table_has_a_line_for_every_device_and_marks_the_default(listed):
     answer = run_clbvh("devices")
     assert answer.returncode == 0
-    heading, *rows = answer.stdout.splitlines()
+    heading, *lines, footer = answer.stdout.splitlines()
+    assert footer.startswith("* used by default")
     assert heading.split() == ["device", "platform", "version", "driver", "memory", "units", "fp64", "layout"]
-    for device, row in zip(listed, rows, strict=False):
+    for device, line in zip(listed, lines, strict=True):
         mark = "* " if device["is_default"] else ""
-        assert row.strip().startswith(f"{mark}{device['number']} ")
+        assert line.strip().startswith(f"{mark}{device['number']} ")
         for fact in ("name", "kind", "platform", "driver_version", "layout"):
-            assert device[fact] in row
+            assert device[fact] in line
 
 
 def test_names_with_brackets_are_printed_as_they_are(monkeypatch, capsys):
@@ -62,7 +55,7 @@ def test_names_with_brackets_are_printed_as_they_are(monkeypatch, capsys):
     assert "* 0  Graphics [bold] (not available) " in capsys.readouterr().out
 
 
-def test_a_wrong_wish_in_the_environment_is_said_but_does_not_hide_the_list():
+def test_a_wrong_choice_in_the_environment_is_named_but_does_not_hide_the_list():
     answer = run_clbvh("devices", "--json", CLBVH_DEVICE="riva tnt")
     assert answer.returncode == 0
     listed = json.loads(answer.stdout)["devices"]
@@ -72,8 +65,8 @@ def test_a_wrong_wish_in_the_environment_is_said_but_does_not_hide_the_list():
 
 
 @pytest.mark.parametrize("arguments", [(), ("--json",)])
-def test_no_driver_is_exit_code_3_and_one_line_that_points_to_the_doctor(no_driver, arguments):
-    answer = run_clbvh("devices", *arguments, **no_driver)
+def test_no_driver_is_exit_code_3_and_one_line_that_points_to_the_doctor(tmp_path, arguments):
+    answer = run_process("devices", *arguments, **hidden_drivers(tmp_path))
     assert answer.returncode == 3
     (line,) = answer.stderr.splitlines()
     assert "no OpenCL device was found" in line
@@ -87,7 +80,7 @@ def test_no_driver_is_exit_code_3_and_one_line_that_points_to_the_doctor(no_driv
 def test_a_platform_without_devices_is_named(tmp_path):
     # A folder that PoCL cannot make: below a file.
     (tmp_path / "file").touch()
-    answer = run_clbvh("devices", "--json", POCL_CACHE_DIR=str(tmp_path / "file/cache"))
+    answer = run_process("devices", "--json", POCL_CACHE_DIR=str(tmp_path / "file/cache"))
     problem = "the platform 'Portable Computing Language' offers no device"
     assert problem in json.loads(answer.stdout)["problems"]
     assert problem in answer.stderr
@@ -96,16 +89,4 @@ def test_a_platform_without_devices_is_named(tmp_path):
 def test_pyopencl_that_cannot_be_imported_is_exit_code_3_without_a_traceback(tmp_path):
     broken = "raise ImportError('libOpenCL.so.1: cannot open shared object file')\n"
     (tmp_path / "pyopencl.py").write_text(broken)
-    answer = run_clbvh("devices", PYTHONPATH=str(tmp_path))
-    assert answer.returncode == 3
-    (line,) = answer.stderr.splitlines()
-    assert "libOpenCL.so.1" in line
-    assert "clbvh doctor" in line
-
-
-def test_help_loads_no_opencl(tmp_path):
-    (tmp_path / "pyopencl.py").write_text("raise SystemExit('pyopencl was imported')\n")
-    for verb in ("devices", "doctor"):
-        answer = run_clbvh(verb, "--help", PYTHONPATH=str(tmp_path))
-        assert answer.returncode == 0
-        assert "--json" in answer.stdout
+    refuses(run_process("devices", **shadowed_modules(tmp_path)), 3, "libOpenCL.so.1", "clbvh doctor")

@@ -1,8 +1,11 @@
-"""`clbvh doctor` as a user runs it, in a process of its own, on machines that lack something."""
+"""`clbvh doctor` on this machine and on machines that lack something.
+
+The doctor touches drivers in processes of its own, so the command itself can run in this one.
+"""
 
 import json
 
-from .command import run_clbvh
+from .command import hidden_drivers, run_clbvh, run_process, shadowed_modules
 
 
 def run_doctor(*arguments, **environment):
@@ -20,7 +23,7 @@ def test_a_working_machine_is_exit_code_0():
     assert "devices work" in answer.stdout.splitlines()[-1]
 
 
-def test_the_json_object_says_what_the_text_says():
+def test_the_json_object_agrees_with_the_text():
     answer = run_doctor("--json")
     assert answer.returncode == 0
     report = json.loads(answer.stdout)
@@ -31,9 +34,9 @@ def test_the_json_object_says_what_the_text_says():
 
 
 def test_a_driver_file_that_names_a_missing_library_is_named_and_hides_pocl(tmp_path):
-    icd = tmp_path / "gone.icd"
-    icd.write_text("libgone.so.7\n")
-    answer = run_doctor("--json", OCL_ICD_VENDORS=str(icd))
+    environment = hidden_drivers(tmp_path)
+    icd = environment["OCL_ICD_VENDORS"]
+    answer = run_doctor("--json", **environment)
     assert answer.returncode == 3
     assert json.loads(answer.stdout)["works"] is False
     problems = findings_of(answer, "problem")
@@ -67,7 +70,7 @@ def test_broken_drivers_beside_a_good_one_are_problems_but_no_failure(tmp_path):
         assert problem["advice"]
 
 
-def test_pocl_without_a_place_to_write_is_told_apart_from_no_pocl(tmp_path):
+def test_pocl_without_a_folder_to_write_to_is_told_apart_from_no_pocl(tmp_path):
     (tmp_path / "file").touch()
     answer = run_doctor("--json", POCL_CACHE_DIR=str(tmp_path / "file/cache"))
     (problem,) = [finding for finding in findings_of(answer, "problem") if "offers no device" in finding["message"]]
@@ -77,7 +80,8 @@ def test_pocl_without_a_place_to_write_is_told_apart_from_no_pocl(tmp_path):
 def test_pyopencl_without_a_loader_is_exit_code_3(tmp_path):
     broken = "raise ImportError('libOpenCL.so.1: cannot open shared object file')\n"
     (tmp_path / "pyopencl.py").write_text(broken)
-    answer = run_doctor("--json", PYTHONPATH=str(tmp_path))
+    # The doctor itself looks for the folder of pyopencl.
+    answer = run_process("doctor", "--json", **shadowed_modules(tmp_path))
     assert answer.returncode == 3
     problem = findings_of(answer, "problem")[0]
     assert problem["check"] == "pyopencl"
@@ -92,7 +96,7 @@ def test_a_driver_that_hangs_is_given_up_after_the_timeout():
     assert any("did not answer within 1.5 s" in finding["message"] for finding in findings_of(answer, "problem"))
 
 
-def test_a_wish_in_the_environment_that_fits_nothing_is_a_problem():
+def test_a_choice_in_the_environment_that_fits_nothing_is_a_problem():
     answer = run_doctor("--json", CLBVH_DEVICE="riva tnt")
     assert answer.returncode == 0
     (problem,) = [finding for finding in findings_of(answer, "problem") if finding["check"] == "choice"]

@@ -1,4 +1,4 @@
-"""`clbvh fetch`, against a server on this machine: what arrives, and what does not."""
+"""`clbvh fetch`, against a server on this machine: complete downloads, damaged ones, and refusals."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import pytest
 
 from clbvh.cli.app import run
 from clbvh.errors import ConfigError, FetchError
-from clbvh.geometry import known
-from clbvh.geometry.known import KNOWN_MESHES, fetch_mesh, find_known_mesh
+from clbvh.geometry import fetch as meshes
+from clbvh.geometry.fetch import KNOWN_MESHES, fetch_mesh, find_known_mesh
 
 MESH = b"ply\nthe bunny\n" + bytes(range(256)) * 2000
 
@@ -36,7 +36,7 @@ def make_archive(members: dict[str, bytes], *, kind: bytes = tarfile.REGTYPE) ->
 
 @dataclass
 class Site:
-    """What the server has, and what it was asked for."""
+    """The files of the server, and the requests it got."""
 
     url: str
     files: dict[str, bytes]
@@ -83,13 +83,13 @@ def cache(tmp_path, monkeypatch) -> Path:
 
 def offer(site: Site, monkeypatch, name: str, archive: bytes, *, mesh: bytes = MESH) -> None:
     """Put an archive on the server, and its sum, or for the drill the mesh's, into the table."""
-    row = KNOWN_MESHES[name]
-    site.files[f"/pub/{row.archive}"] = archive
-    if row.archive_sha256:
-        row = replace(row, archive_sha256=hashlib.sha256(archive).hexdigest())
+    known = KNOWN_MESHES[name]
+    site.files[f"/pub/{known.archive}"] = archive
+    if known.archive_sha256:
+        known = replace(known, archive_sha256=hashlib.sha256(archive).hexdigest())
     else:
-        row = replace(row, member_sha256=hashlib.sha256(mesh).hexdigest())
-    monkeypatch.setitem(KNOWN_MESHES, name, row)
+        known = replace(known, member_sha256=hashlib.sha256(mesh).hexdigest())
+    monkeypatch.setitem(KNOWN_MESHES, name, known)
 
 
 def clbvh(*words: str) -> int:
@@ -99,45 +99,45 @@ def clbvh(*words: str) -> int:
     return int(caught.value.code or 0)
 
 
-def what_stays(folder: Path) -> list[str]:
+def names_below(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.rglob("*")) if folder.exists() else []
 
 
 @pytest.mark.parametrize("name", KNOWN_MESHES)
 def test_fetch_puts_the_mesh_into_the_cache(site, cache, monkeypatch, capsys, name):
-    row = KNOWN_MESHES[name]
-    offer(site, monkeypatch, name, make_archive({"README": b"hello", row.member: MESH, "../../evil": b"evil"}))
+    known = KNOWN_MESHES[name]
+    offer(site, monkeypatch, name, make_archive({"README": b"hello", known.member: MESH, "../../evil": b"evil"}))
     assert clbvh("fetch", name, "--base-url", site.url) == 0
-    assert (cache / row.file_name).read_bytes() == MESH
-    assert what_stays(cache.parent.parent) == sorted(["deep", "cache", row.file_name])
+    assert (cache / known.file_name).read_bytes() == MESH
+    assert names_below(cache.parent.parent) == sorted(["deep", "cache", known.file_name])
     output = capsys.readouterr()
-    assert str(cache / row.file_name) in output.out
+    assert str(cache / known.file_name) in output.out
     assert output.err == ""
-    assert find_known_mesh(name) == cache / row.file_name
+    assert find_known_mesh(name) == cache / known.file_name
 
     # A second time, nothing is asked of the server.
     assert clbvh("fetch", name, "--base-url", site.url) == 0
-    assert site.asked == [f"/pub/{row.archive}"]
+    assert site.asked == [f"/pub/{known.archive}"]
 
 
 def test_fetch_several(site, cache, monkeypatch):
     for name in ("bunny", "drill"):
         offer(site, monkeypatch, name, make_archive({KNOWN_MESHES[name].member: MESH}))
     assert clbvh("fetch", "bunny", "drill", "--base-url", site.url + "/") == 0
-    assert what_stays(cache) == ["bun_zipper.ply", "drill_shaft_zip.ply"]
+    assert names_below(cache) == ["bun_zipper.ply", "drill_shaft_zip.ply"]
 
 
 @pytest.mark.parametrize("name", KNOWN_MESHES)
 def test_a_wrong_sum_deletes_the_file_and_fails(site, cache, capsys, name):
-    row = KNOWN_MESHES[name]  # with its real sum, which this archive has not
-    site.files[f"/pub/{row.archive}"] = make_archive({row.member: MESH})
+    known = KNOWN_MESHES[name]  # with its real sum, which is not that of this archive
+    site.files[f"/pub/{known.archive}"] = make_archive({known.member: MESH})
     assert clbvh("fetch", name, "--base-url", site.url) == 1
-    assert what_stays(cache) == []
+    assert names_below(cache) == []
     output = capsys.readouterr()
     assert output.out == ""
     assert len(output.err.splitlines()) == 1
     assert "damaged on its way" in output.err
-    assert (row.archive_sha256 or row.member_sha256) in output.err
+    assert (known.archive_sha256 or known.member_sha256) in output.err
 
 
 @pytest.mark.parametrize("name", ["bunny", "drill"])
@@ -146,7 +146,7 @@ def test_a_cut_connection_fails_and_leaves_nothing(site, cache, monkeypatch, cap
     offer(site, monkeypatch, name, make_archive({KNOWN_MESHES[name].member: MESH}))
     site.sent_share = share
     assert clbvh("fetch", name, "--base-url", site.url) == 1
-    assert what_stays(cache) == []
+    assert names_below(cache) == []
     error = capsys.readouterr().err
     assert len(error.splitlines()) == 1
     assert site.url in error
@@ -158,7 +158,7 @@ def test_an_archive_that_was_cut_before_it_was_offered_is_found_out(site, cache,
         offer(site, monkeypatch, "drill", whole[:end])
         with pytest.raises(FetchError, match="the archive is damaged or was cut off"):
             fetch_mesh("drill", base_url=site.url)
-        assert what_stays(cache) == []
+        assert names_below(cache) == []
 
 
 @pytest.mark.parametrize(
@@ -178,21 +178,21 @@ def test_an_archive_that_is_not_what_it_should_be(site, cache, monkeypatch, arch
     offer(site, monkeypatch, "bunny", archive)
     with pytest.raises(FetchError, match=message):
         fetch_mesh("bunny", base_url=site.url)
-    assert what_stays(cache) == []
+    assert names_below(cache) == []
 
 
 def test_a_member_that_is_too_large_is_not_written(site, cache, monkeypatch):
-    monkeypatch.setattr(known, "_MAX_MEMBER_BYTES", len(MESH) - 1)
+    monkeypatch.setattr(meshes, "_MAX_MEMBER_BYTES", len(MESH) - 1)
     offer(site, monkeypatch, "bunny", make_archive({KNOWN_MESHES["bunny"].member: MESH}))
     with pytest.raises(FetchError, match="is not a mesh file"):
         fetch_mesh("bunny", base_url=site.url)
-    assert what_stays(cache) == []
+    assert names_below(cache) == []
 
 
 def test_no_such_file_on_the_server(site, cache, capsys):
     assert clbvh("fetch", "bunny", "--base-url", site.url) == 1
     assert "the server answers 404 Not Found" in capsys.readouterr().err
-    assert what_stays(cache) == []
+    assert names_below(cache) == []
 
 
 def test_no_server(site, cache, capsys):

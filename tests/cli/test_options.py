@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from clbvh import BuildOptions
+from clbvh.builders.tree_maker import TreeOptions
 from clbvh.cli import options
 from clbvh.errors import ConfigError
-from clbvh.render.tree_maker import TreeOptions
 
 from .command import run_clbvh
-
-
-def test_python_m_is_the_command():
-    module = subprocess.run([sys.executable, "-m", "clbvh", "--version"], capture_output=True, text=True, check=True)
-    assert module.stdout == run_clbvh("--version").stdout != ""
 
 
 def test_the_defaults_are_those_of_the_library():

@@ -11,8 +11,9 @@ import trimesh
 from clbvh.errors import MeshError
 from clbvh.integrations import trimesh as engine_module
 from clbvh.integrations.trimesh import RayMeshIntersector
+from clbvh.trace.points.inside import GENERIC_DIRECTIONS
 
-# What trimesh 5's embree engine declares.
+# Declared by the embree engine of trimesh 5.
 SIGNATURES = {
     "intersects_location": "(ray_origins, ray_directions, multiple_hits=True)",
     "intersects_id": "(ray_origins, ray_directions, multiple_hits=True, max_hits=100, return_locations=False)",
@@ -145,6 +146,8 @@ class TestContract:
         for query in ("intersects_location", "intersects_id", "intersects_first", "intersects_any"):
             getattr(torus.ray, query)(*given)
         torus.ray.contains_points(given[0])
+        for array, before in zip(given, rays, strict=True):
+            np.testing.assert_array_equal(array, before)
 
     def test_lists_float32_and_integers(self, box):
         for dtype in (list, np.float32, np.int64, np.float16):
@@ -216,12 +219,12 @@ class TestContains:
         assert mesh.ray.contains_points([[0, 0, 0], [0.3, 0.2, 0.1], [2, 0, 0]]).tolist() == [False, True, False]
 
     def test_where_there_and_back_disagree_another_direction_decides(self, session):
-        place = 3 * engine_module._DIRECTIONS[0]
-        across = np.linalg.svd(place[None])[2][1:]
-        stray = trimesh.Trimesh(place + 0.5 * np.array([across[0], across[1], -across[0] - across[1]]), [[0, 1, 2]])
+        point = 3 * GENERIC_DIRECTIONS[0]
+        across = np.linalg.svd(point[None])[2][1:]
+        stray = trimesh.Trimesh(point + 0.5 * np.array([across[0], across[1], -across[0] - across[1]]), [[0, 1, 2]])
         mesh = trimesh.util.concatenate([trimesh.creation.box(), stray])
         mesh.ray = RayMeshIntersector(mesh)
-        assert mesh.ray.intersects_id([[0, 0, 0]], [place])[1].tolist() == [0, 0]
+        assert mesh.ray.intersects_id([[0, 0, 0]], [point])[1].tolist() == [0, 0]
         assert mesh.ray.contains_points([[0, 0, 0]])[0]
 
     def test_through_a_hole_points_get_outside(self, session):
@@ -236,7 +239,7 @@ class TestContains:
 
 
 class TestTheRestOfTrimesh:
-    """What casts rays by itself finds the engine."""
+    """Functions of trimesh that cast rays use the engine."""
 
     def test_voxels(self, session):
         mesh = trimesh.creation.icosphere()

@@ -1,74 +1,120 @@
 """Casting rays at a mesh with the shipped kernels, in any layout."""
 
 from contextlib import contextmanager
-from functools import cache
 
 import numpy as np
 
-from clbvh.device.program import build_kernel
-from clbvh.layout import HIT, RAY
+from clbvh.structs import HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
 from clbvh.trace.device_tree import DeviceTree
-from clbvh.trace.entries import open_tile_entries
-from clbvh.trace.rays import RayBox, pack_rays, read_rays
+
+from .packed_rays import make_rays
+from .programs import find_kernel
 
 FLAT_TILE = (64, 1)
-RESULT_TYPES = {"closest_hit": HIT, "any_hit": np.dtype(np.uint8), "count_hits": np.dtype(np.int32), "all_hits": HIT}
+TILES_PER_GROUP = (16, 1)
 NO_LIMIT = np.iinfo(np.int32).max
 
+# The results of each kernel: the argument's name and the dtype of one result.
+RESULTS = {
+    "closest_hit": ("hits", HIT),
+    "any_hit": ("blocked", np.dtype(np.uint8)),
+    "count_hits": ("counts", np.dtype(np.int32)),
+    "first_hits": ("hits", HIT),
+}
 
-@cache
-def compiled(session, name, defines):
-    """The kernel, built once for all tests that cast with the same macros."""
-    return build_kernel(session, name, dict(defines))
+# One stack size for all trees, so that they share a program: the one that the deepest trees, the chains, need and fill.
+STACK_SIZE = 48
 
 
 @contextmanager
-def open_caster(session, mesh, bvh, layout="auto", *, width=None, tile=FLAT_TILE, with_entries=False):
-    """Give a function from a kernel's name and rays to its results; `bvh` None for no tree.
+def open_caster(session, mesh, bvh, layout="auto", *, row_length=None, tile=FLAT_TILE, with_entry_points=False):
+    """Give a `Caster` for a mesh and its tree; `bvh` None for no tree.
 
-    Of all_hits these are the hits and the (n + 1,) offsets of each ray's. `width` is the number of rays in a row, all
-    of them without it.
+    `row_length` is the number of rays in a row, all of them without it.
     """
     tree = DeviceTree(session, mesh, bvh, layout)
-    kernels = {name: compiled(session, name, tuple(tree.defines.items())) for name in RESULT_TYPES}
+    try:
+        yield Caster(session, mesh.origin, tree, row_length, tile, with_entry_points)
+    finally:
+        for name in ("nodes", "blocks"):
+            session.release(tree.arguments[name])
 
-    entries = open_tile_entries(session, tree)
-    box = RayBox(mesh.origin, np.full(3, 2.0**100))  # nothing is outside: the device casts what is given
 
-    def run(name, rays, results, *more):
-        given, written = session.upload(rays), session.upload(results)
-        try:
-            columns = width or len(rays)
-            size = columns, -(-len(rays) // columns)
-            counts = np.int32(len(rays)), np.int32(columns)
-            begins = entries.find(size, tile, given, *counts) if with_entries else None
-            session.run(kernels[name], size, tile, *tree.arguments, given, written, *counts, None, begins, *more)
-            session.download(written, results)
-        finally:
-            session.release(given)
-            session.release(written)
+class Caster:
+    """A function from a query and rays to its results; see `open_caster`."""
+
+    def __init__(self, session, mesh_origin, tree, row_length, tile, with_entry_points):
+        self._session, self._mesh_origin, self._tree = session, mesh_origin, tree
+        self._row_length, self._tile, self._with_entry_points = row_length, tile, with_entry_points
+
+    def __call__(self, query, origins, directions, t_min=0.0, t_max=np.inf, max_hits=NO_LIMIT):
+        """The results of a kernel; or of ``all_hits`` the hits, and the (n + 1,) offsets of each ray's."""
+        rays = make_rays(origins - self._mesh_origin, directions, t_min, t_max)
+        if query == "all_hits":
+            return self._find_all_hits(rays, max_hits)
+        return self._run(query, rays, **({"max_hits": max_hits} if query == "count_hits" else {}))
+
+    def find_entry_points(self, origins, directions):
+        """The entry points of all tiles, as nodes."""
+        with self._on_device(make_rays(origins - self._mesh_origin, directions)) as (rays, work_size):
+            buffer, count = self._write_entry_points(rays, work_size)
+            found = np.zeros(count, WIDE_NODES[LAYOUT_WIDTHS[self._tree.layout]])
+            self._session.download(buffer, found)
+            self._session.release(buffer)
+        return found
+
+    def _find_all_hits(self, rays, max_hits):
+        counts = self._run("count_hits", rays, max_hits=max_hits)
+        slots = max(1, int(counts.max(initial=0)))
+        hits = self._run("first_hits", rays, results_per_ray=slots, slots=slots).reshape(-1, slots)
+        has_room = counts < slots
+        # A miss follows the last hit.
+        assert (hits["prim_id"][has_room, counts[has_room]] == NO_PRIM).all()
+        return hits[np.arange(slots) < counts[:, None]], np.concatenate(([0], np.cumsum(counts)))
+
+    def _run(self, name, packed, results_per_ray=1, **more):
+        argument, dtype = RESULTS[name]
+        numbers = {key: np.int32(value) for key, value in more.items()}
+        results = np.zeros(results_per_ray * len(packed), dtype)
+        with self._on_device(packed) as (rays, work_size):
+            buffer = self._session.upload(results)
+            entry_points = None
+            if self._with_entry_points and self._tree.has_entry_points:
+                entry_points, _ = self._write_entry_points(rays, work_size)
+            self._session.run(
+                self._kernel(name), work_size, self._tile, **self._tree.arguments, **rays, order=None,
+                entry_points=entry_points, **{argument: buffer}, **numbers,
+            )  # fmt: skip
+            self._session.download(buffer, results)
+            for held in (buffer, entry_points):
+                if held is not None:
+                    self._session.release(held)
         return results
 
-    def cast(name, origins, directions, t_min=0.0, t_max=np.inf, max_hits=NO_LIMIT):
-        batch = read_rays(origins, directions, t_min, t_max)
-        rays = np.empty(len(batch), RAY)
-        pack_rays(batch.part(0, len(batch)), box, rays)
-        if name not in ("count_hits", "all_hits"):
-            return run(name, rays, np.zeros(len(rays), RESULT_TYPES[name]))
-        counts = run("count_hits", rays, np.zeros(len(rays), np.int32), np.int32(max_hits))
-        if name == "count_hits":
-            return counts
-        offsets = np.zeros(len(rays) + 1, np.int32)
-        np.cumsum(counts, out=offsets[1:])
-        uploaded = session.upload(offsets)
+    @contextmanager
+    def _on_device(self, packed):
+        """Give the arguments that describe rays, and the size of the launch."""
+        row_length = self._row_length or len(packed)
+        rays = self._session.upload(packed)
         try:
-            return run(name, rays, np.zeros(offsets[-1], HIT), uploaded), offsets
+            yield (
+                {"rays": rays, "ray_count": np.int32(len(packed)), "row_length": np.int32(row_length)},
+                (row_length, -(-len(packed) // row_length)),
+            )
         finally:
-            session.release(uploaded)
+            self._session.release(rays)
 
-    try:
-        yield cast
-    finally:
-        entries.release()
-        for buffer in tree.arguments[:2]:
-            session.release(buffer)
+    def _write_entry_points(self, rays, work_size):
+        """The buffer of the tiles' entry points, and their number."""
+        columns, rows = (-(-length // edge) for length, edge in zip(work_size, self._tile, strict=True))
+        buffer = self._session.allocate(columns * rows * self._tree.node_bytes)
+        tile_width, tile_height = map(np.int32, self._tile)
+        self._session.run(
+            self._kernel("tile_entry_points"), (columns, rows), TILES_PER_GROUP, nodes=self._tree.arguments["nodes"],
+            **rays, tile_width=tile_width, tile_height=tile_height, entry_points=buffer,
+        )  # fmt: skip
+        return buffer, columns * rows
+
+    def _kernel(self, name):
+        stack_size = max(STACK_SIZE, self._tree.defines["STACK_SIZE"])
+        return find_kernel(self._session, "ray_kernels", name, self._tree.defines | {"STACK_SIZE": stack_size})

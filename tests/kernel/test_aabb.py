@@ -11,15 +11,15 @@ CLEAR = 4e-6
 
 @pytest.fixture(scope="module")
 def meet(run_shell, make_rays):
-    """A function from rays and boxes to (is_met, entries)."""
+    """A function from rays and boxes to (is_met, t_nears)."""
 
     def run(origins, directions, aabb_min, aabb_max, t_min=0.0, t_max=np.inf):
         arrays = [np.asarray(array, np.float32) for array in (origins, directions, aabb_min, aabb_max)]
         origins, directions, aabb_min, aabb_max = np.broadcast_arrays(*map(np.atleast_2d, arrays))
         rays = make_rays(origins, directions, t_min, t_max)
         boxes = np.concatenate((aabb_min, aabb_max), axis=1)
-        is_met, entries = run_shell("meet_boxes", [rays, boxes], [np.int32, np.float32])
-        return is_met.astype(bool), entries
+        is_met, t_nears = run_shell("meet_boxes", [rays, boxes], [np.int32, np.float32])
+        return is_met.astype(bool), t_nears
 
     return run
 
@@ -53,10 +53,10 @@ def across(direction):
 class TestAxisParallel:
     def test_through_the_middle(self, meet, direction):
         origin = CENTRE - 10 * direction
-        is_met, entries = meet(origin, direction, *BOX)
+        is_met, t_nears = meet(origin, direction, *BOX)
         assert is_met.all()
         axis = int(np.argmax(np.abs(direction)))
-        assert entries[0] == 10 - (BOX[1] - BOX[0])[axis] / 2
+        assert t_nears[0] == 10 - (BOX[1] - BOX[0])[axis] / 2
 
     @pytest.mark.parametrize("side", [0, 1], ids=["min", "max"])
     @pytest.mark.parametrize("which", [0, 1])
@@ -74,22 +74,22 @@ class TestAxisParallel:
         origin = CENTRE - 10 * direction
         for axis, side in zip(across(direction), corner, strict=True):
             origin[axis] = BOX[side][axis]
-        is_met, entries = meet(origin, direction, *BOX)
+        is_met, t_nears = meet(origin, direction, *BOX)
         assert is_met.all()
-        assert np.isfinite(entries).all()
+        assert np.isfinite(t_nears).all()
 
     def test_from_inside(self, meet, direction):
-        is_met, entries = meet(CENTRE, direction, *BOX)
+        is_met, t_nears = meet(CENTRE, direction, *BOX)
         assert is_met.all()
-        assert entries[0] == 0
+        assert t_nears[0] == 0
 
     def test_from_a_face(self, meet, direction):
         axis = int(np.argmax(np.abs(direction)))
         origins = np.stack((CENTRE, CENTRE))
         origins[:, axis] = BOX[0][axis], BOX[1][axis]
-        is_met, entries = meet(origins, direction, *BOX)
+        is_met, t_nears = meet(origins, direction, *BOX)
         assert is_met.all()
-        assert (entries == 0).all()
+        assert (t_nears == 0).all()
 
     def test_behind(self, meet, direction):
         is_met, _ = meet(CENTRE + 10 * direction, direction, *BOX)
@@ -98,9 +98,9 @@ class TestAxisParallel:
     def test_a_point_is_a_box(self, meet, direction):
         on, beside = CENTRE - 10 * direction, CENTRE - 10 * direction
         beside[across(direction)[0]] += 1e-3
-        is_met, entries = meet([on, beside], direction, CENTRE, CENTRE)
+        is_met, t_nears = meet([on, beside], direction, CENTRE, CENTRE)
         assert is_met.tolist() == [True, False]
-        assert entries[0] == 10
+        assert t_nears[0] == 10
 
 
 def test_limits_are_part_of_the_ray(meet):
@@ -108,25 +108,25 @@ def test_limits_are_part_of_the_ray(meet):
     t_min = [0, 3, 4, 5, 5.001, 6, np.inf, 0, 0, 0, 0, 4, 0]
     t_max = [np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 3, 2.999, 2, -1, 4, -np.inf]
     expected = [True, True, True, True, False, False, False, True, False, False, False, True, False]
-    is_met, entries = meet([[1.5, -1.5, 0]] * len(t_min), [0, 0, 1], *BOX, t_min, t_max)
+    is_met, t_nears = meet([[1.5, -1.5, 0]] * len(t_min), [0, 0, 1], *BOX, t_min, t_max)
     assert is_met.tolist() == expected
-    assert entries[[0, 2, 3, 11]].tolist() == [3, 4, 5, 4]
+    assert t_nears[[0, 2, 3, 11]].tolist() == [3, 4, 5, 4]
 
 
 @pytest.mark.parametrize("unbounded", [np.inf, np.finfo(np.float32).max])
 def test_boxes_without_end(meet, unbounded):
     directions = np.concatenate((AXES, [[1, 2, -3], [-1e-20, 1, 1e-20]]))
-    is_met, entries = meet([5, 6, 7], directions, [-unbounded] * 3, [unbounded] * 3)
+    is_met, t_nears = meet([5, 6, 7], directions, [-unbounded] * 3, [unbounded] * 3)
     assert is_met.all()
-    assert (entries == 0).all()
+    assert (t_nears == 0).all()
 
 
 def test_the_box_that_stands_for_no_child_ends_no_search(meet):
     # The lone leaf's second box, see tree/layouts.py: whatever is answered, no answer may be NaN.
     far = [np.finfo(np.float32).max] * 3
     directions = np.concatenate((AXES, [[1, 2, 3], [1, 1, 1], [-1, -2, -3]]))
-    _, entries = meet([0, 0, 0], directions, far, far)
-    assert not np.isnan(entries).any()
+    _, t_nears = meet([0, 0, 0], directions, far, far)
+    assert not np.isnan(t_nears).any()
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -157,14 +157,14 @@ def test_random_rays_never_miss_falsely(meet, seed, spread):
     t_min = np.where(generator.random(count) < 0.5, 0, 0.5)
     t_max = np.where(generator.random(count) < 0.5, np.inf, 1).astype(np.float32)
 
-    entry, leave = clip(origins, directions, aabb_min, aabb_max, t_min, t_max)
-    is_met, entries = meet(origins, directions, aabb_min, aabb_max, t_min, t_max)
+    t_near, t_far = clip(origins, directions, aabb_min, aabb_max, t_min, t_max)
+    is_met, t_nears = meet(origins, directions, aabb_min, aabb_max, t_min, t_max)
 
-    met = entry <= leave
-    missed = leave < entry * (1 - CLEAR)
+    met = t_near <= t_far
+    missed = t_far < t_near * (1 - CLEAR)
     assert 0.2 < met.mean() < 0.9
     assert missed.mean() > 0.05
     np.testing.assert_array_equal(np.flatnonzero(met & ~is_met), [])
     np.testing.assert_array_equal(np.flatnonzero(missed & is_met), [])
-    finite = met & np.isfinite(entry)
-    np.testing.assert_allclose(entries[finite], entry[finite], rtol=1e-6, atol=0)
+    finite = met & np.isfinite(t_near)
+    np.testing.assert_allclose(t_nears[finite], t_near[finite], rtol=1e-6, atol=0)

@@ -5,8 +5,8 @@ import pytest
 
 from clbvh import build
 from clbvh.geometry import Mesh
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import NO_PRIM
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.structs import NO_PRIM
 
 from ..rays import aim, as_float32, centred, edge_midpoints, hard_rays
 from ..soup import make_soup

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from clbvh.layout import LAYOUT_WIDTHS, LAYOUTS, WIDE_NODES
+from clbvh.structs import LAYOUT_WIDTHS, WIDE_NODES
 
 from .test_slabs import LAYOUT_NAMES, clip_children
 
 COUNT = 5_000
-RAYS = 8
 
-# What a beam that goes everywhere returns.
-ANYTHING = 1 << 20
+# Rays of a beam, and the answer for a beam without bounds; as in kernels/meet_by_beam.cl.
+RAYS = 8
+UNBOUNDED = 1 << 20
 
 
 @pytest.fixture(scope="module", params=LAYOUT_NAMES)
-def meet(request, run_shell):
+def meet(request, run_lane_shell):
     """A function from rays, (n, RAYS), and boxes, (n, width, 3), to the bits of those that each beam meets."""
     layout = request.param
     width = LAYOUT_WIDTHS[layout]
@@ -23,8 +23,7 @@ def meet(request, run_shell):
     def run(rays, aabb_min, aabb_max):
         nodes = np.zeros(len(aabb_min), WIDE_NODES[width])
         nodes["aabb_min"], nodes["aabb_max"] = aabb_min.transpose(0, 2, 1), aabb_max.transpose(0, 2, 1)
-        defines = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": 16, "BEAM_RAYS": RAYS, "ANYTHING": ANYTHING}
-        (met,) = run_shell("meet_by_beam", [nodes, rays], [np.uint32], defines)
+        (met,) = run_lane_shell(layout, "meet_by_beam", [nodes, rays], [np.uint32])
         return met
 
     run.width = width
@@ -32,7 +31,7 @@ def meet(request, run_shell):
 
 
 def make_beams(generator, spread, *, common_origin, away=0.0):
-    """Rays in groups, (n, RAYS, 3) each; `spread` is how far apart a group's are."""
+    """Rays of beams, (n, RAYS, 3) each; `spread` is how far apart those of a beam are."""
     shape = (COUNT, RAYS, 3)
     origins = generator.uniform(-2, 2, (COUNT, 1, 3)) + away
     origins = origins + (0.0 if common_origin else spread) * generator.uniform(-1, 1, shape)
@@ -58,21 +57,21 @@ def test_what_a_ray_meets_its_beam_meets(meet, make_rays, spread, common_origin,
 
     met = meet(rays, aabb_min, aabb_max)
 
-    goes_everywhere = met == ANYTHING
+    is_unbounded = met == UNBOUNDED
     bits = (met[:, None] >> np.arange(meet.width)) & 1 == 1
     any_ray_meets = np.zeros_like(bits)
     for ray in range(RAYS):
-        entry, leave = clip_children(origins[:, ray], directions[:, ray], aabb_min, aabb_max)
-        entry, leave = np.maximum(entry, t_min[:, ray, None]), np.minimum(leave, t_max[:, ray, None])
-        any_ray_meets |= entry <= leave
+        t_near, t_far = clip_children(origins[:, ray], directions[:, ray], aabb_min, aabb_max)
+        t_near, t_far = np.maximum(t_near, t_min[:, ray, None]), np.minimum(t_far, t_max[:, ray, None])
+        any_ray_meets |= t_near <= t_far
     assert 0.02 < any_ray_meets.mean() < 0.9
-    np.testing.assert_array_equal(np.flatnonzero((any_ray_meets & ~bits).any(axis=1) & ~goes_everywhere), [])
+    np.testing.assert_array_equal(np.flatnonzero((any_ray_meets & ~bits).any(axis=1) & ~is_unbounded), [])
     if spread <= 1e-4:
-        assert not goes_everywhere.any()
+        assert not is_unbounded.any()
         # A thin beam meets hardly more than its rays.
         assert (bits & ~any_ray_meets).mean() < 0.01 + spread * 100
     elif spread < 1.0:
-        assert goes_everywhere.mean() < 0.1
+        assert is_unbounded.mean() < 0.1
         assert bits.mean() < 0.9
 
 
@@ -104,6 +103,6 @@ def test_a_child_that_is_not_there_is_never_met(meet, make_rays):
     # A beam with a ray beyond float32 goes everywhere, and no box is asked.
     is_beyond = ~np.isfinite(origins).all(axis=(1, 2))
     assert is_beyond.any()
-    assert (met[is_beyond] == ANYTHING).all()
+    assert (met[is_beyond] == UNBOUNDED).all()
     assert 0.15 < (met == 1).mean() < 1
-    assert set(met.tolist()) == {0, 1, ANYTHING}
+    assert set(met.tolist()) == {0, 1, UNBOUNDED}

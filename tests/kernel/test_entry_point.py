@@ -1,27 +1,25 @@
-"""Tiles of rays that begin at entries of their own hit what they hit from the root, bit for bit."""
+"""Tiles of rays that begin at entry points hit what they hit from the root, bit for bit."""
 
 import numpy as np
 import pytest
 
 from clbvh import build
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import NO_PRIM, RAY, WIDE_NODES
-from clbvh.render.camera import frame_points
-from clbvh.trace.device_tree import DeviceTree
-from clbvh.trace.entries import open_tile_entries
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.rendering.camera import frame_points
+from clbvh.structs import NO_PRIM
 
 from ..chain import make_chain
 from ..rays import axis_rays, centred, feature_rays, hard_rays, random_rays
 from ..soup import make_soup
-from .casting import open_caster
+from .casting import STACK_SIZE, open_caster
 from .test_slabs import LAYOUT_NAMES
 
 WIDTH, HEIGHT = 203, 117  # neither is a multiple of a tile's
 TILES = [(8, 8), (16, 4), (64, 1), (5, 3)]
 QUERIES = ("closest_hit", "any_hit", "count_hits", "all_hits")
 
-# What the first child of an entry says of all of it.
-ROOT, NOTHING = 0, -1
+# The first child of an entry point: no entry point was found, or the tile's rays hit nothing.
+ROOT, NO_CHILD = 0, -1
 
 
 def picture(mesh, generator):
@@ -66,11 +64,11 @@ def make_kind(kind, mesh, generator):
     return kind(mesh, WIDTH * HEIGHT, generator) if kind in (random_rays, axis_rays) else kind(mesh, generator)
 
 
-def check_entries_change_nothing(session, mesh, bvh, rays, tile, layout, **limits):
+def check_entry_points_change_nothing(session, mesh, bvh, rays, tile, layout, **limits):
     """Compare all results with those of rays that begin at the root, byte for byte; return the closest hits."""
     with open_caster(session, mesh, bvh, layout) as cast:
         expected = {query: cast(query, *rays, **limits) for query in QUERIES}
-    with open_caster(session, mesh, bvh, layout, width=WIDTH, tile=tile, with_entries=True) as cast:
+    with open_caster(session, mesh, bvh, layout, row_length=WIDTH, tile=tile, with_entry_points=True) as cast:
         for query, results in expected.items():
             obtained = cast(query, *rays, **limits)
             for one, other in zip(*((r if isinstance(r, tuple) else (r,)) for r in (obtained, results)), strict=True):
@@ -84,14 +82,14 @@ def check_entries_change_nothing(session, mesh, bvh, rays, tile, layout, **limit
 def test_all_kinds_of_rays(session, shape, kind, layout):
     mesh = centred(make_shape(shape, triangles=3000, seed=5))
     rays = make_kind(kind, mesh, np.random.default_rng(36))
-    hits = check_entries_change_nothing(session, mesh, build(mesh), rays, (8, 8), layout)
+    hits = check_entry_points_change_nothing(session, mesh, build(mesh), rays, (8, 8), layout)
     assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) <= 1
 
 
 @pytest.mark.parametrize("tile", TILES)
 def test_tiles_of_any_shape(session, tile):
     mesh = centred(make_shape("icosphere", triangles=1280))
-    check_entries_change_nothing(session, mesh, build(mesh), picture(mesh, None), tile, "bvh8")
+    check_entry_points_change_nothing(session, mesh, build(mesh), picture(mesh, None), tile, "bvh8")
 
 
 @pytest.mark.parametrize("layout", LAYOUT_NAMES)
@@ -101,7 +99,7 @@ def test_limits_and_rows_that_are_cut_off(session, layout):
     origins, directions = (rows[: -WIDTH // 3] for rows in picture(mesh, generator))
     reach = 4 * float(np.ptp(mesh.vertices, axis=0).max())
     t_min, t_max = reach * generator.uniform(0, 0.5, len(origins)), reach * generator.uniform(0.2, 1, len(origins))
-    hits = check_entries_change_nothing(
+    hits = check_entry_points_change_nothing(
         session, mesh, build(mesh), (origins, directions), (8, 8), layout, t_min=t_min, t_max=t_max
     )
     assert 0.02 < np.mean(hits["prim_id"] != NO_PRIM) < 0.9
@@ -113,18 +111,18 @@ def test_soups_on_a_small_grid(session, layout):
     x, y = np.meshgrid(np.linspace(-4, 4, WIDTH).round(1), np.linspace(-4, 4, HEIGHT).round(1))
     origins = np.stack((x, y, np.full(x.shape, -9.0)), axis=-1).reshape(-1, 3)
     rays = origins, np.broadcast_to([0.0, 0.0, 1.0], origins.shape)
-    check_entries_change_nothing(session, mesh, build(mesh), rays, (8, 8), layout)
+    check_entry_points_change_nothing(session, mesh, build(mesh), rays, (8, 8), layout)
 
 
 @pytest.mark.parametrize("leaf_side", ["left", "right"])
-def test_a_deep_tree_has_room_for_what_waits(session, leaf_side):
-    mesh, bvh = make_chain(49, leaf_side)
+def test_the_stack_of_a_deep_tree_is_long_enough(session, leaf_side):
+    mesh, bvh = make_chain(STACK_SIZE + 1, leaf_side)
     x, y = np.meshgrid(np.linspace(0.01, 1.99, WIDTH), np.linspace(0.013, 1.97, HEIGHT))
     for toward in (1, -1):
         origins = np.stack((x, y, np.full(x.shape, -5.0 if toward > 0 else 54.0)), axis=-1).reshape(-1, 3)
         rays = origins, np.broadcast_to([0.0, 0.0, toward], origins.shape)
         for layout in LAYOUT_NAMES:
-            hits = check_entries_change_nothing(session, mesh, bvh, rays, (8, 8), layout)
+            hits = check_entry_points_change_nothing(session, mesh, bvh, rays, (8, 8), layout)
             assert (hits["prim_id"] != NO_PRIM).all()
 
 
@@ -132,36 +130,26 @@ def test_a_deep_tree_has_room_for_what_waits(session, leaf_side):
 def test_a_tree_that_is_one_leaf(session, layout):
     mesh = centred(make_soup(3, seed=1, grid=8, size=4))
     bvh = build(mesh, leaf_size=4, traversal_cost=100)
-    check_entries_change_nothing(session, mesh, bvh, picture(mesh, None), (8, 8), layout)
+    check_entry_points_change_nothing(session, mesh, bvh, picture(mesh, None), (8, 8), layout)
 
 
-def find_entries(session, mesh, layout, rays, tile):
-    """The entries of a batch of rays, as nodes."""
-    tree = DeviceTree(session, mesh, build(mesh), layout)
-    packed = np.zeros(len(rays[0]), RAY)
-    packed["origin"], packed["direction"], packed["t_max"] = *rays, np.inf
-    given, entries = session.upload(packed), open_tile_entries(session, tree)
-    buffer = entries.find((WIDTH, HEIGHT), tile, given, np.int32(len(packed)), np.int32(WIDTH))
-    found = np.zeros(-(-WIDTH // tile[0]) * -(-HEIGHT // tile[1]), WIDE_NODES[int(layout[-1])])
-    session.download(buffer, found)
-    entries.release()
-    session.release(given)
-    for held in tree.arguments[:2]:
-        session.release(held)
-    return found
+def find_first_children(session, mesh, layout, rays, tile):
+    """The first child of the entry point of each tile."""
+    with open_caster(session, mesh, build(mesh), layout, row_length=WIDTH, tile=tile) as cast:
+        return cast.find_entry_points(*rays)["child"][:, 0]
 
 
 @pytest.mark.parametrize("layout", LAYOUT_NAMES)
-def test_a_picture_gets_entries_and_rays_in_no_order_do_not(session, layout):
+def test_a_picture_gets_entry_points_and_rays_in_no_order_do_not(session, layout):
     mesh = centred(make_shape("knot", triangles=20_000))
     rays = picture(mesh, None)
-    first = find_entries(session, mesh, layout, rays, (8, 8))["child"][:, 0]
+    first = find_first_children(session, mesh, layout, rays, (8, 8))
     assert (first == ROOT).mean() < 0.2
-    assert 0.2 < (first == NOTHING).mean() < 0.9
+    assert 0.2 < (first == NO_CHILD).mean() < 0.9
     # Most of the others are far down in the tree.
     assert np.median(first[(first > ROOT)]) > 8
     order = np.random.default_rng(38).permutation(len(rays[0]))
-    first = find_entries(session, mesh, layout, tuple(rows[order] for rows in rays), (8, 8))["child"][:, 0]
+    first = find_first_children(session, mesh, layout, tuple(rows[order] for rows in rays), (8, 8))
     assert (first == ROOT).mean() > 0.9
 
 
@@ -169,4 +157,4 @@ def test_a_picture_gets_entries_and_rays_in_no_order_do_not(session, layout):
 def test_hard_rays_in_any_order(session, layout):
     mesh = centred(make_shape("blobs", triangles=640))
     rays = hard_rays(mesh, WIDTH * HEIGHT // 3 * 3, np.random.default_rng(39))
-    check_entries_change_nothing(session, mesh, build(mesh), rays, (64, 1), layout)
+    check_entry_points_change_nothing(session, mesh, build(mesh), rays, (64, 1), layout)

@@ -1,14 +1,15 @@
 """Every struct crosses to the device and back: a different value in every field, read and written field by field.
 
-The kernels are made from `layout.DEVICE_STRUCTS`, so a new struct is covered by itself.
+The kernels are made from `structs.DEVICE_STRUCTS`, so a new struct is covered by itself.
 """
 
+from functools import partial
 from itertools import product
 
 import numpy as np
 import pytest
 
-from clbvh.layout import DEVICE_CONSTANTS, DEVICE_STRUCTS, NO_PRIM
+from clbvh.structs import DEVICE_CONSTANTS, DEVICE_STRUCTS, NO_PRIM
 
 ROWS = 3
 
@@ -20,10 +21,9 @@ def c_elements(dtype):
             yield name + "".join(f"[{i}]" for i in index), dtype[name].base == np.float32
 
 
-def write_kernel(folder, name, dtype):
-    """A kernel that takes a struct apart into lanes, and one that puts it together; return their name."""
+def kernel_text(name, dtype):
+    """A kernel that takes a struct apart into lanes, and puts another one together from them."""
     elements = list(c_elements(dtype))
-    kernel = f"cross_{name}"
     reads = [
         f"lanes[{len(elements)} * i + {lane}] = {'as_int' if is_float else ''}(given[i].{element});"
         for lane, (element, is_float) in enumerate(elements)
@@ -32,10 +32,8 @@ def write_kernel(folder, name, dtype):
         f"made[i].{element} = {'as_float' if is_float else ''}(lanes[{len(elements)} * i + {lane}]);"
         for lane, (element, is_float) in enumerate(elements)
     ]
-    (folder / "kernels").mkdir(exist_ok=True)
-    (folder / "kernels" / f"{kernel}.cl").write_text(
-        '#include "layout.cl"\n'
-        f"kernel void {kernel}(const global {name} *given, global int *lanes, global {name} *made,\n"
+    return (
+        f"kernel void cross_{name}(const global {name} *given, global int *lanes, global {name} *made,\n"
         "    global int *sizes, const int count)\n"
         "{\n"
         "    const int i = get_global_id(0);\n"
@@ -45,7 +43,24 @@ def write_kernel(folder, name, dtype):
         f"    {' '.join(writes)}\n"
         "}\n"
     )
-    return kernel, len(elements)
+
+
+def constants_text():
+    """A kernel that writes the value of each constant."""
+    stores = " ".join(f"values[{index}] = {name};" for index, name in enumerate(DEVICE_CONSTANTS))
+    signature = "kernel void constants(const global int *unused, global int *values, const int count)"
+    return f"{signature}\n{{ if (get_global_id(0) < count) {{ {stores} }} }}\n"
+
+
+@pytest.fixture(scope="module")
+def cross(run_shell, tmp_path_factory):
+    """A function that runs one of the kernels; all of them are one program."""
+    folder = tmp_path_factory.mktemp("structs")
+    (folder / "kernels").mkdir()
+    kernels = [kernel_text(name, dtype) for name, dtype in DEVICE_STRUCTS.items()]
+    text = "\n".join(['#include "structs.cl"', *kernels, constants_text()])
+    (folder / "kernels" / "crossings.cl").write_text(text, encoding="utf-8")
+    return partial(run_shell, bundle="crossings", defines={}, folder=folder)
 
 
 def fill(dtype):
@@ -62,12 +77,12 @@ def fill(dtype):
 
 
 @pytest.mark.parametrize("name", DEVICE_STRUCTS)
-def test_every_field_is_where_the_device_looks_for_it(run_shell, tmp_path, name):
+def test_every_field_is_where_the_device_looks_for_it(cross, name):
     dtype = DEVICE_STRUCTS[name]
-    kernel, lane_count = write_kernel(tmp_path, name, dtype)
+    lane_count = len(list(c_elements(dtype)))
     rows = fill(dtype)
 
-    lanes, made, sizes = run_shell(kernel, [rows], [(np.int32, (lane_count,)), dtype, np.int32], folder=tmp_path)
+    lanes, made, sizes = cross(f"cross_{name}", [rows], [(np.int32, (lane_count,)), dtype, np.int32])
 
     expected = np.concatenate([rows[field].reshape(ROWS, -1).view(np.int32) for field in dtype.names], axis=1)
     assert len(np.unique(expected)) == expected.size
@@ -76,16 +91,7 @@ def test_every_field_is_where_the_device_looks_for_it(run_shell, tmp_path, name)
     assert made.tobytes() == rows.tobytes()
 
 
-def test_constants_reach_the_device(run_shell, tmp_path):
-    (tmp_path / "kernels").mkdir()
-    stores = " ".join(
-        f"values[{len(DEVICE_CONSTANTS)} * i + {place}] = {name};" for place, name in enumerate(DEVICE_CONSTANTS)
-    )
-    (tmp_path / "kernels" / "constants.cl").write_text(
-        '#include "layout.cl"\n'
-        "kernel void constants(const global int *unused, global int *values, const int count)\n"
-        f"{{ const int i = get_global_id(0); if (i >= count) return; {stores} }}\n"
-    )
-    (values,) = run_shell("constants", [np.zeros(1, np.int32)], [(np.int32, (len(DEVICE_CONSTANTS),))], folder=tmp_path)
+def test_constants_reach_the_device(cross):
+    (values,) = cross("constants", [np.zeros(1, np.int32)], [(np.int32, (len(DEVICE_CONSTANTS),))])
     assert dict(zip(DEVICE_CONSTANTS, values[0].tolist(), strict=True)) == DEVICE_CONSTANTS
     assert DEVICE_CONSTANTS["NO_PRIM"] == NO_PRIM == -1

@@ -23,7 +23,7 @@ def directions():
 @pytest.fixture(scope="module")
 def paths(run_shell, make_rays, directions):
     origins = np.arange(3 * len(directions)).reshape(-1, 3)
-    return run_shell("derive_path", [make_rays(origins, directions, 0.25, 8.5)], OUTPUTS)
+    return run_shell("derive_ray", [make_rays(origins, directions, 0.25, 8.5)], OUTPUTS)
 
 
 def test_the_ray_itself_is_kept(paths, directions):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh.layout import LAYOUT_WIDTHS, LAYOUTS, WIDE_NODES
+from clbvh.structs import LAYOUT_WIDTHS, WIDE_NODES
 
 from ..rays import AXES
 from .test_aabb import clip
@@ -19,7 +19,7 @@ UNDERFLOW = 2.0**-88
 
 
 @pytest.fixture(scope="module", params=LAYOUT_NAMES)
-def meet(request, run_shell, make_rays):
+def meet(request, run_lane_shell, make_rays):
     """A function from rays and each one's boxes, (n, width, 3), to which of these it meets."""
     layout = request.param
     width = LAYOUT_WIDTHS[layout]
@@ -27,8 +27,8 @@ def meet(request, run_shell, make_rays):
     def run(origins, directions, aabb_min, aabb_max, *, portable=False):
         nodes = np.zeros(len(origins), WIDE_NODES[width])
         nodes["aabb_min"], nodes["aabb_max"] = aabb_min.transpose(0, 2, 1), aabb_max.transpose(0, 2, 1)
-        defines = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": 16} | ({"PORTABLE": 1} if portable else {})
-        (met,) = run_shell("meet_children", [make_rays(origins, directions), nodes], [np.uint32], defines)
+        inputs = [make_rays(origins, directions), nodes]
+        (met,) = run_lane_shell(layout, "meet_children", inputs, [np.uint32], portable=portable)
         return (met[:, None] >> np.arange(width)) & 1 == 1
 
     run.width = width
@@ -39,8 +39,8 @@ def clip_children(origins, directions, aabb_min, aabb_max):
     """Where each ray enters and leaves each of its boxes, in float64."""
     width = aabb_min.shape[1]
     rows = [np.repeat(array, width, axis=0) for array in (origins, directions)]
-    entry, leave = clip(*rows, aabb_min.reshape(-1, 3), aabb_max.reshape(-1, 3), 0, np.inf)
-    return entry.reshape(-1, width), leave.reshape(-1, width)
+    t_near, t_far = clip(*rows, aabb_min.reshape(-1, 3), aabb_max.reshape(-1, 3), 0, np.inf)
+    return t_near.reshape(-1, width), t_far.reshape(-1, width)
 
 
 @pytest.mark.parametrize("portable", [False, True])
@@ -63,14 +63,14 @@ def test_a_ray_that_grazes_a_box_meets_it(meet, seed, away, scale, portable):
 
     is_met = meet(origins, directions, aabb_min, aabb_max, portable=portable)
 
-    entry, leave = clip_children(origins, directions, aabb_min, aabb_max)
-    assert 0.1 < (entry <= leave).mean() < 0.9
-    np.testing.assert_array_equal(np.flatnonzero((entry <= leave) & ~is_met), [])
+    t_near, t_far = clip_children(origins, directions, aabb_min, aabb_max)
+    assert 0.1 < (t_near <= t_far).mean() < 0.9
+    np.testing.assert_array_equal(np.flatnonzero((t_near <= t_far) & ~is_met), [])
     # Nothing beyond the slack is met.
     farthest = np.maximum(np.abs(corners).max(axis=(0, 2, 3)), np.abs(origins).max(axis=1))
     growth = GROWTH * farthest[:, None, None].astype(np.float64) + UNDERFLOW
-    entry, leave = clip_children(origins, directions, aabb_min - growth, aabb_max + growth)
-    np.testing.assert_array_equal(np.flatnonzero((entry > leave * (1 + 4e-6)) & is_met), [])
+    t_near, t_far = clip_children(origins, directions, aabb_min - growth, aabb_max + growth)
+    np.testing.assert_array_equal(np.flatnonzero((t_near > t_far * (1 + 4e-6)) & is_met), [])
 
 
 @pytest.mark.parametrize("scale", [1e-25, 1.0, 1e25, 3e37])

@@ -5,15 +5,15 @@ import pytest
 
 from clbvh import build
 from clbvh.geometry import Mesh
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.layouts.device_arrays import make_device_arrays
+from clbvh.structs import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
 from clbvh.trace.device_tree import DeviceTree
-from clbvh.tree.device_arrays import make_device_arrays
 
 from ..chain import make_chain
 from ..rays import centred, hard_rays
 from ..soup import make_soup
-from .casting import open_caster
+from .casting import STACK_SIZE, open_caster
 
 RAYS = 30_000
 SHAPES = {"icosphere": 500, "knot": 1200, "terrain": 800, "blobs": 640, "boxes": 600}
@@ -97,16 +97,16 @@ def test_a_tree_that_is_one_leaf(session, count, degenerate):
     assert set(range(count)) - set(hits["prim_id"].tolist()) == ({0} if degenerate else set())
 
 
-# As deep as the stack is long: stack sizes are multiples of 16.
-CHAIN = 49
+# As deep as the stack is long.
+CHAIN = STACK_SIZE + 1
 
 
 @pytest.mark.parametrize("leaf_side", ["left", "right"])
 @pytest.mark.parametrize("toward", [1, -1], ids=["leaf-first", "leaf-last"])
 def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
-    """Seen from the far end every leaf waits on the stack while the traversal goes down: it is full, and suffices."""
+    """Seen from the far end every leaf is on the stack when the traversal reaches the last node: it is full."""
     mesh, bvh = make_chain(CHAIN, leaf_side)
-    assert DeviceTree(session, mesh, bvh, "bvh2").defines["STACK_SIZE"] == bvh.depth == CHAIN - 1
+    assert DeviceTree(session, mesh, bvh, "bvh2").defines["STACK_SIZE"] == bvh.depth == STACK_SIZE
     x, y = np.random.default_rng(27).uniform(0, 2, (2, 2000))
     distinct = np.abs(x + y - 2) > 1e-3
     x, y = x[distinct], y[distinct]
@@ -120,8 +120,8 @@ def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
 def find_any(run_shell, make_rays, bvh, origins, directions):
     """The triangles at which a search for anything ends."""
     arrays = make_device_arrays(bvh, "bvh2")
-    defines = {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64, "GROUP_COUNT": len(arrays.groups)}
-    (hits,) = run_shell("find_any", [make_rays(origins, directions), arrays.nodes, arrays.groups], [HIT], defines)
+    inputs = [make_rays(origins, directions), arrays.nodes, arrays.blocks]
+    (hits,) = run_shell("find_any", inputs, [HIT], "find_any", {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64})
     return hits["prim_id"].tolist()
 
 

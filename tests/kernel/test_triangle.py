@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from clbvh.layout import HIT, NO_PRIM, TRIANGLE
+from clbvh.structs import HIT, NO_PRIM, TRIANGLE
 
 from ..rays import aim, as_float32
 
@@ -22,15 +22,15 @@ def cross(run_shell, make_rays):
         )
         triangles = np.empty(len(origins), TRIANGLE)
         corners = np.broadcast_to(corners, (len(origins), 3, 3))
-        for place, name in enumerate("abc"):
-            triangles[name] = corners[:, place]
+        for index, name in enumerate("abc"):
+            triangles[name] = corners[:, index]
         triangles["prim_id"] = prim_ids
         before = np.empty(len(origins), HIT)
         before[:] = earlier
         rays = make_rays(origins, directions, t_min, t_max)
-        hits, places = run_shell("cross_triangles", [rays, triangles, before], [HIT, np.int32])
+        hits, triangle_indices = run_shell("cross_triangles", [rays, triangles, before], [HIT, np.int32])
         replaced = hits != before
-        np.testing.assert_array_equal(places, np.where(replaced, np.arange(len(hits)), -1))
+        np.testing.assert_array_equal(triangle_indices, np.where(replaced, np.arange(len(hits)), -1))
         return hits
 
     return run
@@ -233,11 +233,11 @@ def test_tiny_and_huge_triangles_are_hit(cross, scale):
     assert (hits["prim_id"] == 0).all()
 
 
-@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("index", range(3))
 @pytest.mark.parametrize("target", ["corner", "origin", "direction"])
-def test_nan_hits_nothing(cross, target, place):
+def test_nan_hits_nothing(cross, target, index):
     origin, direction, corners = np.array([0.25, 0.25, 3.0]), np.array([0.0, 0.0, -1.0]), UNIT.copy()
-    spoilt = {"corner": corners[place], "origin": origin, "direction": direction}[target]
+    spoilt = {"corner": corners[index], "origin": origin, "direction": direction}[target]
     for axis in range(3):
         kept, spoilt[axis] = spoilt[axis], np.nan
         assert cross(origin, direction, corners)["prim_id"].tolist() == [NO_PRIM], "xyz"[axis]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from clbvh import Tracer, build, load_mesh
-from clbvh.geometry.shapes import make_shape
-from clbvh.render.camera import frame_points
-from clbvh.trace.reference import find_differences
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.rendering.camera import frame_points
+from clbvh.trace.oracle.reference import find_differences
 
 from ..rays import as_float32, centred, random_rays
 

@@ -1,15 +1,16 @@
-"""Any mesh, any options: a right tree, and the same bytes whoever builds it."""
+"""Any mesh, any options: a right tree, and the same bytes for any number of workers."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from clbvh import Mesh, build, validate_tree
-from clbvh.build.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH
+from clbvh.builders.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH
 
+from ..profiles import examples
 from ..soup import make_soup
 
 WORKERS = (1, 2, 5)
@@ -59,14 +60,14 @@ def assert_right(bvh, options):
 
 
 @pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
-@settings(max_examples=150)
+@examples(short=150, long=2000)
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
 def test_a_tree_is_right(mesh, options, quality):
     assert_right(build(mesh, quality=quality, **options), options)
 
 
 @pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
-@settings(max_examples=30)
+@examples(short=30, long=300)
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
 @example(mesh=make_soup(3000, seed=1), options={"bins": 16, "leaf_size": 4, "traversal_cost": 1.0})
 @example(mesh=make_soup(1, seed=1), options={"bins": 16, "leaf_size": 4, "traversal_cost": 1.0})
@@ -82,7 +83,7 @@ def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, options, qualit
 
 
 @pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
-@settings(max_examples=30)
+@examples(short=30, long=300)
 @given(mesh=SOUPS, options=OPTIONS)
 def test_a_second_build_gives_the_same_bytes(mesh, options, quality):
     first, second = build(mesh, quality=quality, **options), build(mesh, quality=quality, **options)
@@ -91,7 +92,7 @@ def test_a_second_build_gives_the_same_bytes(mesh, options, quality):
 
 
 @pytest.mark.parametrize("quality", [FAST_QUALITY, DEFAULT_QUALITY])
-@settings(max_examples=50)
+@examples(short=50, long=500)
 @given(mesh=SOUPS, shift=st.sampled_from([-3, 1, 6]))
 def test_a_power_of_two_as_unit_of_length_does_not_matter(mesh, shift, quality):
     """Scaling by it is exact, so every comparison comes out the same."""

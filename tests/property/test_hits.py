@@ -1,25 +1,26 @@
-"""Any triangles, any rays: what the device finds is right, and a tree changes none of it.
+"""Any triangles, any rays: the hits of the device are right, and a tree changes none of them.
 
 Coordinates lie on a grid, where float32 decides exactly: near-misses cannot make two answers right.
 """
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clbvh import Mesh, Tracer, build
-from clbvh.layout import LAYOUT_WIDTHS
+from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace import Hits
-from clbvh.trace.reference import find_differences, find_wrong_crossings
+from clbvh.trace.oracle.reference import find_differences, find_wrong_crossings
 
 from ..kernel.casting import open_caster
+from ..profiles import examples
 from ..rays import centred
 
 GRID = 16
 RAYS = 200
 
-# A triangle repeats another one, is flat, or is a line more often than chance would have it.
+# Repeated triangles, axis-parallel ones and lines are more frequent than by chance.
 coordinate = st.integers(-GRID, GRID)
 corner = st.tuples(coordinate, coordinate, coordinate)
 triangle = st.one_of(
@@ -58,7 +59,7 @@ def opened(_opened_device):
     return _opened_device
 
 
-@settings(max_examples=150)
+@examples(short=40, long=2000)
 @given(scene=scenes())
 def test_hits_are_right_with_and_without_a_tree(opened, scene):
     mesh, leaf_size, origins, directions = scene
@@ -72,13 +73,13 @@ def test_hits_are_right_with_and_without_a_tree(opened, scene):
             assert hits.tobytes() == cast("closest_hit", origins, directions).tobytes(), layout
             is_hit = cast("any_hit", origins, directions)
         np.testing.assert_array_equal(is_hit, hits["prim_id"] >= 0)
-        with open_caster(opened, mesh, bvh, layout, tile=(4, 1), with_entries=True) as cast:
+        with open_caster(opened, mesh, bvh, layout, tile=(4, 1), with_entry_points=True) as cast:
             assert hits[order].tobytes() == cast("closest_hit", origins[order], directions[order]).tobytes(), layout
     differences = find_differences(mesh, origins, directions, Hits.from_device(hits))
     assert [str(difference) for difference in differences] == []
 
 
-@settings(max_examples=60)
+@examples(short=20, long=1000)
 @given(scene=scenes())
 def test_all_crossings_are_right_and_every_query_agrees(opened, scene):
     mesh, leaf_size, origins, directions = scene

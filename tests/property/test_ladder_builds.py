@@ -1,16 +1,17 @@
-"""Any mesh, any options, any rung of the ladder: a right tree, and the same bytes whoever builds it."""
+"""Any mesh, any options, any variant of the ladder: a right tree, and the same bytes for any number of workers."""
 
 from __future__ import annotations
 
 import dataclasses
 
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from clbvh import BuildOptions, validate_tree
-from clbvh.build.ladder import LADDER
-from clbvh.build.options import MAX_DEPTH
+from clbvh.builders.ladder import LADDER
+from clbvh.builders.options import MAX_DEPTH
 
+from ..profiles import examples
 from ..soup import make_soup
 from .test_builds import HAND_PICKED, SOUPS, WORKERS
 
@@ -23,7 +24,7 @@ OPTIONS = st.builds(
 NAMES = st.sampled_from(list(LADDER))
 THRESHOLDS = (1, 30, 10**6)
 
-# Rungs that look for the same split, by different ways.
+# Variants that look for the same split, by different ways.
 SAME_TREE = (("sequential", "naive", "range", "cached", "median"), ("bin", "atomic", "flatten", "flat"))
 
 
@@ -31,9 +32,9 @@ def bytes_of(bvh):
     return bvh.nodes.tobytes(), bvh.prim_ids.tobytes()
 
 
-@settings(max_examples=100)
+@examples(short=30, long=1000)
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
-def test_rungs_that_share_a_split_make_the_same_right_tree(mesh, options):
+def test_variants_that_share_a_split_make_the_same_right_tree(mesh, options):
     for names in SAME_TREE:
         trees = [LADDER[name](mesh, None, options) for name in names]
         validate_tree(trees[0], max_depth=MAX_DEPTH, max_leaf_size=options.leaf_size)
@@ -42,7 +43,7 @@ def test_rungs_that_share_a_split_make_the_same_right_tree(mesh, options):
     validate_tree(frontier, max_depth=MAX_DEPTH, max_leaf_size=options.frontier)
 
 
-@settings(max_examples=40)
+@examples(short=12, long=400)
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS, name=NAMES)
 @example(mesh=make_soup(3000, seed=1), options=BuildOptions(leaf_size=1), name="atomic")
 @example(mesh=make_soup(3000, seed=1), options=BuildOptions(leaf_size=1), name="naive")

@@ -1,17 +1,19 @@
-"""Whatever stands in a file: a mesh or a `MeshError`. Whatever a convex polygon looks like: covered exactly once."""
+"""Any file gives a mesh or a `MeshError`; any convex polygon is covered exactly once."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from clbvh import load_mesh
 from clbvh.errors import MeshError
-from clbvh.geometry.polygons import cut_fans
-from clbvh.geometry.shapes import make_shape
+from clbvh.geometry.loading.polygons import cut_fans
+from clbvh.geometry.shapes.make_shape import make_shape
+
+from ..profiles import examples
 
 SPHERE = make_shape("icosphere", triangles=20)
 SOURCE = trimesh.Trimesh(SPHERE.vertices, SPHERE.faces, process=False)
@@ -34,12 +36,12 @@ CUTS = st.tuples(st.floats(0, 1), st.integers(0, 12), PIECES)
 
 
 @pytest.mark.parametrize("file_type", FILES)
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(short=100, long=2000, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(cuts=st.lists(CUTS, min_size=1, max_size=3))
 def test_a_damaged_file_is_a_mesh_or_a_mesh_error(tmp_path, file_type, cuts):
     content = FILES[file_type]
-    for place, length, piece in cuts:
-        at = int(place * len(content))
+    for share, length, piece in cuts:
+        at = int(share * len(content))
         content = content[:at] + piece + content[at + length :]
     path = tmp_path / f"a.{file_type}"
     path.write_bytes(content)

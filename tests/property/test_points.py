@@ -1,14 +1,15 @@
-"""Any triangles, any points: what is nearest is right, and a tree changes none of it."""
+"""Any triangles, any points: the nearest triangle is right, and a tree changes no answer."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clbvh import Mesh, Tracer, build
 
+from ..profiles import examples
 from ..rays import centred
-from ..unit.nearest_point import CHOICE, check_tree_and_brute_agree, expected_distance
+from ..unit.trace.nearest_point import CHOICE, check_tree_and_brute_agree, expected_distance
 
 GRID = 8
 
@@ -22,7 +23,7 @@ def opened(_opened_device):
     return _opened_device
 
 
-@settings(max_examples=60)
+@examples(short=25, long=1000)
 @given(triangles=soup, seed=st.integers(0, 2**32 - 1), leaf_size=st.sampled_from([1, 2, 8]))
 def test_soups_on_a_grid(opened, triangles, seed, leaf_size):
     corners = np.array(triangles, np.float64).reshape(-1, 3)

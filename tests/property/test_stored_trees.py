@@ -1,4 +1,4 @@
-"""Whatever stands in a file: a right tree over the mesh, or a `TreeFileError`. Wherever vertices move: a right tree."""
+"""Any file gives a right tree over the mesh or a `TreeFileError`; any move of the vertices leaves a right tree."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import hashlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from clbvh import Bvh, build, validate_tree
+from clbvh.bvh import serialize as store
 from clbvh.errors import TreeFileError
-from clbvh.tree import store
 
+from ..profiles import examples
 from ..soup import make_soup
 
 TREE = build(make_soup(12, seed=3), leaf_size=2)
@@ -44,23 +45,23 @@ def load(path, content):
 
 
 def with_right_sums(content):
-    """Return a file whose digests fit what is in it."""
+    """Return a file whose digests fit its content."""
     facts = content[:DIGEST_AT] + hashlib.sha256(content[HEADER_BYTES:]).digest()[:16]
     return facts + hashlib.sha256(facts).digest()[:16] + content[HEADER_BYTES:]
 
 
-@settings(max_examples=300)
+@examples(short=300, long=10000)
 @given(content=st.binary(max_size=400), has_magic=st.booleans())
 def test_random_bytes_are_no_tree(path, content, has_magic):
     assert not load(path, store.MAGIC * has_magic + content)
 
 
-@settings(max_examples=300)
+@examples(short=300, long=10000)
 @given(cuts=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), st.binary(max_size=6)), min_size=1, max_size=3))
 def test_a_damaged_file_is_no_tree(path, saved, cuts):
     content = saved
-    for place, length, piece in cuts:
-        at = int(place * len(content))
+    for share, length, piece in cuts:
+        at = int(share * len(content))
         content = content[:at] + piece + content[at + length :]
     assert load(path, content) == (content == saved)
 
@@ -72,29 +73,29 @@ def words_of(content):
 WORDS = st.one_of(st.integers(-2, 25), st.sampled_from([-(2**31), 2**31 - 1, 2**30, -(2**30)]))
 
 
-@settings(max_examples=500)
+@examples(short=500, long=20000)
 @given(changes=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), WORDS), min_size=1, max_size=6))
 def test_forged_links_give_a_right_tree_or_none(path, saved, changes):
     words = words_of(saved)
-    for place, word in changes:
-        words[int(place * len(words))] = word
+    for share, word in changes:
+        words[int(share * len(words))] = word
     load(path, with_right_sums(saved[:HEADER_BYTES] + words.tobytes()))
 
 
-@settings(max_examples=200)
+@examples(short=200, long=10000)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_another_order_of_the_same_numbers_gives_a_right_tree_or_none(path, saved, seed):
-    """Links and triangles that are all in range, and mostly in the wrong place."""
+    """Links and triangles that are all in range, and mostly in the wrong order."""
     random = np.random.default_rng(seed)
     words = words_of(saved)
     node_count = TREE.node_count
     for begin, end in ((0, node_count), (node_count, 2 * node_count), (2 * node_count, len(words))):
-        few = random.choice(np.arange(begin, end), 2, replace=False)
-        words[few] = words[few[::-1]]
+        pair = random.choice(np.arange(begin, end), 2, replace=False)
+        words[pair] = words[pair[::-1]]
     load(path, with_right_sums(saved[:HEADER_BYTES] + words.tobytes()))
 
 
-@settings(max_examples=50)
+@examples(short=50, long=2000)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_another_order_of_the_triangles_gives_another_right_tree(path, saved, seed):
     words = words_of(saved)
@@ -114,7 +115,7 @@ SOUPS = st.builds(
 )
 
 
-@settings(max_examples=50)
+@examples(short=50, long=1000)
 @given(mesh=SOUPS, leaf_size=st.sampled_from([1, 4, 255]))
 def test_any_tree_comes_back_from_its_file(path, mesh, leaf_size):
     bvh = build(mesh, leaf_size=leaf_size)
@@ -124,7 +125,7 @@ def test_any_tree_comes_back_from_its_file(path, mesh, leaf_size):
     assert loaded.prim_ids.tobytes() == bvh.prim_ids.tobytes()
 
 
-@settings(max_examples=100)
+@examples(short=100, long=2000)
 @given(mesh=SOUPS, seed=st.integers(0, 2**32 - 1), grid=st.sampled_from([0, 1, 1000]), scale=st.sampled_from([1, 1e30]))
 def test_any_move_leaves_a_right_tree(mesh, seed, grid, scale):
     bvh = build(mesh)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, SubtreePool, build, validate_tree
-from clbvh.build.arena import Arena
+from clbvh.builders.workers.arena import Arena
 from clbvh.errors import PoolError
 
 

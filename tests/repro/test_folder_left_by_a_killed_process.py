@@ -18,17 +18,17 @@ with clbvh.SubtreePool(workers={workers}) as pool:
 """
 
 
-def test_the_workers_remove_it(tmp_path):
+def test_the_workers_remove_it(short_path):
     for workers in (1, 2):
         with subprocess.Popen(
             [sys.executable, "-c", SCRIPT.format(workers=workers)],
             stdout=subprocess.PIPE,
-            env={**os.environ, "TMPDIR": str(tmp_path)},
+            env={**os.environ, "TMPDIR": str(short_path)},
         ) as process:
             assert process.stdout.readline() == b"ready\n"
-            assert list(tmp_path.iterdir())
+            assert list(short_path.iterdir())
             process.kill()
         deadline = time.monotonic() + PATIENCE_S
-        while list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        while list(short_path.iterdir()) and time.monotonic() < deadline:
             time.sleep(0.02)
-        assert list(tmp_path.iterdir()) == []
+        assert list(short_path.iterdir()) == []

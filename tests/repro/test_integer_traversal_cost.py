@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clbvh import Mesh, build
-from clbvh.build.subtree import build_subtree
+from clbvh.builders.sah.subtree import build_subtree
 
 
 def test_any_kind_of_number_uses_the_same_compiled_code():

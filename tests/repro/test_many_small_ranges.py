@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from clbvh.build.options import BuildOptions
-from clbvh.build.ranges import Range
-from clbvh.build.sah import _build_subtrees
+from clbvh.builders.sah.build_sah import _build_subtrees
+from clbvh.builders.sah.ranges import Range
+from clbvh.builders.sah.rule import Rule
 
 RANGES = 4096
 LOOKS_PER_RANGE = 20
@@ -26,7 +26,7 @@ class OneWorker:
     workers = 1
 
     def map(self, step, tasks):
-        return [[1] * len(ranges) for ranges, *_ in tasks]
+        return [1] * len(tasks)
 
 
 def split_evenly(begin, end, depth=0):
@@ -40,6 +40,6 @@ def split_evenly(begin, end, depth=0):
 def test_each_range_is_looked_at_a_few_times():
     root = split_evenly(0, RANGES)
     CountedRange.looks = 0
-    _build_subtrees(OneWorker(), root, BuildOptions())
+    _build_subtrees(OneWorker(), root, Rule(16, 4, 1.0))
     assert CountedRange.looks < LOOKS_PER_RANGE * RANGES
     assert all(node.node_count == 1 for node in root.leaves())

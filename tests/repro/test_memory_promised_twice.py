@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from clbvh.build import arena as arena_module
-from clbvh.build.arena import Arena
+from clbvh.builders.workers import arena as arena_module
+from clbvh.builders.workers.arena import Arena
 
 MIB = 1 << 20
 FREE = 10 * MIB

@@ -11,7 +11,7 @@ import pytest
 from clbvh import Mesh, SubtreePool, build
 from clbvh.errors import MeshError
 
-# In a process of its own: what it is about ended the process.
+# In a process of its own, which the bug ended.
 SCRIPT = """
 import numpy as np, clbvh
 vertices = (np.random.default_rng(0).random((3000, 3)) * 2 - 1) * {scale}

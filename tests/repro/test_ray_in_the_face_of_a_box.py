@@ -1,4 +1,4 @@
-"""Rays along an axis, in the plane where a leaf's box ends, hit what touches the plane.
+"""Rays along an axis, in the face of a leaf's box, hit the triangles in that face.
 
 The slab test once took 0 * FLT_MAX for a crossing at t = 0, and the ray left the box before it entered it.
 """

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from clbvh import Bvh, Mesh
-from clbvh.layout import NODE
+from clbvh.structs import NODE
 
 # Triangle i lies in the square from (2 i, 0) to (2 i + 1, 1), at height i.
 FACE_COUNT = 4

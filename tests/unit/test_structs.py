@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from clbvh import layout
-from clbvh.layout import DEVICE_STRUCTS, c_declarations
+from clbvh import structs
+from clbvh.structs import DEVICE_STRUCTS, c_declarations
 
-SIZES = {"NODE": 32, "BVH2_NODE": 64, "TRIANGLE": 40, "RAY": 32, "HIT": 16}
+SIZES = {"NODE": 32, "BVH2_NODE": 64, "TRIANGLE": 40, "PACKED_RAY": 32, "HIT": 16}
 C_SIZES = {"float": 4, "int": 4, "uint": 4}
 
 
@@ -26,7 +26,7 @@ def read_declarations():
 
 @pytest.mark.parametrize(("name", "size"), SIZES.items())
 def test_sizes(name, size):
-    assert getattr(layout, name).itemsize == size
+    assert getattr(structs, name).itemsize == size
 
 
 @pytest.mark.parametrize("name", DEVICE_STRUCTS)
@@ -45,10 +45,10 @@ def test_c_text_declares_every_field_in_order_without_padding(name):
 
 def test_c_text_defines_every_constant_once():
     defined = re.findall(r"^#define (\w+) \((-?\d+)\)$", c_declarations(), flags=re.MULTILINE)
-    assert {name: int(value) for name, value in defined} == layout.DEVICE_CONSTANTS
-    assert len(defined) == len(layout.DEVICE_CONSTANTS)
-    assert len(set(layout.SHADINGS.values())) == len(layout.SHADINGS)
-    assert len(set(layout.LAYOUTS.values())) == len(layout.LAYOUTS)
+    assert {name: int(value) for name, value in defined} == structs.DEVICE_CONSTANTS
+    assert len(defined) == len(structs.DEVICE_CONSTANTS)
+    assert len(set(structs.SHADINGS.values())) == len(structs.SHADINGS)
+    assert len(set(structs.LAYOUTS.values())) == len(structs.LAYOUTS)
 
 
 def test_structs_cannot_be_declared_with_a_type_that_c_does_not_have(monkeypatch):
@@ -69,23 +69,23 @@ def numbers(field):
 
 
 def test_node_lanes_agree_with_the_dtype():
-    node = lanes_of(layout.NODE, layout.NODE_LANES)
+    node = lanes_of(structs.NODE, structs.NODE_LANES)
     assert numbers(node["aabb_min"]) == [0, 1, 2]
-    assert node["first"] == layout.NODE_FIRST
-    assert numbers(node["aabb_max"]) == [layout.NODE_MAX + axis for axis in range(3)]
-    assert node["count"] == layout.NODE_COUNT
+    assert node["first"] == structs.NODE_FIRST
+    assert numbers(node["aabb_max"]) == [structs.NODE_MAX + axis for axis in range(3)]
+    assert node["count"] == structs.NODE_COUNT
 
 
 def test_bvh2_lanes_agree_with_the_dtype():
-    node = lanes_of(layout.BVH2_NODE, layout.BVH2_LANES)
+    node = lanes_of(structs.BVH2_NODE, structs.BVH2_LANES)
     for child in range(2):
-        assert numbers(node["aabb_min"][child]) == [layout.BVH2_MIN + 3 * child + axis for axis in range(3)]
-        assert numbers(node["aabb_max"][child]) == [layout.BVH2_MAX + 3 * child + axis for axis in range(3)]
-        assert node["first"][child] == layout.BVH2_FIRST + child
-        assert node["count"][child] == layout.BVH2_COUNT + child
+        assert numbers(node["aabb_min"][child]) == [structs.BVH2_MIN + 3 * child + axis for axis in range(3)]
+        assert numbers(node["aabb_max"][child]) == [structs.BVH2_MAX + 3 * child + axis for axis in range(3)]
+        assert node["first"][child] == structs.BVH2_FIRST + child
+        assert node["count"][child] == structs.BVH2_COUNT + child
 
 
 def test_triangle_lanes_agree_with_the_dtype():
-    triangle = lanes_of(layout.TRIANGLE, layout.TRIANGLE_LANES)
+    triangle = lanes_of(structs.TRIANGLE, structs.TRIANGLE_LANES)
     assert [numbers(triangle[corner]) for corner in "abc"] == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
-    assert triangle["prim_id"] == layout.TRIANGLE_PRIM_ID
+    assert triangle["prim_id"] == structs.TRIANGLE_PRIM_ID

@@ -1,20 +1,20 @@
-// traverse, told that any crossing will do: which one is it?
+// traverse with QUERY_COUNT up to 1: the crossing at which a search for any hit ends.
 //
-// rays[count], nodes[node_count], groups[GROUP_COUNT]     in the order that run_shell has
+// rays[count], nodes[node_count], blocks[block_count]     the tree in a layout that does not need block_count
 // hits[count]                                             written
 
-#include "traverse.cl"
+#include "traversal/traverse.cl"
 
 kernel void find_any(
-    const global ray_t *restrict rays, const global node_t *restrict nodes, const global group_t *restrict groups,
-    global hit_t *restrict hits, const int count)
+    const global packed_ray_t *restrict rays, const global node_t *restrict nodes,
+    const global block_t *restrict blocks, global hit_t *restrict hits, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) {
         return;
     }
-    const path_t path = load_path(rays + i);
-    search_t search = begin_search(1, 0);
-    traverse(nodes, nodes, groups, GROUP_COUNT, &path, &search, QUERY_COUNT);
+    const ray_t ray = unpack_ray(rays + i);
+    search_t search = make_search(1, 0);
+    traverse(nodes, nodes, blocks, 0, &ray, &search, QUERY_COUNT);
     hits[i] = as_hit(&search.nearest);
 }

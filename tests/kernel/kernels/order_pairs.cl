@@ -3,7 +3,7 @@
 // pairs[count]                      two floats
 // lesser[count], greater[count]     written; of the pair
 
-#include "numeric.cl"
+#include "math/numeric.cl"
 
 kernel void order_pairs(
     const global float2 *restrict pairs, global float *restrict lesser, global float *restrict greater,

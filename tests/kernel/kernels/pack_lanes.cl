@@ -3,7 +3,8 @@
 // values[count][WIDTH]           lanes that are below zero or not
 // bits[count], lowest[count]     written; a bit for each lane below zero, and the lowest of them, -1 without any
 
-#include "lanes.cl"
+#include "traversal/traverse.cl"
+#include "math/lanes.cl"
 
 kernel void pack_lanes(
     const global float *restrict values, global uint *restrict bits, global int *restrict lowest, const int count)

@@ -3,7 +3,8 @@
 // factors[count]                      a, b, c, d
 // sums[count], differences[count]     written; a * b + c and a * b - c * d
 
-#include "numeric.cl"
+// keep: forbids contraction
+#include "math/numeric.cl"
 
 kernel void round_off(
     const global float4 *restrict factors, global float *restrict sums, global float *restrict differences,

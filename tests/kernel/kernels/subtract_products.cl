@@ -1,9 +1,9 @@
-// exact_difference: a * b - c * d.
+// difference_of_products: a * b - c * d.
 //
 // factors[count]                    a, b, c, d
 // differences[count]                written
 
-#include "triangle.cl"
+#include "triangles/triangle.cl"
 
 kernel void subtract_products(
     const global float4 *restrict factors, global float *restrict differences, const int count)
@@ -13,5 +13,5 @@ kernel void subtract_products(
         return;
     }
     const float4 f = factors[i];
-    differences[i] = exact_difference(f.x, f.y, f.z, f.w);
+    differences[i] = difference_of_products(f.x, f.y, f.z, f.w);
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clbvh.layout import NODE
+from clbvh.structs import NODE
 
 
 def halve_by_median(centroids, prims, bins):

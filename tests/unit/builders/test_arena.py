@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clbvh.build import arena as arena_module
-from clbvh.build.arena import Arena, free_memory_bytes
+from clbvh.builders.workers import arena as arena_module
+from clbvh.builders.workers.arena import Arena, free_memory_bytes
 from clbvh.errors import PoolError
 
 SHARED_FOLDER = Path("/dev/shm")

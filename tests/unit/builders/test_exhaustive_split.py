@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh.build.few import FEW, count_left, divide, find_division
-from clbvh.simd import LANES
+from clbvh.builders.sah.exhaustive_split import MAX_EXHAUSTIVE, count_left, divide, find_exhaustive_split
+from clbvh.structs import BOX_LANES
 
-from ..soup import make_soup
-from .records import boxes_of, make_records
+from ...soup import make_soup
+from .prim_refs import boxes_of, make_prim_refs
 
 
 def cost_of(rows):
@@ -25,15 +25,15 @@ def sides(rows, left):
     return rows[goes_left], rows[~goes_left]
 
 
-@pytest.mark.parametrize("prim_count", range(2, FEW + 1))
+@pytest.mark.parametrize("prim_count", range(2, MAX_EXHAUSTIVE + 1))
 @pytest.mark.parametrize("grid", [None, 2])
 @pytest.mark.parametrize("seed", range(10))
 def test_no_division_is_cheaper(prim_count, grid, seed):
     shape = {} if grid is None else {"grid": grid, "size": 1}
-    records, _ = make_records(make_soup(2 * prim_count, seed=seed, **shape))
+    prim_refs, _ = make_prim_refs(make_soup(2 * prim_count, seed=seed, **shape))
     begin = seed % prim_count
-    rows = records[0][begin : begin + prim_count]
-    cost, left = find_division(records[0], begin, prim_count)
+    rows = prim_refs[0][begin : begin + prim_count]
+    cost, left = find_exhaustive_split(prim_refs[0], begin, prim_count)
     assert left & 1
     assert cost == pytest.approx(sum(map(cost_of, sides(rows, left))), rel=1e-12)
     for goes_left in itertools.product((0, 1), repeat=prim_count - 1):
@@ -48,15 +48,15 @@ def test_the_left_ones_are_counted(left, expected):
 
 
 @pytest.mark.parametrize("left", [0b0001, 0b0101, 0b1011, 0b1101])
-def test_records_keep_their_order_on_both_sides(left):
-    records, _ = make_records(make_soup(10, seed=3))
-    before = records.copy()
-    children = np.empty((2, LANES), np.float32)
-    divide(records[0], 3, 4, left, records[1], children)
+def test_references_keep_their_order_on_both_sides(left):
+    prim_refs, _ = make_prim_refs(make_soup(10, seed=3))
+    before = prim_refs.copy()
+    children = np.empty((2, BOX_LANES), np.float32)
+    divide(prim_refs[0], prim_refs[1], 3, 4, left, children)
     expected = sides(before[0][3:7], left)
-    assert records[1][3:7].tobytes() == np.concatenate(expected).tobytes()
-    assert records[1][:3].tobytes() == before[1][:3].tobytes()
-    assert records[1][7:].tobytes() == before[1][7:].tobytes()
+    assert prim_refs[1][3:7].tobytes() == np.concatenate(expected).tobytes()
+    assert prim_refs[1][:3].tobytes() == before[1][:3].tobytes()
+    assert prim_refs[1][7:].tobytes() == before[1][7:].tobytes()
     for child, rows in zip(children, expected, strict=True):
         lower, upper = boxes_of(rows)
         assert child[:3].tolist() == lower.min(axis=0).tolist()

@@ -1,4 +1,4 @@
-"""The steps of the fast build: codes, buckets, order, clusters, and cuts along the curve."""
+"""The steps of the fast build: codes, treelets, order, clusters, and cuts along the curve."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, sah_cost, validate_tree
-from clbvh.build.morton.buckets import cut_buckets
-from clbvh.build.morton.clusters import CLUSTER_SIZE, bound_clusters, cut_clusters
-from clbvh.build.morton.codes import bound_vertices, count_cells, make_grid
-from clbvh.build.morton.order import sort_records
-from clbvh.build.morton.sweep import make_sweep_scratch, sweep_cluster
-from clbvh.build.options import MAX_DEPTH
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import NODE
-from clbvh.simd import LANES
+from clbvh.builders.hlbvh.clusters import CLUSTER_SIZE, bound_clusters, cut_clusters
+from clbvh.builders.hlbvh.codes import bound_vertices, count_cells, make_grid
+from clbvh.builders.hlbvh.sort import sort_prim_refs
+from clbvh.builders.hlbvh.sweep import Cluster, make_sweep_scratch, sweep_cluster
+from clbvh.builders.hlbvh.treelets import cut_treelets
+from clbvh.builders.options import MAX_DEPTH
+from clbvh.builders.prim_refs import MeshSlice
+from clbvh.builders.sah.rule import Rule
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.structs import BOX_LANES, NODE
 
-from ..soup import make_soup
-from .records import boxes_of, make_records
+from ...soup import make_soup
+from .prim_refs import boxes_of, make_prim_refs
 
 
 def interleave(x, y, z, bits):
@@ -31,15 +32,16 @@ def interleave(x, y, z, bits):
 
 
 def find_cells(mesh, axis_bits):
-    bounds = np.empty((2, LANES), np.float32)
+    bounds = np.empty((2, BOX_LANES), np.float32)
     bound_vertices(mesh.vertices, 0, len(mesh.vertices), bounds)
     cells, counts = np.empty(mesh.face_count, np.uint16), np.zeros(1 << 3 * axis_bits, np.int32)
-    count_cells(mesh.vertices, mesh.faces, 0, mesh.face_count, make_grid(bounds, 1, axis_bits), cells, counts)
+    whole = MeshSlice(mesh.vertices, mesh.faces, 0, mesh.face_count)
+    count_cells(whole, make_grid(bounds, 1, axis_bits), cells, counts)
     return cells, counts
 
 
 @pytest.mark.parametrize("axis_bits", [1, 3, 5])
-def test_a_cell_is_named_by_the_bits_of_its_place_in_turn(axis_bits):
+def test_the_code_of_a_cell_alternates_the_bits_of_its_coordinates(axis_bits):
     mesh = make_soup(500, seed=1, size=3)
     cells, counts = find_cells(mesh, axis_bits)
     corners = mesh.vertices[mesh.faces].astype(float)
@@ -73,32 +75,32 @@ def cut_by_halves(counts, begin, size, limit):
 
 @pytest.mark.parametrize("limit", [1, 10, 100, 10**6])
 @pytest.mark.parametrize("seed", range(3))
-def test_buckets_are_the_largest_blocks_within_the_limit(seed, limit):
+def test_treelets_are_the_largest_blocks_within_the_limit(seed, limit):
     random = np.random.default_rng(seed)
     counts = (random.integers(0, 30, 512) * (random.random(512) < 0.3)).astype(np.int32)
-    bucket_of_cell, first_cells = np.full(512, -1, np.int32), np.empty(512, np.int64)
-    count = cut_buckets(counts, limit, bucket_of_cell, first_cells)
+    treelet_of_cell, first_cells = np.full(512, -1, np.int32), np.empty(512, np.int64)
+    count = cut_treelets(counts, limit, treelet_of_cell, first_cells)
     blocks = cut_by_halves(counts, 0, 512, limit)
     assert first_cells[:count].tolist() == [begin for begin, _ in blocks]
-    for bucket, (begin, size) in enumerate(blocks):
-        assert (bucket_of_cell[begin : begin + size] == bucket).all()
+    for treelet, (begin, size) in enumerate(blocks):
+        assert (treelet_of_cell[begin : begin + size] == treelet).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 600, 5000])
-def test_records_come_in_the_order_of_their_codes(count):
-    records, _ = make_records(make_soup(count, seed=3, copies=0.3))
-    rows = np.concatenate([np.zeros((7, LANES), np.float32), records[0]])
-    result, codes = np.empty((count, LANES), np.float32), np.empty(count, np.int32)
-    sort_records(rows, 7, count, result, codes, np.empty(count, np.int64), np.empty(count, np.int64))
+def test_references_come_in_the_order_of_their_codes(count):
+    prim_refs, _ = make_prim_refs(make_soup(count, seed=3, copies=0.3))
+    rows = np.concatenate([np.zeros((7, BOX_LANES), np.float32), prim_refs[0]])
+    result, codes = np.empty((count, BOX_LANES), np.float32), np.empty(count, np.int32)
+    sort_prim_refs(rows, 7, count, result, codes, np.empty(count, np.int64), np.empty(count, np.int64))
     assert (np.diff(codes) >= 0).all()
     prims = result.view(np.int32)[:, 3]
     assert sorted(prims.tolist()) == list(range(count))
-    assert result[:, :3].tobytes() == records[0][prims][:, :3].tobytes()
+    assert result[:, :3].tobytes() == prim_refs[0][prims][:, :3].tobytes()
     # Equal codes keep their order, and equal boxes have equal codes.
     assert (np.diff(prims)[np.diff(codes) == 0] > 0).all()
     boxes = {}
-    for record, code in zip(result, codes.tolist(), strict=True):
-        assert boxes.setdefault(record[[0, 1, 2, 4, 5, 6]].tobytes(), code) == code
+    for ref, code in zip(result, codes.tolist(), strict=True):
+        assert boxes.setdefault(ref[[0, 1, 2, 4, 5, 6]].tobytes(), code) == code
 
 
 @pytest.mark.parametrize("codes", [[0], [5] * 1000, sorted(range(1000)), [0] * 40 + [7] * 40 + [2**26] * 3])
@@ -114,38 +116,36 @@ def test_clusters_are_short_and_cut_where_high_bits_change(codes):
 
 
 def test_the_boxes_of_clusters():
-    records, bounds = make_records(make_soup(100, seed=4))
-    whole = np.empty((1, LANES), np.float32)
-    boxes = np.empty((3, LANES), np.float32)
-    bound_clusters(records[0], np.array([0, 10, 11, 100], np.int32), 3, boxes, whole, 0)
+    prim_refs, bounds = make_prim_refs(make_soup(100, seed=4))
+    whole = np.empty((1, BOX_LANES), np.float32)
+    boxes = np.empty((3, BOX_LANES), np.float32)
+    bound_clusters(prim_refs[0], np.array([0, 10, 11, 100], np.int32), 3, boxes, whole, 0)
     assert whole[0, [0, 1, 2, 4, 5, 6]].tolist() == bounds[0, [0, 1, 2, 4, 5, 6]].tolist()
     for box, (begin, end) in zip(boxes, itertools.pairwise([0, 10, 11, 100]), strict=True):
-        lower, upper = boxes_of(records[0][begin:end])
+        lower, upper = boxes_of(prim_refs[0][begin:end])
         assert box[:3].tolist() == lower.min(axis=0).tolist()
         assert (-box[4:7]).tolist() == upper.max(axis=0).tolist()
 
 
-def sweep(records, depth, leaf_size, traversal_cost=1.0):
-    count = len(records)
-    nodes, prim_ids = np.zeros((2 * count, LANES), np.float32), np.empty(count, np.int32)
-    end = sweep_cluster(
-        records, records.view(np.int32), 0, count, depth, leaf_size, traversal_cost, 0, 1, nodes, 0, prim_ids,
-        make_sweep_scratch(),
-    )  # fmt: skip
+def sweep(prim_refs, depth, leaf_size, traversal_cost=1.0):
+    count = len(prim_refs)
+    nodes, prim_ids = np.zeros((2 * count, BOX_LANES), np.float32), np.empty(count, np.int32)
+    cluster, rule = Cluster(0, count, depth, 0, 1, 0), Rule(16, leaf_size, traversal_cost)
+    end = sweep_cluster(prim_refs, cluster, rule, nodes, prim_ids, make_sweep_scratch.py_func())
     return nodes[:end].view(NODE).reshape(-1), prim_ids
 
 
-def half_area(records):
-    lower, upper = boxes_of(records)
+def half_area(prim_refs):
+    lower, upper = boxes_of(prim_refs)
     size = upper.max(axis=0).astype(float) - lower.min(axis=0)
     return size[0] * size[1] + size[1] * size[2] + size[2] * size[0]
 
 
-def plain_leaves(records, begin, end, leaf_size, traversal_cost):
+def plain_leaves(prim_refs, begin, end, leaf_size, traversal_cost):
     """Return the leaves that the cheapest cuts along the order give, as ranges."""
-    size, area = end - begin, half_area(records[begin:end])
+    size, area = end - begin, half_area(prim_refs[begin:end])
     costs = [
-        half_area(records[begin:cut]) * (cut - begin) + half_area(records[cut:end]) * (end - cut)
+        half_area(prim_refs[begin:cut]) * (cut - begin) + half_area(prim_refs[cut:end]) * (end - cut)
         for cut in range(begin + 1, end)
     ]
     best = min(costs, default=np.inf)
@@ -153,24 +153,26 @@ def plain_leaves(records, begin, end, leaf_size, traversal_cost):
         return [(begin, end)]
     cut = begin + 1 + costs.index(best)
     return [
-        leaf for part in ((begin, cut), (cut, end)) for leaf in plain_leaves(records, *part, leaf_size, traversal_cost)
+        leaf
+        for part in ((begin, cut), (cut, end))
+        for leaf in plain_leaves(prim_refs, *part, leaf_size, traversal_cost)
     ]
 
 
 @pytest.mark.parametrize("leaf_size", [1, 4, 32])
 @pytest.mark.parametrize("count", [1, 2, 3, 17, CLUSTER_SIZE])
 def test_a_cluster_is_cut_where_it_is_cheapest(count, leaf_size):
-    records, _ = make_records(make_soup(count, seed=count, size=300))
-    nodes, prim_ids = sweep(records[0], 0, leaf_size)
+    prim_refs, _ = make_prim_refs(make_soup(count, seed=count, size=300))
+    nodes, prim_ids = sweep(prim_refs[0], 0, leaf_size)
     leaves = nodes[nodes["count"] > 0]
-    expected = plain_leaves(records[0], 0, count, leaf_size, 1.0)
+    expected = plain_leaves(prim_refs[0], 0, count, leaf_size, 1.0)
     assert sorted(zip(leaves["first"], leaves["first"] + leaves["count"], strict=True)) == expected
     assert prim_ids.tolist() == list(range(count))
 
 
 def test_at_the_depth_limit_a_cluster_is_halved():
-    records, _ = make_records(make_soup(CLUSTER_SIZE, seed=5))
-    nodes, _ = sweep(records[0], MAX_DEPTH - 5, 1)
+    prim_refs, _ = make_prim_refs(make_soup(CLUSTER_SIZE, seed=5))
+    nodes, _ = sweep(prim_refs[0], MAX_DEPTH - 5, 1)
     assert len(nodes) == 2 * CLUSTER_SIZE - 1
     # Five levels are left for 32: all leaves lie at the same depth.
     depths = {0: 0}
@@ -202,4 +204,4 @@ def test_the_primitives_below_every_node_are_one_range():
 
 
 def test_phases_have_their_names():
-    assert list(build(make_soup(10, seed=7), quality="fast").timings_ms) == ["buckets", "subtrees", "compact"]
+    assert list(build(make_soup(10, seed=7), quality="fast").timings_ms) == ["treelets", "subtrees", "compact"]

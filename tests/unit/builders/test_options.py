@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, build
-from clbvh.build.builder import _QUALITIES
-from clbvh.build.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER, QUALITIES
+from clbvh.builders.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER, QUALITIES
+from clbvh.builders.registry import _QUALITIES
 from clbvh.errors import ConfigError
-from clbvh.render import RenderOptions
+from clbvh.rendering.render import RenderOptions
 
 
 def test_defaults_are_allowed_and_fixed():
@@ -104,7 +104,7 @@ def test_an_unknown_quality_is_refused(value):
     assert str(caught.value).endswith(f"not {value!r}")
 
 
-def test_a_rung_of_the_ladder_refuses_another_quality():
+def test_a_variant_of_the_ladder_refuses_another_quality():
     mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
     with pytest.raises(ConfigError, match="the builder median has one quality, default: leave 'fast' out"):
         build(mesh, builder="median", quality="fast")

@@ -1,4 +1,4 @@
-"""Records move to their side of a split, in their order."""
+"""Primitive references move to their side of a split, in their order."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh.build.partition import bound_halves, partition
-from clbvh.simd import LANES
+from clbvh.builders.sah.binned_split import Split
+from clbvh.builders.sah.partition import Slice, bound_halves, partition
+from clbvh.structs import BOX_LANES
 
-from ..soup import make_soup
-from .records import bins_by_numpy, boxes_of, make_records
+from ...soup import make_soup
+from .prim_refs import bins_by_numpy, boxes_of, make_prim_refs
 
 BINS = 8
 UNTOUCHED = -7.0
@@ -25,17 +26,18 @@ def centroid_bounds_by_numpy(rows):
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("last_left", [0, 3, 6])
 @pytest.mark.parametrize("slices", [[0, 100], [0, 1, 40, 40, 100]])
-def test_records_keep_their_order_on_both_sides(axis, last_left, slices):
-    records, bounds = make_records(make_soup(100, seed=1, grid=20, copies=0.2))
-    source, target = records[0], np.full((100, LANES), UNTOUCHED, np.float32)
+def test_references_keep_their_order_on_both_sides(axis, last_left, slices):
+    prim_refs, bounds = make_prim_refs(make_soup(100, seed=1, grid=20, copies=0.2))
+    source, target = prim_refs[0], np.full((100, BOX_LANES), UNTOUCHED, np.float32)
     goes_left = bins_by_numpy(source, bounds[1], BINS)[:, axis] <= last_left
 
     left, right = 0, int(goes_left.sum())
     assert 0 < right < 100
     parts = []
     for begin, end in itertools.pairwise(slices):
-        child_bounds = np.full((2, LANES), UNTOUCHED, np.float32)
-        partition(source, begin, end, bounds, 1, BINS, axis, last_left, target, left, right, child_bounds)
+        child_bounds = np.full((2, BOX_LANES), UNTOUCHED, np.float32)
+        split = Split(0.0, axis, last_left, 0, BINS)
+        partition(source, target, Slice(begin, end, left, right), bounds, split, child_bounds)
         left += int(goes_left[begin:end].sum())
         right += int((~goes_left[begin:end]).sum())
         parts.append(child_bounds)
@@ -46,23 +48,23 @@ def test_records_keep_their_order_on_both_sides(axis, last_left, slices):
         assert (united[side, :3].tolist(), united[side, 4:7].tolist()) == centroid_bounds_by_numpy(source[chosen])
 
 
-def test_a_slice_writes_only_to_its_own_places():
-    records, bounds = make_records(make_soup(60, seed=2))
-    target = np.full((200, LANES), UNTOUCHED, np.float32)
-    goes_left = bins_by_numpy(records[0], bounds[1], BINS)[20:50, 0] <= 3
-    child_bounds = np.empty((2, LANES), np.float32)
-    partition(records[0], 20, 50, bounds, 1, BINS, 0, 3, target, 70, 130, child_bounds)
+def test_a_slice_writes_only_to_its_own_slots():
+    prim_refs, bounds = make_prim_refs(make_soup(60, seed=2))
+    target = np.full((200, BOX_LANES), UNTOUCHED, np.float32)
+    goes_left = bins_by_numpy(prim_refs[0], bounds[1], BINS)[20:50, 0] <= 3
+    child_bounds = np.empty((2, BOX_LANES), np.float32)
+    partition(prim_refs[0], target, Slice(20, 50, 70, 130), bounds, Split(0.0, 0, 3, 0, BINS), child_bounds)
     written = np.flatnonzero((target != UNTOUCHED).any(axis=1))
     assert written.tolist() == [*range(70, 70 + goes_left.sum()), *range(130, 130 + (~goes_left).sum())]
 
 
 def test_halves_are_bounded_and_nothing_moves():
-    records, _ = make_records(make_soup(30, seed=3))
-    before = records.tobytes()
-    boxes, child_bounds = np.empty((2, LANES), np.float32), np.empty((2, LANES), np.float32)
-    bound_halves(records[0], 5, 12, 21, boxes, child_bounds)
-    assert records.tobytes() == before
-    for side, rows in enumerate((records[0][5:12], records[0][12:21])):
+    prim_refs, _ = make_prim_refs(make_soup(30, seed=3))
+    before = prim_refs.tobytes()
+    boxes, child_bounds = np.empty((2, BOX_LANES), np.float32), np.empty((2, BOX_LANES), np.float32)
+    bound_halves(prim_refs[0], 5, 12, 21, boxes, child_bounds)
+    assert prim_refs.tobytes() == before
+    for side, rows in enumerate((prim_refs[0][5:12], prim_refs[0][12:21])):
         lower, upper = boxes_of(rows)
         assert boxes[side, :3].tolist() == lower.min(axis=0).tolist()
         assert boxes[side, 4:7].tolist() == (-upper.max(axis=0)).tolist()

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from clbvh import SubtreePool, build, validate_tree
-from clbvh.build import sah as sah_module
-from clbvh.build import workspace
-from clbvh.build.arena import Arena
+from clbvh.builders.sah import build_sah as sah_module
+from clbvh.builders.workers import workspace
+from clbvh.builders.workers.arena import Arena
 from clbvh.errors import ConfigError, PoolError
-from clbvh.host_threads import HostThreads, usable_cores
+from clbvh.support.host_threads import HostThreads, usable_cores
 
-from ..processes import list_session, start_script, wait_until
-from ..soup import make_soup
+from ...processes import list_session, start_script, wait_until
+from ...soup import make_soup
 
 # Far above what closing a pool may take, far below the steps that are cut short.
 SOON_S = 15.0
@@ -133,7 +133,7 @@ def test_a_pool_serves_many_builds_and_leaves_no_file_open(pool):
 
 def test_workers_keep_the_working_memory_after_a_build_unless_it_is_large(pool, monkeypatch):
     build(make_soup(100, seed=0), pool=pool, task_threshold=10)
-    assert [sorted(arrays) for arrays in pool.map(list_arrays, [()] * 2)] == [["prim_ids", "records"]] * 2
+    assert [sorted(arrays) for arrays in pool.map(list_arrays, [()] * 2)] == [["prim_ids", "prim_refs"]] * 2
     monkeypatch.setattr(workspace, "_KEPT_BYTES", 2 * 100 * 32)
     build(make_soup(99, seed=0), pool=pool, task_threshold=10)
     assert pool.map(list_arrays, [()] * 2) == [{}] * 2
@@ -298,7 +298,7 @@ BUSY_SCRIPT = """
 import signal
 import clbvh
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from clbvh.geometry.shapes import make_shape
+from clbvh.geometry.shapes.make_shape import make_shape
 if __name__ == "__main__":
     mesh = make_shape("icosphere", triangles=60_000)
     with clbvh.SubtreePool(workers=2) as pool:
@@ -317,14 +317,14 @@ if __name__ == "__main__":
 
 
 @pytest.fixture
-def script(tmp_path):
+def script(short_path):
     """A function that starts a script in a session of its own, with the folder that must be empty in the end."""
-    folder = tmp_path / "temporary"
+    folder = short_path / "temporary"
     folder.mkdir()
     started = []
 
     def start(text):
-        path = tmp_path / "script.py"
+        path = short_path / "script.py"
         path.write_text(text)
         started.append(start_script([path], folder))
         return started[-1], folder

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from ..processes import list_session, start_script
+from ...processes import list_session, start_script
 
 WORKERS = 2
 PATIENCE_S = 60
@@ -53,17 +53,17 @@ if __name__ == "__main__":
 
 
 @pytest.fixture
-def run(tmp_path):
+def run(short_path):
     """A function that runs a script and returns (exit code, output, errors, all process ids, lines of the log)."""
     started = []
 
     def run_script(body, how="file", count=1000):
-        log = tmp_path / "log"
+        log = short_path / "log"
         text = HEAD.format(log=str(log), count=count) + body.format(workers=WORKERS)
-        path = tmp_path / "script.py"
+        path = short_path / "script.py"
         path.write_text(text)
         arguments = {"file": [path], "-c": ["-c", text], "stdin": []}[how]
-        folder = tmp_path / "temporary"
+        folder = short_path / "temporary"
         folder.mkdir()
         with path.open() as standard_input:
             process = start_script(arguments, folder, stdin=standard_input)

@@ -1,4 +1,4 @@
-"""One record per primitive: its box, its number, and the bounds of a slice."""
+"""One reference per primitive: its box, its id, and the bounds of a slice."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh.build.metadata import record_slice
-from clbvh.simd import LANES, TALLY
+from clbvh.builders.prim_refs import fill_slice
+from clbvh.structs import BOX_LANES, BOX_TALLY
 
-from ..soup import make_soup
-from .records import boxes_of, make_records
+from ...soup import make_soup
+from .prim_refs import boxes_of, make_prim_refs
 
 
-def test_a_record_is_the_box_and_the_number_of_its_triangle():
+def test_a_reference_is_the_box_and_the_id_of_its_triangle():
     mesh = make_soup(100, seed=1, degenerate=0.2)
-    records, _ = make_records(mesh)
+    prim_refs, _ = make_prim_refs(mesh)
     corners = mesh.vertices[mesh.faces]
-    lower, upper = boxes_of(records[0])
+    lower, upper = boxes_of(prim_refs[0])
     assert (lower == corners.min(axis=1)).all()
     assert (upper == corners.max(axis=1)).all()
-    assert records[0].view(np.int32)[:, 3].tolist() == list(range(100))
-    assert (records[0].view(np.int32)[:, 7] == 0).all()
+    assert prim_refs[0].view(np.int32)[:, 3].tolist() == list(range(100))
+    assert (prim_refs[0].view(np.int32)[:, 7] == 0).all()
 
 
 def test_bounds_hold_all_boxes_and_all_centroids():
     mesh = make_soup(100, seed=2)
-    records, bounds = make_records(mesh)
-    lower, upper = boxes_of(records[0])
+    prim_refs, bounds = make_prim_refs(mesh)
+    lower, upper = boxes_of(prim_refs[0])
     assert bounds[0, :3].tolist() == lower.min(axis=0).tolist()
     assert bounds[0, 4:7].tolist() == (-upper.max(axis=0)).tolist()
     assert bounds[1, :3].tolist() == (lower + upper).min(axis=0).tolist()
@@ -38,22 +38,22 @@ def test_bounds_hold_all_boxes_and_all_centroids():
 @pytest.mark.parametrize("cuts", [[0, 100], [0, 1, 100], [0, 0, 50, 99, 100, 100]])
 def test_slices_together_give_what_one_gives(cuts):
     mesh = make_soup(100, seed=3)
-    records, bounds = make_records(mesh)
-    sliced = np.zeros_like(records)
-    parts = [record_slice(mesh, begin, end, sliced[0]) for begin, end in itertools.pairwise(cuts)]
+    prim_refs, bounds = make_prim_refs(mesh)
+    sliced = np.zeros_like(prim_refs)
+    parts = [fill_slice(mesh, begin, end, sliced[0]) for begin, end in itertools.pairwise(cuts)]
     assert np.minimum.reduce(parts).tobytes() == bounds.tobytes()
-    assert sliced.tobytes() == records.tobytes()
+    assert sliced.tobytes() == prim_refs.tobytes()
 
 
 def test_an_empty_slice_has_empty_bounds():
     mesh = make_soup(5, seed=4)
-    assert (record_slice(mesh, 3, 3, np.zeros((5, LANES), np.float32))[:, :TALLY] == np.inf).all()
+    assert (fill_slice(mesh, 3, 3, np.zeros((5, BOX_LANES), np.float32))[:, :BOX_TALLY] == np.inf).all()
 
 
 def test_no_lane_holds_a_negative_zero():
     mesh = make_soup(50, seed=5)
     mesh.vertices[:] = np.random.default_rng(5).choice(np.array([-0.0, 0.0], np.float32), mesh.vertices.shape)
-    records, bounds = make_records(mesh)
-    boxes = np.concatenate([records[0], bounds])[:, [0, 1, 2, 4, 5, 6]]
+    prim_refs, bounds = make_prim_refs(mesh)
+    boxes = np.concatenate([prim_refs[0], bounds])[:, [0, 1, 2, 4, 5, 6]]
     assert (boxes == 0).all()
     assert not np.signbit(boxes).any()

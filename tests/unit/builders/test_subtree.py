@@ -8,54 +8,54 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh
-from clbvh.build.compact import place_subtree
-from clbvh.build.options import MAX_DEPTH
-from clbvh.build.subtree import build_subtree, needs_halving
-from clbvh.layout import NODE
-from clbvh.simd import LANES
-from clbvh.tree.descent import measure_depth
+from clbvh.builders.depth_first import WHOLE_TREE
+from clbvh.builders.options import MAX_DEPTH
+from clbvh.builders.sah.compact import place_finished
+from clbvh.builders.sah.rule import Rule
+from clbvh.builders.sah.subtree import SubtreeTask, build_subtree
+from clbvh.bvh.depth import measure_depth
+from clbvh.structs import BOX_LANES, NODE
 
-from ..soup import make_soup
-from .records import make_records
+from ...soup import make_soup
+from .prim_refs import make_prim_refs
 
 UNTOUCHED = -99
 
 
 def run(mesh, begin=0, end=None, *, buffer=0, depth=0, bins=16, leaf_size=4, traversal_cost=1.0):
-    """Build the subtree of a range of a mesh; return its nodes in depth-first order, the records and the prim_ids."""
+    """Build the subtree of a range of a mesh; return its nodes in depth-first order, the prim_refs and the prim_ids."""
     count = mesh.face_count
     end = count if end is None else end
-    records, _ = make_records(mesh)
+    prim_refs, _ = make_prim_refs(mesh)
     if buffer == 1:
-        records = records[::-1].copy()
-    rows = records[buffer, begin:end]
+        prim_refs = prim_refs[::-1].copy()
+    rows = prim_refs[buffer, begin:end]
     centroids = rows[:, :3] - rows[:, 4:7]
-    bounds = np.zeros((2, LANES), np.float32)
+    bounds = np.zeros((2, BOX_LANES), np.float32)
     bounds[0] = rows.min(axis=0)
     bounds[1, :3], bounds[1, 4:7] = centroids.min(axis=0), -centroids.max(axis=0)
     prim_ids = np.full(count, UNTOUCHED, np.int32)
-    node_count = build_subtree(
-        records, records.view(np.int32), begin, end, buffer, depth, bounds, bins, leaf_size, traversal_cost, prim_ids
-    )
-    nodes = np.empty((node_count, LANES), np.float32)
-    place_subtree(records, end, node_count, nodes, nodes.view(np.int32), 0, 1)
-    return nodes.view(NODE).reshape(-1), records, prim_ids
+    task = SubtreeTask(begin, end, buffer, depth, bounds)
+    node_count = build_subtree(prim_refs, task, Rule(bins, leaf_size, traversal_cost), prim_ids)
+    nodes = np.empty((node_count, BOX_LANES), np.float32)
+    place_finished(prim_refs, end, node_count, WHOLE_TREE, nodes)
+    return nodes.view(NODE).reshape(-1), prim_refs, prim_ids
 
 
 @pytest.mark.parametrize("leaf_size", [1, 4])
 @pytest.mark.parametrize(("begin", "end"), [(0, 1), (0, 100), (37, 38), (37, 39), (37, 90), (99, 100)])
-def test_a_range_writes_to_its_own_records_only(begin, end, leaf_size):
+def test_a_range_writes_to_its_own_slots_only(begin, end, leaf_size):
     mesh = make_soup(100, seed=1, copies=0.1)
-    tree, records, prim_ids = run(mesh, begin, end, leaf_size=leaf_size)
-    untouched, _ = make_records(mesh)
+    tree, prim_refs, prim_ids = run(mesh, begin, end, leaf_size=leaf_size)
+    untouched, _ = make_prim_refs(mesh)
 
     assert 1 <= len(tree) <= 2 * (end - begin) - 1
     assert sorted(prim_ids[begin:end]) == list(range(begin, end))
     assert (prim_ids[:begin] == UNTOUCHED).all()
     assert (prim_ids[end:] == UNTOUCHED).all()
     for buffer in range(2):
-        assert records[buffer, :begin].tobytes() == untouched[buffer, :begin].tobytes()
-        assert records[buffer, end:].tobytes() == untouched[buffer, end:].tobytes()
+        assert prim_refs[buffer, :begin].tobytes() == untouched[buffer, :begin].tobytes()
+        assert prim_refs[buffer, end:].tobytes() == untouched[buffer, end:].tobytes()
 
 
 def test_the_buffer_it_starts_from_does_not_matter():
@@ -66,20 +66,20 @@ def test_the_buffer_it_starts_from_does_not_matter():
     assert prim_ids.tobytes() == other_prim_ids.tobytes()
 
 
-def test_rows_are_in_depth_first_order():
+def test_nodes_are_in_depth_first_order():
     tree, _, _ = run(make_soup(300, seed=3), 10, 250, leaf_size=1)
-    expected_row = 1
-    waiting = [0]
-    while waiting:
-        row = waiting.pop()
-        if tree["count"][row] == 0:
-            assert tree["first"][row] == expected_row
-            expected_row += 2
-            waiting += [tree["first"][row] + 1, tree["first"][row]]
-    assert expected_row == len(tree)
+    expected_index = 1
+    stack = [0]
+    while stack:
+        index = stack.pop()
+        if tree["count"][index] == 0:
+            assert tree["first"][index] == expected_index
+            expected_index += 2
+            stack += [tree["first"][index] + 1, tree["first"][index]]
+    assert expected_index == len(tree)
 
 
-def test_a_finished_node_finds_room_among_finished_records():
+def test_a_finished_node_finds_a_slot_of_a_finished_reference():
     """The worst case: every leaf has one primitive, and the tree is as deep as it may be on one side."""
     corners = np.float32(2.0) ** np.arange(-60, 60, 2)
     vertices = np.repeat(corners, 3)[:, None] * np.float32([[1, 0, 0], [0, 1, 0], [0, 0, 1]] * len(corners))
@@ -89,25 +89,6 @@ def test_a_finished_node_finds_room_among_finished_records():
         assert len(tree) == 2 * len(corners) - 1
         assert sorted(prim_ids) == list(range(len(corners)))
         assert sorted(tree["first"][tree["count"] == 1]) == list(range(len(corners)))
-
-
-@pytest.mark.parametrize(
-    ("prim_count", "depth", "needed"),
-    [
-        (1, MAX_DEPTH, True),
-        (1, MAX_DEPTH - 1, False),
-        (2, MAX_DEPTH - 1, True),
-        (2, MAX_DEPTH - 2, False),
-        (3, MAX_DEPTH - 2, True),
-        (4, MAX_DEPTH - 2, True),
-        (5, MAX_DEPTH - 3, True),
-        (4, MAX_DEPTH - 3, False),
-        (2**30, MAX_DEPTH - 30, True),
-        (2**30, MAX_DEPTH - 31, False),
-    ],
-)
-def test_halving_begins_when_all_levels_are_needed(prim_count, depth, needed):
-    assert needs_halving(prim_count, depth) == needed
 
 
 @pytest.mark.parametrize("prim_count", [1, 2, 3, 4, 5, 31, 32, 33, 1000])

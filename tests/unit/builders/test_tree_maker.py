@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build, validate_tree
+from clbvh.builders import tree_maker
+from clbvh.builders.tree_cache import cache_path, find_tree_cache
+from clbvh.builders.tree_maker import TreeMaker, TreeOptions
 from clbvh.errors import ConfigError
-from clbvh.render import tree_maker
-from clbvh.render.tree_cache import cache_path, find_tree_cache
-from clbvh.render.tree_maker import TreeMaker, TreeOptions
 
-from ..soup import make_soup
+from ...soup import make_soup
 
 MESH = make_soup(500, 1)
 
@@ -113,7 +113,7 @@ def test_every_option_but_the_threshold_is_in_the_name(tmp_path):
 
 def test_another_version_builds_again(cached, monkeypatch):
     make(cached)
-    monkeypatch.setattr("clbvh.render.tree_cache.version", lambda package: "99.0")
+    monkeypatch.setattr("clbvh.builders.tree_cache.version", lambda package: "99.0")
     assert not make(cached).from_cache
 
 
@@ -234,3 +234,7 @@ def test_options_are_checked():
             kind(builder="magic")
         with pytest.raises(ConfigError, match="workers must be at least 1, not 0"):
             kind(workers=0)
+        with pytest.raises(ConfigError, match="workers must be at least 1, not 'two'"):
+            kind(workers="two")
+        with pytest.raises(ConfigError, match=r"cache must be a pathlib\.Path or None"):
+            kind(cache="folder")

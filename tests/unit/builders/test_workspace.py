@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh.build import workspace
-from clbvh.build.workspace import Workspace
+from clbvh.builders.workers import workspace
+from clbvh.builders.workers.workspace import Workspace
 
 
 @pytest.fixture
@@ -16,8 +16,9 @@ def space():
 
 
 def take(space, **shapes):
-    arrays, handles = space.take({name: (shape, np.float32) for name, shape in shapes.items()})
-    return arrays, handles
+    """Return arrays of these shapes by name, and their handles by name."""
+    taken = {name: space.take(name, shape, np.float32) for name, shape in shapes.items()}
+    return {name: array for name, (_, array) in taken.items()}, {name: handle for name, (handle, _) in taken.items()}
 
 
 def test_who_attaches_sees_the_same_memory(space):
@@ -41,11 +42,11 @@ def test_smaller_arrays_use_the_same_memory_and_larger_ones_get_more(space):
 
 
 def test_another_type_may_lie_in_the_same_memory(space):
-    arrays, _ = space.take({"a": ((10,), np.float32)})
-    arrays["a"][:] = 1
-    again, _ = space.take({"a": ((2, 2), np.int64)})
-    assert again["a"].dtype == np.int64
-    assert again["a"].ravel().tolist() == np.ones(8, np.float32).view(np.int64).tolist()
+    _, array = space.take("a", (10,), np.float32)
+    array[:] = 1
+    _, again = space.take("a", (2, 2), np.int64)
+    assert again.dtype == np.int64
+    assert again.ravel().tolist() == np.ones(8, np.float32).view(np.int64).tolist()
 
 
 def test_an_array_outlives_the_workspace():

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from clbvh import Bvh, Mesh
-from clbvh.layout import NODE
-from clbvh.tree.descent import measure_depth
+from clbvh.bvh.depth import measure_depth
+from clbvh.structs import NODE
 
-from .hand_made import make_leaf, make_tree
+from ..hand_made import make_leaf, make_tree
 
 
 def make_chain(levels):
@@ -42,7 +42,7 @@ def test_depth_of_a_chain_is_its_length(levels):
 def test_the_deepest_leaf_counts_and_not_the_last():
     first = np.array([1, 3, 7, 5, 0, 1, 2, 3, 4], np.int32)
     count = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1], np.int32)
-    assert measure_depth(first, count) == 3  # rows 5 and 6; rows 7 and 8 have depth 2
+    assert measure_depth(first, count) == 3  # nodes 5 and 6; nodes 7 and 8 have depth 2
 
 
 def test_a_tree_cannot_be_changed_and_compares_by_identity():

@@ -8,8 +8,8 @@ import pytest
 from clbvh import Mesh, build, validate_tree
 from clbvh.errors import MeshError
 
-from ..soup import make_soup
-from .hand_made import make_leaf, make_tree
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 
 def file_vertices(mesh):

@@ -1,4 +1,4 @@
-"""Trees in files: what was saved comes back, and whatever else a file holds is refused."""
+"""Trees in files: a saved tree comes back, and every other content is refused."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from clbvh import Bvh, Mesh, build
+from clbvh.bvh import serialize as store
 from clbvh.errors import ClbvhError, ConfigError, TreeFileError
-from clbvh.tree import store
 
-from ..soup import make_soup
-from .hand_made import make_leaf, make_tree
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 HEADER_BYTES = 84
 NODE_COUNT, FACE_COUNT = 5, 4
@@ -104,7 +104,7 @@ def test_every_changed_byte_is_noticed(path, at):
     path.write_bytes(data)
     message = refused(path)
     if at < VERSION_AT:
-        assert "no file of a saved tree" in message
+        assert "not a saved tree" in message
     elif at < NODE_COUNT_AT:
         assert "format" in message
     else:
@@ -114,7 +114,7 @@ def test_every_changed_byte_is_noticed(path, at):
 @pytest.mark.parametrize("size", range(HEADER_BYTES + 8 * NODE_COUNT + 4 * FACE_COUNT))
 def test_every_cut_is_noticed(path, size):
     path.write_bytes(path.read_bytes()[:size])
-    assert ("no file of a saved tree" if size < VERSION_AT else "damaged or was cut off") in refused(path)
+    assert ("not a saved tree" if size < VERSION_AT else "damaged or was cut off") in refused(path)
 
 
 def test_bytes_too_many_are_noticed(path):
@@ -153,13 +153,13 @@ def test_a_forged_number_of_nodes_allocates_nothing(tmp_path, count):
         pytest.param([*RIGHT_LINKS[:2], (4, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child behind the end"),
         pytest.param([*RIGHT_LINKS[:2], (2**31 - 1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a child far behind"),
         pytest.param([*RIGHT_LINKS[:2], (-1, 0), *RIGHT_LINKS[3:]], RIGHT_PRIMS, id="a negative child"),
-        pytest.param([(1, 0), (0, 2), (2, 2), (2, 1), (3, 1)], RIGHT_PRIMS, id="rows that no one reaches"),
-        pytest.param([(1, 0), (0, 1), (1, 1), (2, 1), (3, 1)], RIGHT_PRIMS, id="leaves that no one reaches"),
+        pytest.param([(1, 0), (0, 2), (2, 2), (2, 1), (3, 1)], RIGHT_PRIMS, id="nodes that nothing reaches"),
+        pytest.param([(1, 0), (0, 1), (1, 1), (2, 1), (3, 1)], RIGHT_PRIMS, id="leaves that nothing reaches"),
         pytest.param([(1, 0), (0, -2), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a negative count"),
         pytest.param([(1, 0), (0, -(2**31)), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="the lowest count"),
         pytest.param([(1, 0), (0, 2**31 - 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a huge count"),
-        pytest.param([(1, 0), (0, 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a place in no leaf"),
-        pytest.param([(1, 0), (0, 3), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a place in two leaves"),
+        pytest.param([(1, 0), (0, 1), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a slot in no leaf"),
+        pytest.param([(1, 0), (0, 3), *RIGHT_LINKS[2:]], RIGHT_PRIMS, id="a slot in two leaves"),
         pytest.param([*RIGHT_LINKS[:4], (4, 1)], RIGHT_PRIMS, id="a leaf behind the end"),
         pytest.param([*RIGHT_LINKS[:4], (-1, 1)], RIGHT_PRIMS, id="a leaf before the begin"),
         pytest.param(RIGHT_LINKS, [0, 2, 3, 3], id="a triangle twice"),
@@ -187,7 +187,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
 def test_a_file_of_something_else_is_refused(tmp_path):
     for content in (b"", b"ply\n", bytes(1000), b"\x8bBVH\n\x1a\n" + bytes(200)):
         (tmp_path / "a.tree").write_bytes(content)
-        assert "no file of a saved tree" in refused(tmp_path / "a.tree")
+        assert "not a saved tree" in refused(tmp_path / "a.tree")
 
 
 def test_what_is_refused_is_bad_input():
@@ -212,9 +212,17 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(path, monkeypatch):
 
         whole(target, write_half)
 
-    whole = store.write_whole
-    monkeypatch.setattr(store, "write_whole", fail)
+    whole = store.write_atomically
+    monkeypatch.setattr(store, "write_atomically", fail)
     with pytest.raises(OSError, match="no space"):
         make_leaf().save(path)
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("path", [5, None, "a\0b"])
+def test_something_that_names_no_file_is_refused(path):
+    with pytest.raises(TreeFileError, match="not the path of a file"):
+        Bvh.load(path, make_tree().mesh)
+    with pytest.raises(ConfigError, match="not the path of a file"):
+        make_tree().save(path)

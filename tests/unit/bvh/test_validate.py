@@ -10,10 +10,10 @@ import pytest
 
 from clbvh import Bvh, Mesh, build, validate_tree
 from clbvh.errors import ValidationError
-from clbvh.layout import NODE
+from clbvh.structs import NODE
 
-from ..soup import make_soup
-from .hand_made import FACE_COUNT, make_leaf, make_tree
+from ...soup import make_soup
+from ..hand_made import FACE_COUNT, make_leaf, make_tree
 
 
 def refusal(bvh, **limits):
@@ -36,7 +36,7 @@ def test_negative_zero_is_zero():
     validate_tree(bvh)
 
 
-# One value of one field of one node, and what the message must say.
+# One value of one field of one node, and the message that names it.
 BROKEN_NODES = {
     "negative count": (3, "count", -1, "node 3 has a negative count"),
     "child at itself": (2, "first", 2, "interior node 2 does not have both its children"),
@@ -55,15 +55,15 @@ BROKEN_NODES = {
     "huge leaf": (4, "count", 2**31 - 1, "leaf 4 lists primitives outside the mesh"),
     "leaf over too few": (1, "count", 1, r"prim_ids\[1\] lies in 0 leaves \(none\)"),
     "two leaves over one primitive": (1, "count", 3, r"prim_ids\[2\] lies in 2 leaves \(1, 3\)"),
-    "leaf at another place": (4, "first", 2, r"prim_ids\[2\] lies in 2 leaves \(3, 4\)"),
+    "leaf over another slot": (4, "first", 2, r"prim_ids\[2\] lies in 2 leaves \(3, 4\)"),
 }
 
 
 @pytest.mark.parametrize("case", BROKEN_NODES)
 def test_a_broken_link_is_found(case):
-    row, field, value, message = BROKEN_NODES[case]
+    node, field, value, message = BROKEN_NODES[case]
     bvh = make_tree()
-    bvh.nodes[field][row] = value
+    bvh.nodes[field][node] = value
     assert re.search(message, refusal(bvh))
 
 
@@ -91,23 +91,23 @@ def test_two_primitives_in_each_others_leaf_have_the_wrong_boxes():
 
 @pytest.mark.parametrize("field", ["aabb_min", "aabb_max"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("row", range(5))
-def test_a_box_that_is_off_by_the_smallest_step_is_found(row, axis, field):
+@pytest.mark.parametrize("node", range(5))
+def test_a_box_that_is_off_by_the_smallest_step_is_found(node, axis, field):
     for towards in (-np.inf, np.inf):
         bvh = make_tree()
         lane = bvh.nodes[field]
-        lane[row, axis] = np.nextafter(lane[row, axis], np.float32(towards))
+        lane[node, axis] = np.nextafter(lane[node, axis], np.float32(towards))
         # Its parent's box is checked against it, and may be named first.
-        parent = {0: 0, 1: 0, 2: 0, 3: 2, 4: 2}[row]
-        assert re.search(f"the box of node ({row}|{parent}) is not exactly the union", refusal(bvh))
+        parent = {0: 0, 1: 0, 2: 0, 3: 2, 4: 2}[node]
+        assert re.search(f"the box of node ({node}|{parent}) is not exactly the union", refusal(bvh))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("row", range(5))
-def test_a_box_that_is_not_finite_is_found(row, value):
+@pytest.mark.parametrize("node", range(5))
+def test_a_box_that_is_not_finite_is_found(node, value):
     for field in ("aabb_min", "aabb_max"):
         bvh = make_tree()
-        bvh.nodes[field][row, 1] = value
+        bvh.nodes[field][node, 1] = value
         assert "the box of node" in refusal(bvh)
 
 
@@ -130,7 +130,7 @@ def test_wrong_types_are_found():
 
 
 def test_a_node_with_two_parents_is_found():
-    # Four rows for five places: 0 has 1 and 2, 1 has 2 and 3.
+    # Four nodes where five are needed: 0 has children 1 and 2, 1 has 2 and 3.
     mesh = make_leaf(3).mesh
     nodes = np.array(
         [
@@ -176,22 +176,22 @@ def swap(array, one, other):
     array[[one, other]] = array[[other, one]]
 
 
-def nudge_box(bvh, row, random):
+def nudge_box(bvh, node, random):
     lane = bvh.nodes[["aabb_min", "aabb_max"][random.integers(2)]]
     axis = random.integers(3)
-    lane[row, axis] = np.nextafter(lane[row, axis], np.float32(random.choice([-np.inf, np.inf])))
+    lane[node, axis] = np.nextafter(lane[node, axis], np.float32(random.choice([-np.inf, np.inf])))
 
 
-def nudge_link(bvh, row, random):
-    bvh.nodes["first"][row] += random.choice([-1, 1])
+def nudge_link(bvh, node, random):
+    bvh.nodes["first"][node] += random.choice([-1, 1])
 
 
-def nudge_count(bvh, row, random):
-    bvh.nodes["count"][row] += random.choice([-1, 1])
+def nudge_count(bvh, node, random):
+    bvh.nodes["count"][node] += random.choice([-1, 1])
 
 
-def repeat_primitive(bvh, row, random):
-    bvh.prim_ids[row % len(bvh.prim_ids)] = bvh.prim_ids[(row + 1) % len(bvh.prim_ids)]
+def repeat_primitive(bvh, node, random):
+    bvh.prim_ids[node % len(bvh.prim_ids)] = bvh.prim_ids[(node + 1) % len(bvh.prim_ids)]
 
 
 @pytest.mark.parametrize("damage", [nudge_box, nudge_link, nudge_count, repeat_primitive])

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from clbvh.device import drivers
-from clbvh.device.advice import advise_cpu_driver, advise_failure, advise_icd, advise_pyopencl
-from clbvh.device.diagnose import (
+from clbvh.device.doctor import drivers
+from clbvh.device.doctor.advice import advise_cpu_driver, advise_failure, advise_icd, advise_pyopencl
+from clbvh.device.doctor.diagnose import (
     Trial,
     check_choice,
     check_device_files,
@@ -23,9 +23,9 @@ from clbvh.device.diagnose import (
     diagnose,
     read_devices,
 )
-from clbvh.device.drivers import KNOWN_DRIVERS, DeviceFile, FoundLibrary, IcdFile, LoaderRule
-from clbvh.device.probe import ProbeResult, run_probe
-from clbvh.device.select import DeviceInfo
+from clbvh.device.doctor.drivers import KNOWN_DRIVERS, DeviceFile, FoundLibrary, IcdFile, LoaderRule
+from clbvh.device.doctor.probe import ProbeResult, run_probe
+from clbvh.device.info import DeviceInfo
 
 TIMEOUT_S = 60
 
@@ -198,7 +198,7 @@ def test_the_advice_to_register_a_driver_works_when_it_is_followed(tmp_path):
     assert len(commands) == 2
     # Nothing but the new file is there: the loader's own folder does not count when a single file is named.
     script = "\n".join(
-        [*commands, 'export OCL_ICD_VENDORS="$OCL_ICD_VENDORS/pocl.icd"', '"$0" -m clbvh.device.probe list']
+        [*commands, 'export OCL_ICD_VENDORS="$OCL_ICD_VENDORS/pocl.icd"', '"$0" -m clbvh.device.doctor.probe list']
     )
     answer = subprocess.run(
         ["sh", "-c", script, sys.executable],

@@ -7,8 +7,8 @@ import pytest
 
 from clbvh.device.program import build_kernel, expand_source
 from clbvh.errors import InternalError, KernelBuildError
-from clbvh.layout import ENTRY_LAYOUTS, LAYOUTS, c_declarations
-from clbvh.resources import find_folder
+from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS, c_declarations
+from clbvh.support.resources import find_folder
 
 
 @pytest.fixture
@@ -18,6 +18,7 @@ def folder(tmp_path):
     (root / "kernels").mkdir(parents=True)
 
     def write(name, *lines):
+        (root / name).parent.mkdir(exist_ok=True)
         (root / name).write_text("\n".join(lines) + "\n")
         return root
 
@@ -71,18 +72,18 @@ def test_every_line_knows_its_file_and_number(folder):
 def test_the_layout_is_made_from_python():
     text = expand_source("kernels/closest_hit.cl")
     assert text.count(c_declarations()) == 1
-    assert '1 "cl/layout.cl"' in markers(text)
+    assert '1 "cl/structs.cl"' in markers(text)
     assert "#include" not in text
 
 
 def test_a_folder_comes_before_the_shipped_one(folder):
-    folder("crossing.cl", "int mine;")
-    folder("kernels/k.cl", '#include "crossing.cl"', '#include "aabb.cl"')
+    folder("hits/crossing.cl", "int mine;")
+    folder("kernels/k.cl", '#include "hits/crossing.cl"', '#include "boxes/aabb.cl"')
     text = expand_source("kernels/k.cl", folder.path)
     assert "int mine;" in text
     assert "crossing_t" not in text
     assert "meets_aabb" in text
-    assert {'1 "sources/crossing.cl"', '1 "cl/aabb.cl"'} <= set(markers(text))
+    assert {'1 "sources/hits/crossing.cl"', '1 "cl/boxes/aabb.cl"'} <= set(markers(text))
 
 
 @pytest.mark.parametrize("name", ["kernels/none.cl", "kernels/k.cl"], ids=["kernel", "include"])
@@ -123,14 +124,15 @@ def test_defines_reach_the_kernel(session, folder):
     values = np.zeros(2, np.int32)
     for defines in ({"FIRST": 41, "SECOND": -7}, {"SECOND": 3, "FIRST": 2}):
         buffer = session.upload(values)
-        session.run(build_kernel(session, "k", defines, folder=folder.path), (1,), (1,), buffer)
+        kernel = build_kernel(session, "k", defines, folder=folder.path)
+        session.run(kernel, (1,), (1,), **{kernel.argument_names[0]: buffer})
         session.download(buffer, values)
         session.release(buffer)
         assert dict(zip(["FIRST", "SECOND"], values.tolist(), strict=True)) == defines
 
 
 def test_an_unknown_layout_is_a_build_error(session):
-    with pytest.raises(KernelBuildError, match=r"cl/traverse\.cl:\d+:.*LAYOUT must be one of"):
+    with pytest.raises(KernelBuildError, match=r"cl/traversal/traverse\.cl:\d+:.*LAYOUT must be one of"):
         build_kernel(session, "closest_hit", {"LAYOUT": 99, "STACK_SIZE": 16})
 
 
@@ -143,4 +145,4 @@ def test_every_shipped_kernel_builds_in_every_layout_without_a_warning(session, 
     options = ["-cl-std=CL1.2", "-Werror", f"-DLAYOUT={LAYOUTS[layout]}", "-DSTACK_SIZE=4"]
     program = cl.Program(session.context, expand_source(f"kernels/{path.stem}.cl")).build(options)
     names = {kernel.function_name for kernel in program.all_kernels()}
-    assert (path.stem in names) == (layout in ENTRY_LAYOUTS or path.stem != "tile_entries")
+    assert (path.stem in names) == (layout in ENTRY_POINT_LAYOUTS or path.stem != "tile_entry_points")

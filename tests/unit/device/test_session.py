@@ -10,8 +10,8 @@ import pytest
 from clbvh.device.program import build_kernel
 from clbvh.device.session import DeviceSession
 from clbvh.device.timing import EventTimes
-from clbvh.errors import DeviceError
-from clbvh.layout import HIT
+from clbvh.errors import DeviceError, InternalError
+from clbvh.structs import HIT
 
 
 @pytest.fixture
@@ -30,6 +30,11 @@ def double(fresh, tmp_path):
         "    const int i = get_global_id(0); atomic_inc(ran); if (i < count) x[i] *= 2; }\n"
     )
     return build_kernel(fresh, "double_it", folder=tmp_path)
+
+
+def bind(kernel, *arguments):
+    """Arguments by their names."""
+    return dict(zip(kernel.argument_names, arguments, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -73,7 +78,7 @@ def test_write_and_download_touch_the_beginning(fresh):
 )
 def test_work_sizes_are_rounded_up_to_groups(fresh, double, size, group, ran):
     numbers, counter = fresh.upload(np.arange(size, dtype=np.int32)), fresh.upload(np.zeros(1, np.int32))
-    fresh.run(double, (size,), (group,), numbers, counter, np.int32(size))
+    fresh.run(double, (size,), (group,), **bind(double, numbers, counter, np.int32(size)))
     doubled, counted = np.zeros(size, np.int32), np.zeros(1, np.int32)
     fresh.download(numbers, doubled)
     fresh.download(counter, counted)
@@ -103,12 +108,20 @@ def test_a_transfer_that_does_not_fit_its_buffer_is_refused(fresh):
 
 def test_a_launch_that_fails_names_the_kernel(fresh, double):
     with pytest.raises(DeviceError, match="cannot run the kernel 'double_it'"):
-        fresh.run(double, (64,), (2**30,), fresh.allocate(4), fresh.allocate(4), np.int32(1))
+        fresh.run(double, (64,), (2**30,), **bind(double, fresh.allocate(4), fresh.allocate(4), np.int32(1)))
 
 
 def test_errors_of_other_kinds_pass(fresh, double):
     with pytest.raises(ValueError, match="zip"):
         fresh.run(double, (64, 64), (8,))
+
+
+def test_arguments_are_bound_by_name(fresh, double):
+    assert double.argument_names == ("x", "ran", "count")
+    assert double.bind(count=3, x=1, ran=2) == [1, 2, 3]
+    for wrong in ({"x": 1, "ran": 2}, {"x": 1, "ran": 2, "count": 3, "row_length": 4}):
+        with pytest.raises(InternalError, match="the kernel 'double_it' takes x, ran, count: missing or unknown are"):
+            double.bind(**wrong)
 
 
 def test_closing_twice_is_allowed_and_releases_everything(session):
@@ -143,7 +156,7 @@ def test_there_is_no_such_device():
 def test_an_error_names_the_kernel_that_is_not_finished_yet(fresh, double):
     numbers, counter = fresh.upload(np.zeros(64, np.int32)), fresh.upload(np.zeros(1, np.int32))
     too_much = np.zeros(1000, np.int32)
-    fresh.run(double, (64,), (64,), numbers, counter, np.int32(64))
+    fresh.run(double, (64,), (64,), **bind(double, numbers, counter, np.int32(64)))
     with pytest.raises(DeviceError, match=r"cannot finish the kernel 'double_it' and give back 0\.0 MB"):
         fresh.download(counter, too_much)
     fresh.download(counter, too_much[:1])
@@ -159,7 +172,7 @@ def test_times_are_those_of_the_events(fresh, double):
 
     begin = time.perf_counter()
     for _ in range(20):
-        fresh.run(double, (1 << 20,), (64,), numbers, counter, np.int32(1 << 20))
+        fresh.run(double, (1 << 20,), (64,), **bind(double, numbers, counter, np.int32(1 << 20)))
     sums = fresh.times.sums_ms()
     wall_ms = 1e3 * (time.perf_counter() - begin)
     assert 0 < sums["kernel"] <= wall_ms

@@ -2,10 +2,10 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
-from clbvh.device.select import preferred_layout
 from clbvh.device.settings import Settings, default_settings, find_settings, keep_settings, settings_path
 from clbvh.errors import ConfigError
 
@@ -25,9 +25,9 @@ def info(session):
 
 def test_without_a_measurement_the_kind_decides(info):
     usual = {"gpu": ("bvh2", 64), "accelerator": ("bvh2", 64), "cpu": ("bvh8", 32), "other": ("bvh2", 64)}
-    for kind, (layout, group_size) in usual.items():
+    for kind, (layout, work_group_size) in usual.items():
         settings = find_settings(dataclasses.replace(info, kind=kind))
-        assert settings == Settings(layout, group_size, (8, 8))
+        assert settings == Settings(layout, work_group_size, (8, 8))
         assert not settings.is_measured
 
 
@@ -36,9 +36,14 @@ def test_what_is_kept_is_found(info, cache):
     assert path == settings_path(info)
     assert path.is_relative_to(cache)
     assert find_settings(info) == MEASURED
-    assert preferred_layout(info) == info.layout == "bvh4"
     facts = json.loads(path.read_text())
     assert (facts["device"], facts["driver_version"]) == (info.name, info.driver_version)
+
+
+def test_the_layout_of_a_description_is_that_of_its_kind(info, monkeypatch):
+    keep_settings(info, MEASURED)
+    monkeypatch.setattr(Path, "read_text", lambda *_, **__: pytest.fail("a file is read"))
+    assert dataclasses.replace(info, kind="cpu").layout == "bvh8"
 
 
 @pytest.mark.parametrize("field", ["name", "platform", "platform_version", "driver_version"])
@@ -53,12 +58,12 @@ def test_another_device_or_driver_knows_nothing_of_it(info, field):
     "text",
     [
         "", "{", "[]", "null", "{}", '{"layout": "bvh8"}',
-        '{"layout": "brute", "group_size": 64, "tile": [8, 8]}',
-        '{"layout": "bvh8", "group_size": 0, "tile": [8, 8]}',
-        '{"layout": "bvh8", "group_size": "many", "tile": [8, 8]}',
-        '{"layout": "bvh8", "group_size": 64, "tile": [8]}',
-        '{"layout": "bvh8", "group_size": 64, "tile": [64, 64]}',
-        '{"layout": "bvh8", "group_size": 64, "tile": [0, 8]}',
+        '{"layout": "brute", "work_group_size": 64, "tile": [8, 8]}',
+        '{"layout": "bvh8", "work_group_size": 0, "tile": [8, 8]}',
+        '{"layout": "bvh8", "work_group_size": "many", "tile": [8, 8]}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8]}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [64, 64]}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [0, 8]}',
     ],
 )  # fmt: skip
 def test_a_damaged_file_is_as_good_as_none(info, text):
@@ -78,7 +83,7 @@ def test_tracers_and_pictures_use_it(session, info):
     import numpy as np
 
     from clbvh import Tracer, build, make_shape
-    from clbvh.render.frame import FrameRenderer
+    from clbvh.rendering.frame import FrameRenderer
     from clbvh.trace.device_tree import DeviceTree
 
     mesh = make_shape("icosphere", triangles=320)
@@ -90,22 +95,18 @@ def test_tracers_and_pictures_use_it(session, info):
     run = type(session).run
 
     class Recorded(type(session)):
-        def run(self, kernel, work_size, group_size, *arguments):
-            launched.append((kernel.function_name, group_size))
-            run(self, kernel, work_size, group_size, *arguments)
+        def run(self, kernel, work_size, work_group, **arguments):
+            launched.append((kernel.name, work_group))
+            run(self, kernel, work_size, work_group, **arguments)
 
-    original = session.__class__
-    session.__class__ = Recorded
-    try:
+    with Recorded(info) as session:
         tree = DeviceTree(session, mesh, build(mesh))
-        from clbvh.layout import VIEW
+        from clbvh.structs import VIEW
 
         view = np.zeros(1, VIEW)
         view["width"], view["height"], view["forward"] = 20, 10, (0, 0, 1)
         FrameRenderer(session, tree).render(view)
         FrameRenderer(session, tree, (2, 2)).render(view)
-    finally:
-        session.__class__ = original
     assert [group for name, group in launched if name == "render"] == [(16, 4), (2, 2)]
     with Tracer(build(mesh), device=info) as tuned:
         assert tuned.layout == "bvh4"

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 from numba import njit
 
-from clbvh import simd
-from clbvh.layout import NODE
-from clbvh.simd import LANES
+from clbvh.geometry import boxes
+from clbvh.structs import BOX_LANES, BOX_TALLY, NODE
+from clbvh.support.prefetch import prefetch
 
 
 @njit
 def copy(into, into_row, source, row):
-    simd.store_row(into, into_row, simd.load_row(source, row))
+    boxes.store_box(into, into_row, boxes.load_box(source, row))
 
 
 @njit
 def unite(into, into_row, source, row):
-    simd.store_row(into, into_row, simd.unite(simd.load_row(source, row), simd.load_row(into, into_row)))
+    boxes.store_box(into, into_row, boxes.unite(boxes.load_box(source, row), boxes.load_box(into, into_row)))
 
 
 @njit
 def unite_centroid(into, into_row, source, row):
-    centroid = simd.centroid_of(simd.load_row(source, row))
-    simd.store_row(into, into_row, simd.unite(centroid, simd.load_row(into, into_row)))
+    centroid = boxes.centroid_of(boxes.load_box(source, row))
+    boxes.store_box(into, into_row, boxes.unite(centroid, boxes.load_box(into, into_row)))
 
 
 def random_rows(seed, count=5):
-    return np.random.default_rng(seed).normal(size=(count, LANES)).astype(np.float32)
+    return np.random.default_rng(seed).normal(size=(count, BOX_LANES)).astype(np.float32)
 
 
 def test_copy_moves_one_row_and_no_other():
@@ -41,7 +41,7 @@ def test_copy_moves_one_row_and_no_other():
 
 @pytest.mark.parametrize("pattern", [1, 2**30, 0x7FA00001, -1, -(2**31)])
 def test_copy_keeps_every_bit_pattern(pattern):
-    rows, target = np.zeros((2, LANES), np.float32), np.zeros((2, LANES), np.float32)
+    rows, target = np.zeros((2, BOX_LANES), np.float32), np.zeros((2, BOX_LANES), np.float32)
     rows.view(np.int32)[1] = pattern
     copy(target, 0, rows, 1)
     assert (target.view(np.int32)[0] == pattern).all()
@@ -57,10 +57,10 @@ def test_unite_takes_the_minimum_lane_by_lane():
 
 def test_unite_with_an_empty_box_gives_the_other():
     rows = random_rows(5, 1)
-    empty = np.full((1, LANES), np.inf, np.float32)
+    empty = np.full((1, BOX_LANES), np.inf, np.float32)
     unite(empty, 0, rows, 0)
     assert empty.tobytes() == rows.tobytes()
-    unite(rows, 0, np.full((1, LANES), np.inf, np.float32), 0)
+    unite(rows, 0, np.full((1, BOX_LANES), np.inf, np.float32), 0)
     assert rows.tobytes() == empty.tobytes()
 
 
@@ -73,9 +73,9 @@ def test_unite_ignores_a_lane_that_is_not_a_number():
 
 
 def test_centroid_is_the_sum_of_both_ends_and_its_negative():
-    rows = np.zeros((2, LANES), np.float32)
+    rows = np.zeros((2, BOX_LANES), np.float32)
     rows[1] = [1, 2, 3, 0, -5, -7, -11, 0]  # a box from (1, 2, 3) to (5, 7, 11)
-    target = np.full((1, LANES), np.inf, np.float32)
+    target = np.full((1, BOX_LANES), np.inf, np.float32)
     unite_centroid(target, 0, rows, 1)
     assert target[0, :3].tolist() == [6, 9, 14]
     assert target[0, 4:7].tolist() == [-6, -9, -14]
@@ -84,7 +84,7 @@ def test_centroid_is_the_sum_of_both_ends_and_its_negative():
 def test_centroids_are_bounded_from_both_sides():
     rows = random_rows(8, 20)
     rows[:, 4:7] = -np.maximum(rows[:, :3], -rows[:, 4:7])
-    target = np.full((1, LANES), np.inf, np.float32)
+    target = np.full((1, BOX_LANES), np.inf, np.float32)
     for row in range(len(rows)):
         unite_centroid(target, 0, rows, row)
     centroids = rows[:, :3] - rows[:, 4:7]
@@ -103,14 +103,14 @@ def test_rows_of_a_part_of_an_array_are_counted_from_its_beginning():
 @njit
 def load_points(points, rows):
     for point in range(len(points)):
-        simd.store_row(rows, point, simd.load_point(points, point))
+        boxes.store_box(rows, point, boxes.load_point(points, point))
 
 
 def test_a_point_is_a_box_without_extent_and_without_negative_zeros():
     points = np.random.default_rng(13).normal(size=(4, 3)).astype(np.float32)
     points[1] = -0.0
     points[2] = 0.0
-    rows = np.full((4, LANES), np.nan, np.float32)
+    rows = np.full((4, BOX_LANES), np.nan, np.float32)
     load_points(points, rows)
     assert rows[:, :3].tolist() == points.tolist()
     assert (rows[:, 4:7] == -points).all()
@@ -119,7 +119,7 @@ def test_a_point_is_a_box_without_extent_and_without_negative_zeros():
 
 @njit
 def make_node(rows, row, first, count):
-    simd.store_row(rows, row, simd.as_node(simd.load_row(rows, row), first, count))
+    boxes.store_box(rows, row, boxes.as_node(boxes.load_box(rows, row), first, count))
 
 
 @pytest.mark.parametrize(("first", "count"), [(0, 0), (7, 4), (2**31 - 1, 255)])
@@ -137,7 +137,7 @@ def test_a_node_has_its_maximum_as_it_is(first, count):
 
 @njit
 def make_box(rows, row):
-    simd.store_row(rows, row, simd.box_of_node(simd.load_row(rows, row)))
+    boxes.store_box(rows, row, boxes.box_of_node(boxes.load_box(rows, row)))
 
 
 def test_the_box_of_a_node_is_what_the_node_was_made_of():
@@ -151,22 +151,22 @@ def test_the_box_of_a_node_is_what_the_node_was_made_of():
 @njit
 def add(rows, row, source):
     for added in range(len(source)):
-        simd.add_to_row(rows, row, simd.load_row(source, added))
-    return simd.tally_of(simd.load_row(rows, row))
+        boxes.add_to_box(rows, row, boxes.load_box(source, added))
+    return boxes.tally_of(boxes.load_box(rows, row))
 
 
 def test_boxes_are_united_and_counted():
-    source, target = random_rows(11, 300), np.full((2, LANES), np.inf, np.float32)
-    target.view(np.int32)[:, simd.TALLY] = 7
+    source, target = random_rows(11, 300), np.full((2, BOX_LANES), np.inf, np.float32)
+    target.view(np.int32)[:, BOX_TALLY] = 7
     assert add(target, 1, source) == 307
-    assert target[1, : simd.TALLY].tolist() == source[:, : simd.TALLY].min(axis=0).tolist()
-    assert (target[0, : simd.TALLY] == np.inf).all()
+    assert target[1, :BOX_TALLY].tolist() == source[:, :BOX_TALLY].min(axis=0).tolist()
+    assert (target[0, :BOX_TALLY] == np.inf).all()
 
 
 @njit
 def prefetch_all(rows):
     for number in range(-1000, 2 * rows.size):
-        simd.prefetch(rows, number)
+        prefetch(rows, number)
 
 
 def test_asking_for_numbers_changes_none_and_may_pass_both_ends():
@@ -178,7 +178,7 @@ def test_asking_for_numbers_changes_none_and_may_pass_both_ends():
 
 @njit
 def half_area(rows, row):
-    return simd.half_area(simd.load_row(rows, row))
+    return boxes.half_area(boxes.load_box(rows, row))
 
 
 def test_half_area_is_in_float64():
@@ -190,8 +190,8 @@ def test_half_area_is_in_float64():
 
 @njit
 def lanes(rows, row):
-    box = simd.load_row(rows, row)
-    return [simd.lane_of(box, lane) for lane in range(LANES)]
+    box = boxes.load_box(rows, row)
+    return [boxes.lane_of(box, lane) for lane in range(BOX_LANES)]
 
 
 def test_lanes_are_counted_from_the_minimum():
@@ -201,7 +201,7 @@ def test_lanes_are_counted_from_the_minimum():
 
 @njit
 def bins(rows, row, lower, scale):
-    return simd.bins_of(simd.load_row(rows, row), simd.load_row(lower, 0), simd.load_row(scale, 0))
+    return boxes.bins_of(boxes.load_box(rows, row), boxes.load_box(lower, 0), boxes.load_box(scale, 0))
 
 
 def test_bins_are_counted_from_the_lower_bound_on_each_axis():

@@ -7,7 +7,8 @@ import re
 import pytest
 
 from clbvh.errors import ConfigError, MeshError
-from clbvh.geometry.known import KNOWN_MESHES, find_cache, find_known_mesh
+from clbvh.geometry.fetch import KNOWN_MESHES, find_known_mesh
+from clbvh.support.cache_folder import find_cache
 
 
 @pytest.fixture

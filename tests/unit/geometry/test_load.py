@@ -15,7 +15,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
-from clbvh.geometry.shapes import make_shape
+from clbvh.geometry.shapes.make_shape import make_shape
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
 # Polygons of mixed size, a triangle before and after the others; and what they become.
@@ -375,7 +375,7 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
             "a.ply", TRIANGLE_PLY.replace(b"vertex_indices", b"corners"), "no list 'vertex_indices'", id="ply-no-list"
         ),
         pytest.param("a.ply", TRIANGLE_PLY.replace(b"face 1", b"face 2"), "cut off: .* 2 rows", id="ply-short"),
-        pytest.param("a.ply", TRIANGLE_PLY.replace(b"face 1", b"face 0"), "goes on where", id="ply-long"),
+        pytest.param("a.ply", TRIANGLE_PLY.replace(b"face 1", b"face 0"), "goes on behind", id="ply-long"),
         pytest.param(
             "a.ply", TRIANGLE_PLY.replace(b"face 1", b"face 0")[:-8], "3 vertices but no faces", id="ply-points"
         ),
@@ -410,7 +410,9 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.ply", TRIANGLE_PLY.replace(b"1 0 0", b"1 0 -inf"), "vertex 1 .* z = -inf", id="ply-inf"),
         pytest.param("a.ply", TRIANGLE_PLY.replace(b"1 0 0", b"1 0 1e999"), "vertex 1 .* z = inf", id="ply-overflow"),
         pytest.param("a.ply", TRIANGLE_PLY.replace(b"1 0 0", b"1 0 O"), "PLY file is damaged", id="ply-word"),
-        pytest.param("a.ply", BINARY_PLY + b"x", "goes on where its header says it ends", id="ply-binary-long"),
+        pytest.param(
+            "a.ply", BINARY_PLY + b"x", "goes on behind the end that its header declares", id="ply-binary-long"
+        ),
         pytest.param(
             "a.ply",
             BINARY_PLY.replace(b"face 5", b"face 4000000000"),

@@ -146,3 +146,9 @@ def test_the_fingerprint_stands_for_vertices_faces_and_origin_and_not_for_the_na
         Mesh(vertices[:2], np.concatenate([vertices[2:].view(np.int32), faces]), origin),
     ]
     assert len({mesh.fingerprint, *(other.fingerprint for other in others)}) == 5
+
+
+@pytest.mark.parametrize(("vertices", "faces"), [([[0, 0, 0], [1, 0]], [[0, 1, 1]]), (np.eye(3), [[0, 1, 2], [0]])])
+def test_rows_of_different_lengths_are_a_mesh_error(vertices, faces):
+    with pytest.raises(MeshError, match="differ in length"):
+        Mesh.from_arrays(vertices, faces)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import make_shape
-from clbvh.geometry.palace import HALL_TRIANGLES
+from clbvh.geometry.shapes.palace import HALL_TRIANGLES
 
 
 def measure(mesh):

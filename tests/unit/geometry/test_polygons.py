@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh.errors import MeshError
-from clbvh.geometry.polygons import cut_fans
+from clbvh.geometry.loading.polygons import cut_fans
 
 
 def test_polygons_become_fans_where_they_stand():

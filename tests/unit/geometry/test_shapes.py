@@ -9,7 +9,7 @@ import pytest
 
 from clbvh import Mesh
 from clbvh.errors import ConfigError
-from clbvh.geometry.shapes import SHAPES, make_shape
+from clbvh.geometry.shapes.make_shape import SHAPES, make_shape
 
 CLOSED = ("knot", "blobs", "boxes", "icosphere")
 

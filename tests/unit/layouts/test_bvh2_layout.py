@@ -1,36 +1,36 @@
-"""What the device gets, against a walk in plain Python."""
+"""The layout bvh2, against a walk in plain Python."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build
-from clbvh.layout import BVH2_NODE, TRIANGLE
-from clbvh.tree.layouts import gather_triangles, make_bvh2_nodes
+from clbvh import build
+from clbvh.layouts.bvh2 import make_bvh2_nodes
+from clbvh.structs import BVH2_NODE
 
-from ..soup import make_soup
-from .hand_made import make_leaf, make_mesh, make_tree
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 
-def walk_both(bvh, nodes):
-    """Walk tree and layout side by side; return how many bvh2 nodes were seen."""
-    rows = bvh.nodes
+def walk_both(bvh, bvh2_nodes):
+    """Walk tree and layout side by side; return the number of bvh2 nodes seen."""
+    nodes = bvh.nodes
     seen = set()
-    waiting = [(0, 0)]
-    while waiting:
-        row, number = waiting.pop()
-        assert number not in seen
-        seen.add(number)
+    stack = [(0, 0)]
+    while stack:
+        node, bvh2_node = stack.pop()
+        assert bvh2_node not in seen
+        seen.add(bvh2_node)
         for side in range(2):
-            child = rows[rows[row]["first"] + side]
-            assert nodes["aabb_min"][number, side].tobytes() == child["aabb_min"].tobytes()
-            assert nodes["aabb_max"][number, side].tobytes() == child["aabb_max"].tobytes()
-            assert nodes["count"][number, side] == child["count"]
+            child = nodes[nodes[node]["first"] + side]
+            assert bvh2_nodes["aabb_min"][bvh2_node, side].tobytes() == child["aabb_min"].tobytes()
+            assert bvh2_nodes["aabb_max"][bvh2_node, side].tobytes() == child["aabb_max"].tobytes()
+            assert bvh2_nodes["count"][bvh2_node, side] == child["count"]
             if child["count"] > 0:
-                assert nodes["first"][number, side] == child["first"]
+                assert bvh2_nodes["first"][bvh2_node, side] == child["first"]
             else:
-                waiting.append((rows[row]["first"] + side, nodes["first"][number, side]))
+                stack.append((nodes[node]["first"] + side, bvh2_nodes["first"][bvh2_node, side]))
     return len(seen)
 
 
@@ -66,7 +66,7 @@ def test_a_tree_of_one_leaf_has_a_second_child_that_no_ray_meets(count):
     assert (nodes["first"][0, 0], nodes["count"][0, 0]) == (0, count)
     assert nodes["aabb_min"][0, 0].tolist() == bvh.nodes["aabb_min"][0].tolist()
     assert nodes["aabb_max"][0, 0].tolist() == bvh.nodes["aabb_max"][0].tolist()
-    # Its box is turned inside out.
+    # Its box is inverted.
     assert (nodes["aabb_min"][0, 1] == np.finfo(np.float32).max).all()
     assert (nodes["aabb_max"][0, 1] == -np.finfo(np.float32).max).all()
     assert (nodes["first"][0, 1], nodes["count"][0, 1]) == (0, count)
@@ -78,30 +78,3 @@ def test_nodes_may_lie_apart_in_memory():
     spread[::2] = bvh.nodes
     apart = type(bvh)(spread[::2], bvh.prim_ids, bvh.mesh)
     assert make_bvh2_nodes(apart).tobytes() == make_bvh2_nodes(bvh).tobytes()
-
-
-def test_triangles_stand_in_the_order_asked_for():
-    mesh = make_soup(50, seed=3)
-    order = np.random.default_rng(3).permutation(50).astype(np.int32)
-    triangles = gather_triangles(mesh, order)
-    assert triangles.dtype == TRIANGLE
-    for place, prim in enumerate(order):
-        assert triangles["prim_id"][place] == prim
-        for corner, name in enumerate("abc"):
-            assert triangles[name][place].tolist() == mesh.vertices[mesh.faces[prim, corner]].tolist()
-
-
-def test_some_of_the_triangles_and_none():
-    mesh = make_mesh()
-    assert gather_triangles(mesh, np.array([3, 1], np.int32))["prim_id"].tolist() == [3, 1]
-    assert len(gather_triangles(mesh, np.array([], np.int32))) == 0
-
-
-def test_degenerate_triangles_collapse_into_their_first_corner():
-    line = [[0, 0, 0], [1, 2, 3], [2, 4, 6], [5, 0, 0]]
-    mesh = Mesh.from_arrays(line, [[1, 0, 2], [0, 1, 3], [3, 3, 1], [2, 2, 2]])
-    triangles = gather_triangles(mesh, np.arange(4, dtype=np.int32))
-    for prim, collapsed in enumerate([True, False, True, True]):
-        corners = [triangles[name][prim].tolist() for name in "abc"]
-        assert corners[0] == mesh.vertices[mesh.faces[prim, 0]].tolist()
-        assert (corners[0] == corners[1] == corners[2]) == collapsed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh.errors import SceneError
-from clbvh.render.camera import Camera, frame_points
+from clbvh.rendering.camera import Camera, frame_points
 
 ORIGIN = np.zeros(3)
 

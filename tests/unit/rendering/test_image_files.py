@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clbvh.errors import ConfigError
-from clbvh.render import files
+from clbvh.rendering import image_files as files
 from clbvh.trace import Hits
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, make_shape
-from clbvh.render.camera import Camera, frame_points
-from clbvh.study.ray_cost import measure_rays
+from clbvh.rendering.camera import Camera, frame_points
+from clbvh.rendering.ray_cost import measure_rays
 
 
 def test_a_closed_surface_sends_half_its_rays_inwards():

@@ -1,4 +1,4 @@
-"""Scene files: what they may say, and what is said about what they may not."""
+"""Scene files: their keys, and the messages about invalid ones."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import pytest
 
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh
-from clbvh.render.scene import MeshSource, Scene, Transform
-from clbvh.render.scene_file import open_scene, read_scene
-from clbvh.resources import find_folder
+from clbvh.rendering.scene import MeshSource, Scene, Transform
+from clbvh.rendering.scene_file import open_scene, read_scene
+from clbvh.support.resources import find_folder
 
 SHIPPED = ("bunny", "demo", "dragon", "drill", "knot", "palace", "terrain")
 

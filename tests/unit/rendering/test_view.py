@@ -9,10 +9,10 @@ import pytest
 
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh
-from clbvh.layout import SHADINGS
-from clbvh.render.camera import Camera
-from clbvh.render.scene import Light, MeshSource, Scene
-from clbvh.render.view import make_view
+from clbvh.rendering.camera import Camera
+from clbvh.rendering.scene import Light, MeshSource, Scene
+from clbvh.rendering.view import make_view
+from clbvh.structs import SHADINGS
 
 MESH = Mesh.from_arrays(np.array([[0, 0, 0], [4, 0, 0], [0, 2, 6.0]]) + 1e6, [[0, 1, 2]])
 SCENE = Scene(MeshSource(name="any"), width=200, height=100)

@@ -7,11 +7,11 @@ import pytest
 
 from clbvh import Bvh, Mesh, build, validate_tree
 from clbvh.errors import ConfigError
-from clbvh.layout import NODE
-from clbvh.tree.overlap import measure_overlap
+from clbvh.stats.overlap import measure_overlap
+from clbvh.structs import NODE
 
-from ..soup import make_soup
-from .hand_made import make_leaf, make_tree
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 
 def make_pair(left, right):
@@ -138,9 +138,9 @@ def slow_epo(bvh, traversal_cost, intersection_cost):
     """Sum up over all nodes and all triangles that are not below them."""
     corners = bvh.mesh.vertices[bvh.mesh.faces].astype(np.float64)
     below = [set() for _ in bvh.nodes]
-    for row in reversed(range(bvh.node_count)):
-        first, count = int(bvh.nodes["first"][row]), int(bvh.nodes["count"][row])
-        below[row] = set(bvh.prim_ids[first : first + count].tolist()) if count else below[first] | below[first + 1]
+    for node in reversed(range(bvh.node_count)):
+        first, count = int(bvh.nodes["first"][node]), int(bvh.nodes["count"][node])
+        below[node] = set(bvh.prim_ids[first : first + count].tolist()) if count else below[first] | below[first + 1]
     total = 0.0
     for node, own in zip(bvh.nodes, below, strict=True):
         cost = node["count"] * intersection_cost if node["count"] else traversal_cost

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, measure_tree, sah_cost
-from clbvh.layout import LAYOUT_WIDTHS
-from clbvh.tree.device_arrays import make_device_arrays
-from clbvh.tree.overlap import measure_overlap
+from clbvh.layouts.device_arrays import make_device_arrays
+from clbvh.stats.overlap import measure_overlap
+from clbvh.structs import LAYOUT_WIDTHS
 
-from ..soup import make_soup
-from .hand_made import make_leaf, make_tree
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 # Half areas of the hand-made tree's boxes, from their sizes: xy + yz + zx.
 ROOT = 7 * 1 + 1 * 3 + 3 * 7
@@ -67,7 +67,7 @@ def test_stats_of_the_hand_made_tree():
     assert (stats.epo, stats.epo_triangles) == (measure_overlap(make_tree()).epo, 4)
     assert stats.host_bytes == 5 * 32 + 4 * 4
     assert stats.host_bytes_per_triangle == 44
-    # Four triangles are one group.
+    # Four triangles are one block.
     assert stats.device_bytes == {"bvh2": 2 * 64 + 4 * 40, "bvh4": 112 + 160, "bvh8": 224 + 320}
     assert stats.device_bytes_per_triangle == {"bvh2": 72, "bvh4": 68, "bvh8": 136}
 
@@ -89,7 +89,7 @@ def test_what_is_reported_for_the_device_is_what_it_gets(seed):
     assert measured.keys() == LAYOUT_WIDTHS.keys()
     for layout, size in measured.items():
         arrays = make_device_arrays(bvh, layout)
-        assert size == arrays.nodes.nbytes + arrays.groups.nbytes
+        assert size == arrays.nodes.nbytes + arrays.blocks.nbytes
 
 
 def test_costs_reach_both_measures():

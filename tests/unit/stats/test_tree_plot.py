@@ -10,10 +10,10 @@ import pytest
 
 from clbvh import build, measure_tree
 from clbvh.errors import ConfigError
-from clbvh.study import tree_plot
+from clbvh.stats import tree_plot
 
-from ..soup import make_soup
-from .hand_made import make_leaf, make_tree
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 WIDTH, HEIGHT = 1500, 750
 

@@ -7,8 +7,8 @@ import threading
 import numpy as np
 import pytest
 
-from clbvh import host_threads
-from clbvh.host_threads import HostThreads
+from clbvh.support import host_threads
+from clbvh.support.host_threads import HostThreads
 
 
 @pytest.fixture(params=[1, 2, 5])
@@ -50,7 +50,7 @@ def test_an_error_arrives_after_all_have_ended(threads, bad):
 
 @pytest.mark.parametrize("row_count", [0, 1, 99, 100, 1001])
 def test_ranges_cover_all_rows_once(threads, monkeypatch, row_count):
-    monkeypatch.setattr(host_threads, "_LEAST_ROWS", 10)
+    monkeypatch.setattr(host_threads, "_LEAST_ITEMS", 10)
     seen = np.zeros(row_count, int)
 
     def count(begin, end):

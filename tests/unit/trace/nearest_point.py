@@ -4,11 +4,11 @@ import numpy as np
 import trimesh
 
 from clbvh import build
-from clbvh.layout import LAYOUT_WIDTHS
-from clbvh.trace.caster import Caster
+from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import DeviceTree
-from clbvh.trace.nearest import find_closest
-from clbvh.trace.rays import RayBox
+from clbvh.trace.launch import Caster
+from clbvh.trace.points.closest_point import find_closest_points
+from clbvh.trace.rays.batch import TreeBox
 
 # The device chooses the triangle in float32, after about sixteen roundings.
 CHOICE = 16 * 2.0**-24
@@ -28,9 +28,9 @@ def check_tree_and_brute_agree(session, mesh, points, **options):
     """Compare the bytes of what is found with a tree, in any layout, and without; return the faces."""
     bvh = build(mesh, **options)
     trees = [DeviceTree(session, mesh, None), *(DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
-    casters = [Caster(session, tree, RayBox.around(bvh)) for tree in trees]
+    casters = [Caster(session, tree, TreeBox.around(bvh)) for tree in trees]
     try:
-        expected, *found = (find_closest(caster, mesh, points, None) for caster in casters)
+        expected, *found = (find_closest_points(caster, mesh, points, None) for caster in casters)
     finally:
         for caster in casters:
             caster.release()

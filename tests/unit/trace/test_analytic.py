@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Tracer, build
-from clbvh.geometry.shapes import make_shape
+from clbvh.geometry.shapes.make_shape import make_shape
 
-from ..rays import aim, as_float32, random_rays
+from ...profiles import seeds
+from ...rays import aim, as_float32, random_rays
 
 T_TOLERANCE = 1e-6
 
@@ -19,7 +20,7 @@ def make_box(lower, upper):
     return Mesh.from_arrays(lower + corners * (np.asarray(upper) - lower), faces, name="box")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(3))
 @pytest.mark.parametrize("offset", [0.0, 1000.0], ids=["near", "far"])
 def test_a_box_is_hit_where_the_slabs_say(session, seed, offset):
     generator = np.random.default_rng([60, seed])

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from clbvh import AllHits, Mesh, Tracer, build, host_threads
-from clbvh.trace import caster as caster_module
-from clbvh.trace import crossings as crossings_module
-from clbvh.trace import refine
-from clbvh.trace.reference import find_wrong_crossings
+from clbvh import AllHits, Mesh, Tracer, build
+from clbvh.support import host_threads
+from clbvh.trace.hits import crossings as crossings_module
+from clbvh.trace.hits import refine
+from clbvh.trace.oracle.reference import find_wrong_crossings
+from clbvh.trace.rays import pieces
 
-from ..rays import hard_rays
+from ...rays import hard_rays
 
 FIELDS = ("t", "u", "v", "prim_id", "offsets")
 
@@ -87,13 +88,13 @@ def test_max_hits_keeps_the_nearest(tracer, rays, expected, most):
 
 
 @pytest.mark.parametrize("most", [None, 2])
-@pytest.mark.parametrize("places", [(1, 2), (2, 3), (8, 32)], ids=str)
-def test_depth_by_depth_is_another_order(tracer, rays, monkeypatch, places, most):
+@pytest.mark.parametrize("slots", [(1, 2), (2, 3), (8, 4)], ids=str)
+def test_depth_by_depth_is_another_order(tracer, rays, monkeypatch, slots, most):
     limited = tracer.all_hits(*rays, max_hits=most)
     depth = np.arange(len(limited)) - limited.offsets[limited.ray_id]
     order = np.lexsort((limited.ray_id, depth))
-    monkeypatch.setattr(crossings_module, "FIRST_PLACES", places[0])
-    monkeypatch.setattr(crossings_module, "MORE_PLACES", places[1])
+    monkeypatch.setattr(crossings_module, "FIRST_SLOTS", slots[0])
+    monkeypatch.setattr(crossings_module, "SLOT_GROWTH", slots[1])
     prim_id, ray_id, locations = tracer.hits_by_depth(*rays, max_hits=most, with_locations=True)
     assert prim_id.dtype == ray_id.dtype == np.int64
     np.testing.assert_array_equal(prim_id, limited.prim_id[order])
@@ -108,7 +109,7 @@ def test_threads_share_the_crossings(tracer, mesh, monkeypatch):
     origins, directions = hard_rays(mesh, 60000, np.random.default_rng(12))
     expected = tracer.all_hits(origins, directions, with_locations=True), tracer.hits_by_depth(origins, directions)
     assert len(expected[0]) > 40000
-    monkeypatch.setattr(host_threads, "_LEAST_ROWS", 1000)
+    monkeypatch.setattr(host_threads, "_LEAST_ITEMS", 1000)
     monkeypatch.setattr(tracer._caster.threads, "count", 5)
     monkeypatch.setattr(refine, "_MOST_RAYS", 777)
     turned = np.asfortranarray(origins), np.asfortranarray(directions)
@@ -131,15 +132,15 @@ def test_any_number_of_rays(tracer, rays, expected, count):
 @pytest.mark.parametrize(("chunk", "most"), [(100, 2**21), (1000, 64), (4096, 7), (4096, 1), (1, 1)])
 def test_chunks_are_not_seen(tracer, rays, expected, monkeypatch, chunk, most):
     count = 3072 if chunk > 1 else 200
-    monkeypatch.setattr(caster_module, "CHUNK_RAYS", chunk)
-    monkeypatch.setattr(crossings_module, "MOST_CROSSINGS", most)
+    monkeypatch.setattr(pieces, "CHUNK_RAYS", chunk)
+    monkeypatch.setattr(crossings_module, "MOST_SLOTS", most)
     told = []
     hits = tracer.all_hits(rays[0][:count], rays[1][:count], progress=lambda done, total: told.append((done, total)))
     np.testing.assert_array_equal(hits.offsets, expected.offsets[: count + 1])
     np.testing.assert_array_equal(hits.t, expected.t[: expected.offsets[count]])
     np.testing.assert_array_equal(hits.prim_id, expected.prim_id[: expected.offsets[count]])
     assert told[-1] == (count, count)
-    assert len(told) == -(-count // min(chunk, max(1, most // crossings_module.FIRST_PLACES)))
+    assert len(told) == -(-count // min(chunk, max(1, most // crossings_module.FIRST_SLOTS)))
     if chunk > 1:
         np.testing.assert_array_equal(tracer.count_hits(*rays), expected.counts)
 

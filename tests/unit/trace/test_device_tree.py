@@ -5,12 +5,12 @@ import pytest
 
 from clbvh import build
 from clbvh.errors import ConfigError
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.layouts.device_arrays import make_device_arrays
+from clbvh.structs import LAYOUT_WIDTHS, LAYOUTS, TRIANGLE
 from clbvh.trace.device_tree import DeviceTree, check_layout
-from clbvh.tree.device_arrays import make_device_arrays
 
-from ..chain import make_chain
+from ...chain import make_chain
 
 
 @pytest.fixture(scope="module")
@@ -22,15 +22,15 @@ def bvh():
 def test_a_tree_is_uploaded_in_its_layout(session, bvh, layout):
     tree = DeviceTree(session, bvh.mesh, bvh, layout)
     arrays = make_device_arrays(bvh, layout)
-    nodes, groups, count = tree.arguments
-    assert count == len(arrays.groups)
-    for buffer, expected in ((nodes, arrays.nodes), (groups, arrays.groups)):
+    nodes, blocks, count = (tree.arguments[name] for name in ("nodes", "blocks", "block_count"))
+    assert count == len(arrays.blocks)
+    for buffer, expected in ((nodes, arrays.nodes), (blocks, arrays.blocks)):
         obtained = np.empty_like(expected)
         session.download(buffer, obtained)
         assert obtained.tobytes() == expected.tobytes()
-    assert tree.memory_bytes == arrays.nodes.nbytes + arrays.groups.nbytes
+    assert tree.memory_bytes == arrays.nodes.nbytes + arrays.blocks.nbytes
     assert tree.defines["LAYOUT"] == LAYOUTS[layout]
-    assert arrays.waiting <= tree.defines["STACK_SIZE"] < arrays.waiting + 16
+    assert arrays.stack_size <= tree.defines["STACK_SIZE"] < arrays.stack_size + 16
 
 
 @pytest.mark.parametrize(("triangles", "stack_size"), [(1, 16), (2, 16), (17, 16), (18, 32), (33, 32), (34, 48)])
@@ -52,7 +52,7 @@ def test_without_a_tree_there_are_triangles_only(session, bvh):
     assert tree.defines == {"LAYOUT": LAYOUTS["brute"], "STACK_SIZE": 16}
     assert tree.memory_bytes == bvh.mesh.face_count * TRIANGLE.itemsize
     triangles = np.empty(bvh.mesh.face_count, TRIANGLE)
-    session.download(tree.arguments[1], triangles)
+    session.download(tree.arguments["blocks"], triangles)
     np.testing.assert_array_equal(triangles["prim_id"], np.arange(bvh.mesh.face_count))
 
 

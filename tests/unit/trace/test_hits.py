@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh.layout import HIT, NO_PRIM
+from clbvh.structs import HIT, NO_PRIM
 from clbvh.trace import Hits
 
 

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from clbvh.geometry.shapes import make_shape
-from clbvh.render.camera import frame_points
-from clbvh.trace.picture_rows import find_row_length
-from clbvh.trace.rays import read_rays
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.rendering.camera import frame_points
+from clbvh.trace.rays.batch import read_rays
+from clbvh.trace.rays.picture_rows import find_row_length
 
 SIZES = [(1920, 1080), (640, 480), (64, 64), (1155, 866), (33, 40)]
 
 
 def row_length(origins, directions):
-    return find_row_length(read_rays(origins.reshape(-1, 3), directions.reshape(-1, 3), 0.0, np.inf))
+    return find_row_length(read_rays(origins.reshape(-1, 3), directions.reshape(-1, 3), 0.0, np.inf)[0])
 
 
 def picture(width, height):

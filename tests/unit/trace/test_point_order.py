@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from clbvh.host_threads import HostThreads
-from clbvh.trace import point_order
-from clbvh.trace.point_order import find_point_order
-from clbvh.trace.rays import RayBox
+from clbvh.support.host_threads import HostThreads
+from clbvh.trace.points import order as point_order
+from clbvh.trace.points.order import find_point_order
+from clbvh.trace.rays.batch import TreeBox
 
-from ..rays import hard_rays
+from ...rays import hard_rays
 
 COUNT = 40_000
 
 
 def order_of(points, half=(1.0, 1.0, 1.0), centre=(0.0, 0.0, 0.0), threads=None):
     with HostThreads(threads) as opened:
-        return find_point_order(points, RayBox(np.array(centre), np.array(half)), opened)
+        return find_point_order(points, TreeBox(np.array(centre), np.array(half)), opened)
 
 
 def steps(points):

@@ -5,11 +5,11 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, Tracer, build
-from clbvh.geometry.shapes import make_shape
-from clbvh.trace import caster as caster_module
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.trace.rays import pieces
 
-from ..rays import centred, edge_midpoints
-from ..soup import make_soup
+from ...rays import centred, edge_midpoints
+from ...soup import make_soup
 from .nearest_point import CHOICE, check_tree_and_brute_agree, expected_distance
 
 SHAPES = {"icosphere": 320, "knot": 1200, "terrain": 800, "blobs": 640, "boxes": 600}
@@ -173,7 +173,7 @@ class TestBatches:
 
     def test_chunks_strides_and_progress(self, tracer, points, monkeypatch):
         whole = [*tracer.closest_point(points), tracer.contains(points)]
-        monkeypatch.setattr(caster_module, "CHUNK_RAYS", 1000)
+        monkeypatch.setattr(pieces, "CHUNK_RAYS", 1000)
         wide = np.asfortranarray(np.concatenate((points, points), axis=1))
         for batch in (points, wide[:, 3:], points.tolist()):
             told = []
@@ -196,7 +196,7 @@ class TestBatches:
         points[[7, 4], 1] = np.nan
         with pytest.raises(ValueError, match=r"^points\[4\] is not finite: "):
             getattr(tracer, query)(points)
-        with pytest.raises(ValueError, match=r"^points must have shape \(n, 3\), not \(4, 2\)$"):
+        with pytest.raises(ValueError, match=r"^points must have shape \(n, 3\) or \(\.\.\., n, 3\), not \(4, 2\)$"):
             getattr(tracer, query)(np.zeros((4, 2)))
 
     def test_a_closed_tracer_says_so(self, session):

@@ -3,22 +3,24 @@
 import numpy as np
 import pytest
 
-from clbvh.host_threads import HostThreads
-from clbvh.trace import crossings as crossings_module
-from clbvh.trace import ray_order
-from clbvh.trace.ray_order import find_order
-from clbvh.trace.rays import RayBox, read_rays
+from clbvh.support.host_threads import HostThreads
+from clbvh.trace.hits import crossings as crossings_module
+from clbvh.trace.rays import pieces
+from clbvh.trace.rays.batch import TreeBox, read_rays
+from clbvh.trace.rays.sort import sort_rays
 
-from ..rays import aim, hard_rays
+from ...profiles import seeds
+from ...rays import aim, hard_rays
 
-COUNT = 3 * ray_order.LEAST_RAYS
+COUNT = 3 * pieces.LEAST_RAYS
 
 
 def order_of(half, origins, directions, t_min=0.0, t_max=np.inf, *, centre=(0, 0, 0), threads=None):
-    box = RayBox(np.asarray(centre, np.float64), np.asarray(half, np.float64))
-    batch = read_rays(origins, directions, t_min, t_max)
+    box = TreeBox(np.asarray(centre, np.float64), np.asarray(half, np.float64))
+    batch, _ = read_rays(origins, directions, t_min, t_max)
     with HostThreads(threads) as opened:
-        return find_order(batch, 0, len(batch), box, opened).numbers
+        (piece,) = pieces.cut_rays(batch, box, opened, tile_rows=8, finds_pictures=False)
+    return piece.order
 
 
 def scattered(count, seed):
@@ -40,7 +42,7 @@ def steps(places, order=slice(None)):
     return np.linalg.norm(np.diff(places[order], axis=0), axis=1).mean()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", seeds(2))
 def test_scattered_rays_are_sorted(seed):
     origins, directions = scattered(COUNT, seed)
     order = order_of([1, 1, 1], origins, directions)
@@ -71,10 +73,10 @@ def test_the_order_is_that_of_any_number_of_threads(threads):
 
 def test_a_range_is_ordered_as_if_it_were_alone():
     origins, directions = scattered(COUNT, 9)
-    batch, box = read_rays(origins, directions, 0.0, np.inf), RayBox(np.zeros(3), np.ones(3))
-    begin, end = 1000, 1000 + 2 * ray_order.LEAST_RAYS
+    batch, box = read_rays(origins, directions, 0.0, np.inf)[0], TreeBox(np.zeros(3), np.ones(3))
+    begin, end = 1000, 1000 + 2 * pieces.LEAST_RAYS
     with HostThreads() as threads:
-        order = find_order(batch, begin, end, box, threads).numbers
+        order = sort_rays(batch, begin, end, box, threads)
     assert order.tobytes() == order_of([1, 1, 1], origins[begin:end], directions[begin:end]).tobytes()
 
 
@@ -88,8 +90,8 @@ def test_rays_in_all_directions_are_sorted_unless_their_origins_are_in_order():
 
 
 def test_few_rays_stay_as_they_are():
-    assert order_of([1, 1, 1], *scattered(ray_order.LEAST_RAYS - 1, 0)) is None
-    assert order_of([1, 1, 1], *scattered(ray_order.LEAST_RAYS, 0)) is not None
+    assert order_of([1, 1, 1], *scattered(pieces.LEAST_RAYS - 1, 0)) is None
+    assert order_of([1, 1, 1], *scattered(pieces.LEAST_RAYS, 0)) is not None
 
 
 def test_rays_that_meet_nothing_come_last():
@@ -117,12 +119,13 @@ def test_no_answer_depends_on_it(tracer, rays, monkeypatch):
         arrays += [crossings.locations, *tracer.hits_by_depth(*rays, with_locations=True)]
         return [*arrays, tracer.any_hit(*rays), tracer.count_hits(*rays), tracer.contains(rays[0])]
 
-    monkeypatch.setattr(crossings_module, "FIRST_PLACES", 2)  # so that some rays are cast again, and some of these
-    monkeypatch.setattr(crossings_module, "MORE_PLACES", 3)
+    # So that some rays are cast again, and some of these once more.
+    monkeypatch.setattr(crossings_module, "FIRST_SLOTS", 1)
+    monkeypatch.setattr(crossings_module, "SLOT_GROWTH", 2)
     expected = answers()
     orders = []
-    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
-    monkeypatch.setattr(ray_order, "_is_scattered", lambda *arguments: orders.append(arguments) or True)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "is_scattered", lambda *arguments: orders.append(arguments) or True)
     for obtained, given in zip(answers(), expected, strict=True):
         assert obtained.tobytes() == given.tobytes()
     assert len(orders) >= 5
@@ -131,14 +134,14 @@ def test_no_answer_depends_on_it(tracer, rays, monkeypatch):
 def test_points_are_cast_after_rays_in_order(tracer, mesh, monkeypatch):
     points = hard_rays(mesh, 300, np.random.default_rng(6))[0]
     expected = tracer.closest_point(points)
-    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     tracer.closest_hit(*scattered(1000, 7))
     assert tracer.closest_point(points).prim_id.tobytes() == expected.prim_id.tobytes()
 
 
 @pytest.mark.parametrize("query", ["closest_hit", "all_hits"])
 def test_the_first_bad_ray_is_named_in_any_order(tracer, query):
-    origins, directions = scattered(2 * ray_order.LEAST_RAYS, 11)
+    origins, directions = scattered(2 * pieces.LEAST_RAYS, 11)
     origins[[70000, 90000]], directions[80000] = np.nan, 0.0
     with pytest.raises(ValueError, match=r"origins\[70000\] is not finite"):
         getattr(tracer, query)(origins, directions)

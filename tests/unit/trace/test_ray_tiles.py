@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from clbvh import Tracer, build
-from clbvh.geometry.shapes import make_shape
-from clbvh.render.camera import frame_points
-from clbvh.trace import caster as caster_module
-from clbvh.trace import ray_order
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.rendering.camera import frame_points
+from clbvh.trace.rays import pieces
 
 WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
 
@@ -31,9 +30,9 @@ def launches(wide_tracer, monkeypatch):
     session = wide_tracer._caster.session
     launched, run = [], session.run
 
-    def record(kernel, size, group, *arguments):
-        launched.append((kernel.function_name, size, group))
-        run(kernel, size, group, *arguments)
+    def record(kernel, size, group, **arguments):
+        launched.append((kernel.name, size, group))
+        run(kernel, size, group, **arguments)
 
     monkeypatch.setattr(session, "run", record)
     return launched
@@ -51,15 +50,15 @@ def ask(tracer, origins, directions):
 @pytest.fixture(scope="module")
 def expected(wide_tracer, picture):
     # So few rays are taken as one row, from the root.
-    assert len(picture[1]) < ray_order.LEAST_RAYS
+    assert len(picture[1]) < pieces.LEAST_RAYS
     assert 0.1 < wide_tracer.any_hit(*picture[1:]).mean() < 0.9
     return ask(wide_tracer, *picture[1:])
 
 
 @pytest.mark.parametrize("chunk", [2**20, 8 * WIDTH, 8 * WIDTH - 1, 5000, 1000])
 def test_chunks_of_whole_tiles(wide_tracer, picture, expected, launches, monkeypatch, chunk):
-    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
-    monkeypatch.setattr(caster_module, "CHUNK_RAYS", chunk)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "CHUNK_RAYS", chunk)
     assert ask(wide_tracer, *picture[1:]) == expected
     closest = [(size, group) for name, size, group in launches if name == "closest_hit"]
     if chunk < 8 * WIDTH:
@@ -70,12 +69,31 @@ def test_chunks_of_whole_tiles(wide_tracer, picture, expected, launches, monkeyp
         assert all(size[0] == WIDTH and size[0] * size[1] <= chunk for size, _ in closest)
         assert all(size[1] % 8 == 0 for size, _ in closest[:-1])
         assert sum(size[1] for size, _ in closest) == HEIGHT
-    entries = [name for name, _, _ in launches].count("tile_entries")
+    entries = [name for name, _, _ in launches].count("tile_entry_points")
     assert entries >= len(closest)
 
 
+def test_the_shape_of_a_picture_is_not_guessed(wide_tracer, picture, expected, launches, monkeypatch):
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "find_row_length", None)  # nobody asks
+    rows = len(picture[1]) // WIDTH
+    origins, directions = (rays[: rows * WIDTH].reshape(rows, WIDTH, 3) for rays in picture[1:])
+    hits = wide_tracer.closest_hit(origins, directions)
+    assert hits.t.tobytes() == expected[0][: hits.t.nbytes]
+    assert launches[-1] == ("closest_hit", (WIDTH, rows), (8, 8))
+
+
+def test_an_array_with_the_shape_of_a_picture_may_be_scattered(wide_tracer, picture, launches, monkeypatch):
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    order = np.random.default_rng(41).permutation(64 * 128)
+    origins, directions = (rays[order] for rays in picture[1:])
+    hits = wide_tracer.closest_hit(origins.reshape(64, 128, 3), directions.reshape(64, 128, 3))
+    assert hits.t.tobytes() == wide_tracer.closest_hit(origins, directions).t.tobytes()
+    assert [name for name, _, _ in launches] == ["closest_hit"] * 2
+
+
 def test_rays_in_no_order_have_no_entries(wide_tracer, picture, expected, launches, monkeypatch):
-    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     order = np.random.default_rng(40).permutation(len(picture[1]))
     shuffled = wide_tracer.closest_hit(picture[1][order], picture[2][order])
     back = np.empty_like(shuffled.t)
@@ -86,10 +104,10 @@ def test_rays_in_no_order_have_no_entries(wide_tracer, picture, expected, launch
 
 def test_few_rays_have_no_entries(wide_tracer, picture, expected, launches):
     assert ask(wide_tracer, *picture[1:]) == expected
-    assert "tile_entries" not in {name for name, _, _ in launches}
+    assert "tile_entry_points" not in {name for name, _, _ in launches}
 
 
 def test_a_layout_without_entries(session, picture, expected, monkeypatch):
-    monkeypatch.setattr(ray_order, "LEAST_RAYS", 1)
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     with Tracer(build(picture[0]), device=session.info, layout="bvh2") as narrow:
         assert ask(narrow, *picture[1:]) == expected

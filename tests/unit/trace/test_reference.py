@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from clbvh.geometry import Mesh
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import NO_PRIM
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.structs import NO_PRIM
 from clbvh.trace import Hits
-from clbvh.trace.reference import Difference, find_differences
+from clbvh.trace.oracle.reference import Difference, find_differences
 
-from ..rays import aim, as_float32, centred
+from ...rays import aim, as_float32, centred
 
 # A right triangle at z = 0 and the same one at z = -1, then one that is a line.
 VERTICES = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [1, 0, -1], [0, 1, -1], [2, 0, 0], [3, 0, 0], [4, 0, 0]]

@@ -1,5 +1,6 @@
 """The tracer: any number of rays, in any chunks and any form, at any place and scale; bad input is refused."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -7,14 +8,15 @@ import pytest
 
 from clbvh import Mesh, Tracer, build
 from clbvh.device.session import DeviceSession
-from clbvh.errors import ConfigError, DeviceError
-from clbvh.geometry.shapes import make_shape
-from clbvh.layout import HIT, NO_PRIM, RAY
-from clbvh.trace import caster as caster_module
+from clbvh.errors import ConfigError, DeviceError, QueryError
+from clbvh.geometry.shapes.make_shape import make_shape
+from clbvh.structs import HIT, NO_PRIM, PACKED_RAY
 from clbvh.trace import tracer as tracer_module
+from clbvh.trace.rays import pieces
 
-from ..chain import make_chain
-from ..rays import aim, centred, hard_rays, random_rays
+from ...chain import make_chain
+from ...profiles import seeds
+from ...rays import aim, centred, hard_rays, random_rays
 
 COUNTS = [0, 1, 2, 63, 64, 65, 1023, 1024, 1025]
 FIELDS = ("t", "u", "v", "prim_id")
@@ -53,16 +55,17 @@ class TestBatches:
 
     @pytest.mark.parametrize("count", [0, 1, 99, 100, 101, 250])
     def test_chunks_are_not_seen(self, tracer, rays, expected, monkeypatch, count):
-        monkeypatch.setattr(caster_module, "CHUNK_RAYS", 100)
+        monkeypatch.setattr(pieces, "CHUNK_RAYS", 100)
         t_max = np.where(np.arange(count) % 3, np.inf, 0.5)
         hits = tracer.closest_hit(rays[0][:count], rays[1][:count])
         blocked = tracer.any_hit(rays[0][:count], rays[1][:count], t_max=t_max)
         assert_same(hits, expected, slice(count))
         np.testing.assert_array_equal(blocked, (expected.t[:count] <= t_max) & expected.is_hit[:count])
 
-    def test_one_ray_more_than_a_chunk(self, session):
+    def test_one_ray_more_than_a_chunk(self, session, monkeypatch):
+        monkeypatch.setattr(pieces, "CHUNK_RAYS", 2 * pieces.LEAST_RAYS)  # so that chunks are sorted
         mesh = make_shape("icosphere", triangles=20)
-        count = caster_module.CHUNK_RAYS + 1
+        count = pieces.CHUNK_RAYS + 1
         origins, directions = random_rays(mesh, count, np.random.default_rng(33))
         cut = count // 3
         with Tracer(build(mesh), device=session.info) as opened:
@@ -76,7 +79,7 @@ class TestBatches:
         for row in range(0, 3072, 97):
             assert_same(tracer.closest_hit(rays[0][row : row + 1], rays[1][row : row + 1]), expected, [row])
 
-    @pytest.mark.parametrize("seed", range(2))
+    @pytest.mark.parametrize("seed", seeds(2))
     def test_every_ray_gets_the_same_answer_in_any_order(self, tracer, rays, expected, seed):
         order = np.random.default_rng([32, seed]).permutation(len(rays[0]))
         assert_same(tracer.closest_hit(rays[0][order], rays[1][order]), expected, order)
@@ -89,7 +92,7 @@ class TestBatches:
 
     @pytest.mark.parametrize(("count", "rays_held"), [(7, 7), (100, 100), (101, 100), (1000, 100)])
     def test_memory_is_that_of_one_chunk_at_most(self, session, mesh, rays, monkeypatch, count, rays_held):
-        monkeypatch.setattr(caster_module, "CHUNK_RAYS", 100)
+        monkeypatch.setattr(pieces, "CHUNK_RAYS", 100)
         with Tracer(build(mesh), device=session.info) as opened:
             sizes = []
             allocate = opened._caster.session.allocate
@@ -99,7 +102,7 @@ class TestBatches:
             opened.closest_hit([], [])
             assert sizes == []
             opened.closest_hit(rays[0][:count], rays[1][:count])
-            assert sizes == [rays_held * RAY.itemsize, rays_held * HIT.itemsize]
+            assert sizes == [rays_held * PACKED_RAY.itemsize, rays_held * HIT.itemsize]
             # The second batch takes the memory of the first, and so does what needs less.
             opened.closest_hit(rays[0][:count], rays[1][:count])
             opened.any_hit(rays[0][:count], rays[1][:count])
@@ -114,8 +117,42 @@ class TestBatches:
                 opened.closest_hit([[0, 0, 0]], [[0, 0, 0]])
             assert len(opened._caster.session._buffers) == 4
 
+    @pytest.mark.parametrize("shape", [(3072,), (64, 48), (4, 32, 24), (1, 3072), (3072, 1)], ids=str)
+    def test_results_have_the_leading_shape_of_the_rays(self, tracer, rays, expected, monkeypatch, shape):
+        monkeypatch.setattr(pieces, "LEAST_RAYS", 1000)
+        origins, directions = (array.reshape(*shape, 3) for array in rays)
+        hits = tracer.closest_hit(origins, directions, t_min=np.zeros(shape))
+        for field in FIELDS:
+            assert getattr(hits, field).shape == shape
+            assert getattr(hits, field).tobytes() == getattr(expected, field).tobytes(), field
+        assert hits.locations.shape == hits.normals.shape == (*shape, 3)
+        assert tracer.any_hit(origins, directions).shape == shape
+        assert tracer.closest_prim(origins, directions).tobytes() == expected.prim_id.tobytes()
+        counts = tracer.count_hits(origins, directions)
+        assert counts.shape == shape
+        crossings = tracer.all_hits(origins, directions)
+        np.testing.assert_array_equal(crossings.counts, counts.reshape(-1))
+        closest = tracer.closest_point(origins)
+        assert closest.distance.shape == closest.prim_id.shape == tracer.contains(origins).shape == shape
+        assert closest.point.shape == (*tracer.signed_distance(origins).shape, 3)
+
+    @pytest.mark.parametrize("least_rays", [1 << 16, 100], ids=["unsorted", "sorted"])
+    def test_buffers_respect_the_largest_allocation(self, session, mesh, rays, expected, monkeypatch, least_rays):
+        """As on a device that allocates no more than 16 KiB at a time, apart from the tree."""
+        monkeypatch.setattr(pieces, "LEAST_RAYS", least_rays)
+        small = dataclasses.replace(session.info, max_allocation_bytes=16384)
+        with Tracer(build(mesh), device=session.info) as opened:
+            opened._caster.session.info = small
+            sizes, allocate = [], opened._caster.session.allocate
+            opened._caster.session.allocate = lambda size, **how: sizes.append(size) or allocate(size, **how)
+            assert_same(opened.closest_hit(*rays), expected)
+            everything = opened.all_hits(*rays)
+            np.testing.assert_array_equal(opened.count_hits(*rays), everything.counts)
+            assert opened.closest_point(rays[0]).distance.shape == (3072,)
+        assert max(sizes) <= 16384
+
     def test_progress_is_told(self, tracer, rays, monkeypatch):
-        monkeypatch.setattr(caster_module, "CHUNK_RAYS", 1000)
+        monkeypatch.setattr(pieces, "CHUNK_RAYS", 1000)
         for cast in (tracer.closest_hit, tracer.closest_prim, tracer.any_hit):
             told = []
             cast(*rays, progress=lambda done, total, told=told: told.append((done, total)))
@@ -154,18 +191,22 @@ class TestInput:
     @pytest.mark.parametrize(
         ("origins", "directions", "message"),
         [
-            (np.zeros((4, 2)), np.ones((4, 2)), "origins must have shape (n, 3), not (4, 2)"),
-            (np.zeros(3), np.ones((1, 3)), "origins must have shape (n, 3), not (3,)"),
-            (np.zeros((1, 3)), np.ones((1, 1, 3)), "directions must have shape (n, 3), not (1, 1, 3)"),
-            (np.zeros((0, 2)), np.ones((0, 3)), "origins must have shape (n, 3), not (0, 2)"),
-            (np.zeros((4, 3)), np.ones((5, 3)), "origins and directions must have equally many rows, not 4 and 5"),
-            (np.zeros((1, 3)), np.ones((5, 3)), "origins and directions must have equally many rows, not 1 and 5"),
+            (np.zeros((4, 2)), np.ones((4, 2)), "origins must have shape (n, 3) or (..., n, 3), not (4, 2)"),
+            (np.zeros(3), np.ones((1, 3)), "origins must have shape (n, 3) or (..., n, 3), not (3,)"),
+            (
+                np.zeros((1, 3)),
+                np.ones((1, 1, 3)),
+                "origins and directions must have one shape, not (1, 3) and (1, 1, 3)",
+            ),
+            (np.zeros((0, 2)), np.ones((0, 3)), "origins must have shape (n, 3) or (..., n, 3), not (0, 2)"),
+            (np.zeros((4, 3)), np.ones((5, 3)), "origins and directions must have one shape, not (4, 3) and (5, 3)"),
+            (np.zeros((1, 3)), np.ones((5, 3)), "origins and directions must have one shape, not (1, 3) and (5, 3)"),
         ],
         ids=["two-columns", "one-ray", "three-axes", "empty", "lengths", "broadcast"],
     )
     def test_wrong_shapes(self, tracer, origins, directions, message):
         for cast in (tracer.closest_hit, tracer.any_hit):
-            with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
                 cast(origins, directions)
 
     @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -175,21 +216,28 @@ class TestInput:
         for name in ("origins", "directions"):
             given = {"origins": np.ones((9, 3), dtype), "directions": np.ones((9, 3), dtype)}
             given[name][[7, 4, 8], axis] = bad
-            with pytest.raises(ValueError, match=rf"^{name}\[4\] is not finite: "):
+            with pytest.raises(QueryError, match=rf"^{name}\[4\] is not finite: "):
                 tracer.closest_hit(**given)
 
     @pytest.mark.parametrize("zero", [0.0, -0.0])
     def test_the_first_direction_of_length_zero_is_named(self, tracer, zero):
         directions = np.ones((9, 3))
         directions[[3, 6]] = zero
-        with pytest.raises(ValueError, match=r"^directions\[3\] has length zero$"):
+        with pytest.raises(QueryError, match=r"^directions\[3\] has length zero$"):
             tracer.closest_hit(np.zeros((9, 3)), directions)
 
-    @pytest.mark.parametrize("far", [1e39, -1e300])
-    def test_an_origin_beyond_float32_is_no_error(self, tracer, far):
+    @pytest.mark.parametrize("far", [1e39, -1e39, 1e45, -1e45])
+    def test_an_origin_beyond_float32_hits(self, tracer, far):
         hits = tracer.closest_hit([[2.9, 0.01, far], [5 * far, far, 0]], [[0, 0, -np.sign(far)], [0, 0, 1]])
-        assert hits.is_hit[1] == np.False_
-        assert hits.t[0] in (np.inf, pytest.approx(abs(far)))
+        assert hits.is_hit.tolist() == [True, False]
+        assert hits.t[0] == pytest.approx(abs(far), rel=1e-15)
+
+    @pytest.mark.parametrize("far", [1e60, -1e60, 1e300, -1e300])
+    def test_an_origin_at_the_end_of_float64_misses(self, tracer, far):
+        # Rays are advanced up to float64's rounding of the distance, and that is beyond float32 here.
+        hits = tracer.closest_hit([[2.9, 0.01, far], [5 * far, far, 0]], [[0, 0, -np.sign(far)], [0, 0, 1]])
+        assert hits.is_hit.tolist() == [False, False]
+        assert (hits.t == np.inf).all()
 
     @pytest.mark.parametrize("far", [1e5, -1e7, 1e10])
     def test_an_origin_beyond_float32_resolution_hits_what_a_near_one_hits(self, tracer, far):
@@ -217,11 +265,19 @@ class TestInput:
     )
     def test_bad_limits(self, tracer, limits, message):
         for cast in (tracer.closest_hit, tracer.any_hit):
-            with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            with pytest.raises(QueryError, match=f"^{re.escape(message)}$"):
                 cast(np.zeros((9, 3)), np.ones((9, 3)), **limits)
 
+    def test_a_bad_ray_of_several_axes_is_named_by_its_indices(self, tracer):
+        origins, directions = np.zeros((2, 5, 3)), np.ones((2, 5, 3))
+        directions[1, 3] = 0.0
+        with pytest.raises(QueryError, match=r"^directions\[1, 3\] has length zero$"):
+            tracer.any_hit(origins, directions)
+        with pytest.raises(QueryError, match=r"^t_min\[1, 2\] must be a number from 0, not -1.0$"):
+            tracer.closest_hit(origins, np.ones((2, 5, 3)), t_min=np.where(np.arange(10) == 7, -1.0, 0.0).reshape(2, 5))
+
     def test_words_are_refused(self, tracer):
-        with pytest.raises(ValueError, match="could not convert"):
+        with pytest.raises(QueryError, match="could not convert"):
             tracer.closest_hit([["a", "b", "c"]], [[0, 0, 1]])
 
 
@@ -391,7 +447,7 @@ class TestLife:
         opened.close()
         opened.close()
         for cast in (opened.closest_hit, opened.any_hit):
-            with pytest.raises(ValueError, match="the tracer is closed"):
+            with pytest.raises(QueryError, match="the tracer is closed"):
                 cast([[0, 0, 0]], [[0, 0, 1]])
 
     def test_unknown_layouts_and_devices(self, mesh):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Tracer, build, make_shape
-from clbvh.trace.visits import count_visits
+from clbvh.trace.oracle.visits import count_visits
 
-from ..rays import centred, hard_rays
-from ..soup import make_soup
-from .hand_made import make_leaf, make_tree
+from ...rays import centred, hard_rays
+from ...soup import make_soup
+from ..hand_made import make_leaf, make_tree
 
 DOWN = [0.0, 0.0, -1.0]
 ABOVE = 10.0

@@ -1,0 +1,62 @@
+"""The values of a scene are checked when it is made."""
+
+from __future__ import annotations
+
+import pytest
+
+import clbvh
+from clbvh.errors import SceneError
+from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
+from clbvh.rendering.scene_file import open_scene
+
+BUNNY = MeshSource(name="bunny")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"eye": (1, 2)}, "the camera's eye must be three finite numbers"),
+        ({"eye": ((1, 2), 3, 4)}, "the camera's eye must be three finite numbers"),
+        ({"eye": (0, 0, 1), "look_at": "origin"}, "look_at must be three finite numbers"),
+        ({"up": (0, float("nan"), 0)}, "up must be three finite numbers"),
+        ({"fov": "wide"}, "fov must be above 0"),
+        ({"surface": 0.5}, "the surface colour must be three"),
+        ({"background": (0.1, 0.2, 0.3)}, "two colours"),
+        ({"background": ((0, 0, 0), (1, 1))}, "a background colour must be three"),
+        ({"width": 10.5}, "width must be 1 to 65535"),
+        ({"height": "10"}, "height must be 1 to 65535"),
+    ],
+)
+def test_a_value_that_cannot_be_drawn_is_refused(values, message):
+    with pytest.raises(SceneError, match=message):
+        Scene(BUNNY, **values)
+
+
+@pytest.mark.parametrize("values", [{"colour": 1}, {"sky": (1, 1)}, {"direction": (0, 0, 0)}, {"direction": "up"}])
+def test_a_light_that_cannot_shine_is_refused(values):
+    with pytest.raises(SceneError, match="the light's"):
+        Light(**values)
+
+
+@pytest.mark.parametrize("values", [{"scale": 0}, {"scale": "2"}, {"rotate": 90}, {"translate": (1, 2)}])
+def test_a_transform_that_cannot_be_applied_is_refused(values):
+    with pytest.raises(SceneError, match="the transform's"):
+        Transform(**values)
+
+
+@pytest.mark.parametrize("values", [{}, {"name": "bunny", "shape": "knot"}])
+def test_a_mesh_has_exactly_one_source(values):
+    with pytest.raises(SceneError, match="exactly one of path, name and shape"):
+        MeshSource(**values)
+
+
+def test_something_that_names_no_scene_is_refused():
+    with pytest.raises(SceneError, match="not 5"):
+        open_scene(5)
+    with pytest.raises(SceneError, match="not None"):
+        clbvh.render(None)
+
+
+def test_something_that_names_no_file_is_a_mesh_error():
+    with pytest.raises(clbvh.errors.MeshError, match="not by 5"):
+        clbvh.load_mesh(5)

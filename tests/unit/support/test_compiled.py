@@ -1,0 +1,112 @@
+"""Machine code is never older than any source it was made from, and only compiled functions lack annotations."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.bvh.depth import find_depths
+from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources, find_compiled_cache
+
+PACKAGE = Path(clbvh.__file__).parent
+SOURCES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
+
+# Decorators of functions whose types numba infers.
+COMPILING = {"compiled", "intrinsic", "overload"}
+
+# A package whose function `twice` is compiled into `quadruple`, which stands in another file.
+TWICE = "from clbvh.support.compiled import compiled\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n"
+QUADRUPLE = """
+from clbvh.support import compiled as home
+home._PACKAGE = __import__("pathlib").Path(__file__).parent
+from clbvh.support.compiled import compiled
+from doubling.twice import twice
+
+@compiled
+def quadruple(x):
+    return twice(twice(x))
+
+print(quadruple(3))
+"""
+
+
+def decorators_of(function):
+    nodes = (node.func if isinstance(node, ast.Call) else node for node in function.decorator_list)
+    return {node.id for node in nodes if isinstance(node, ast.Name)}
+
+
+def functions_of(tree, *, inside_compiled=False):
+    """Yield the functions that are not compiled, nor defined inside compiled ones."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef):
+            is_compiled = inside_compiled or bool(decorators_of(node) & COMPILING)
+            if not is_compiled:
+                yield node
+            yield from functions_of(node, inside_compiled=is_compiled)
+        else:
+            yield from functions_of(node, inside_compiled=inside_compiled)
+
+
+@pytest.mark.parametrize("name", SOURCES, ids=str)
+def test_functions_that_are_not_compiled_are_annotated(name):
+    for function in functions_of(ast.parse((PACKAGE / name).read_text())):
+        arguments = function.args.posonlyargs + function.args.args + function.args.kwonlyargs
+        missing = [one.arg for one in arguments if one.annotation is None and one.arg not in ("self", "cls")]
+        if name.as_posix() == "cli/fetch.py":  # a progress bar's duck type
+            continue
+        assert not missing, f"{function.name}, line {function.lineno}: {missing}"
+        assert function.returns is not None, f"{function.name}, line {function.lineno}"
+
+
+@pytest.mark.parametrize("room", INTERPRETED_ROOMS)
+def test_rooms_outside_the_digest_compile_nothing(room):
+    for path in (PACKAGE / room).rglob("*.py"):
+        assert "numba" not in path.read_text()
+        assert "support.compiled" not in path.read_text()
+
+
+def test_any_change_of_a_source_is_another_digest(tmp_path):
+    (tmp_path / "cli").mkdir()
+    (tmp_path / "one.py").write_text("a = 1\n")
+    (tmp_path / "cli" / "two.py").write_text("b = 1\n")
+    digests = [digest_sources(tmp_path)]
+    (tmp_path / "one.py").write_text("a = 2\n")
+    digests.append(digest_sources(tmp_path))
+    (tmp_path / "one.py").rename(tmp_path / "other.py")
+    digests.append(digest_sources(tmp_path))
+    assert len(set(digests)) == 3
+    (tmp_path / "cli" / "two.py").write_text("b = 2\n")
+    assert digest_sources(tmp_path) == digests[-1]
+
+
+def test_an_edit_of_an_imported_compiled_file_is_seen(tmp_path):
+    """What numba alone gets wrong: the caller's own file is the same."""
+    folder = tmp_path / "doubling"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "quadruple.py").write_text(QUADRUPLE)
+    answers = []
+    for factor in (2, 2, 5):
+        (folder / "twice.py").write_text(TWICE.format(factor=factor))
+        command = [sys.executable, "-c", "import doubling.quadruple"]
+        path = f"{tmp_path}:{PACKAGE.parent}"
+        environment = {
+            "PATH": "",
+            "PYTHONPATH": path,
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "CLBVH_CACHE": str(tmp_path / "cache"),
+            "HOME": str(tmp_path),
+        }
+        answers.append(int(subprocess.run(command, env=environment, capture_output=True, check=True).stdout))
+    assert answers == [12, 12, 75]
+
+
+def test_the_folder_is_in_use():
+    assert find_depths(np.array([1, 0, 1]), np.array([0, 1, 1])).tolist() == [0, 1, 1]
+    assert any(find_compiled_cache().rglob("depth.find_depths-*.nbi"))
