@@ -153,7 +153,7 @@ HIT_PRIM_ID = _lane(HIT, "prim_id")
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
 VIEW = np.dtype(
     [
-        # A pixel's ray starts at `eye`, relative to the mesh's origin, along forward + x * right + y * up with x and y
+        # A pixel's ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
         # from -1 to 1. `forward` is a unit vector; `right` and `up` are half the picture's size at distance 1.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),

@@ -1,9 +1,8 @@
 // The nearest triangle of each point; of equally near ones the smallest prim_id.
 //
 // nodes[node_count]           node_t: the tree in its layout, see clbvh/structs.py
-// blocks[block_count]         block_t: triangles in leaf order, object units relative to the mesh's origin
-// points[3 * point_count]     float: object units relative to the mesh's origin
-// scale                       a power of two that makes the mesh about as large as 1
+// blocks[block_count]         block_t: triangles in leaf order, local coordinates
+// points[3 * point_count]     float: local coordinates
 // prim_ids[point_count]       written: NO_PRIM if all triangles are degenerate
 //
 // Work-items: (point_count), rounded up to whole work-groups.
@@ -12,13 +11,13 @@
 
 kernel void closest_point(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global float *restrict points, global int *restrict prim_ids, const int point_count, const float scale)
+    const global float *restrict points, global int *restrict prim_ids, const int point_count)
 {
     const int point = get_global_id(0);
     if (point >= point_count) {
         return;
     }
-    nearest_t nearest = make_nearest(scale * vload3(point, points), scale);
+    nearest_t nearest = make_nearest(vload3(point, points));
     find_nearest(nodes, blocks, block_count, &nearest);
     prim_ids[point] = nearest.prim_id;
 }

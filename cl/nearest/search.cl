@@ -1,7 +1,6 @@
 // A point, and the nearest triangle found so far.
 //
-// All lengths are scaled, so that the mesh is about as large as 1 and no product leaves float32. Triangles are
-// translated so that the point is zero. Corners and edges shared by two triangles then have the same coordinates in
+// In local coordinates the mesh is about as large as 1, so that no product leaves float32. Triangles are translated so that the point is zero. Corners and edges shared by two triangles then have the same coordinates in
 // both, hence the same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the
 // tests does not matter.
 
@@ -13,15 +12,14 @@
 
 typedef struct {
     float3 point;
-    float scale;
     float distance_squared;
     float distance;
     int prim_id;
 } nearest_t;
 
-INLINED nearest_t make_nearest(const float3 point, const float scale)
+INLINED nearest_t make_nearest(const float3 point)
 {
-    const nearest_t nearest = {point, scale, INFINITY, INFINITY, NO_PRIM};
+    const nearest_t nearest = {point, INFINITY, INFINITY, NO_PRIM};
     return nearest;
 }
 
@@ -29,8 +27,8 @@ INLINED nearest_t make_nearest(const float3 point, const float scale)
 INLINED bool may_be_nearer(
     const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
 {
-    const float3 below = nearest->scale * aabb_min - nearest->point;
-    const float3 above = nearest->scale * aabb_max - nearest->point;
+    const float3 below = aabb_min - nearest->point;
+    const float3 above = aabb_max - nearest->point;
     const float3 outside = fmax(fmax(below, -above), 0.0f);
     const float3 farthest = fmax(fabs(below), fabs(above));
     *distance_squared = dot(outside, outside);

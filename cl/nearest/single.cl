@@ -4,10 +4,10 @@
 #include "nearest/search.cl"
 #include "triangles/single.cl"
 
-// A corner in the scaled coordinates whose zero is the point.
+// A corner in the coordinates whose zero is the point.
 INLINED point_t relative_corner(const nearest_t *nearest, const float3 corner)
 {
-    const float3 moved = nearest->scale * corner - nearest->point;
+    const float3 moved = corner - nearest->point;
     const point_t result = {moved.x, moved.y, moved.z};
     return result;
 }

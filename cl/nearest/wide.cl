@@ -12,10 +12,10 @@
 
 // Returns the distance from each box along one axis, and adds the distance of its farther plane to *farthest.
 INLINED lanes_t distance_along_axis(
-    const global float *aabb_min, const global float *aabb_max, const float scale, const float point, lanes_t *farthest)
+    const global float *aabb_min, const global float *aabb_max, const float point, lanes_t *farthest)
 {
-    const lanes_t below = scale * load_lanes(aabb_min) - point;
-    const lanes_t above = scale * load_lanes(aabb_max) - point;
+    const lanes_t below = load_lanes(aabb_min) - point;
+    const lanes_t above = load_lanes(aabb_max) - point;
     *farthest += larger_lanes(larger_lanes(below, -below), larger_lanes(above, -above));
     return larger_lanes(larger_lanes(below, -above), (lanes_t)(0.0f));
 }
@@ -26,24 +26,22 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
 {
     lanes_t farthest = (lanes_t)(0.0f);
     const float3 point = nearest->point;
-    const float scale = nearest->scale;
-    const lanes_t x = distance_along_axis(node->aabb_min[0], node->aabb_max[0], scale, point.x, &farthest);
-    const lanes_t y = distance_along_axis(node->aabb_min[1], node->aabb_max[1], scale, point.y, &farthest);
-    const lanes_t z = distance_along_axis(node->aabb_min[2], node->aabb_max[2], scale, point.z, &farthest);
+    const lanes_t x = distance_along_axis(node->aabb_min[0], node->aabb_max[0], point.x, &farthest);
+    const lanes_t y = distance_along_axis(node->aabb_min[1], node->aabb_max[1], point.y, &farthest);
+    const lanes_t z = distance_along_axis(node->aabb_min[2], node->aabb_max[2], point.z, &farthest);
     *distance = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
     // An inverted box has a huge or infinite distance, which the nearest distance may equal.
     const lane_mask_t is_child = load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0]);
     return mask_bits((*distance <= nearest->distance) & is_child);
 }
 
-// One corner of each triangle in the scaled coordinates whose zero is the point.
+// One corner of each triangle in the coordinates whose zero is the point.
 INLINED point_t relative_corners(const nearest_t *nearest, const global block_t *block, const int corner)
 {
-    const float scale = nearest->scale;
     const point_t result = {
-        scale * load_lanes(block->corners[corner][0]) - nearest->point.x,
-        scale * load_lanes(block->corners[corner][1]) - nearest->point.y,
-        scale * load_lanes(block->corners[corner][2]) - nearest->point.z};
+        load_lanes(block->corners[corner][0]) - nearest->point.x,
+        load_lanes(block->corners[corner][1]) - nearest->point.y,
+        load_lanes(block->corners[corner][2]) - nearest->point.z};
     return result;
 }
 

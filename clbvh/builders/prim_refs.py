@@ -82,5 +82,5 @@ def fill_prim_refs(mesh_slice, refs, bounds):
 def fill_slice(mesh: Mesh, begin: int, end: int, prim_refs: NDArray[np.float32]) -> Bounds:
     """Write the references of primitives `begin` to `end` of a mesh into (F, 8) `prim_refs`; return their bounds."""
     bounds = np.empty((2, BOX_LANES), np.float32)
-    fill_prim_refs(MeshSlice(mesh.vertices, mesh.faces, begin, end), prim_refs, bounds)
+    fill_prim_refs(MeshSlice(mesh.local_vertices, mesh.faces, begin, end), prim_refs, bounds)
     return bounds

@@ -18,9 +18,9 @@ _TRIANGLES = MAX_EXHAUSTIVE + 1
 
 def make_small_mesh() -> Mesh:
     """Return a mesh of a few triangles."""
-    corners = np.arange(9 * _TRIANGLES, dtype=np.float32).reshape(-1, 3)
+    corners = np.arange(9 * _TRIANGLES).reshape(-1, 3)
     faces = np.arange(3 * _TRIANGLES, dtype=np.int32).reshape(-1, 3)
-    return Mesh(corners, faces, np.zeros(3))
+    return Mesh.from_arrays(corners, faces)
 
 
 def make_small_bounds() -> Bounds:

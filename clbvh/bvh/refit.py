@@ -43,7 +43,7 @@ def fit_nodes(
     O(N + F), in this thread.
     """
     lanes: NDArray[Any] = np.empty((len(first), NODE_LANES), np.float32)
-    _fit_boxes(first, count, prim_ids, mesh.faces, mesh.vertices, lanes)
+    _fit_boxes(first, count, prim_ids, mesh.faces, mesh.local_vertices, lanes)
     return lanes.view(NODE).reshape(-1)
 
 

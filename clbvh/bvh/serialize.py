@@ -37,7 +37,7 @@ from .refit import fit_nodes
 
 # The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).
 MAGIC = b"\x8bBVH\r\n\x1a\n"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 _DIGEST_BYTES = 16
 _FACTS = struct.Struct("<8sIII32s16s")
@@ -85,7 +85,7 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
     ----------
     path : str or path
     mesh : Mesh
-        The mesh that the tree was built over: the same vertices, faces and origin.
+        The mesh that the tree was built over: the same faces and local vertices.
 
     Returns
     -------

@@ -109,7 +109,7 @@ def _check_boxes(bvh: Bvh) -> None:
     nodes = bvh.nodes
     leaves = np.flatnonzero(nodes["count"] > 0)
     leaves = leaves[np.argsort(nodes["first"][leaves], kind="stable")]
-    corners = bvh.mesh.vertices[bvh.mesh.faces[bvh.prim_ids]]
+    corners = bvh.mesh.local_vertices[bvh.mesh.faces[bvh.prim_ids]]
     starts = nodes["first"][leaves]
     expected_min = np.minimum.reduceat(corners.min(axis=1), starts)
     expected_max = np.maximum.reduceat(corners.max(axis=1), starts)

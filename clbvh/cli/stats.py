@@ -92,7 +92,7 @@ def stats(
             "degenerate_triangles": mesh.degenerate_count,
             "size": (root["aabb_max"] - root["aabb_min"]).tolist(),
             "centre": mesh.origin.tolist(),
-            "bytes": mesh.vertices.nbytes + mesh.faces.nbytes,
+            "bytes": mesh.vertices.nbytes + mesh.local_vertices.nbytes + mesh.faces.nbytes,
         },
         "build": {
             **_describe_options(wanted),

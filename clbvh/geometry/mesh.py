@@ -1,11 +1,12 @@
-"""A triangle mesh in memory, checked and re-based.
+"""A triangle mesh in memory, checked, and once more in the local coordinates that trees and devices use.
 
-Owns the checks of vertices and faces and the move to local coordinates. Must not know of files or trees.
+Owns the checks of vertices and faces and the map to local coordinates. Must not know of files or trees.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -26,44 +27,58 @@ _CHUNK_FACES = 1 << 14
 # 437,645 points on a 2-core x86-64 server.
 _POINTS_PER_ROW = 512
 
+# Half the largest side of a mesh's box lies between these powers of two, or is zero. Float64 then holds the scale, its
+# inverse, and the product of either with a direction's power of two.
+_LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles with float32 coordinates relative to an origin in float64.
+    """Triangles in the file's coordinates, and in local coordinates.
 
-    Scans in survey coordinates lie millions of units from zero, where float32 resolves half a unit. The vertices
-    are therefore moved to the centre of their box in float64 before they are rounded to float32.
+    Scans in survey coordinates lie millions of units from zero, where float32 resolves half a unit; and a square of
+    1e-20 is no float32 at all. Trees and devices therefore work in local coordinates: the centre of the mesh's box is
+    moved to zero in float64, the mesh is scaled by a power of two to a size of about 1, which rounds nothing, and only
+    then come the 24 bits of float32. They decide which triangle a ray hits. Where it is hit is computed in float64, on
+    the vertices as they are in the file.
 
     Attributes
     ----------
-    vertices : (V, 3) float32, object units, relative to `origin`
+    vertices : (V, 3) float64, the file's coordinates
     faces : (F, 3) int32, vertex indices
         In the order of the file, after polygons are cut into triangles.
-    origin : (3,) float64, object units
-        Centre of the vertices' box in the file's coordinates.
+    local_vertices : (V, 3) float32, local coordinates
+        ``(vertices - origin) * scale``; the largest half side of their box is from 0.5 to 1, or 0.
+    origin : (3,) float64, the file's coordinates
+        Centre of the vertices' box.
+    scale : float
+        A power of two: local units in one unit of the file.
     name : str
         The name of the mesh in messages and reports.
 
     Notes
     -----
     Build one with `Mesh.from_arrays` or `clbvh.load_mesh`: they check their arguments, which the constructor does not.
+    36 bytes per vertex and 12 per face.
     """
 
-    vertices: NDArray[np.float32]
+    vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
+    local_vertices: NDArray[np.float32]
     origin: NDArray[np.float64]
+    scale: float
     name: str = field(default="mesh")
 
     @classmethod
     def from_arrays(cls, vertices: ArrayLike, faces: ArrayLike, *, name: str = "mesh") -> Mesh:
-        """Check the arrays and re-base the vertices.
+        """Check the arrays, copy them, and find the local coordinates.
 
         Parameters
         ----------
-        vertices : (V, 3) float, object units
-            Any floating-point or integer dtype; not modified.
+        vertices : (V, 3) float
+            Any floating-point or integer dtype and any unit.
         faces : (F, 3) int
-            Vertex indices from 0 to V - 1; not modified.
+            Vertex indices from 0 to V - 1.
         name : str, optional
             The name of the mesh in messages and reports.
 
@@ -74,40 +89,48 @@ class Mesh:
         Raises
         ------
         MeshError
-            Wrong shape or dtype, no faces, too many faces, a NaN or infinite coordinate, or a vertex index out of
-            range; the message names the first fault.
+            Wrong shape or dtype, no faces, too many faces, a NaN or infinite coordinate, a vertex index out of range,
+            or a box whose sides float64 cannot scale: smaller than 1e-150 or larger than 1e150. The message names the
+            first fault.
         """
         checked_vertices = _check_vertices(vertices, name)
         checked_faces = _check_faces(faces, len(checked_vertices), name)
-
-        local, origin = _rebase(checked_vertices, name)
-        return cls(local, checked_faces, origin, name)
+        local_vertices, origin, scale = _localize(checked_vertices, name)
+        return cls(checked_vertices, checked_faces, local_vertices, origin, scale, name)
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """Return a mesh of the same faces with moved vertices.
 
         Parameters
         ----------
-        vertices : (V, 3) float, object units, in the coordinates that the first vertices had before re-basing
-            The same number as before; not modified.
+        vertices : (V, 3) float, the file's coordinates
+            The same number as before.
 
         Returns
         -------
         Mesh
-            With its own origin; it shares the array of faces.
+            With its own origin and scale; it shares the array of faces.
 
         Raises
         ------
         MeshError
-            Another number of vertices, wrong shape or dtype, or a coordinate that is NaN or infinite.
+            Another number of vertices, or vertices that `from_arrays` refuses.
         """
         checked_vertices = _check_vertices(vertices, self.name)
         if len(checked_vertices) != len(self.vertices):
             raise MeshError(
                 f"{self.name}: {len(checked_vertices):,} vertices cannot replace the mesh's {len(self.vertices):,}"
             )
-        local, origin = _rebase(checked_vertices, self.name)
-        return Mesh(local, self.faces, origin, self.name)
+        return Mesh(checked_vertices, self.faces, *_localize(checked_vertices, self.name), self.name)
+
+    def to_local(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points in local coordinates.
+
+        Parameters
+        ----------
+        points : (..., 3) float, the file's coordinates
+        """
+        return (np.asarray(points, np.float64) - self.origin) * self.scale
 
     @property
     def face_count(self) -> int:
@@ -116,14 +139,14 @@ class Mesh:
 
     @cached_property
     def degenerate_faces(self) -> NDArray[np.bool_]:
-        """(F,) bool: true for triangles whose three corners lie on one line or in one point.
+        """(F,) bool: true for triangles whose corners lie on one line or in one point, in local coordinates.
 
         Such a triangle stays in the mesh, so that face numbers keep their meaning, but no ray ever hits it.
         """
         degenerate = np.empty(self.face_count, dtype=np.bool_)
         for begin in range(0, self.face_count, _CHUNK_FACES):
             end = begin + _CHUNK_FACES
-            a, b, c = (self.vertices[self.faces[begin:end, corner]].T.astype(np.float64) for corner in range(3))
+            a, b, c = (self.local_vertices[self.faces[begin:end, corner]].T.astype(np.float64) for corner in range(3))
             (ux, uy, uz), (vx, vy, vz) = b - a, c - a
             # Differences of float32 values and their products fit float64, so collinear means equal products.
             degenerate[begin:end] = (uy * vz == uz * vy) & (uz * vx == ux * vz) & (ux * vy == uy * vx)
@@ -131,13 +154,13 @@ class Mesh:
 
     @cached_property
     def fingerprint(self) -> bytes:
-        """32 bytes that identify vertices, faces and origin: the SHA-256 of their counts and bytes.
+        """32 bytes that identify faces and local vertices: the SHA-256 of their counts and bytes.
 
-        The name does not count. About 1.8 GB/s where the processor has instructions for it, a quarter elsewhere.
+        Nothing else determines a tree: not the name, nor where the mesh is, nor its unit. About 1.8 GB/s where the
+        processor has instructions for it, a quarter elsewhere.
         """
         digest = hashlib.sha256(f"{len(self.vertices)} vertices, {len(self.faces)} faces;".encode())
-        digest.update(np.ascontiguousarray(self.origin, "<f8").data)
-        digest.update(np.ascontiguousarray(self.vertices, "<f4").data)
+        digest.update(np.ascontiguousarray(self.local_vertices, "<f4").data)
         digest.update(np.ascontiguousarray(self.faces, "<i4").data)
         return digest.digest()
 
@@ -157,27 +180,27 @@ def _as_array(values: ArrayLike, name: str) -> NDArray[Any]:
         raise MeshError(f"{name} must be an array of shape (n, 3), but the rows differ in length: {error}") from error
 
 
-def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.floating]:
-    """Return the vertices as a finite (V, 3) float array, without a copy where possible."""
+def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return the vertices as a finite (V, 3) float64 array of our own."""
     array = _as_array(vertices, f"{name}: vertices")
     if array.ndim != 2 or array.shape[1] != 3:
         raise MeshError(f"{name}: vertices must have shape (V, 3), not {array.shape}")
-    if not np.issubdtype(array.dtype, np.floating):
-        if not np.issubdtype(array.dtype, np.integer):
-            raise MeshError(f"{name}: vertices must be numbers, not {array.dtype}")
-        array = array.astype(np.float64)
+    if not np.issubdtype(array.dtype, np.floating) and not np.issubdtype(array.dtype, np.integer):
+        raise MeshError(f"{name}: vertices must be numbers, not {array.dtype}")
     if len(array) == 0:
         raise MeshError(f"{name}: the mesh has no vertices")
-    finite = np.isfinite(array)
+    with np.errstate(over="ignore"):  # of a wider dtype; found below
+        copied = np.array(array, np.float64, order="C")
+    finite = np.isfinite(copied)
     if not finite.all():
         vertex, axis = np.argwhere(~finite)[0]
         coordinate = f"{'xyz'[axis]} = {array[vertex, axis]}"
         raise MeshError(f"{name}: vertex {vertex} has a coordinate that is not finite: {coordinate}")
-    return array
+    return copied
 
 
 def _check_faces(faces: ArrayLike, vertex_count: int, name: str) -> NDArray[np.int32]:
-    """Return the faces as an (F, 3) int32 array of valid vertex indices."""
+    """Return the faces as an (F, 3) int32 array of valid vertex indices, of our own."""
     array = _as_array(faces, f"{name}: faces")
     if array.size == 0:
         raise MeshError(f"{name}: the mesh has no faces")
@@ -193,26 +216,28 @@ def _check_faces(faces: ArrayLike, vertex_count: int, name: str) -> NDArray[np.i
             f"{name}: face {face} refers to vertex {array[face, corner]}, but there are {vertex_count} vertices "
             f"(0 to {vertex_count - 1})"
         )
-    return np.ascontiguousarray(array, dtype=np.int32)
+    return np.array(array, np.int32, order="C")
 
 
-def _rebase(vertices: NDArray[np.floating], name: str) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return the vertices relative to the centre of their box, and that centre."""
-    # The box is taken in the input's own precision, the centre and the subtraction in float64.
-    lower = _reduce_points(np.minimum, vertices).astype(np.float64)
-    upper = _reduce_points(np.maximum, vertices).astype(np.float64)
-    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is refused below
+def _localize(vertices: NDArray[np.float64], name: str) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
+    """Return the vertices in local coordinates, the origin and the scale."""
+    lower, upper = _reduce_points(np.minimum, vertices), _reduce_points(np.maximum, vertices)
+    with np.errstate(over="ignore"):  # an overflow is refused below
+        half = float(np.max(upper / 2 - lower / 2))
         origin = lower + (upper - lower) / 2
-        local = np.subtract(vertices, origin, dtype=np.float64).astype(np.float32)
-    if not np.isfinite(local).all():
-        width = 2 * float(np.max(upper / 2 - lower / 2))
+    exponent = math.frexp(half)[1]
+    if half > 0.0 and not _LEAST_EXPONENT <= exponent <= _MOST_EXPONENT:
         raise MeshError(
-            f"{name}: the mesh is {width:.3g} units wide, more than float32 can hold: give it in a larger unit"
+            f"{name}: the mesh is {half:.3g} units wide to each side of its centre, and float64 has no room to compute "
+            f"with less than {2.0**_LEAST_EXPONENT:.0e} or more than {2.0**_MOST_EXPONENT:.0e}: give it in another unit"
         )
-    return local, origin
+    scale = 2.0**-exponent
+    local = vertices - origin
+    local *= scale
+    return local.astype(np.float32), origin, scale
 
 
-def _reduce_points(reduce: np.ufunc, points: NDArray[np.floating]) -> NDArray[np.floating]:
+def _reduce_points(reduce: np.ufunc, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the minimum or maximum of (n, 3) points, as ``reduce.reduce(points)`` does."""
     row_count = len(points) // _POINTS_PER_ROW
     even = row_count * _POINTS_PER_ROW

@@ -56,7 +56,7 @@ def gather_blocks(mesh: Mesh, blocks: NDArray[np.int32]) -> NDArray[np.void]:
 def _gather(mesh: Mesh, blocks: NDArray[np.int32], lanes: NDArray[np.float32], *, nan_if_degenerate: bool) -> None:
     """Write the corners and ids of the triangles of each block into the lanes of the blocks' structs."""
     lane_ints = lanes.view(np.int32)
-    _gather_lanes(mesh.vertices, mesh.faces, mesh.degenerate_faces, blocks, nan_if_degenerate, lanes, lane_ints)
+    _gather_lanes(mesh.local_vertices, mesh.faces, mesh.degenerate_faces, blocks, nan_if_degenerate, lanes, lane_ints)
 
 
 @compiled

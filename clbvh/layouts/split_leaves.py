@@ -32,7 +32,7 @@ def split_leaves(bvh: Bvh, leaf_size: int) -> NDArray[np.float32]:
     grown = np.empty((len(nodes) + int((2 * (leaf_counts - 1)).sum()), NODE_LANES), np.float32)
     grown[: len(nodes)] = nodes
     mesh = bvh.mesh
-    _split_leaves(grown, grown.view(np.int32), len(nodes), leaf_size, bvh.prim_ids, mesh.vertices, mesh.faces)
+    _split_leaves(grown, grown.view(np.int32), len(nodes), leaf_size, bvh.prim_ids, mesh.local_vertices, mesh.faces)
     return grown
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
+from ..geometry import Mesh
 
 Vector = tuple[float, float, float]
 
@@ -21,7 +22,7 @@ _AZIMUTH_DEGREES = 30.0
 _ELEVATION_DEGREES = 18.0
 _MARGIN = 0.06
 
-# A mesh without extent still needs a distance.
+# A mesh without extent still needs a distance; in local units.
 _SMALLEST_DISTANCE = 1e-6
 
 # Vertices per step when the mesh is framed: 10 MB at a time.
@@ -101,10 +102,12 @@ def make_axes(
     forward: NDArray[np.float64], up: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
-    distance = np.linalg.norm(forward)
-    if not distance > 0:
+    # Scaled first: the squares of a short or long vector need not be in float64.
+    longest = np.abs(forward).max()
+    if not longest > 0:
         raise SceneError("the camera's eye and look_at are the same point")
-    forward = forward / distance
+    forward = forward / longest
+    forward /= np.linalg.norm(forward)
     right = np.cross(forward, up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
     length = np.linalg.norm(right)
     if not length > 1e-9:
@@ -113,21 +116,19 @@ def make_axes(
     return right, np.cross(right, forward), forward
 
 
-def frame_points(
-    points: NDArray[np.floating],
-    origin: NDArray[np.float64],
+def frame_mesh(
+    mesh: Mesh,
     *,
     aspect: float,
     up: Vector = DEFAULT_UP,
     fov: float = DEFAULT_FOV,
     eye: Vector | None = None,
 ) -> Camera:
-    """Return a camera that sees all points from a three-quarter view, as close as possible.
+    """Return a camera that sees all of a mesh from a three-quarter view, as close as possible.
 
     Parameters
     ----------
-    points : (n, 3) float, relative to `origin`
-    origin : (3,) float64
+    mesh : Mesh
     aspect : float
         Width of the picture divided by its height.
     up : (3,) float
@@ -135,7 +136,7 @@ def frame_points(
     fov : float
         Vertical field of view in degrees.
     eye : (3,) float, optional
-        A fixed position; the camera looks at the middle of the points' box.
+        A fixed position; the camera looks at the middle of the mesh's box.
 
     Notes
     -----
@@ -145,18 +146,17 @@ def frame_points(
     """
     check_fov(fov)
     if eye is not None:
-        middle = origin + (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
-        return Camera(eye, _as_vector(middle), up, fov)
+        return Camera(eye, _as_vector(mesh.origin), up, fov)
     right, upward, forward = make_axes(-_three_quarter_direction(up), np.asarray(up, np.float64))
     tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - _MARGIN)
 
-    # The planes of the view's four sides, moved inwards until they touch the points.
+    # The planes of the view's four sides, moved inwards until they touch the points. In local coordinates.
     highest = np.full(2, -np.inf)
     lowest = np.full(2, np.inf)
     nearest, farthest = np.inf, -np.inf
     across = np.stack([right, upward], axis=1)
-    for begin in range(0, len(points), _CHUNK_VERTICES):
-        chunk = points[begin : begin + _CHUNK_VERTICES].astype(np.float64)
+    for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
+        chunk = mesh.local_vertices[begin : begin + _CHUNK_VERTICES].astype(np.float64)
         depth = chunk @ forward
         offset = chunk @ across
         highest = np.maximum(highest, (offset - depth[:, None] * tangents).max(axis=0))
@@ -168,8 +168,9 @@ def frame_points(
     # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
     distance = max(distance, -nearest + 1e-3 * size)
     centre = (highest + lowest) / 2
-    eye_point = origin + across @ centre - distance * forward
-    look_at = eye_point + forward * (distance + (nearest + farthest) / 2)
+    local_eye = across @ centre - distance * forward
+    local_target = local_eye + forward * (distance + (nearest + farthest) / 2)
+    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
     return Camera(_as_vector(eye_point), _as_vector(look_at), up, fov)
 
 

@@ -50,14 +50,14 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
 
 
 def _random_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Rays:
-    lower = mesh.vertices.min(axis=0).astype(np.float64)
+    lower = mesh.vertices.min(axis=0)
     size = mesh.vertices.max(axis=0) - lower
-    return lower + generator.random((count, 3)) * size + mesh.origin, generator.normal(size=(count, 3))
+    return lower + generator.random((count, 3)) * size, generator.normal(size=(count, 3))
 
 
 def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Rays:
     """Return rays from points that are uniform over the surface; none for a mesh without area."""
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
     if not areas.sum() > 0:
@@ -72,4 +72,4 @@ def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Ra
     sphere = generator.normal(size=(count, 3))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    return points + _LIFT * size * upward + mesh.origin, sphere + upward
+    return points + _LIFT * size * upward, sphere + upward

@@ -206,6 +206,7 @@ def render(
         on_phase("render")
         colours, device_hits = renderer.render(make_view(scene, camera, mesh))
         total_ms = watch.total_ms
+        device_hits["t"] /= mesh.scale
         hits = Hits.from_device(device_hits, mesh)
         timings = _list_timings(watch.laps_ms, made, tree_upload_ms, session.times.sums_ms(), total_ms)
         validated = 0
@@ -257,7 +258,7 @@ def _validate(mesh: Mesh, bvh: Bvh | None, camera: Camera, hits: Hits, options: 
     pixels = np.linspace(0, width * height - 1, pixel_count).astype(np.int64)
     origins, directions = camera.rays(width, height)
     differences = find_differences(
-        mesh, origins.reshape(-1, 3)[pixels] - mesh.origin, directions.reshape(-1, 3)[pixels], hits.take(pixels)
+        mesh, origins.reshape(-1, 3)[pixels], directions.reshape(-1, 3)[pixels], hits.take(pixels)
     )
     if differences:
         first = differences[0]

@@ -20,7 +20,7 @@ from ..geometry import Mesh, load_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, frame_points
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, frame_mesh
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -151,7 +151,7 @@ class Transform:
         rotation = np.eye(3)
         for axis, degrees in enumerate(self.rotate):
             rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
-        points = (mesh.vertices + mesh.origin) * self.scale @ rotation.T + np.asarray(self.translate)
+        points = mesh.vertices * self.scale @ rotation.T + np.asarray(self.translate)
         return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
 
 
@@ -220,14 +220,7 @@ class Scene:
         """Return the camera: the one that was asked for, or one that sees the whole mesh."""
         if self.eye is not None and self.look_at is not None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
-        return frame_points(
-            mesh.vertices,
-            mesh.origin,
-            aspect=self.width / self.height,
-            up=self.up,
-            fov=self.fov,
-            eye=self.eye,
-        )
+        return frame_mesh(mesh, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return a copy with those changes that are not None."""

@@ -10,17 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..builders.build import build
+from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
 from ..device.settings import Settings, default_settings
-from ..geometry import Mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY
 from ..trace.device_tree import DeviceTree
+from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
-from .camera import Camera, frame_points
+from ..trace.rays.pack import pack_rays
+from .camera import Camera, frame_mesh
 from .frame import FrameRenderer
 from .scene import MeshSource, Scene
 from .view import make_view
@@ -86,12 +88,12 @@ def tune(
     """
     mesh = make_shape("knot", triangles=triangles)
     bvh = build(mesh)
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=size[0] / size[1])
+    camera = frame_mesh(mesh, aspect=size[0] / size[1])
     with DeviceSession(device) as session:
         chosen = default_settings(session.info)
         trials: list[Trial] = []
         trees = {layout: DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS}
-        neighbours, shuffled = _make_rays(camera, mesh, size)
+        neighbours, shuffled = _make_rays(camera, bvh, size)
         orders = [(session.upload(neighbours), True), (session.upload(shuffled), False)]
         ray_count = size[0] * size[1]
         results = session.allocate(ray_count * HIT.itemsize)
@@ -142,13 +144,11 @@ def tune(
         return session.info, chosen, trials
 
 
-def _make_rays(camera: Camera, mesh: Mesh, size: tuple[int, int]) -> list[NDArray[np.void]]:
+def _make_rays(camera: Camera, bvh: Bvh, size: tuple[int, int]) -> list[NDArray[np.void]]:
     """Return the rays of a picture, in its order and shuffled."""
-    origins, directions = camera.rays(*size)
-    rays = np.zeros(size[0] * size[1], PACKED_RAY)
-    rays["origin"] = origins.reshape(-1, 3) - mesh.origin
-    rays["direction"] = directions.reshape(-1, 3)
-    rays["t_max"] = np.inf
+    batch, _ = read_rays(*camera.rays(*size), 0.0, np.inf)
+    rays = np.empty(batch.ray_count, PACKED_RAY)
+    pack_rays(batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
     return [rays, np.random.default_rng(0).permutation(rays)]
 
 

@@ -23,13 +23,13 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     ----------
     scene : Scene
     camera : Camera
-        In the scene's coordinates; the view is relative to the mesh's origin, subtracted in float64.
+        In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
     """
     view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
     half_height = math.tan(math.radians(camera.fov) / 2)
-    eye = np.asarray(camera.eye, np.float64) - mesh.origin
+    eye = mesh.to_local(camera.eye)
     view["eye"] = eye
     view["forward"] = forward
     view["right"] = right * half_height * scene.width / scene.height
@@ -61,8 +61,9 @@ def _light_direction(
 
 
 def _depth_range(mesh: Mesh, eye: NDArray[np.float64], forward: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the nearest and the farthest distance of the mesh's box along the line of sight."""
-    lower, upper = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
+    """Return the nearest and the farthest distance of the mesh's box along the line of sight, in local units."""
+    vertices = mesh.local_vertices
+    lower, upper = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
     nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
     farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
     nearest = max(nearest, 0.0)

@@ -86,7 +86,7 @@ def measure_overlap(
     count = bvh.nodes["count"]
     costs = np.where(count > 0, count * float(intersection_cost), float(traversal_cost))
     overlap, area = _sum_overlaps(
-        bvh.mesh.vertices, bvh.mesh.faces, bvh.prim_ids, slots, nodes, nodes.view(np.int32), costs, bvh.depth
+        bvh.mesh.local_vertices, bvh.mesh.faces, bvh.prim_ids, slots, nodes, nodes.view(np.int32), costs, bvh.depth
     )
     return Overlap(float(overlap / area) if area > 0 else 0.0, sample_count)
 

@@ -11,20 +11,22 @@ from ..geometry import Mesh
 
 
 class Triangles(NamedTuple):
-    """The arrays of a mesh, as compiled functions take them.
+    """What compiled functions need of a mesh.
 
     Attributes
     ----------
-    origin : (3,) float64
-    vertices : (V, 3) float32
+    vertices : (V, 3) float64, the file's coordinates
     faces : (F, 3) int32
+    scale : float
+        A power of two: local units in one unit of the file. Lengths are scaled by it before they are multiplied with
+        each other, so that no product leaves float64.
     """
 
-    origin: NDArray[np.float64]
-    vertices: NDArray[np.float32]
+    vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
+    scale: float
 
 
 def triangles_of(mesh: Mesh) -> Triangles:
     """Return the arrays of a mesh."""
-    return Triangles(mesh.origin, mesh.vertices, mesh.faces)
+    return Triangles(mesh.vertices, mesh.faces, mesh.scale)

@@ -94,7 +94,7 @@ def _build(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
 def _fill_treelets(mesh: Mesh, executor: Executor) -> NDArray[np.int64]:
     """Write all primitive references into their treelets; return begin and end of each, (k, 2)."""
     run, workers = executor.threads.run, executor.workers
-    slices = [MeshSlice(mesh.vertices, mesh.faces, *cut) for cut in cut_range(0, mesh.face_count, workers)]
+    slices = [MeshSlice(mesh.local_vertices, mesh.faces, *cut) for cut in cut_range(0, mesh.face_count, workers)]
     grid = _make_mesh_grid(mesh, executor)
 
     # Primitives in each cell, for each slice of the mesh.
@@ -118,9 +118,9 @@ def _fill_treelets(mesh: Mesh, executor: Executor) -> NDArray[np.int64]:
 
 def _make_mesh_grid(mesh: Mesh, executor: Executor) -> NDArray[np.float32]:
     """Return the grid over all centroids of a mesh, see `make_grid`."""
-    parts = cut_range(0, len(mesh.vertices), executor.workers)
+    parts = cut_range(0, len(mesh.local_vertices), executor.workers)
     bounds = np.empty((executor.workers, 2, BOX_LANES), np.float32)
-    executor.threads.run(bound_vertices, [(mesh.vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
+    executor.threads.run(bound_vertices, [(mesh.local_vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
     whole = np.minimum.reduce(bounds)
     check_width(mesh, whole)
     grid: NDArray[np.float32] = make_grid(whole, BOUNDS_CENTROIDS, _AXIS_BITS)

@@ -90,7 +90,7 @@ def _build(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptio
     watch = Stopwatch()
     count = mesh.face_count
     rule = Rule(variant.how, options.bins or DEFAULT_BINS, variant.leaf_size(options), variant.copies)
-    executor.share("vertices", mesh.vertices)
+    executor.share("vertices", mesh.local_vertices)
     executor.share("faces", mesh.faces)
     prim_ids = executor.create("prim_ids", (count,), np.int32)
     prim_ids[:] = np.arange(count)

@@ -44,21 +44,21 @@ def find_normals(mesh: Mesh, prim_id: NDArray[np.int32]) -> NDArray[np.float64]:
 
 @compiled
 def _locate(triangles, prim_ids, us, vs, locations):
-    origin, vertices, faces = triangles.origin, triangles.vertices, triangles.faces
+    vertices, faces = triangles.vertices, triangles.faces
     for hit in range(len(prim_ids)):
         prim, u, v = prim_ids[hit], us[hit], vs[hit]
         for axis in range(3):
             if prim == NO_PRIM:
                 locations[hit, axis] = np.nan
                 continue
-            a = np.float64(vertices[faces[prim, 0], axis])
+            a = vertices[faces[prim, 0], axis]
             ab, ac = vertices[faces[prim, 1], axis] - a, vertices[faces[prim, 2], axis] - a
-            locations[hit, axis] = origin[axis] + (a + (u * ab + v * ac))
+            locations[hit, axis] = a + (u * ab + v * ac)
 
 
 @compiled(error_model="numpy")
 def _make_normals(triangles, prim_ids, normals):
-    vertices, faces = triangles.vertices, triangles.faces
+    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
     ab, ac = np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim = prim_ids[hit]
@@ -66,9 +66,10 @@ def _make_normals(triangles, prim_ids, normals):
             normals[hit] = np.nan
             continue
         for axis in range(3):
-            a = np.float64(vertices[faces[prim, 0], axis])
-            ab[axis], ac[axis] = vertices[faces[prim, 1], axis] - a, vertices[faces[prim, 2], axis] - a
-        # Float64 holds the product of two float32 numbers of any size, but not its square.
+            a = vertices[faces[prim, 0], axis]
+            ab[axis] = (vertices[faces[prim, 1], axis] - a) * scale
+            ac[axis] = (vertices[faces[prim, 2], axis] - a) * scale
+        # The squares of a small triangle's normal need not be in float64, those of this one are.
         largest = 0.0
         for axis in range(3):
             following, last = (axis + 1) % 3, (axis + 2) % 3

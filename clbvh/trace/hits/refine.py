@@ -1,4 +1,7 @@
-"""Hits from the device are computed again in float64, on the triangles that the device found.
+"""Hits from the device are computed again in float64, on the file's own vertices.
+
+Of what the device found only the triangle counts. So t, u and v depend on nothing but the ray and the triangle, and not
+on the layout, the device, or its compiler.
 
 Hits are refined in blocks: first all inputs are gathered, then comes the arithmetic, which the compiler turns into
 vector instructions, then the exceptions. Hit by hit it takes twice as long, and a block stays in the first-level cache.
@@ -6,18 +9,17 @@ vector instructions, then the exceptions. Hit by hit it takes twice as long, and
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ...structs import HIT_LANES, HIT_PRIM_ID, HIT_U, HIT_V, NO_PRIM
+from ...structs import HIT_LANES, HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
+from ...support.powers_of_two import exponent_of, times_power_of_two
 from ...support.prefetch import prefetch
 from ..rays.batch import RayBatch
-from ..rays.pack import scale_exponent
 from ..triangles import triangles_of
 from .crossings import Crossings, source_index
 
@@ -30,8 +32,12 @@ _PREFETCH_HITS = 12
 # Rays that are made contiguous at a time, where they are not.
 _MOST_RAYS = 2**20
 
-# Vectors of each hit in a block, one row for each axis: the ray, the triangle's corner a and edges, and (t, u, v).
-_ORIGIN, _DIRECTION, _CORNER, _AB, _AC, _TUV = range(6)
+# The t of a hit beyond float64: infinity is the t of a miss.
+_MOST_T = np.finfo(np.float64).max
+
+# Vectors of each hit in a block, one row for each axis: the ray's direction, the triangle's corner a as seen from the
+# ray's origin, its edges, and (t, u, v). All in local units, the direction with a longest component from 1 to 2.
+_DIRECTION, _CORNER, _AB, _AC, _TUV = range(5)
 
 
 class RefinedHits(NamedTuple):
@@ -47,9 +53,9 @@ class _Block(NamedTuple):
 
     Attributes
     ----------
-    vectors : (6, 3, 128) float64
+    vectors : (5, 3, 128) float64
     exponents : (128,) int64
-        Powers of two by which directions were divided.
+        The t of each hit is the user's times this power of two.
     rays, sources, targets : (128,) int64
         Indices of each hit: its ray, what the device found, and where the result goes.
     """
@@ -80,8 +86,8 @@ def refine_closest(
     found : (n,) `structs.HIT`
         What the device found.
     t, u, v, prim_id : (n,) arrays, written
-        Where float64 puts the hit beside the triangle by less than float32 resolves, u and v are the device's, and t is
-        where the ray is nearest to that point.
+        Where float64 sees the ray pass beside the triangle, by less than float32 resolves, they are those of the
+        triangle's point that is nearest to the ray.
     """
     lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, HIT_LANES)
     _refine_closest(batch, triangles_of(mesh), lanes, lanes.view(np.int32), RefinedHits(t, u, v), prim_id)
@@ -158,7 +164,7 @@ def _refine_closest(batch, triangles, found, found_ints, hits, prim_id):
         if count == _BLOCK or ray == len(found) - 1:
             _gather(batch, triangles, found_ints, block, count)
             _intersect_planes(block.vectors, count)
-            _settle(block, found, count)
+            _settle(block, count)
             _store_hits(batch, block, count, hits)
             count = 0
 
@@ -195,11 +201,11 @@ def _refine_crossings(batch, triangles, crossings, found_ints, first_ray, next_s
         if hits is not None or locations is not None:
             _gather(batch, triangles, found_ints, block, count)
             _intersect_planes(block.vectors, count)
-            _settle(block, found, count)
+            _settle(block, count)
         if hits is not None:
             _store_hits(batch, block, count, hits)
         if locations is not None:
-            _store_locations(triangles.origin, block, count, locations)
+            _store_locations(triangles, found_ints, block, count, locations)
 
 
 @compiled
@@ -215,10 +221,11 @@ def _keep_order(counts, first_slot, t):
 
 @compiled
 def _gather(batch, triangles, found_ints, block, count):
-    """Write the rays and the triangles of some hits into a block, with directions of moderate length."""
+    """Write the rays and the triangles of some hits into a block."""
     origins, directions = batch.origins, batch.directions
-    centre, vertices, faces = triangles.origin, triangles.vertices, triangles.faces
+    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
     vectors, exponents, rays, sources = block.vectors, block.exponents, block.rays, block.sources
+    exponent_of_scale = exponent_of(scale)
     for hit in range(count):
         prefetch(faces, 3 * found_ints[sources[hit], HIT_PRIM_ID])
     for hit in range(count):
@@ -227,18 +234,17 @@ def _gather(batch, triangles, found_ints, block, count):
         for corner in range(3):
             prefetch(vertices, 3 * faces[coming, corner])
         dx, dy, dz = np.float64(directions[ray, 0]), np.float64(directions[ray, 1]), np.float64(directions[ray, 2])
-        exponent = scale_exponent(max(abs(dx), abs(dy), abs(dz)))
-        if exponent != 0:
-            dx, dy, dz = math.ldexp(dx, -exponent), math.ldexp(dy, -exponent), math.ldexp(dz, -exponent)
-        exponents[hit] = exponent
-        vectors[_DIRECTION, 0, hit], vectors[_DIRECTION, 1, hit], vectors[_DIRECTION, 2, hit] = dx, dy, dz
+        exponent = exponent_of(max(abs(dx), abs(dy), abs(dz)))
+        vectors[_DIRECTION, 0, hit] = times_power_of_two(dx, -exponent)
+        vectors[_DIRECTION, 1, hit] = times_power_of_two(dy, -exponent)
+        vectors[_DIRECTION, 2, hit] = times_power_of_two(dz, -exponent)
+        exponents[hit] = exponent + exponent_of_scale
         ia, ib, ic = faces[prim, 0], faces[prim, 1], faces[prim, 2]
         for axis in range(3):
-            a = np.float64(vertices[ia, axis])
-            vectors[_ORIGIN, axis, hit] = origins[ray, axis] - centre[axis]
-            vectors[_CORNER, axis, hit] = a
-            vectors[_AB, axis, hit] = vertices[ib, axis] - a
-            vectors[_AC, axis, hit] = vertices[ic, axis] - a
+            a = vertices[ia, axis]
+            vectors[_CORNER, axis, hit] = (a - origins[ray, axis]) * scale
+            vectors[_AB, axis, hit] = (vertices[ib, axis] - a) * scale
+            vectors[_AC, axis, hit] = (vertices[ic, axis] - a) * scale
 
 
 @compiled(error_model="numpy")
@@ -251,9 +257,7 @@ def _intersect_planes(vectors, count):
         dx, dy, dz = vectors[_DIRECTION, 0, hit], vectors[_DIRECTION, 1, hit], vectors[_DIRECTION, 2, hit]
         abx, aby, abz = vectors[_AB, 0, hit], vectors[_AB, 1, hit], vectors[_AB, 2, hit]
         acx, acy, acz = vectors[_AC, 0, hit], vectors[_AC, 1, hit], vectors[_AC, 2, hit]
-        tx = vectors[_CORNER, 0, hit] - vectors[_ORIGIN, 0, hit]
-        ty = vectors[_CORNER, 1, hit] - vectors[_ORIGIN, 1, hit]
-        tz = vectors[_CORNER, 2, hit] - vectors[_ORIGIN, 2, hit]
+        tx, ty, tz = vectors[_CORNER, 0, hit], vectors[_CORNER, 1, hit], vectors[_CORNER, 2, hit]
         px, py, pz = dy * acz - dz * acy, dz * acx - dx * acz, dx * acy - dy * acx
         qx, qy, qz = ty * abz - tz * aby, tz * abx - tx * abz, tx * aby - ty * abx
         volume = abx * px + aby * py + abz * pz
@@ -263,25 +267,42 @@ def _intersect_planes(vectors, count):
 
 
 @compiled(error_model="numpy")
-def _settle(block, found, count):
+def _settle(block, count):
     """Move hits beside their triangle onto it, and give t the unit of the user's direction.
 
-    The device sees a rounded ray, which can cross a triangle where the exact ray passes beside it.
+    The device sees a rounded ray and a rounded triangle, which can meet where the exact ones pass each other.
     """
-    vectors, exponents, sources = block.vectors, block.exponents, block.sources
+    vectors, exponents = block.vectors, block.exponents
     for hit in range(count):
         t, u, v = vectors[_TUV, 0, hit], vectors[_TUV, 1, hit], vectors[_TUV, 2, hit]
         if not (u >= 0.0 and v >= 0.0 and u + v <= 1.0 and np.isfinite(t)):
-            u, v = np.float64(found[sources[hit], HIT_U]), np.float64(found[sources[hit], HIT_V])
-            along, square = 0.0, 0.0
-            for axis in range(3):
-                offset = u * vectors[_AB, axis, hit] + v * vectors[_AC, axis, hit]
-                direction = vectors[_DIRECTION, axis, hit]
-                along += ((vectors[_CORNER, axis, hit] - vectors[_ORIGIN, axis, hit]) + offset) * direction
-                square += direction * direction
-            vectors[_TUV, 0, hit], vectors[_TUV, 1, hit], vectors[_TUV, 2, hit] = along / square, u, v
-        if exponents[hit] != 0:
-            vectors[_TUV, 0, hit] = math.ldexp(vectors[_TUV, 0, hit], -exponents[hit])
+            _move_onto_edge(vectors, hit)
+        vectors[_TUV, 0, hit] = times_power_of_two(vectors[_TUV, 0, hit], -exponents[hit])
+
+
+@compiled(error_model="numpy")
+def _move_onto_edge(vectors, hit):
+    """Write (t, u, v) of the point of the triangle's edges that is nearest to the ray's line."""
+    direction, corner = vectors[_DIRECTION, :, hit], vectors[_CORNER, :, hit]
+    ab, ac = vectors[_AB, :, hit], vectors[_AC, :, hit]
+    square = (direction * direction).sum()
+    least = np.inf
+    for edge in range(3):
+        # The edge from b to c, from c to a, from a to b: its begin and its way, less their shares along the ray.
+        begin = corner + ab if edge == 0 else corner + ac if edge == 1 else corner.copy()
+        way = ac - ab if edge == 0 else -ac if edge == 1 else ab.copy()
+        beside = begin - ((begin * direction).sum() / square) * direction
+        across = way - ((way * direction).sum() / square) * direction
+        # An edge along the ray has no nearest point: 0 / 0, and the comparison makes it the begin.
+        share = -(beside * across).sum() / (across * across).sum()
+        share = min(share, 1.0) if share > 0.0 else 0.0
+        offset = beside + share * across
+        distance = (offset * offset).sum()
+        if distance < least:
+            least = distance
+            vectors[_TUV, 0, hit] = ((begin + share * way) * direction).sum() / square
+            vectors[_TUV, 1, hit] = 1.0 - share if edge == 0 else 0.0 if edge == 1 else share
+            vectors[_TUV, 2, hit] = share if edge == 0 else 1.0 - share if edge == 1 else 0.0
 
 
 @compiled
@@ -293,15 +314,19 @@ def _store_hits(batch, block, count, hits):
         ray, target = rays[hit], targets[hit]
         t_min = t_mins[ray] if len(t_mins) > 1 else t_mins[0]
         t_max = t_maxs[ray] if len(t_maxs) > 1 else t_maxs[0]
-        t[target], u[target], v[target] = min(max(tuv[0, hit], t_min), t_max), tuv[1, hit], tuv[2, hit]
+        t[target] = min(max(tuv[0, hit], t_min), t_max, _MOST_T)
+        u[target], v[target] = tuv[1, hit], tuv[2, hit]
 
 
 @compiled
-def _store_locations(origin, block, count, locations):
+def _store_locations(triangles, found_ints, block, count, locations):
     """Write the points of a block's hits to their targets, in the file's coordinates."""
-    vectors, targets = block.vectors, block.targets
+    vectors, sources, targets = block.vectors, block.sources, block.targets
+    vertices, faces = triangles.vertices, triangles.faces
+    inverse_scale = 1.0 / triangles.scale
     for hit in range(count):
         u, v = vectors[_TUV, 1, hit], vectors[_TUV, 2, hit]
+        first = faces[found_ints[sources[hit], HIT_PRIM_ID], 0]
         for axis in range(3):
             offset = u * vectors[_AB, axis, hit] + v * vectors[_AC, axis, hit]
-            locations[targets[hit], axis] = origin[axis] + (vectors[_CORNER, axis, hit] + offset)
+            locations[targets[hit], axis] = vertices[first, axis] + offset * inverse_scale

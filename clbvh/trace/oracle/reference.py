@@ -61,7 +61,7 @@ def find_differences(
     Parameters
     ----------
     mesh : Mesh
-    origins, directions : (n, 3) float64, relative to the mesh's origin
+    origins, directions : (n, 3) float64, the file's coordinates
     hits : Hits
         The answers of a traversal, n of them.
 
@@ -99,7 +99,7 @@ def find_wrong_crossings(
     Parameters
     ----------
     mesh : Mesh
-    origins, directions : (n, 3) float64, relative to the mesh's origin
+    origins, directions : (n, 3) float64, the file's coordinates
     hits : AllHits
         The answers of a traversal for n rays, without limits.
 
@@ -118,7 +118,7 @@ def find_wrong_crossings(
 
 
 class _Question(NamedTuple):
-    """Triangles and rays in float64, and the largest rounding of the device, relative to the largest coordinate."""
+    """Triangles and rays in local coordinates, and the largest rounding of the device, relative to the largest one."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
@@ -139,8 +139,8 @@ class _Hits(NamedTuple):
 
 def _question(mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> _Question:
     return _Question(
-        mesh.vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
-        np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64),
+        mesh.local_vertices.astype(np.float64), mesh.faces, mesh.degenerate_faces,
+        np.ascontiguousarray(mesh.to_local(origins)), np.multiply(directions, mesh.scale, dtype=np.float64),
         _ROUNDINGS * _FLOAT32_ROUNDING,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from ...geometry import Mesh
 from ..launch import CLOSEST_POINT, Call, Caster
 from ..rays.pieces import Progress
 from .order import find_point_order
-from .pack import check_points, pack_points, unit_scale
+from .pack import check_points, pack_points
 from .refine import ClosestPoints, refine_points
 
 
@@ -25,7 +25,7 @@ def find_closest_points(
     with caster.open_call() as call:
         for begin, end in call.cut_points(count, progress):
             chunk = np.ascontiguousarray(flat[begin:end])
-            check_points(chunk, begin, shape)
+            check_points(chunk, call.box, begin, shape)
             part = ClosestPoints(found.distance[begin:end], found.point[begin:end], found.prim_id[begin:end])
             _find_chunk(call, mesh, chunk, part)
     return ClosestPoints(found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape))
@@ -39,7 +39,7 @@ def _find_chunk(call: Call, mesh: Mesh, points: NDArray[Any], closest: ClosestPo
         pack_points(points, call.box, order[first:last], packed)
 
     batch = call.pack_points(len(points), pack)
-    with call.cast(CLOSEST_POINT, batch, scale=unit_scale(call.box)) as prim_id:
+    with call.cast(CLOSEST_POINT, batch) as prim_id:
 
         def refine(first: int, last: int) -> None:
             refine_points(points, mesh, call.box, order[first:last], prim_id[first:last], closest)

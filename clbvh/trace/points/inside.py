@@ -20,14 +20,14 @@ GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
 def find_inside(caster: Caster, points: NDArray[Any], progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
-    shape, flat = points.shape[:-1], points.reshape(-1, 3)
+    shape, flat, box = points.shape[:-1], points.reshape(-1, 3), caster.box
     is_inside = np.zeros(len(flat), np.bool_)
     with caster.open_call():  # refuses a closed tracer, even without points
         pass
     for begin, end in cut_points(len(flat), progress=progress):
-        chunk = flat[begin:end]
-        check_points(chunk, begin, shape)
-        in_box = np.flatnonzero((np.abs(chunk - caster.box.centre) <= caster.box.half).all(axis=1))
+        chunk = np.ascontiguousarray(flat[begin:end])
+        check_points(chunk, box, begin, shape)
+        in_box = np.flatnonzero((np.abs((chunk - box.centre) * box.scale) <= box.half).all(axis=1))
         directions = np.broadcast_to(GENERIC_DIRECTIONS[0], (len(in_box), 3))
         rays, ray_shape = read_rays(chunk[in_box], directions, 0.0, np.inf)
         is_inside[begin + in_box] = count_hits(caster, rays, ray_shape, None, None) % 2 == 1

@@ -34,7 +34,8 @@ def find_point_order(points: NDArray[Any], box: TreeBox, threads: HostThreads) -
     """
     if len(points) < LEAST_POINTS:
         return np.arange(len(points), dtype=np.int32)
-    half = _CUBE_SHARE * max(float(box.half.max()), float(np.finfo(np.float32).tiny))
+    # A box without size stands for the unit of its coordinates: all points are then on the border of one cell.
+    half = _CUBE_SHARE * (float(box.half.max()) or 1.0) / box.scale
 
     def make_keys(begin: int, end: int, keys: NDArray[np.int32]) -> None:
         _make_keys(points[begin:end], box.centre, half, _CELLS / (2 * half), keys)

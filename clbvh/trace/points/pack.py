@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -18,27 +17,29 @@ from ..rays.batch import TreeBox, index_text
 # larger one would cost more in float32: sixteen roundings of it are as much.
 _FAR_SHARE = 512.0
 
-
-def unit_scale(box: TreeBox) -> np.float32:
-    """Return a power of two that scales a box to a size of about 1."""
-    return np.float32(math.ldexp(1.0, -math.frexp(float(box.half.max()))[1])) if box.half.any() else np.float32(1.0)
+_ALL_GOOD = -1
 
 
-def check_points(points: NDArray[Any], first: int, shape: tuple[int, ...]) -> None:
-    """Raise `QueryError` for the first point that is not finite.
+def check_points(points: NDArray[Any], box: TreeBox, first: int, shape: tuple[int, ...]) -> None:
+    """Raise `QueryError` for the first point that is not finite, or whose local coordinates are not.
 
     Parameters
     ----------
-    points : (n, 3) float
+    points : (n, 3) float, contiguous
+    box : TreeBox
     first : int
         Index of the first one among the user's.
     shape : tuple of int
         Leading shape of the user's array.
     """
-    is_good = np.isfinite(points).all(axis=1)
-    if not is_good.all():
-        bad = int(np.argmin(is_good))
-        raise QueryError(f"points[{index_text(first + bad, shape)}] is not finite: {points[bad]}")
+    bad = _find_bad(points, box.centre, box.scale)
+    if bad != _ALL_GOOD:
+        index, point = index_text(first + bad, shape), points[bad]
+        if not np.isfinite(point).all():
+            raise QueryError(f"points[{index}] is not finite: {point}")
+        raise QueryError(
+            f"points[{index}] is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: {point}"
+        )
 
 
 def pack_points(points: NDArray[Any], box: TreeBox, order: NDArray[np.int32], packed: NDArray[np.void]) -> None:
@@ -53,18 +54,31 @@ def pack_points(points: NDArray[Any], box: TreeBox, order: NDArray[np.int32], pa
         Points to write, by their indices.
     packed : (m,) `structs.PACKED_POINT`, written
     """
-    _pack(
-        points, order, box.centre, _FAR_SHARE * box.half.max(), packed.view(np.float32).reshape(-1, PACKED_POINT_LANES)
-    )
+    far = _FAR_SHARE * box.half.max()
+    _pack(points, order, box.centre, box.scale, far, packed.view(np.float32).reshape(-1, PACKED_POINT_LANES))
 
 
 @compiled
-def _pack(points, order, centre, far, packed):
+def _find_bad(points, centre, scale):
+    """Return the index of the first point whose local coordinates are not finite, or _ALL_GOOD."""
+    for point in range(len(points)):
+        for axis in range(3):
+            local = (points[point, axis] - centre[axis]) * scale
+            # Infinity minus infinity is NaN.
+            if local - local != 0.0:
+                return point
+    return _ALL_GOOD
+
+
+@compiled
+def _pack(points, order, centre, scale, far, packed):
+    local = np.empty(3)
     for slot in range(len(order)):
         point = order[slot]
         size = 0.0
         for axis in range(3):
-            size = max(size, abs(points[point, axis] - centre[axis]))
-        scale = far / size if size > far else 1.0
+            local[axis] = (points[point, axis] - centre[axis]) * scale
+            size = max(size, abs(local[axis]))
+        share = far / size if size > far else 1.0
         for axis in range(3):
-            packed[slot, axis] = (points[point, axis] - centre[axis]) * scale
+            packed[slot, axis] = local[axis] * share

@@ -56,14 +56,15 @@ def refine_points(
     closest : ClosestPoints of n points, written
         Only for the points in `order`. Without a face the distance is infinite and the point NaN.
     """
-    _refine(points, order, _FAR_SHARE * box.half.max(), triangles_of(mesh), prim_id, closest)
+    _refine(points, order, box, _FAR_SHARE * box.half.max(), triangles_of(mesh), prim_id, closest)
 
 
 @compiled(error_model="numpy")
-def _refine(points, order, far, triangles, found, closest):
-    origin, vertices, faces = triangles.origin, triangles.vertices, triangles.faces
+def _refine(points, order, box, far, triangles, found, closest):
+    vertices, faces = triangles.vertices, triangles.faces
+    centre, scale = box.centre, box.scale
     distance, nearest, prim_id = closest.distance, closest.point, closest.prim_id
-    # The corners relative to the point, which is at zero then.
+    # The corners in local units, as seen from the point.
     a, b, c, weights, away = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for slot in range(len(order)):
         index, prim = order[slot], found[slot]
@@ -74,25 +75,27 @@ def _refine(points, order, far, triangles, found, closest):
             continue
         size = 0.0
         for axis in range(3):
-            size = max(size, abs(points[index, axis] - origin[axis]))
-        scale = far / size if size > far else 1.0
+            size = max(size, abs((points[index, axis] - centre[axis]) * scale))
         first, second, third = faces[prim, 0], faces[prim, 1], faces[prim, 2]
+        is_far = size > far
         for axis in range(3):
-            local = (points[index, axis] - origin[axis]) * scale
-            a[axis] = vertices[first, axis] - local
-            b[axis] = vertices[second, axis] - local
-            c[axis] = vertices[third, axis] - local
+            x, share = np.float64(points[index, axis]), far / size
+            point = centre[axis] + (x - centre[axis]) * share if is_far else x
+            a[axis] = (vertices[first, axis] - point) * scale
+            b[axis] = (vertices[second, axis] - point) * scale
+            c[axis] = (vertices[third, axis] - point) * scale
         squared = _closest_on_edge(a, b, 0, 1, weights, np.inf)
         squared = _closest_on_edge(b, c, 1, 2, weights, squared)
         squared = _closest_on_edge(c, a, 2, 0, weights, squared)
         squared = _closest_inside(a, b, c, weights, squared)
         for axis in range(3):
-            corner = np.float64(vertices[first, axis])
+            corner = vertices[first, axis]
             to_second, to_third = vertices[second, axis] - corner, vertices[third, axis] - corner
-            local = corner + weights[1] * to_second + weights[2] * to_third
-            nearest[index, axis] = origin[axis] + local
-            away[axis] = (local - (points[index, axis] - origin[axis])) / size if scale < 1.0 else 0.0
-        distance[index] = np.sqrt(squared) if scale == 1.0 else size * np.sqrt((away * away).sum())
+            nearest[index, axis] = corner + (weights[1] * to_second + weights[2] * to_third)
+            # In sizes, so that the square of a huge distance is in float64.
+            away[axis] = (nearest[index, axis] - points[index, axis]) * scale / size if is_far else 0.0
+        local = size * np.sqrt((away * away).sum()) if is_far else np.sqrt(squared)
+        distance[index] = local / scale
 
 
 @compiled(error_model="numpy")

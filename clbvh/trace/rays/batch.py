@@ -53,17 +53,20 @@ class RayBatch(NamedTuple):
 
 
 class TreeBox(NamedTuple):
-    """A box around the tree, symmetric about the mesh's origin: what is uploaded is moved close to it.
+    """A box around the tree, symmetric about the mesh's origin, and the map to the mesh's local coordinates.
 
     Attributes
     ----------
     centre : (3,) float64, the file's coordinates
         The mesh's origin.
-    half : (3,) float64
-        Half the size along each axis.
+    scale : float
+        A power of two: local units in one unit of the file.
+    half : (3,) float64, local coordinates
+        Half the size along each axis; the largest is about 1, or 0.
     """
 
     centre: NDArray[np.float64]
+    scale: float
     half: NDArray[np.float64]
 
     @classmethod
@@ -71,7 +74,7 @@ class TreeBox(NamedTuple):
         """Return the box around a tree."""
         root = bvh.nodes[0]
         half = np.maximum(np.abs(root["aabb_min"]), np.abs(root["aabb_max"])).astype(np.float64)
-        return cls(np.asarray(bvh.mesh.origin, np.float64), half)
+        return cls(bvh.mesh.origin, bvh.mesh.scale, half)
 
 
 def read_rays(

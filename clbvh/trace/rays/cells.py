@@ -31,12 +31,14 @@ class Grid(NamedTuple):
 
     Attributes
     ----------
-    centre : (3,) float64
-    half : (3,) float32
-    cells_per_unit : (3,) float32
+    centre : (3,) float64, the file's coordinates
+    scale : float
+        Local units in one unit of the file.
+    half, cells_per_unit : (3,) float32, local units
     """
 
     centre: NDArray[np.float64]
+    scale: float
     half: NDArray[np.float32]
     cells_per_unit: NDArray[Any]
 
@@ -58,7 +60,7 @@ class Block(NamedTuple):
 def make_grid(box: TreeBox) -> Grid:
     """Return the grid over a box."""
     half = box.half.astype(np.float32)
-    return Grid(box.centre, half, np.float32(0.5 * CELLS_PER_AXIS) / np.maximum(half, _THINNEST))
+    return Grid(box.centre, box.scale, half, np.float32(0.5 * CELLS_PER_AXIS) / np.maximum(half, _THINNEST))
 
 
 def make_block() -> Block:
@@ -76,7 +78,8 @@ def meets_box(block, ray):
 def find_cells(batch, grid, first, count, block):
     """Write the cells where the interval of each ray in the box begins and ends, for rays `first` to `first + count`.
 
-    In float32: cells of rays from very far are wrong, which costs locality and nothing else. There are no branches.
+    In float32: cells of rays from very far, or with directions of a length beyond float32, are wrong, which costs
+    locality and nothing else. There are no branches.
     Comparisons are written so that NaN, of a ray in a face of the box, changes nothing and falls into the first cell.
 
     Parameters
@@ -90,18 +93,20 @@ def find_cells(batch, grid, first, count, block):
     lanes, cells, half, cells_per_unit = block.lanes, block.cells, grid.half, grid.cells_per_unit
     # Twice as fast as with the lanes in a loop.
     starts, along = batch.origins[first : first + count], batch.directions[first : first + count]
-    centre_x, centre_y, centre_z = grid.centre[0], grid.centre[1], grid.centre[2]
+    centre_x, centre_y, centre_z, scale = grid.centre[0], grid.centre[1], grid.centre[2], grid.scale
     x, y, z = lanes[_ORIGIN], lanes[_ORIGIN + 1], lanes[_ORIGIN + 2]
     dx, dy, dz = lanes[_DIRECTION], lanes[_DIRECTION + 1], lanes[_DIRECTION + 2]
     for ray in range(count):
-        x[ray], y[ray], z[ray] = starts[ray, 0] - centre_x, starts[ray, 1] - centre_y, starts[ray, 2] - centre_z
+        x[ray] = (starts[ray, 0] - centre_x) * scale
+        y[ray] = (starts[ray, 1] - centre_y) * scale
+        z[ray] = (starts[ray, 2] - centre_z) * scale
         dx[ray], dy[ray], dz[ray] = along[ray, 0], along[ray, 1], along[ray, 2]
     for limits, lane in ((batch.t_min, lanes[_T_NEAR]), (batch.t_max, lanes[_T_FAR])):
         if len(limits) > 1:
             for ray in range(count):
-                lane[ray] = limits[first + ray]
+                lane[ray] = limits[first + ray] * scale
         else:
-            lane[:] = limits[0]
+            lane[:] = limits[0] * scale
 
     # The interval in the box.
     zero, one, last_cell = np.float32(0.0), np.float32(1.0), np.float32(CELLS_PER_AXIS - 1)

@@ -1,4 +1,8 @@
-"""Rays on their way to the device: moved to the tree's box in float64, then packed in float32.
+"""Rays on their way to the device: in the tree's local coordinates in float64, then packed in float32.
+
+The device sees meshes and directions of about one size, whatever the user's unit: the mesh is scaled by a power of two,
+and so is each direction, to a longest component from 1 to 2. Powers of two round nothing, so that a mesh and its rays
+give the same hits at every size.
 
 A ray that starts far from a small mesh would lose the mesh in the rounding of its origin. So a distant origin is first
 advanced along the ray to just before the box. A ray that misses the box is given an empty interval, which ends its
@@ -7,7 +11,6 @@ traversal at once.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +19,9 @@ from numpy.typing import NDArray
 from ...errors import QueryError
 from ...structs import PACKED_RAY_DIRECTION, PACKED_RAY_LANES, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
 from ...support.compiled import compiled
+from ...support.powers_of_two import exponent_of, times_power_of_two
 from ...support.prefetch import prefetch
 from .batch import RayBatch, TreeBox, index_text
-
-# Directions with a longest component outside of this range are scaled by a power of two: their squares would not fit
-# float32.
-_SHORT, _LONG = 2.0**-40, 2.0**40
 
 # An origin within this many times half the box's size is not advanced: float32 rounds by 2^-21 of that there, and a
 # ray takes 9 ns instead of 17 on a 2-core x86-64 server.
@@ -32,10 +32,12 @@ _NEAR_SHARE = 8.0
 _BOX_SLACK = 2.0**-20
 _DISTANCE_SLACK = 2.0**-48
 
-# An origin is advanced by a whole number of steps. A step is a power of two, about a quarter of the box's size, so
-# that a point on a grid stays on it, and a ray exactly through a vertex still meets it exactly. The constant is the
-# difference of the exponents of the box and of the step.
-_STEP_EXPONENT = 2
+# An origin is advanced by a whole number of steps: this share of the box's size, rounded down to a power of two. So a
+# point on a grid stays on it, and a ray exactly through a vertex still meets it exactly.
+_STEP_SHARE = 0.25
+
+# An advance leaves 2^-53 of an origin's distance, so that float64's farthest origin comes near in 20.
+_MOST_ADVANCES = 32
 
 # Prefetch distance in rays, for rays in another order than their own. A million take 7 to 9 ms on two cores instead of
 # 24; 16 and 40 perform alike.
@@ -45,7 +47,7 @@ _ALL_GOOD = -1
 
 
 class _Ray(NamedTuple):
-    """One ray in float64, relative to the centre of the box."""
+    """One ray in float64, in local coordinates; the longest component of its direction is from 1 to 2."""
 
     x: float
     y: float
@@ -66,7 +68,7 @@ def pack_rays(
     first_ray: int = 0,
     shape: tuple[int, ...] = (),
 ) -> None:
-    """Write rays as the device takes them. Some are advanced or scaled, so their t is not the user's.
+    """Write rays as the device takes them. They are scaled, and some are advanced: their t is not the user's.
 
     Parameters
     ----------
@@ -84,7 +86,8 @@ def pack_rays(
     Raises
     ------
     QueryError
-        A value is not finite, or a direction has length zero; the message names the first bad ray.
+        A value is not finite, a direction has length zero, or an origin's distance in sizes of the mesh is beyond
+        float64; the message names the first bad ray.
     """
     lanes = packed.view(np.float32).reshape(-1, PACKED_RAY_LANES)
     bad = _pack(batch, box, order, lanes)
@@ -100,22 +103,20 @@ def _explain(batch: RayBatch, ray_id: int, index: str) -> QueryError:
     for name, values in (("origins", batch.origins), ("directions", batch.directions)):
         if not np.isfinite(values[ray_id]).all():
             return QueryError(f"{name}[{index}] is not finite: {values[ray_id]}")
+    if batch.directions[ray_id].any():
+        return QueryError(
+            f"origins[{index}] is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: "
+            f"{batch.origins[ray_id]}"
+        )
     return QueryError(f"directions[{index}] has length zero")
-
-
-@compiled
-def scale_exponent(longest):
-    """Return the power of two by which a direction with this longest component is divided: 0 for most."""
-    if longest < _SHORT or longest > _LONG:
-        return math.frexp(longest)[1]
-    return 0
 
 
 @compiled
 def _pack(batch, box, order, packed):
     """Write the rays; return the index of the first bad one that is met, or _ALL_GOOD."""
     origins, directions, t_mins, t_maxs = batch.origins, batch.directions, batch.t_min, batch.t_max
-    half = box.half
+    half, scale = box.half, box.scale
+    exponent_of_scale = exponent_of(scale)
     size = max(half[0], half[1], half[2])
     near = _NEAR_SHARE * size
     centre_x, centre_y, centre_z = box.centre[0], box.centre[1], box.centre[2]
@@ -133,27 +134,29 @@ def _pack(batch, box, order, packed):
             prefetch(directions, coming)
             prefetch(directions, coming + 2)
         x, y, z = origins[ray, 0] - centre_x, origins[ray, 1] - centre_y, origins[ray, 2] - centre_z
+        x, y, z = x * scale, y * scale, z * scale
         dx, dy, dz = np.float64(directions[ray, 0]), np.float64(directions[ray, 1]), np.float64(directions[ray, 2])
-        size_x, size_y, size_z = abs(dx), abs(dy), abs(dz)
-        longest = max(size_x, size_y, size_z)
+        longest = max(abs(dx), abs(dy), abs(dz))
         if each_t_min:
             t_min = t_mins[ray]
         if each_t_max:
             t_max = t_maxs[ray]
-        # The short way. Written so that NaN and infinity do not take it.
-        if (
-            longest >= _SHORT and size_x <= _LONG and size_y <= _LONG and size_z <= _LONG
-            and abs(x) <= near and abs(y) <= near and abs(z) <= near
-        ):  # fmt: skip
-            _write(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max))
-            continue
         # Infinity minus infinity is NaN, and so is anything with NaN.
-        finite = (dx - dx) + (dy - dy) + (dz - dz) == 0.0
-        for axis in range(3):
-            finite &= origins[ray, axis] - origins[ray, axis] == 0.0
-        if not (finite and longest > 0.0):
+        is_finite = (dx - dx) + (dy - dy) + (dz - dz) + (x - x) + (y - y) + (z - z) == 0.0
+        if not (is_finite and longest > 0.0):
             return ray
-        _write_moved(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max), longest, half)
+        exponent = exponent_of(longest)
+        dx, dy, dz = (
+            times_power_of_two(dx, -exponent), times_power_of_two(dy, -exponent), times_power_of_two(dz, -exponent)
+        )  # fmt: skip
+        stretch = exponent + exponent_of_scale
+        local = _Ray(
+            x, y, z, dx, dy, dz, times_power_of_two(t_min, stretch), times_power_of_two(t_max, stretch)
+        )  # fmt: skip
+        if abs(x) <= near and abs(y) <= near and abs(z) <= near:
+            _write(packed, slot, local)
+        else:
+            _write_advanced(packed, slot, local, half)
     return _ALL_GOOD
 
 
@@ -168,35 +171,26 @@ def _write(packed, slot, ray):
 
 
 @compiled(error_model="numpy")
-def _write_moved(packed, slot, ray, longest, half):
-    """Write a ray with a direction of moderate length and an origin close to the box.
-
-    `longest` is the longest component of the direction, `half` the half size of the box.
-    """
+def _write_advanced(packed, slot, ray, half):
+    """Write a ray with its origin close to the box, of which `half` is the half size."""
     x, y, z, dx, dy, dz, t_min, t_max = ray
     size = max(half[0], half[1], half[2])
-    exponent = scale_exponent(longest)
-    if exponent != 0:
-        dx, dy, dz = math.ldexp(dx, -exponent), math.ldexp(dy, -exponent), math.ldexp(dz, -exponent)
-        longest = math.ldexp(longest, -exponent)
-        t_min, t_max = math.ldexp(t_min, exponent), math.ldexp(t_max, exponent)
-    near = _NEAR_SHARE * size
-    if abs(x) <= near and abs(y) <= near and abs(z) <= near:
-        _write(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max))
-        return
-
-    # The interval inside the box. Written so that NaN is a miss.
-    slack = _BOX_SLACK * size + _DISTANCE_SLACK * (abs(x) + abs(y) + abs(z))
-    t_near, t_far = _clip(x, dx, half[0] + slack, 0.0, t_max)
-    t_near, t_far = _clip(y, dy, half[1] + slack, t_near, t_far)
-    t_near, t_far = _clip(z, dz, half[2] + slack, t_near, t_far)
-    if not (t_near <= t_far and t_far >= t_min):
-        _write(packed, slot, _Ray(0.0, 0.0, 0.0, dx, dy, dz, 0.0, -1.0))
-        return
-    step = math.ldexp(1.0, math.frexp(size)[1] - math.frexp(longest)[1] - _STEP_EXPONENT)
-    advance = np.floor(t_near / step) * step
-    x, y, z = x + advance * dx, y + advance * dy, z + advance * dz
-    _write(packed, slot, _Ray(x, y, z, dx, dy, dz, max(t_min - advance, 0.0), t_max - advance))
+    near, step = _NEAR_SHARE * size, times_power_of_two(_STEP_SHARE, exponent_of(size))
+    for _ in range(_MOST_ADVANCES):
+        # The interval inside the box. Written so that NaN is a miss.
+        slack = _BOX_SLACK * size + _DISTANCE_SLACK * (abs(x) + abs(y) + abs(z))
+        t_near, t_far = _clip(x, dx, half[0] + slack, 0.0, t_max)
+        t_near, t_far = _clip(y, dy, half[1] + slack, t_near, t_far)
+        t_near, t_far = _clip(z, dz, half[2] + slack, t_near, t_far)
+        if not (t_near <= t_far and t_far >= t_min):
+            break
+        advance = np.floor(t_near / step) * step
+        x, y, z = x + advance * dx, y + advance * dy, z + advance * dz
+        t_min, t_max = max(t_min - advance, 0.0), t_max - advance
+        if abs(x) <= near and abs(y) <= near and abs(z) <= near:
+            _write(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max))
+            return
+    _write(packed, slot, _Ray(0.0, 0.0, 0.0, dx, dy, dz, 0.0, -1.0))
 
 
 @compiled(error_model="numpy")
