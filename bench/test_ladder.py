@@ -10,7 +10,7 @@ import pytest
 
 import clbvh
 from clbvh.builders.ladder import LADDER
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 
 RUNS = 9
 WORKERS = (1, 2)
@@ -45,7 +45,7 @@ def test_ladder(mesh):
 @pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
 def test_frontier(mesh, layout):
     """What a leaf that is tested by brute force saves in the build, and costs in the kernel."""
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    camera = frame_mesh(mesh, aspect=WIDTH / HEIGHT)
     origins, directions = (rays.reshape(-1, 3) for rays in camera.rays(WIDTH, HEIGHT))
     print(f"\n{layout}: {'frontier':>8}{'build ms':>10}{'kernel ms':>11}")
     for frontier in FRONTIERS:

@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 
 from .paired import compare, measure_ms
 
@@ -19,7 +19,7 @@ POINTS = 1_000_000
 @pytest.fixture(scope="module")
 def primary(mesh):
     """Primary rays of a Full HD picture: (n, 3) origins and directions, float32."""
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    camera = frame_mesh(mesh, aspect=WIDTH / HEIGHT)
     return tuple(np.ascontiguousarray(a.reshape(-1, 3), np.float32) for a in camera.rays(WIDTH, HEIGHT))
 
 
@@ -35,7 +35,7 @@ def engines(mesh):
     """Return this engine and trimesh's own over embreex, of one trimesh."""
     trimesh = pytest.importorskip("trimesh")
     embree = pytest.importorskip("trimesh.ray.ray_pyembree", reason="peers: embreex is not installed")
-    loaded = trimesh.Trimesh(mesh.vertices + mesh.origin, mesh.faces, process=False)
+    loaded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     return RayMeshIntersector(loaded), embree.RayMeshIntersector(loaded)
 
 
@@ -43,7 +43,7 @@ def engines(mesh):
 def million(request, mesh):
     """Return a million rays in float64: those of a picture, or from all around towards the box in any order."""
     if request.param == "primary":
-        camera = frame_points(mesh.vertices, mesh.origin, aspect=TRIMESH_WIDTH / TRIMESH_HEIGHT)
+        camera = frame_mesh(mesh, aspect=TRIMESH_WIDTH / TRIMESH_HEIGHT)
         return tuple(np.ascontiguousarray(a.reshape(-1, 3)) for a in camera.rays(TRIMESH_WIDTH, TRIMESH_HEIGHT))
     generator = np.random.default_rng(1)
     size = np.ptp(mesh.vertices, axis=0).max()
@@ -77,7 +77,7 @@ def ordered(request, primary):
 def test_closest_hit_against_open3d(mesh, ordered, tracer, open3d):
     order, rays = ordered
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles((mesh.vertices + mesh.origin).astype(np.float32), mesh.faces.astype(np.uint32))
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     packed = open3d.core.Tensor(np.concatenate(rays, axis=1))
     ratio = compare(
         f"{len(rays[0]):,} {order} rays, whole closest_hit, Open3D's cast_rays",
@@ -93,7 +93,7 @@ def test_closest_hit_against_embreex(mesh, ordered, tracer):
     from embreex.mesh_construction import TriangleMesh
 
     scene = scene_module.EmbreeScene()
-    TriangleMesh(scene=scene, vertices=(mesh.vertices + mesh.origin).astype(np.float32), indices=mesh.faces)
+    TriangleMesh(scene=scene, vertices=mesh.vertices.astype(np.float32), indices=mesh.faces)
     host_share(tracer, lambda: tracer.closest_hit(*rays))
     ratio = compare(
         f"{len(rays[0]):,} {order} rays, whole closest_hit, embreex's run",
@@ -149,7 +149,7 @@ def test_closest_point_against_open3d(mesh, tracer, open3d):
     )
     points = np.concatenate((near, generator.uniform(-0.5, 0.5, (POINTS // 2, 3)) * size)) + mesh.origin
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles((mesh.vertices + mesh.origin).astype(np.float32), mesh.faces.astype(np.uint32))
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     packed = open3d.core.Tensor(points.astype(np.float32))
     host_share(tracer, lambda: tracer.closest_point(points))
     ratio = compare(

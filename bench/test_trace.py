@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace import launch
 from clbvh.trace.rays.pieces import RayPiece, cut_rays
@@ -35,7 +35,7 @@ def unsorted_rays(monkeypatch):
 @pytest.fixture(scope="module")
 def rays(mesh):
     """Primary rays of a Full HD picture: (n, 3) origins and directions, float32."""
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    camera = frame_mesh(mesh, aspect=WIDTH / HEIGHT)
     origins, directions = camera.rays(WIDTH, HEIGHT)
     return origins.reshape(-1, 3).astype(np.float32), directions.reshape(-1, 3).astype(np.float32)
 
@@ -92,7 +92,7 @@ def test_layouts_and_open3d(mesh, rays, tracers, open3d, order):
         shuffle = np.random.default_rng(1).permutation(len(origins))
         origins, directions = origins[shuffle], directions[shuffle]
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles((mesh.vertices + mesh.origin).astype(np.float32), mesh.faces.astype(np.uint32))
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     packed = open3d.core.Tensor(np.concatenate([origins, directions], axis=1))
     tasks = {layout: kernel_ms(tracer, "closest_hit", (origins, directions)) for layout, tracer in tracers.items()}
     tasks["Open3D"] = lambda: measure_ms(lambda: scene.cast_rays(packed))
@@ -136,7 +136,7 @@ def test_any_hit_of_shadow_rays(mesh, rays, tracers):
 
 
 def test_axis_parallel_rays(mesh, tracers):
-    lowest, highest = (mesh.vertices.min(axis=0) + mesh.origin, mesh.vertices.max(axis=0) + mesh.origin)
+    lowest, highest = (mesh.vertices.min(axis=0), mesh.vertices.max(axis=0))
     for axis in range(3):
         # A grid across the box, from one box away.
         steps = np.stack(np.meshgrid(*[np.linspace(0, 1, AXIS_GRID)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)

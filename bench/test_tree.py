@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 from clbvh.rendering.ray_cost import measure_rays
 
 from .paired import compare, measure_ms
@@ -18,7 +18,7 @@ def bvh(mesh):
 
 
 def test_refit_against_a_build(mesh, bvh):
-    vertices = mesh.vertices + mesh.origin
+    vertices = mesh.vertices
     vertices += 0.01 * np.ptp(vertices) * np.sin(vertices[:, ::-1] / np.ptp(vertices))
     compare("refit, build in one process", lambda: measure_ms(lambda: bvh.refit(vertices)),
             lambda: measure_ms(lambda: clbvh.build(mesh)))  # fmt: skip
@@ -47,7 +47,7 @@ def test_what_rays_save_by_high(mesh, shape):
     """Node steps and triangle tests per ray: no time is measured, so the figures are exact."""
     measured = mesh if shape is None else clbvh.make_shape(shape, triangles=200_000, seed=1)
     aspect = 16 / 9
-    camera = frame_points(measured.vertices, measured.origin, aspect=aspect)
+    camera = frame_mesh(measured, aspect=aspect)
     default, high = (measure_rays(clbvh.build(measured, quality=word), camera, aspect) for word in ("default", "high"))
     print(f"\n{measured}")
     for kind in default:

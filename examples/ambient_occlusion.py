@@ -17,7 +17,7 @@ import clbvh
 
 def vertex_normals(mesh: clbvh.Mesh) -> np.ndarray:
     """Return (V, 3) unit normals: the mean of the faces around each vertex, weighted by area."""
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(np.float64) for corner in range(3))
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     normals = np.zeros((len(mesh.vertices), 3))
     for corner in range(3):
         np.add.at(normals, mesh.faces[:, corner], np.cross(b - a, c - a))
@@ -28,7 +28,7 @@ def open_sky(tracer: clbvh.Tracer, mesh: clbvh.Mesh, rays: int, seed: int = 0) -
     """Return the cosine-weighted share of directions without a hit, (V,), for each vertex."""
     normals = vertex_normals(mesh)
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    origins = mesh.vertices + mesh.origin + 1e-4 * size * normals
+    origins = mesh.vertices + 1e-4 * size * normals
     generator = np.random.default_rng(seed)
     seen = np.zeros(len(origins))
     for _ in range(rays):
@@ -50,9 +50,7 @@ def main() -> None:
         sky = open_sky(tracer, mesh, options.rays)
     grey = np.round(255 * sky).astype(np.uint8)
     colours = np.stack([grey, grey, grey, np.full_like(grey, 255)], axis=1)
-    trimesh.Trimesh(mesh.vertices + mesh.origin, mesh.faces, vertex_colors=colours, process=False).export(
-        options.output
-    )
+    trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colours, process=False).export(options.output)
     print(f"{options.output}: vertices see {sky.mean():.0%} of the sky, from {sky.min():.0%} to {sky.max():.0%}")
 
 

@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=640)
     options = parser.parse_args()
     shape = clbvh.load_mesh(options.mesh) if options.mesh else clbvh.make_shape("knot", triangles=20_000)
-    mesh = trimesh.Trimesh(shape.vertices + shape.origin, shape.faces, process=False)
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
     mesh.ray = RayMeshIntersector(mesh)
     extents = mesh.extents
     height = max(1, round(options.width * extents[1] / extents[0]))

@@ -14,7 +14,7 @@ import clbvh
 
 def estimate_volume(tracer: clbvh.Tracer, mesh: clbvh.Mesh, count: int, seed: int = 0) -> tuple[float, float]:
     """Return an estimate of the mesh's volume by random points, and its standard error."""
-    low, high = mesh.vertices.min(axis=0) + mesh.origin, mesh.vertices.max(axis=0) + mesh.origin
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     points = np.random.default_rng(seed).uniform(low, high, (count, 3))
     share = tracer.contains(points).mean()
     box = float(np.prod(high - low))
@@ -23,7 +23,7 @@ def estimate_volume(tracer: clbvh.Tracer, mesh: clbvh.Mesh, count: int, seed: in
 
 def volume(mesh: clbvh.Mesh) -> float:
     """Return the volume by the divergence theorem, for faces that all point outwards."""
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(np.float64) for corner in range(3))
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
     return float((a * np.cross(b, c)).sum() / 6)
 
 

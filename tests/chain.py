@@ -3,8 +3,9 @@
 import numpy as np
 
 from clbvh import Bvh, validate_tree
-from clbvh.geometry import Mesh
 from clbvh.structs import NODE
+
+from .rays import mesh_as_on_device
 
 
 def make_chain(count, leaf_side):
@@ -16,7 +17,7 @@ def make_chain(count, leaf_side):
     a = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], np.float32)
     triangles = a[None] + np.arange(count, dtype=np.float32)[:, None, None] * np.array([0, 0, 1], np.float32)
     triangles[-1, 0] = [2, 2, count - 1]
-    mesh = Mesh(triangles.reshape(-1, 3), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.zeros(3))
+    mesh = mesh_as_on_device(triangles.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
 
     # Level i splits off triangle i; the rest begins at i + 1.
     nodes = np.zeros(2 * count - 1, NODE)

@@ -33,7 +33,7 @@ def inside_knot(count, generator):
 
 def deep_inside(mesh):
     """A function like the others for any closed mesh: points with a distance to its surface."""
-    low, size = mesh.vertices.min(axis=0) + mesh.origin, np.ptp(mesh.vertices, axis=0)
+    low, size = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0)
     with Tracer(build(mesh)) as tracer:
         points = low + np.random.default_rng(52).uniform(size=(20_000, 3)) * size
         points = points[tracer.signed_distance(points) > 0.03 * size.max()]
@@ -63,7 +63,7 @@ def open_closed_mesh(name, *, larger=1):
     edges = np.concatenate([rebased.faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))])
     assert np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
     assert len(np.unique(edges, axis=0)) == len(edges)
-    return centred(rebased), lambda count, generator: as_float32(inside(count, generator) - rebased.origin)
+    return centred(rebased), lambda count, generator: as_float32(rebased.to_local(inside(count, generator)))
 
 
 def rays_at(targets, inside, count, generator):
@@ -81,7 +81,7 @@ def at_edges(mesh, inside, count, generator):
 def along_axes(mesh, inside, count, generator):
     """From points that share coordinates with vertices where that is inside: in the planes of boxes."""
     origins = inside(count, generator)
-    vertices = mesh.vertices[generator.integers(0, len(mesh.vertices), count)].astype(np.float64)
+    vertices = mesh.vertices[generator.integers(0, len(mesh.vertices), count)]
     axis = generator.integers(0, 3, count)[:, None] == np.arange(3)
     margin = min(0.05, 0.025 * float(np.ptp(mesh.vertices, axis=0).max()))
     near = axis & (np.abs(vertices - origins) < margin)
@@ -143,7 +143,7 @@ def close_holes(mesh):
     middles = np.stack([mesh.vertices[border[loop_of_edge == loop, 0]].mean(axis=0) for loop in range(len(loops))])
     lids = np.stack((border[:, 1], border[:, 0], len(mesh.vertices) + loop_of_edge), axis=1)
     return Mesh.from_arrays(
-        np.concatenate((mesh.vertices + mesh.origin, middles + mesh.origin)),
+        np.concatenate((mesh.vertices, middles + mesh.origin)),
         np.concatenate((mesh.faces, lids)),
         name=f"{mesh.name}, closed",
     )

@@ -19,14 +19,20 @@ def as_float32(values):
     return np.asarray(values).astype(np.float32).astype(np.float64)
 
 
+def mesh_as_on_device(corners, faces, name="mesh"):
+    """A mesh whose coordinates are the device's own: nothing is moved, scaled or rounded on the way there."""
+    local = np.ascontiguousarray(corners, np.float32)
+    return Mesh(local.astype(np.float64), np.ascontiguousarray(faces, np.int32), local, np.zeros(3), 1.0, name)
+
+
 def centred(mesh):
-    """The same mesh in coordinates whose zero is the mesh's own: nothing is rounded on the way to the device."""
-    return Mesh(mesh.vertices, mesh.faces, np.zeros(3), mesh.name)
+    """The same mesh in its own local coordinates."""
+    return mesh_as_on_device(mesh.local_vertices, mesh.faces, mesh.name)
 
 
 def edge_midpoints(mesh):
     """The middle of every edge, (3 F, 3), as near as float32 gets."""
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    corners = mesh.vertices[mesh.faces]
     return as_float32((corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2)
 
 
@@ -55,7 +61,7 @@ def axis_rays(mesh, count, generator):
 def feature_rays(mesh, count, generator):
     """From around the mesh to its vertices and the middles of its edges."""
     origins, _ = random_rays(mesh, count, generator)
-    targets = np.concatenate((mesh.vertices.astype(np.float64), edge_midpoints(mesh)))
+    targets = np.concatenate((mesh.vertices, edge_midpoints(mesh)))
     return aim(origins, targets[generator.integers(0, len(targets), count)])
 
 

@@ -2,14 +2,14 @@
 // colour of each pixel.
 //
 // nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
-// blocks[block_count]                        block_t: triangles in leaf order, object units from the mesh's origin
+// blocks[block_count]                        block_t: triangles in leaf order, local coordinates
 // view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
 // tile_width, tile_height                    work-group of `render`, pixels
 // entry_points[tile_rows * tile_columns]     node_t, see cl/traversal/entry_point.cl: written by `view_entry_points`.
 //                                            NULL for `render`: all rays begin at the root
 // colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
-// hits[row_count * width]                    written: t in object units
+// hits[row_count * width]                    written: t in local units
 //
 // Work-items: (tile_columns, tile_rows) for `view_entry_points`; (width, row_count) for `render`, rounded up to tiles.
 

@@ -1,8 +1,9 @@
 // A point, and the nearest triangle found so far.
 //
-// In local coordinates the mesh is about as large as 1, so that no product leaves float32. Triangles are translated so that the point is zero. Corners and edges shared by two triangles then have the same coordinates in
-// both, hence the same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the
-// tests does not matter.
+// In local coordinates the mesh is about as large as 1, so that no product leaves float32. Triangles are translated so
+// that the point is zero. Corners and edges shared by two triangles then have the same coordinates in both, hence the
+// same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the tests does not
+// matter.
 
 #include "math/numeric.cl"
 

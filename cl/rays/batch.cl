@@ -7,8 +7,8 @@
 // of the tiles' entry points:
 //
 // nodes[node_count]           node_t: the tree in its layout, see clbvh/structs.py
-// blocks[block_count]         block_t: triangles in leaf order, object units relative to the mesh's origin
-// rays[ray_count]             packed_ray_t: object units relative to the mesh's origin; t in lengths of the direction
+// blocks[block_count]         block_t: triangles in leaf order, local coordinates
+// rays[ray_count]             packed_ray_t: local coordinates; t in lengths of the direction
 // row_length                  rays per row
 // order[ray_count]            ray_id of each ray: its number on the host, which is the index of its results. Neighbours
 //                             in the batch should be close together in space, see clbvh/trace/rays/sort.py. NULL:

@@ -10,7 +10,7 @@ INLINED float3 pixel_direction(const global view_t *view, const int column, cons
     return load3(view->forward) + x * load3(view->right) + y * load3(view->up);
 }
 
-// The direction has length 1, so t is a distance in object units.
+// The direction has length 1, so t is a distance in local units.
 INLINED ray_t primary_ray(const global view_t *view, const int column, const int row)
 {
     return make_ray(load3(view->eye), normalize(pixel_direction(view, column, row)), 0.0f, INFINITY);

@@ -24,8 +24,14 @@ def exponent_of(value):
 
 
 @compiled
+def power_of_two(exponent):
+    """Return 2^exponent; assumes that it is a normal number."""
+    return np.int64((exponent + _EXPONENT_BIAS) << _FRACTION_BITS).view(np.float64)
+
+
+@compiled
 def times_power_of_two(value, exponent):
     """Return value * 2^exponent for any exponent, rounded once if it is no normal number."""
     if _LEAST_NORMAL <= exponent <= _MOST_NORMAL:
-        return value * np.int64((exponent + _EXPONENT_BIAS) << _FRACTION_BITS).view(np.float64)
+        return value * power_of_two(exponent)
     return math.ldexp(value, exponent)

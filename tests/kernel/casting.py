@@ -34,7 +34,7 @@ def open_caster(session, mesh, bvh, layout="auto", *, row_length=None, tile=FLAT
     """
     tree = DeviceTree(session, mesh, bvh, layout)
     try:
-        yield Caster(session, mesh.origin, tree, row_length, tile, with_entry_points)
+        yield Caster(session, mesh, tree, row_length, tile, with_entry_points)
     finally:
         for name in ("nodes", "blocks"):
             session.release(tree.arguments[name])
@@ -43,25 +43,29 @@ def open_caster(session, mesh, bvh, layout="auto", *, row_length=None, tile=FLAT
 class Caster:
     """A function from a query and rays to its results; see `open_caster`."""
 
-    def __init__(self, session, mesh_origin, tree, row_length, tile, with_entry_points):
-        self._session, self._mesh_origin, self._tree = session, mesh_origin, tree
+    def __init__(self, session, mesh, tree, row_length, tile, with_entry_points):
+        self._session, self._mesh, self._tree = session, mesh, tree
         self._row_length, self._tile, self._with_entry_points = row_length, tile, with_entry_points
 
     def __call__(self, query, origins, directions, t_min=0.0, t_max=np.inf, max_hits=NO_LIMIT):
         """The results of a kernel; or of ``all_hits`` the hits, and the (n + 1,) offsets of each ray's."""
-        rays = make_rays(origins - self._mesh_origin, directions, t_min, t_max)
+        rays = self._make_rays(origins, directions, t_min, t_max)
         if query == "all_hits":
             return self._find_all_hits(rays, max_hits)
         return self._run(query, rays, **({"max_hits": max_hits} if query == "count_hits" else {}))
 
     def find_entry_points(self, origins, directions):
         """The entry points of all tiles, as nodes."""
-        with self._on_device(make_rays(origins - self._mesh_origin, directions)) as (rays, work_size):
+        with self._on_device(self._make_rays(origins, directions)) as (rays, work_size):
             buffer, count = self._write_entry_points(rays, work_size)
             found = np.zeros(count, WIDE_NODES[LAYOUT_WIDTHS[self._tree.layout]])
             self._session.download(buffer, found)
             self._session.release(buffer)
         return found
+
+    def _make_rays(self, origins, directions, *limits):
+        """Rays in local coordinates; with scaled directions, their t stays the same."""
+        return make_rays(self._mesh.to_local(origins), np.multiply(directions, self._mesh.scale), *limits)
 
     def _find_all_hits(self, rays, max_hits):
         counts = self._run("count_hits", rays, max_hits=max_hits)

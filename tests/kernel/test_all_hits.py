@@ -64,7 +64,7 @@ def test_the_way_out_of_a_convex_mesh_is_crossed_once(session):
     mesh = centred(make_shape("icosphere", triangles=5120))
     generator = np.random.default_rng(62)
     targets = np.concatenate((mesh.vertices.astype(np.float64), edge_midpoints(mesh)))
-    for inner in (np.zeros(targets.shape), generator.uniform(-0.4, 0.4, targets.shape)):
+    for inner in (np.zeros(targets.shape), generator.uniform(-0.2, 0.2, targets.shape)):
         with open_caster(session, mesh, build(mesh)) as cast:
             counts = cast("count_hits", *aim(inner, targets))
         np.testing.assert_array_equal(counts, 1)

@@ -5,7 +5,7 @@ import pytest
 
 from clbvh import build
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 from clbvh.structs import NO_PRIM
 
 from ..chain import make_chain
@@ -24,7 +24,7 @@ ROOT, NO_CHILD = 0, -1
 
 def picture(mesh, generator):
     """Rays of a picture."""
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    camera = frame_mesh(mesh, aspect=WIDTH / HEIGHT)
     origins, directions = camera.rays(WIDTH, HEIGHT)
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
 

@@ -11,7 +11,7 @@ from clbvh.structs import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
 from clbvh.trace.device_tree import DeviceTree
 
 from ..chain import make_chain
-from ..rays import centred, hard_rays
+from ..rays import centred, hard_rays, mesh_as_on_device
 from ..soup import make_soup
 from .casting import STACK_SIZE, open_caster
 
@@ -135,7 +135,7 @@ def test_the_near_child_comes_first(run_shell, make_rays, leaf_side):
 def test_any_crossing_ends_the_search(session, run_shell, make_rays):
     # The slope's box is entered first, and hit; the plate in front of the hit would be found by searching on.
     slope, plate = [[0, 0, 0], [1, 0, 10], [0, 1, 0]], [[0, 0, 5], [1, 0, 5], [0, 1, 5]]
-    mesh = centred(Mesh.from_arrays(np.array(slope + plate, float), [[0, 1, 2], [3, 4, 5]]))
+    mesh = mesh_as_on_device(np.subtract(slope + plate, [0.5, 0.5, 5]), [[0, 1, 2], [3, 4, 5]])
     bvh = build(mesh, leaf_size=1)
     assert bvh.depth == 1
     origins, directions = np.array([[0.3, -0.4, -20]]), np.array([[0, 0, 1]])

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Tracer, build, load_mesh
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 from clbvh.trace.oracle.reference import find_differences
 
 from ..rays import as_float32, centred, random_rays
@@ -62,7 +62,7 @@ def check_agreement(mesh, origins, directions, hits, theirs, t_floor=0.0):
 
 
 def primary_rays(mesh):
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT)
+    camera = frame_mesh(mesh, aspect=WIDTH / HEIGHT)
     origins, directions = camera.rays(WIDTH, HEIGHT)
     return as_float32(origins.reshape(-1, 3)), as_float32(directions.reshape(-1, 3))
 

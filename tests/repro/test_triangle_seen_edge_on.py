@@ -29,7 +29,7 @@ def make_slivers(count, generator):
 
 def points_of_planes(mesh, prims, generator):
     """A point in the plane of each triangle, on it or up to three of its sizes away."""
-    a, b, c = mesh.vertices[mesh.faces[prims]].astype(np.float64).transpose(1, 0, 2)
+    a, b, c = mesh.vertices[mesh.faces[prims]].transpose(1, 0, 2)
     i, j = generator.uniform(-2, 3, (2, len(prims), 1))
     return as_float32(a + i * (b - a) + j * (c - a))
 
@@ -49,7 +49,7 @@ def test_hits_are_on_their_rays(seed, from_plane):
         hits = tracer.closest_hit(origins, directions)
     assert hits.count > 500
     found = np.flatnonzero(hits.is_hit)
-    a, b, c = mesh.vertices[mesh.faces[hits.prim_id[found]]].astype(np.float64).transpose(1, 0, 2)
+    a, b, c = mesh.vertices[mesh.faces[hits.prim_id[found]]].transpose(1, 0, 2)
     to_point = a + hits.u[found, None] * (b - a) + hits.v[found, None] * (c - a) - origins[found]
     along = directions[found] / np.linalg.norm(directions[found], axis=1)[:, None]
     assert np.linalg.norm(np.cross(to_point, along), axis=1).max() < MOST_DISTANCE

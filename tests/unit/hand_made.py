@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from clbvh import Bvh, Mesh
+from clbvh import Bvh
 from clbvh.structs import NODE
+
+from ..rays import mesh_as_on_device
 
 # Triangle i lies in the square from (2 i, 0) to (2 i + 1, 1), at height i.
 FACE_COUNT = 4
@@ -20,8 +22,7 @@ FACE_COUNT = 4
 
 def make_mesh():
     corners = [[[2 * i, 0, i], [2 * i + 1, 0, i], [2 * i, 1, i]] for i in range(FACE_COUNT)]
-    faces = np.arange(3 * FACE_COUNT, dtype=np.int32).reshape(-1, 3)
-    return Mesh(np.array(corners, np.float32).reshape(-1, 3), faces, np.zeros(3), "four triangles")
+    return mesh_as_on_device(np.reshape(corners, (-1, 3)), np.arange(3 * FACE_COUNT).reshape(-1, 3), "four triangles")
 
 
 def make_tree():
@@ -42,6 +43,6 @@ def make_tree():
 def make_leaf(count=FACE_COUNT):
     """Return a tree that is one leaf over the first triangles."""
     whole = make_mesh()
-    mesh = Mesh(whole.vertices, whole.faces[:count], whole.origin, "one leaf")
+    mesh = mesh_as_on_device(whole.local_vertices, whole.faces[:count], "one leaf")
     nodes = np.array([([0, 0, 0], 0, [2 * count - 1, 1, count - 1], count)], NODE)
     return Bvh(nodes, np.arange(count, dtype=np.int32), mesh)

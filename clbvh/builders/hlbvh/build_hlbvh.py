@@ -20,7 +20,7 @@ from ...support.ranges import cut_range
 from ...support.stopwatch import Stopwatch
 from ..options import MAX_DEPTH, BuildOptions
 from ..prim_refs import BOUNDS_CENTROIDS, MeshSlice
-from ..sah.build_sah import SMALL_MESH, check_width
+from ..sah.build_sah import SMALL_MESH
 from ..sah.rule import Rule, make_rule
 from ..subtree_pool import SubtreePool
 from ..warm_up import make_small_mesh
@@ -122,7 +122,6 @@ def _make_mesh_grid(mesh: Mesh, executor: Executor) -> NDArray[np.float32]:
     bounds = np.empty((executor.workers, 2, BOX_LANES), np.float32)
     executor.threads.run(bound_vertices, [(mesh.local_vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
     whole = np.minimum.reduce(bounds)
-    check_width(mesh, whole)
     grid: NDArray[np.float32] = make_grid(whole, BOUNDS_CENTROIDS, _AXIS_BITS)
     return grid
 

@@ -11,13 +11,12 @@ from functools import cache
 import numpy as np
 
 from ...bvh import Bvh
-from ...errors import MeshError
 from ...geometry import Mesh
-from ...structs import BOX_LANES, BOX_NEGATED_MAX, NODE
+from ...structs import BOX_LANES, NODE
 from ...support.ranges import cut_range
 from ...support.stopwatch import Stopwatch
 from ..options import BuildOptions
-from ..prim_refs import BOUNDS_CENTROIDS, Bounds, fill_slice
+from ..prim_refs import Bounds, fill_slice
 from ..subtree_pool import SubtreePool
 from ..warm_up import make_small_mesh
 from ..workers.executor import Executor, open_executor
@@ -73,7 +72,6 @@ def _build(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
 
     # One primitive reference per primitive.
     root = Range(0, count, 0, 0, _fill_prim_refs(mesh, executor))
-    check_width(mesh, root.bounds)
     watch.lap("metadata")
 
     # All threads together, until there are enough subtrees for all workers.
@@ -97,14 +95,6 @@ def _fill_prim_refs(mesh: Mesh, executor: Executor) -> Bounds:
     slices = cut_range(0, mesh.face_count, executor.workers)
     bounds: Bounds = np.minimum.reduce(executor.threads.run(fill_slice, [(mesh, *part, refs) for part in slices]))
     return bounds
-
-
-def check_width(mesh: Mesh, bounds: Bounds) -> None:
-    """Refuse a mesh in which the distance of two doubled centroids overflows: it has no bin."""
-    with np.errstate(over="ignore", invalid="ignore"):  # checked below
-        extents = -bounds[BOUNDS_CENTROIDS, BOX_NEGATED_MAX : BOX_NEGATED_MAX + 3] - bounds[BOUNDS_CENTROIDS, :3]
-    if not np.isfinite(extents).all():
-        raise MeshError(f"{mesh.name}: the mesh is too wide for distances in float32: give it in a larger unit")
 
 
 def _choose_threshold(executor: Executor, count: int, options: BuildOptions) -> int:

@@ -19,7 +19,7 @@ def area_of(lower, upper):
 
 def sah_cost_by_reference(mesh):
     """Return the SAH cost of the tree that the reference builder makes: traversal 1, intersection 1."""
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    corners = mesh.local_vertices[mesh.faces].astype(np.float64)
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     centres = (lower + upper) / 2
     root_area = area_of(lower.min(axis=0), upper.max(axis=0))

@@ -32,7 +32,7 @@ def cut_between_bins(centroids, prims, bins):
 
 def build_by_reference(mesh, divide, leaf_size, bins=8):
     """Return the nodes and the prim_ids of the tree that `divide` makes; it must not get too deep for recursion."""
-    corners = mesh.vertices[mesh.faces] + np.float32(0)
+    corners = mesh.local_vertices[mesh.faces] + np.float32(0)
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     centroids = np.float32(0.5) * lower + np.float32(0.5) * upper
     nodes, prim_ids = [None], []

@@ -33,9 +33,9 @@ def interleave(x, y, z, bits):
 
 def find_cells(mesh, axis_bits):
     bounds = np.empty((2, BOX_LANES), np.float32)
-    bound_vertices(mesh.vertices, 0, len(mesh.vertices), bounds)
+    bound_vertices(mesh.local_vertices, 0, len(mesh.local_vertices), bounds)
     cells, counts = np.empty(mesh.face_count, np.uint16), np.zeros(1 << 3 * axis_bits, np.int32)
-    whole = MeshSlice(mesh.vertices, mesh.faces, 0, mesh.face_count)
+    whole = MeshSlice(mesh.local_vertices, mesh.faces, 0, mesh.face_count)
     count_cells(whole, make_grid(bounds, 1, axis_bits), cells, counts)
     return cells, counts
 
@@ -44,8 +44,8 @@ def find_cells(mesh, axis_bits):
 def test_the_code_of_a_cell_alternates_the_bits_of_its_coordinates(axis_bits):
     mesh = make_soup(500, seed=1, size=3)
     cells, counts = find_cells(mesh, axis_bits)
-    corners = mesh.vertices[mesh.faces].astype(float)
-    lower, extent = mesh.vertices.min(axis=0), np.ptp(mesh.vertices, axis=0).max()
+    corners = mesh.local_vertices[mesh.faces].astype(float)
+    lower, extent = mesh.local_vertices.min(axis=0), np.ptp(mesh.local_vertices, axis=0).max()
     places = ((corners.min(axis=1) + corners.max(axis=1)) / 2 - lower) / extent * (1 << axis_bits) * 0.99999
     # A centroid next to a wall may fall on either side of it, by rounding.
     sure = (np.abs(places - np.round(places)) > 1e-4).all(axis=1)

@@ -26,6 +26,7 @@ from clbvh.builders.workers import executor
 from clbvh.builders.workers.arena import Arena
 from clbvh.errors import InternalError
 
+from ...rays import mesh_as_on_device
 from ...soup import make_soup
 from .reference_ladder import build_by_reference, cut_between_bins, halve_by_median
 
@@ -146,7 +147,7 @@ def test_no_box_holds_a_negative_zero():
     """Which of two zeros a minimum gives depends on their order, and the order on the way to the split."""
     random = np.random.default_rng(8)
     vertices = random.choice(np.array([-1, -0.0, 0.0, 1], np.float32), (300, 3))
-    mesh = Mesh(vertices, np.arange(300, dtype=np.int32).reshape(-1, 3), np.zeros(3))
+    mesh = mesh_as_on_device(vertices, np.arange(300).reshape(-1, 3))
     for names in (MEDIAN_NAMES, BIN_NAMES):
         trees = [LADDER[name](mesh, None, BuildOptions(bins=3)) for name in names]
         assert len({bytes_of(tree) for tree in trees}) == 1
@@ -205,12 +206,12 @@ def test_the_mesh_is_not_changed_and_may_be_one_that_nobody_may_write_to(name):
     mesh = make_soup(300, seed=5)
     LADDER[name](mesh, None, BuildOptions())
     compiled = [len(function.signatures) for function in (build_linked, build_rows, fill_cache)]
-    before = mesh.vertices.tobytes(), mesh.faces.tobytes()
-    mesh.vertices.flags.writeable = mesh.faces.flags.writeable = False
+    before = mesh.local_vertices.tobytes(), mesh.faces.tobytes()
+    mesh.local_vertices.flags.writeable = mesh.faces.flags.writeable = False
     bvh = LADDER[name](mesh, None, BuildOptions())
     assert bvh.mesh is mesh
     assert compiled == [len(function.signatures) for function in (build_linked, build_rows, fill_cache)]
-    assert (mesh.vertices.tobytes(), mesh.faces.tobytes()) == before
+    assert (mesh.local_vertices.tobytes(), mesh.faces.tobytes()) == before
 
 
 class Untouchable:
@@ -356,7 +357,7 @@ def count_held(arrays):
 
 def hold_one_more(arrays):
     mesh = make_soup(10, seed=1)
-    held = {"vertices": mesh.vertices, "faces": mesh.faces, "prim_ids": np.arange(10, dtype=np.int32)}
+    held = {"vertices": mesh.local_vertices, "faces": mesh.faces, "prim_ids": np.arange(10, dtype=np.int32)}
     return steps.build_and_hold(held, Task(0, 10, 0), None, Rule(SORT, 8, 1, copies=False))
 
 

@@ -17,7 +17,7 @@ from .prim_refs import boxes_of, make_prim_refs
 def test_a_reference_is_the_box_and_the_id_of_its_triangle():
     mesh = make_soup(100, seed=1, degenerate=0.2)
     prim_refs, _ = make_prim_refs(mesh)
-    corners = mesh.vertices[mesh.faces]
+    corners = mesh.local_vertices[mesh.faces]
     lower, upper = boxes_of(prim_refs[0])
     assert (lower == corners.min(axis=1)).all()
     assert (upper == corners.max(axis=1)).all()
@@ -52,7 +52,9 @@ def test_an_empty_slice_has_empty_bounds():
 
 def test_no_lane_holds_a_negative_zero():
     mesh = make_soup(50, seed=5)
-    mesh.vertices[:] = np.random.default_rng(5).choice(np.array([-0.0, 0.0], np.float32), mesh.vertices.shape)
+    mesh.local_vertices[:] = np.random.default_rng(5).choice(
+        np.array([-0.0, 0.0], np.float32), mesh.local_vertices.shape
+    )
     prim_refs, bounds = make_prim_refs(mesh)
     boxes = np.concatenate([prim_refs[0], bounds])[:, [0, 1, 2, 4, 5, 6]]
     assert (boxes == 0).all()

@@ -125,7 +125,7 @@ def test_a_dear_step_fills_the_leaves_and_a_cheap_one_empties_them(leaf_size):
 def test_a_leaf_is_taken_where_a_split_costs_as_much():
     # Two flat squares side by side, half area 1 each and 2 together: a leaf costs 2 * 2, a split traversal * 2 + 1 + 1.
     mesh = make_soup(2, seed=7)
-    mesh.vertices[:] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
+    mesh.local_vertices[:] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
     assert len(run(mesh, leaf_size=2, traversal_cost=1.0)[0]) == 1
     assert len(run(mesh, leaf_size=2, traversal_cost=0.999)[0]) == 3
     assert len(run(mesh, leaf_size=1, traversal_cost=1.0)[0]) == 3

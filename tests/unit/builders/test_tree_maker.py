@@ -134,7 +134,7 @@ def test_a_damaged_file_is_replaced(cached, damage):
 
 
 def test_the_file_of_another_mesh_is_not_used(cached):
-    other = Mesh(MESH.vertices * 2, MESH.faces, MESH.origin)
+    other = Mesh.from_arrays(MESH.vertices * [1, 1, 2], MESH.faces)
     make(cached, other)
     file_of(cached, other).rename(file_of(cached))
     made = make(cached)

@@ -13,6 +13,7 @@ from clbvh import Bvh, Mesh, build
 from clbvh.bvh import serialize as store
 from clbvh.errors import ClbvhError, ConfigError, TreeFileError
 
+from ...rays import mesh_as_on_device
 from ...soup import make_soup
 from ..hand_made import make_leaf, make_tree
 
@@ -32,7 +33,7 @@ def path(tmp_path):
 def forge(path, links, prim_ids, *, node_count=None):
     """Write a file whose sums are right, whatever its links are: (first, count) of each node."""
     payload = np.concatenate([np.array(links, "<i4").reshape(-1, 2).T.ravel(), np.array(prim_ids, "<i4")]).tobytes()
-    facts = struct.pack("<8sIII", b"\x8bBVH\r\n\x1a\n", 1, node_count or len(links), len(prim_ids))
+    facts = struct.pack("<8sIII", b"\x8bBVH\r\n\x1a\n", 2, node_count or len(links), len(prim_ids))
     facts += make_tree().mesh.fingerprint + hashlib.sha256(payload).digest()[:16]
     path.write_bytes(facts + hashlib.sha256(facts).digest()[:16] + payload)
 
@@ -85,12 +86,19 @@ def test_a_mesh_may_have_another_name(path):
     assert Bvh.load(path, renamed).mesh.name == "other"
 
 
+def test_a_mesh_may_be_elsewhere_and_in_another_unit(tmp_path):
+    bvh = build(make_soup(300, 1))
+    bvh.save(tmp_path / "tree")
+    moved = Mesh.from_arrays(bvh.mesh.vertices * 2.0**-70 + [0, 2.0**-60, 0], bvh.mesh.faces)
+    assert moved.local_vertices.tobytes() == bvh.mesh.local_vertices.tobytes()
+    assert Bvh.load(tmp_path / "tree", moved).nodes.tobytes() == bvh.nodes.tobytes()
+
+
 def test_a_tree_of_another_mesh_is_refused(path):
     mesh = make_tree().mesh
     others = [
-        Mesh(mesh.vertices * 2, mesh.faces, mesh.origin, "other"),
-        Mesh(mesh.vertices, mesh.faces[::-1], mesh.origin, "other"),
-        Mesh(mesh.vertices, mesh.faces, mesh.origin + 1, "other"),
+        mesh_as_on_device(mesh.local_vertices * [1, 1, 2], mesh.faces, "other"),
+        mesh_as_on_device(mesh.local_vertices, mesh.faces[::-1], "other"),
         make_leaf(3).mesh,
     ]
     for other in others:
@@ -128,7 +136,7 @@ def test_another_format_is_named(path):
     path.write_bytes(data)
     message = refused(path)
     assert "format 9" in message
-    assert "reads format 1" in message
+    assert "reads format 2" in message
 
 
 @pytest.mark.parametrize("count", [0, 2, 7, 9, 2**31, 2**32 - 1])

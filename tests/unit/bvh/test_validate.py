@@ -8,10 +8,11 @@ import re
 import numpy as np
 import pytest
 
-from clbvh import Bvh, Mesh, build, validate_tree
+from clbvh import Bvh, build, validate_tree
 from clbvh.errors import ValidationError
 from clbvh.structs import NODE
 
+from ...rays import mesh_as_on_device
 from ...soup import make_soup
 from ..hand_made import FACE_COUNT, make_leaf, make_tree
 
@@ -119,7 +120,7 @@ def test_a_box_that_is_wrong_all_the_way_up_is_found_at_the_leaf():
 
 def test_a_vertex_that_moved_after_the_build_is_found():
     bvh = make_tree()
-    bvh.mesh.vertices[3, 0] -= 1
+    bvh.mesh.local_vertices[3, 0] -= 1
     assert "the box of node 4 is not" in refusal(bvh)
 
 
@@ -162,7 +163,7 @@ def test_a_list_of_another_length_is_found():
 
 def test_another_mesh_is_found():
     bvh = make_tree()
-    other = Mesh(bvh.mesh.vertices[::-1].copy(), bvh.mesh.faces, bvh.mesh.origin)
+    other = mesh_as_on_device(bvh.mesh.local_vertices[::-1], bvh.mesh.faces)
     assert "the box of node 1 is not" in refusal(dataclasses.replace(bvh, mesh=other))
 
 

@@ -30,7 +30,7 @@ TRIANGLE_PLY = (
 
 
 def in_file_coordinates(mesh: Mesh) -> np.ndarray:
-    return mesh.vertices.astype(np.float64) + mesh.origin
+    return mesh.vertices
 
 
 def load(folder: Path, name: str, content: bytes | str) -> Mesh:

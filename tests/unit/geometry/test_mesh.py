@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,33 +14,52 @@ from clbvh.geometry import mesh as mesh_module
 TRIANGLE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
 
-def test_vertices_are_relative_to_the_centre_of_the_box():
-    mesh = Mesh.from_arrays([[10, 20, 30], [14, 20, 30], [10, 26, 38]], [[0, 1, 2]])
-    assert mesh.origin.tolist() == [12, 23, 34]
-    assert mesh.vertices.tolist() == [[-2, -3, -4], [2, -3, -4], [-2, 3, 4]]
-    assert (mesh.vertices.dtype, mesh.faces.dtype, mesh.origin.dtype) == (np.float32, np.int32, np.float64)
+def test_vertices_are_kept_and_once_more_around_zero_and_about_1_in_size():
+    vertices = [[10, 20, 30], [14, 20, 30], [10, 26, 38]]
+    mesh = Mesh.from_arrays(vertices, [[0, 1, 2]])
+    assert mesh.vertices.tolist() == vertices
+    assert (mesh.origin.tolist(), mesh.scale) == ([12, 23, 34], 0.125)
+    assert (mesh.local_vertices * 8).tolist() == [[-2, -3, -4], [2, -3, -4], [-2, 3, 4]]
+    assert (mesh.vertices.dtype, mesh.local_vertices.dtype) == (np.float64, np.float32)
+    assert (mesh.faces.dtype, mesh.origin.dtype) == (np.int32, np.float64)
+    assert (mesh.to_local(vertices) == mesh.local_vertices).all()
+
+
+@pytest.mark.parametrize("exponent", [-495, -149, -52, -1, 0, 1, 23, 300, 495])
+def test_local_coordinates_have_the_same_bits_in_every_unit(exponent):
+    vertices = np.random.default_rng(0).normal(size=(50, 3))
+    mesh, scaled = (Mesh.from_arrays(vertices * unit, [[0, 1, 2]]) for unit in (1, 2.0**exponent))
+    assert scaled.local_vertices.tobytes() == mesh.local_vertices.tobytes()
+    assert scaled.scale == mesh.scale * 2.0**-exponent
+    half = np.abs(mesh.local_vertices).max()
+    assert 0.5 <= half <= 1
+
+
+def test_a_mesh_without_extent_is_not_scaled():
+    mesh = Mesh.from_arrays(np.full((3, 3), 7.5), [[0, 1, 2]])
+    assert (mesh.scale, mesh.local_vertices.any()) == (1, False)
 
 
 def test_survey_coordinates_keep_their_millimetres():
     corner = np.array([5.0e6, 6.0e6, 300.0])
     mesh = Mesh.from_arrays(corner + np.array(TRIANGLE) * 1e-3, [[0, 1, 2]])
-    edges = np.diff(mesh.vertices[[0, 1]], axis=0)
+    edges = np.diff(mesh.local_vertices[[0, 1]] / mesh.scale, axis=0)
     assert edges[0] == pytest.approx([1e-3, 0, 0], abs=1e-8)
 
 
-def test_arrays_of_the_caller_are_not_changed_nor_kept():
-    vertices = np.array(TRIANGLE, dtype=np.float32)
-    faces = np.array([[0, 1, 2]], dtype=np.int64)
+@pytest.mark.parametrize("dtypes", [(np.float32, np.int64), (np.float64, np.int32)])
+def test_arrays_of_the_caller_are_not_changed_nor_kept(dtypes):
+    vertices, faces = np.array(TRIANGLE, dtypes[0]), np.array([[0, 1, 2]], dtypes[1])
     mesh = Mesh.from_arrays(vertices, faces)
     vertices += 7
-    assert mesh.vertices.max() == 0.5
-    assert faces.tolist() == [[0, 1, 2]]
+    faces += 7
+    assert mesh.vertices.tolist() == TRIANGLE
+    assert mesh.faces.tolist() == [[0, 1, 2]]
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int8, np.uint32])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.longdouble, np.int8, np.uint32])
 def test_vertices_may_have_any_number_type(dtype):
-    mesh = Mesh.from_arrays(np.array(TRIANGLE, dtype=dtype), [[0, 1, 2]])
-    assert mesh.vertices.max() == 0.5
+    assert Mesh.from_arrays(np.array(TRIANGLE, dtype=dtype), [[0, 1, 2]]).vertices.tolist() == TRIANGLE
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.uint64, np.int64])
@@ -61,9 +82,10 @@ def test_faces_may_have_any_whole_number_type(dtype):
             [*TRIANGLE, [0, np.nan, 0]], [[0, 1, 2]], "vertex 3 has a coordinate .*not finite: y = nan", id="nan"
         ),
         pytest.param([[0, 0, -np.inf], *TRIANGLE], [[0, 1, 2]], "vertex 0 .*: z = -inf", id="infinite"),
-        pytest.param(np.array(TRIANGLE) * 1e60, [[0, 1, 2]], "more than float32 can hold", id="too-wide"),
+        pytest.param(np.array(TRIANGLE) * 1e160, [[0, 1, 2]], "5e.159 units wide .*in another unit", id="too-wide"),
+        pytest.param(np.array(TRIANGLE) * 1e-160, [[0, 1, 2]], "less than 3e-151 or more than 3e.150", id="too-small"),
         pytest.param(
-            [[-1.5e308, 0, 0], [1.5e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "more than float32", id="wider-than-float64"
+            [[-1.5e308, 0, 0], [1.5e308, 0, 0], [0, 1, 0]], [[0, 1, 2]], "1.5e.308 units wide", id="wider-than-float64"
         ),
     ],
 )
@@ -111,7 +133,7 @@ def test_moved_vertices_are_rebased_and_the_faces_shared():
     mesh = Mesh.from_arrays(TRIANGLE, [[0, 2, 1]], name="thing")
     moved = mesh.with_vertices(np.array(TRIANGLE) * 2 + 1e6)
     assert moved.origin.tolist() == [1e6 + 1, 1e6 + 1, 1e6]
-    assert moved.vertices.tolist() == [[-1, -1, 0], [1, -1, 0], [-1, 1, 0]]
+    assert (moved.local_vertices / moved.scale).tolist() == [[-1, -1, 0], [1, -1, 0], [-1, 1, 0]]
     assert (moved.faces is mesh.faces, moved.name) == (True, "thing")
     assert mesh.origin.tolist() == [0.5, 0.5, 0]
 
@@ -124,7 +146,7 @@ def test_moved_vertices_are_rebased_and_the_faces_shared():
         pytest.param(np.zeros((3, 2)), r"shape \(V, 3\), not \(3, 2\)", id="flat"),
         pytest.param([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], "vertex 1 .*not finite: y = nan", id="nan"),
         pytest.param([[0, 0, np.inf], [1, 0, 0], [0, 1, 0]], "vertex 0 .*not finite: z = inf", id="infinite"),
-        pytest.param(np.array(TRIANGLE) * 1e60, "more than float32 can hold", id="too-wide"),
+        pytest.param(np.array(TRIANGLE) * 1e160, "give it in another unit", id="too-wide"),
     ],
 )
 def test_vertices_that_cannot_replace_others_are_refused(vertices, message):
@@ -133,22 +155,20 @@ def test_vertices_that_cannot_replace_others_are_refused(vertices, message):
     assert str(caught.value).startswith("thing: ")
 
 
-def test_the_fingerprint_stands_for_vertices_faces_and_origin_and_not_for_the_name():
-    vertices, faces, origin = np.array(TRIANGLE, np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(3)
-    mesh = Mesh(vertices, faces, origin, "thing")
+def test_the_fingerprint_stands_for_what_determines_a_tree():
+    vertices, faces = np.array(TRIANGLE), np.array([[0, 1, 2]])
+    mesh = Mesh.from_arrays(vertices, faces, name="thing")
     assert len(mesh.fingerprint) == 32
-    assert Mesh(vertices.copy(), faces.copy(), origin.copy(), "other").fingerprint == mesh.fingerprint
+    # Neither the name, nor the place, nor the unit.
+    assert Mesh.from_arrays(vertices * 4 + 16, faces, name="other").fingerprint == mesh.fingerprint
     others = [
-        Mesh(vertices + np.float32(1e-6), faces, origin),
-        Mesh(vertices, faces[:, ::-1], origin),
-        Mesh(vertices, faces, origin + 1e-12),
+        Mesh.from_arrays(vertices * [1, 1 + 1e-6, 1], faces),
+        Mesh.from_arrays(vertices, faces[:, ::-1]),
         # The same bytes in a row, cut elsewhere.
-        Mesh(vertices[:2], np.concatenate([vertices[2:].view(np.int32), faces]), origin),
+        dataclasses.replace(
+            mesh,
+            local_vertices=mesh.local_vertices[:2],
+            faces=np.concatenate([mesh.local_vertices[2:].view(np.int32), mesh.faces]),
+        ),
     ]
-    assert len({mesh.fingerprint, *(other.fingerprint for other in others)}) == 5
-
-
-@pytest.mark.parametrize(("vertices", "faces"), [([[0, 0, 0], [1, 0]], [[0, 1, 1]]), (np.eye(3), [[0, 1, 2], [0]])])
-def test_rows_of_different_lengths_are_a_mesh_error(vertices, faces):
-    with pytest.raises(MeshError, match="differ in length"):
-        Mesh.from_arrays(vertices, faces)
+    assert len({mesh.fingerprint, *(other.fingerprint for other in others)}) == 4

@@ -11,7 +11,7 @@ from clbvh.geometry.shapes.palace import HALL_TRIANGLES
 
 def measure(mesh):
     """Return the area of each triangle, and how many times as long as high it is."""
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    corners = mesh.vertices[mesh.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     return areas, longest**2 / (2 * areas)

@@ -21,7 +21,7 @@ def test_triangles_stand_in_the_order_asked_for():
     for index, prim in enumerate(order):
         assert triangles["prim_id"][index] == prim
         for corner, name in enumerate("abc"):
-            assert triangles[name][index].tolist() == mesh.vertices[mesh.faces[prim, corner]].tolist()
+            assert triangles[name][index].tolist() == mesh.local_vertices[mesh.faces[prim, corner]].tolist()
 
 
 def test_some_of_the_triangles_and_none():
@@ -36,7 +36,7 @@ def test_degenerate_triangles_collapse_into_their_first_corner():
     triangles = gather_triangles(mesh, np.arange(4, dtype=np.int32))
     for prim, collapsed in enumerate([True, False, True, True]):
         corners = [triangles[name][prim].tolist() for name in "abc"]
-        assert corners[0] == mesh.vertices[mesh.faces[prim, 0]].tolist()
+        assert corners[0] == mesh.local_vertices[mesh.faces[prim, 0]].tolist()
         assert (corners[0] == corners[1] == corners[2]) == collapsed
 
 
@@ -57,4 +57,4 @@ def test_blocks_have_the_corners_of_their_triangles(width):
         if prim in (NO_PRIM, 2):
             assert np.isnan(found).all()
         else:
-            np.testing.assert_array_equal(found, mesh.vertices[mesh.faces[prim]])
+            np.testing.assert_array_equal(found, mesh.local_vertices[mesh.faces[prim]])

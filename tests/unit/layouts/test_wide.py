@@ -37,7 +37,7 @@ def check_wide_tree(tree, bvh, width):
     assert (nodes["aabb_min"][absent] == np.finfo(np.float32).max).all()
     assert (nodes["aabb_max"][absent] == -np.finfo(np.float32).max).all()
 
-    corners = bvh.mesh.vertices[bvh.mesh.faces]
+    corners = bvh.mesh.local_vertices[bvh.mesh.faces]
     boxes, stack_sizes = {}, {}
     for node in range(len(nodes) - 1, -1, -1):
         below = []

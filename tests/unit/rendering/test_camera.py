@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from clbvh import Mesh
 from clbvh.errors import SceneError
-from clbvh.rendering.camera import Camera, frame_points
+from clbvh.rendering.camera import Camera, frame_mesh
 
-ORIGIN = np.zeros(3)
+
+def mesh_of(points):
+    """A mesh with these vertices; its triangle does not matter."""
+    return Mesh.from_arrays(points, [[0, 0, 0]])
 
 
 def project(camera: Camera, points: np.ndarray, aspect: float) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +56,7 @@ def test_rays_have_length_1_and_span_the_field_of_view():
 @pytest.mark.parametrize("aspect", [16 / 9, 0.5])
 def test_the_automatic_camera_sees_every_point_and_wastes_no_room(seed, aspect):
     points = np.random.default_rng(seed).normal(size=(500, 3)) * [3, 1, 0.2]
-    places, depth = project(frame_points(points, ORIGIN, aspect=aspect), points, aspect)
+    places, depth = project(frame_mesh(mesh_of(points), aspect=aspect), points, aspect)
     assert (depth > 0).all()
     assert np.abs(places).max() < 1
     # Along one direction the points reach the margin on both sides; along the other they are about in the middle.
@@ -63,30 +67,30 @@ def test_the_automatic_camera_sees_every_point_and_wastes_no_room(seed, aspect):
     assert off_centre.max() < 0.15
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
+@pytest.mark.parametrize("scale", [1e-100, 1e-36, 1e-6, 1.0, 1e8, 1e100])
 def test_framing_does_not_depend_on_scale_or_place(scale):
     points = np.random.default_rng(1).normal(size=(100, 3))
     origin = np.array([5e5, -4e6, 120.0])
-    plain = project(frame_points(points, ORIGIN, aspect=1.5), points, 1.5)[0]
-    camera = frame_points(points * scale, origin * scale, aspect=1.5)
+    plain = project(frame_mesh(mesh_of(points), aspect=1.5), points, 1.5)[0]
+    camera = frame_mesh(mesh_of((points + origin) * scale), aspect=1.5)
     assert np.allclose(project(camera, (points + origin) * scale, 1.5)[0], plain, atol=1e-6)
 
 
 @pytest.mark.parametrize("points", [np.zeros((1, 3)), np.array([[0, 0, 0], [0, 1, 0.0]]), np.eye(3)])
 def test_points_without_extent_are_framed_too(points):
-    places, depth = project(frame_points(points, ORIGIN, aspect=1), points, 1)
+    places, depth = project(frame_mesh(mesh_of(points), aspect=1), points, 1)
     assert np.isfinite(places).all()
     assert (depth > 0).all()
 
 
 def test_z_up_looks_from_the_front_of_a_z_up_model():
     points = np.random.default_rng(0).normal(size=(50, 3))
-    camera = frame_points(points, ORIGIN, aspect=1, up=(0, 0, 1))
+    camera = frame_mesh(mesh_of(points), aspect=1, up=(0, 0, 1))
     assert camera.eye[1] < 0 < camera.eye[2]
 
 
 def test_an_eye_of_ones_own_looks_at_the_middle():
-    camera = frame_points(np.array([[0, 0, 0], [2, 2, 2.0]]), np.array([10.0, 0, 0]), aspect=1, eye=(0, 0, 9))
+    camera = frame_mesh(mesh_of([[10, 0, 0], [12, 2, 2]]), aspect=1, eye=(0, 0, 9))
     assert camera.look_at == (11, 1, 1)
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, make_shape
-from clbvh.rendering.camera import Camera, frame_points
+from clbvh.rendering.camera import Camera, frame_mesh
 from clbvh.rendering.ray_cost import measure_rays
 
 
 def test_a_closed_surface_sends_half_its_rays_inwards():
     mesh = make_shape("icosphere", triangles=2000)
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=2.0)
+    camera = frame_mesh(mesh, aspect=2.0)
     visits = measure_rays(build(mesh), camera, 2.0, ray_count=5000)
     assert list(visits) == ["picture", "random", "surface"]
     # A picture twice as wide as high is framed with a margin around the sphere, which fills pi / 6 of its box.
@@ -26,7 +26,7 @@ def test_a_closed_surface_sends_half_its_rays_inwards():
 def test_the_same_rays_each_time():
     mesh = make_shape("boxes", triangles=600, seed=1)
     bvh = build(mesh)
-    camera = frame_points(mesh.vertices, mesh.origin, aspect=1.0)
+    camera = frame_mesh(mesh, aspect=1.0)
     first, second = (measure_rays(bvh, camera, 1.0, ray_count=200) for _ in range(2))
     for kind, visits in first.items():
         assert (visits.node_steps == second[kind].node_steps).all()

@@ -138,13 +138,13 @@ def test_anything_else_is_a_mesh_file(tmp_path, monkeypatch):
 def test_a_transform_scales_then_turns_then_moves():
     mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
     moved = Transform(2, (0, 0, 90), (10, 0, 0)).apply(mesh)
-    assert np.allclose(moved.vertices + moved.origin, [[10, 2, 0], [8, 0, 0], [10, 0, 2]], atol=1e-6)
+    assert np.allclose(moved.vertices, [[10, 2, 0], [8, 0, 0], [10, 0, 2]], atol=1e-6)
 
 
 def test_rotations_are_applied_about_x_then_y_then_z():
     mesh = Mesh.from_arrays([[0, 1, 0], [0, 0, 0], [1, 1, 1]], [[0, 1, 2]])
     moved = Transform(rotate=(90, 90, 0)).apply(mesh)
-    assert np.allclose(moved.vertices[0] + moved.origin, [1, 0, 0], atol=1e-6)  # y -> z -> x
+    assert np.allclose(moved.vertices[0], [1, 0, 0], atol=1e-6)  # y -> z -> x
 
 
 def test_no_transform_leaves_the_mesh_as_it_is():

@@ -19,8 +19,9 @@ SCENE = Scene(MeshSource(name="any"), width=200, height=100)
 CAMERA = Camera((1e6 + 2, 1e6 + 1, 1e6 + 13), (1e6 + 2, 1e6 + 1, 1e6 + 3), fov=90)
 
 
-def test_the_eye_is_relative_to_the_mesh():
-    assert np.allclose(make_view(SCENE, CAMERA, MESH)["eye"][0], [0, 0, 10])
+def test_the_eye_is_in_local_coordinates():
+    assert MESH.scale == 0.25
+    assert np.allclose(make_view(SCENE, CAMERA, MESH)["eye"][0], [0, 0, 2.5])
 
 
 def test_the_axes_span_the_picture():
@@ -49,7 +50,7 @@ def test_a_light_from_nowhere_is_refused():
 
 def test_depth_runs_over_the_meshs_box():
     view = make_view(SCENE, CAMERA, MESH)
-    assert (view["depth_near"][0], view["depth_far"][0]) == (7, 13)
+    assert (view["depth_near"][0], view["depth_far"][0]) == (7 / 4, 13 / 4)
 
 
 def test_depth_of_a_flat_mesh_is_a_range_all_the_same():

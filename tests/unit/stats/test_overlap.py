@@ -10,6 +10,7 @@ from clbvh.errors import ConfigError
 from clbvh.stats.overlap import measure_overlap
 from clbvh.structs import NODE
 
+from ...rays import mesh_as_on_device
 from ...soup import make_soup
 from ..hand_made import make_leaf, make_tree
 
@@ -26,7 +27,7 @@ def make_pair(left, right):
         ],
         NODE,
     )
-    mesh = Mesh(corners.reshape(-1, 3), np.arange(6, dtype=np.int32).reshape(2, 3), np.zeros(3))
+    mesh = mesh_as_on_device(corners.reshape(-1, 3), np.arange(6).reshape(2, 3))
     return Bvh(nodes, np.arange(2, dtype=np.int32), mesh)
 
 
@@ -136,7 +137,7 @@ def slow_area(triangle, lower, upper):
 
 def slow_epo(bvh, traversal_cost, intersection_cost):
     """Sum up over all nodes and all triangles that are not below them."""
-    corners = bvh.mesh.vertices[bvh.mesh.faces].astype(np.float64)
+    corners = bvh.mesh.local_vertices[bvh.mesh.faces].astype(np.float64)
     below = [set() for _ in bvh.nodes]
     for node in reversed(range(bvh.node_count)):
         first, count = int(bvh.nodes["first"][node]), int(bvh.nodes["count"][node])

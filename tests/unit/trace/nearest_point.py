@@ -16,7 +16,7 @@ CHOICE = 16 * 2.0**-24
 
 def expected_distance(mesh, points):
     """The smallest distance to any triangle in float64, by trimesh's formula."""
-    corners = mesh.vertices.astype(np.float64)[mesh.faces[~mesh.degenerate_faces]] + mesh.origin
+    corners = mesh.vertices[mesh.faces[~mesh.degenerate_faces]]
     best = np.full(len(points), np.inf)
     for triangle in corners:
         nearest = trimesh.triangles.closest_point(np.broadcast_to(triangle, (len(points), 3, 3)), points)

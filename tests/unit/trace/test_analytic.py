@@ -28,9 +28,9 @@ def test_a_box_is_hit_where_the_slabs_say(session, seed, offset):
     mesh = make_box(lower, upper)
     origins, directions = random_rays(mesh, 20_000, generator)
     with Tracer(build(mesh), device=session.info) as tracer:
-        hits = tracer.closest_hit(origins + mesh.origin, directions)
+        hits = tracer.closest_hit(origins, directions)
 
-    half = (upper - lower) / 2
+    half, origins = (upper - lower) / 2, origins - mesh.origin
     to_lower, to_upper = (-half - origins) / directions, (half - origins) / directions
     near, far = np.minimum(to_lower, to_upper), np.maximum(to_lower, to_upper)
     entry, leave = near.max(axis=1), far.min(axis=1)
@@ -78,7 +78,7 @@ def test_a_floor_is_hit_at_height_over_slope(session):
 
 def test_a_sphere_is_hit_between_its_inner_and_its_outer_radius(session):
     mesh = make_shape("icosphere", triangles=20_480)
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inner = np.abs((normals * corners[:, 0]).sum(axis=1) / np.linalg.norm(normals, axis=1)).min()
     assert 0.998 < inner < 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.picture_rows import find_row_length
 
@@ -17,7 +17,7 @@ def row_length(origins, directions):
 
 def picture(width, height):
     mesh = make_shape("icosphere", triangles=80)
-    return frame_points(mesh.vertices, mesh.origin, aspect=width / height).rays(width, height)
+    return frame_mesh(mesh, aspect=width / height).rays(width, height)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

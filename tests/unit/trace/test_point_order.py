@@ -15,7 +15,7 @@ COUNT = 40_000
 
 def order_of(points, half=(1.0, 1.0, 1.0), centre=(0.0, 0.0, 0.0), threads=None):
     with HostThreads(threads) as opened:
-        return find_point_order(points, TreeBox(np.array(centre), np.array(half)), opened)
+        return find_point_order(points, TreeBox(np.array(centre), 1.0, np.array(half)), opened)
 
 
 def steps(points):

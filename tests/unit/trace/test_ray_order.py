@@ -16,7 +16,7 @@ COUNT = 3 * pieces.LEAST_RAYS
 
 
 def order_of(half, origins, directions, t_min=0.0, t_max=np.inf, *, centre=(0, 0, 0), threads=None):
-    box = TreeBox(np.asarray(centre, np.float64), np.asarray(half, np.float64))
+    box = TreeBox(np.asarray(centre, np.float64), 1.0, np.asarray(half, np.float64))
     batch, _ = read_rays(origins, directions, t_min, t_max)
     with HostThreads(threads) as opened:
         (piece,) = pieces.cut_rays(batch, box, opened, tile_rows=8, finds_pictures=False)
@@ -73,7 +73,7 @@ def test_the_order_is_that_of_any_number_of_threads(threads):
 
 def test_a_range_is_ordered_as_if_it_were_alone():
     origins, directions = scattered(COUNT, 9)
-    batch, box = read_rays(origins, directions, 0.0, np.inf)[0], TreeBox(np.zeros(3), np.ones(3))
+    batch, box = read_rays(origins, directions, 0.0, np.inf)[0], TreeBox(np.zeros(3), 1.0, np.ones(3))
     begin, end = 1000, 1000 + 2 * pieces.LEAST_RAYS
     with HostThreads() as threads:
         order = sort_rays(batch, begin, end, box, threads)

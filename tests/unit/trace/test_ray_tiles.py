@@ -5,7 +5,7 @@ import pytest
 
 from clbvh import Tracer, build
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.camera import frame_points
+from clbvh.rendering.camera import frame_mesh
 from clbvh.trace.rays import pieces
 
 WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
@@ -14,7 +14,7 @@ WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
 @pytest.fixture(scope="module")
 def picture():
     mesh = make_shape("knot", triangles=2000)
-    origins, directions = frame_points(mesh.vertices, mesh.origin, aspect=WIDTH / HEIGHT).rays(WIDTH, HEIGHT)
+    origins, directions = frame_mesh(mesh, aspect=WIDTH / HEIGHT).rays(WIDTH, HEIGHT)
     return mesh, origins.reshape(-1, 3)[: -WIDTH // 3], directions.reshape(-1, 3)[: -WIDTH // 3]
 
 

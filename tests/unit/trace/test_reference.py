@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clbvh.geometry import Mesh
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.structs import NO_PRIM
 from clbvh.trace import Hits
 from clbvh.trace.oracle.reference import Difference, find_differences
 
-from ...rays import aim, as_float32, centred
+from ...rays import aim, as_float32, mesh_as_on_device
 
 # A right triangle at z = 0 and the same one at z = -1, then one that is a line.
 VERTICES = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [1, 0, -1], [0, 1, -1], [2, 0, 0], [3, 0, 0], [4, 0, 0]]
@@ -20,7 +19,7 @@ FACES = [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
 
 @pytest.fixture
 def mesh():
-    return Mesh(np.array(VERTICES, np.float32), np.array(FACES, np.int32), np.zeros(3))
+    return mesh_as_on_device(VERTICES, FACES)
 
 
 def make_hits(*rows):
@@ -143,12 +142,12 @@ class TestASphere:
     @pytest.fixture
     def answer(self, scale, seed):
         unit = make_shape("icosphere", triangles=320)
-        mesh = Mesh(unit.vertices * np.float32(scale), unit.faces, np.zeros(3))
+        mesh = mesh_as_on_device(unit.vertices * scale, unit.faces)
         generator = np.random.default_rng([40, seed])
         prims = generator.permutation(mesh.face_count)
         weights = generator.dirichlet([2, 2, 2], len(prims))
         weights = (weights + 0.02) / 1.06
-        corners = mesh.vertices[mesh.faces[prims]].astype(np.float64)
+        corners = mesh.vertices[mesh.faces[prims]]
         points = np.einsum("ni,nij->nj", weights, corners)
         origins, directions = aim(np.zeros_like(points), points)
         hits = Hits(np.ones(len(prims), np.float32), *weights.T[1:].astype(np.float32), prims.astype(np.int32))
@@ -194,7 +193,7 @@ def test_tilted_triangles_are_judged_in_their_own_plane():
     origins, directions = aim(generator.uniform(-4, 4, points.shape), points)
     judged = 0
     for prim in range(200):
-        mesh = centred(Mesh(corners[prim].astype(np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(3)))
+        mesh = mesh_as_on_device(corners[prim], [[0, 1, 2]])
         ray = slice(prim, prim + 1)
         normal = np.cross(corners[prim, 1] - corners[prim, 0], corners[prim, 2] - corners[prim, 0])
         if abs(normal @ directions[prim]) < 0.5 * np.linalg.norm(directions[prim]):
