@@ -115,8 +115,8 @@ TRIANGLE_PRIM_ID = _lane(TRIANGLE, "prim_id")
 
 # --- Queries ---
 
-# A ray as it is uploaded, relative to the mesh's origin. The direction has any length above zero; the unit of t is that
-# length.
+# A ray as it is uploaded, in local coordinates. The longest component of the direction is from 1 to 2; the unit of t is
+# the direction's length.
 PACKED_RAY = np.dtype(
     [
         ("origin", np.float32, 3),
@@ -130,7 +130,7 @@ PACKED_RAY_T_MIN = _lane(PACKED_RAY, "t_min")
 PACKED_RAY_DIRECTION = _lane(PACKED_RAY, "direction")
 PACKED_RAY_T_MAX = _lane(PACKED_RAY, "t_max")
 
-# A point as it is uploaded, relative to the mesh's origin.
+# A point as it is uploaded, in local coordinates.
 PACKED_POINT = np.dtype([("position", np.float32, 3)])
 PACKED_POINT_LANES = _lane_count(PACKED_POINT)
 

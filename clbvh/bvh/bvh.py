@@ -67,7 +67,7 @@ class Bvh:
         Returns
         -------
         Bvh
-            A new tree, over a new mesh with an origin of its own. It shares `prim_ids` and the mesh's faces.
+            A new tree, over a new mesh with an origin and a scale of its own. It shares `prim_ids` and the mesh's faces.
 
         Raises
         ------
@@ -79,12 +79,12 @@ class Bvh:
         >>> import numpy as np
         >>> from clbvh import Mesh, build
         >>> bvh = build(Mesh.from_arrays(np.eye(3), [[0, 1, 2]]))
-        >>> bvh.refit(2 * np.eye(3)).nodes["aabb_max"].tolist()
-        [[1.0, 1.0, 1.0]]
+        >>> bvh.refit(np.diag([2, 4, 4])).nodes["aabb_max"].tolist()
+        [[0.25, 0.5, 0.5]]
         """
         watch = Stopwatch()
         mesh = self.mesh.with_vertices(vertices)
-        watch.lap("rebase")
+        watch.lap("localize")
         nodes = fit_nodes(self.nodes["first"], self.nodes["count"], self.prim_ids, mesh)
         watch.lap("refit")
         return Bvh(nodes, self.prim_ids, mesh, watch.laps_ms)

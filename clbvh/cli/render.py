@@ -22,7 +22,7 @@ _DEVICE = "Device"
 
 # The rows of the time table, in the order of the work.
 _PHASES = {
-    "load": "load and re-base the mesh",
+    "load": "load the mesh, find its local coordinates",
     "pool_start": "start the workers, alongside: not in the total",
     "cache": "look the tree up in the cache, or keep it there",
     "build": "build the tree",

@@ -180,7 +180,7 @@ def _make_time_table(build: dict[str, Any]) -> Any:
     from ..support.stopwatch import add_total
 
     descriptions = {
-        "load": "load and re-base the mesh",
+        "load": "load the mesh, find its local coordinates",
         "pool_start": "start the workers, alongside: not in the total",
         "build": f"builder {build['builder']}, {describe_workers(build['workers'])}; of this:",
         "measure": "the measures above",
