@@ -27,8 +27,8 @@ class Bvh:
     Attributes
     ----------
     nodes : (N,) `structs.NODE`
-        Node 0 is the root. Siblings are neighbours, and the left child's subtree comes before the right one's.
-        All nodes are used.
+        In the mesh's local coordinates. Node 0 is the root. Siblings are neighbours, and the left child's subtree
+        comes before the right one's. All nodes are used.
     prim_ids : (F,) int32
         A permutation of the mesh's faces: leaf `nodes[i]` holds
         ``prim_ids[first : first + count]``.
@@ -67,7 +67,7 @@ class Bvh:
         Returns
         -------
         Bvh
-            A new tree, over a new mesh with an origin and a scale of its own. It shares `prim_ids` and the mesh's faces.
+            A new tree, over a new mesh with its own origin and scale. It shares `prim_ids` and the faces of the mesh.
 
         Raises
         ------
