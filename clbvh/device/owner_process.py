@@ -32,7 +32,8 @@ def claim_opencl() -> None:
     """
     check_process()
     if _Owner.process_id is None:
-        os.register_at_fork(after_in_child=_keep_handles)
+        if hasattr(os, "register_at_fork"):  # Windows does not fork
+            os.register_at_fork(after_in_child=_keep_handles)
         _Owner.process_id = os.getpid()
 
 

@@ -70,6 +70,11 @@ class RunningCalls:
     ----------
     tree_session : DeviceSession
         Closed with the calls.
+
+    Attributes
+    ----------
+    is_closed : bool
+        Whether new calls are refused.
     """
 
     def __init__(self, tree_session: DeviceSession) -> None:
@@ -77,7 +82,7 @@ class RunningCalls:
         # Ctrl-C cannot strike between taking a lock of this kind and the `with` block. It is reentrant, since garbage
         # collection, and so the end of a call, can happen anywhere.
         self._lock = threading.RLock()
-        self._is_closed = False
+        self.is_closed = False
         self._idle: list[CallMemory] = []
         self._loans: dict[int, _Loan] = {}  # by the identity of the call
 
@@ -93,7 +98,7 @@ class RunningCalls:
         """
         check_process()
         with self._lock:
-            if self._is_closed or self._tree_session.is_closed:
+            if self.is_closed or self._tree_session.is_closed:
                 raise QueryError("the tracer is closed: its tree is no longer on the device")
             loan = _Loan(threading.get_ident(), self._idle.pop() if self._idle else None)
             self._loans[id(call)] = loan
@@ -120,7 +125,7 @@ class RunningCalls:
                     self._idle.append(memory)
                 else:
                     memory.release()
-            if self._is_closed:
+            if self.is_closed:
                 self._release_after_last()
 
     def close(self) -> None:
@@ -131,7 +136,7 @@ class RunningCalls:
         """
         if is_inherited():
             return
-        self._is_closed = True
+        self.is_closed = True
         while self._is_used_elsewhere():
             time.sleep(_POLL_S)
         self._release_after_last()
