@@ -1,7 +1,7 @@
 """The calls that are running on one tree: each with memory of its own, and all of them ended before the tree goes.
 
 Calls come from any number of threads. Ctrl-C may strike between any two steps, so nothing depends on a step being
-reached: what is lent goes back when the call is left or, failing that, when the call is garbage.
+reached: what is lent goes back when the call is left or, failing that, when the next call finds that it is garbage.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import threading
 import time
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
+from weakref import ref
 
 from ..device.owner_process import check_process, is_inherited
 from ..device.reusable_buffer import ReusableBuffer
@@ -59,6 +60,7 @@ class CallMemory:
 class _Loan:
     """What a running call has: its thread, and its memory once there is one."""
 
+    call: ref[Any]
     thread_id: int
     memory: CallMemory | None
 
@@ -79,8 +81,7 @@ class RunningCalls:
 
     def __init__(self, tree_session: DeviceSession) -> None:
         self._tree_session = tree_session
-        # Ctrl-C cannot strike between taking a lock of this kind and the `with` block. It is reentrant, since garbage
-        # collection, and so the end of a call, can happen anywhere.
+        # Ctrl-C cannot strike between taking a lock of this kind and its `with` block.
         self._lock = threading.RLock()
         self.is_closed = False
         self._idle: list[CallMemory] = []
@@ -100,7 +101,8 @@ class RunningCalls:
         with self._lock:
             if self.is_closed or self._tree_session.is_closed:
                 raise QueryError("the tracer is closed: its tree is no longer on the device")
-            loan = _Loan(threading.get_ident(), self._idle.pop() if self._idle else None)
+            self._drop_lost_loans()
+            loan = _Loan(ref(call), threading.get_ident(), self._idle.pop() if self._idle else None)
             self._loans[id(call)] = loan
         if loan.memory is None:
             loan.memory = CallMemory(self._tree_session)
@@ -147,12 +149,20 @@ class RunningCalls:
             while self._idle:
                 self._idle.pop().release()
 
+    def _drop_lost_loans(self) -> None:
+        """End the calls that Ctrl-C has kept from ending: nobody refers to them any more."""
+        # Not by a finalizer: Python drops an exception that strikes there, and so Ctrl-C.
+        for key, loan in list(self._loans.items()):
+            if loan.call() is None:
+                del self._loans[key]
+
     def _is_kept(self, memory: CallMemory) -> bool:
         kept_bytes = memory.byte_count + sum(other.byte_count for other in self._idle)
         return not self._idle or (kept_bytes <= _KEPT_BYTES and len(self._idle) < _KEPT_COUNT)
 
     def _is_used_elsewhere(self) -> bool:
         with self._lock:
+            self._drop_lost_loans()
             return any(loan.thread_id != threading.get_ident() for loan in self._loans.values())
 
     def _release_after_last(self) -> None:
@@ -180,27 +190,16 @@ class MemoryLoan:
 
     def __init__(self, calls: RunningCalls) -> None:
         self._calls = calls
-        self._is_running = False
 
     def __enter__(self) -> Self:
         try:
-            self._is_running = True
             self.memory = self._calls.begin(self)
         except BaseException:
-            self._end(is_interrupted=True)
+            self._calls.end(self, is_interrupted=True)
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end(is_interrupted=error is not None and not isinstance(error, Exception))
-
-    def __del__(self) -> None:
-        # Ctrl-C may strike before the first step of `__exit__`.
-        if self._is_running:
-            self._end(is_interrupted=True)
-
-    def _end(self, *, is_interrupted: bool) -> None:
-        self._calls.end(self, is_interrupted=is_interrupted)
-        self._is_running = False
+        self._calls.end(self, is_interrupted=error is not None and not isinstance(error, Exception))
