@@ -24,12 +24,12 @@ _SMALLEST_BUFFER_BYTES = 16
 
 # After these errors no later command of a context need succeed: NVIDIA's driver gives up on a context in which a kernel
 # failed.
-_CONTEXT_IS_LOST = {
+_CONTEXT_IS_LOST = (
     "OUT_OF_RESOURCES",
     "EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST",
     "INVALID_COMMAND_QUEUE",
     "INVALID_CONTEXT",
-}
+)
 
 
 class DeviceSession(ContextManager):
@@ -225,7 +225,10 @@ class _DeviceErrors:
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, self._cl.Error):
-            if self._shared is not None and self._cl.status_code.to_string(error.code) in _CONTEXT_IS_LOST:
+            # Errors that pyopencl finds itself have no code.
+            code = getattr(error, "code", None)
+            lost = [getattr(self._cl.status_code, name) for name in _CONTEXT_IS_LOST]
+            if self._shared is not None and code in lost:
                 forget_context(self._shared)
             raise _explain(self._info, self._action, error) from error
 
