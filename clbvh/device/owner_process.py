@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-from typing import Any
+from typing import Any, ClassVar
 from weakref import WeakSet
 
 from ..errors import DeviceError
@@ -17,9 +17,9 @@ from ..errors import DeviceError
 class _Owner:
     """The process that started OpenCL, and the objects that hold its handles."""
 
-    process_id: int | None = None
-    holders: WeakSet[Any] = WeakSet()
-    kept: list[Any] = []
+    process_id: ClassVar[int | None] = None
+    holders: ClassVar[WeakSet[Any]] = WeakSet()
+    kept: ClassVar[list[Any]] = []
 
 
 def claim_opencl() -> None:

@@ -13,7 +13,17 @@ from .forking import REFUSED
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="forks, and reads exit codes of Linux")
 
 OPENCL = "DeviceError: this process was forked from one that had already used OpenCL, which works only in that one: "
-ENDS_ITSELF = ["query", "query of a closed tracer", "points", "own tracer", "times", "devices", "render", "trimesh", "sys.exit"]
+ENDS_ITSELF = [
+    "query",
+    "query of a closed tracer",
+    "points",
+    "own tracer",
+    "times",
+    "devices",
+    "render",
+    "trimesh",
+    "sys.exit",
+]
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 import threading
@@ -63,7 +64,11 @@ class TestTracer:
 
     def test_large_and_small_queries_have_the_bytes_of_one_thread(self, tracer, mesh, monkeypatch):
         monkeypatch.setattr(pieces, "CHUNK_RAYS", LARGE // 2 + 1)
-        large = [query for query in make_queries(mesh, [LARGE], seed=2) if is_long() or query[0] in ("closest_hit", "hits_by_depth", "closest_point")]
+        large = [
+            query
+            for query in make_queries(mesh, [LARGE], seed=2)
+            if is_long() or query[0] in ("closest_hit", "hits_by_depth", "closest_point")
+        ]
         queries = [*large, *make_queries(mesh, [3], seed=3)]
         expected = [ask(tracer, *query) for query in queries]
 
@@ -123,20 +128,20 @@ class TestClosing:
             expected = [ask(tracer, *query) for query in queries]
         for seed in range(20 if is_long() else 5):
             tracer = Tracer(bvh, device=session.info)
-            answered = [0] * THREADS
 
-            def trace(thread, tracer=tracer, answered=answered):
+            def trace(tracer=tracer):
+                for index in itertools.cycle(range(len(queries))):
+                    assert ask(tracer, *queries[index]) == expected[index]
+
+            def trace_until_closed(trace=trace):
                 with pytest.raises(QueryError, match="the tracer is closed"):
-                    while True:
-                        index = (7 * thread + answered[thread]) % len(queries)
-                        assert ask(tracer, *queries[index]) == expected[index]
-                        answered[thread] += 1
+                    trace()
 
             def close(seed=seed, tracer=tracer):
                 time.sleep(0.02 * seed)
                 tracer.close()
 
-            run_in_threads(close, close, *(lambda thread=thread: trace(thread) for thread in range(THREADS)))
+            run_in_threads(close, close, *[trace_until_closed] * THREADS)
             assert tracer.is_closed
             assert tracer._caster.session._buffers == []
 

@@ -317,7 +317,7 @@ class WorkerPool(ContextManager):
 def _disown_workers() -> None:
     """Let a forked child that ends leave its parent's workers alone: multiprocessing would stop them."""
     # What multiprocessing does itself in the children that it forks.
-    children = getattr(multiprocessing.process, "_children", set())
+    children: set[Any] = getattr(multiprocessing.process, "_children", set())
     children.difference_update([process for process in children if process.name.startswith(_WORKER_NAME)])
 
 

@@ -142,7 +142,12 @@ def test_a_command_that_failed_has_no_time():
 
 @pytest.mark.parametrize(
     ("code", "is_lost"),
-    [("OUT_OF_RESOURCES", True), ("INVALID_COMMAND_QUEUE", True), ("MEM_OBJECT_ALLOCATION_FAILURE", False), (None, False)],
+    [
+        ("OUT_OF_RESOURCES", True),
+        ("INVALID_COMMAND_QUEUE", True),
+        ("MEM_OBJECT_ALLOCATION_FAILURE", False),
+        (None, False),
+    ],
 )
 def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, code, is_lost):
     def fail(*arguments):

@@ -112,8 +112,26 @@ def test_closing_while_another_thread_runs_tasks(monkeypatch):
     assert errors == []
 
 
-def test_after_ctrl_c_no_task_is_running():
-    """In the calling thread, while it waits for a task of another one."""
+def test_ctrl_c_while_waiting_for_another_thread_waits_on():
+    main_thread, is_running, ended = threading.main_thread(), threading.Event(), []
+
+    def work(number):
+        if threading.current_thread() is main_thread:
+            assert is_running.wait(30)
+            return
+        is_running.set()
+        time.sleep(0.1)
+        signal.pthread_kill(main_thread.ident, signal.SIGINT)
+        time.sleep(0.2)
+        ended.append(number)
+
+    with HostThreads(2) as threads:
+        with pytest.raises(KeyboardInterrupt):
+            threads.run(work, [(0,), (1,)])
+        assert len(ended) == 1
+
+
+def test_after_ctrl_c_in_a_task_no_other_is_running():
     is_running, ended = threading.Event(), []
 
     def work(number):
