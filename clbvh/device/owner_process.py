@@ -14,10 +14,12 @@ from weakref import WeakSet
 from ..errors import DeviceError
 
 
-class _Owner:
-    """The process that started OpenCL, and the objects that hold its handles."""
+class _OpenCL:
+    """The use of OpenCL in this process; asked at every step of a query, so by two flags instead of process ids."""
 
-    process_id: ClassVar[int | None] = None
+    is_started: ClassVar[bool] = False
+    is_inherited: ClassVar[bool] = False
+    # Objects whose attributes hold handles of the driver, and what must never be released.
     holders: ClassVar[WeakSet[Any]] = WeakSet()
     kept: ClassVar[list[Any]] = []
 
@@ -31,20 +33,20 @@ def claim_opencl() -> None:
         It belongs to a process that this one was forked from.
     """
     check_process()
-    if _Owner.process_id is None:
+    if not _OpenCL.is_started:
         if hasattr(os, "register_at_fork"):  # Windows does not fork
-            os.register_at_fork(after_in_child=_keep_handles)
-        _Owner.process_id = os.getpid()
+            os.register_at_fork(after_in_child=_notice_fork)
+        _OpenCL.is_started = True
 
 
 def is_inherited() -> bool:
     """Return whether this process was forked from one that had started OpenCL."""
-    return _Owner.process_id is not None and _Owner.process_id != os.getpid()
+    return _OpenCL.is_inherited
 
 
 def check_process() -> None:
     """Raise `DeviceError` if this process was forked from one that had started OpenCL."""
-    if is_inherited():
+    if _OpenCL.is_inherited:
         raise DeviceError(
             "this process was forked from one that had already used OpenCL, which works only in that one: start it by "
             "multiprocessing's 'spawn' or 'forkserver' (as in DataLoader(multiprocessing_context='spawn')), or fork "
@@ -54,17 +56,18 @@ def check_process() -> None:
 
 def hold_handles(holder: Any) -> None:
     """Note an object whose attributes hold handles of the driver."""
-    _Owner.holders.add(holder)
+    _OpenCL.holders.add(holder)
 
 
 def keep_for_ever(handle: Any) -> None:
     """Let no reference count and no end of the interpreter release a handle."""
-    _Owner.kept.append(handle)
-    # The list outlives the module, and so what is in it.
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(_Owner.kept))
+    _OpenCL.kept.append(handle)
+    # The list outlives the module, and so does all that is in it.
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(_OpenCL.kept))
 
 
-def _keep_handles() -> None:
+def _notice_fork() -> None:
     """Keep all handles, in a child that has just been forked."""
-    for holder in list(_Owner.holders):
+    _OpenCL.is_inherited = True
+    for holder in list(_OpenCL.holders):
         keep_for_ever(vars(holder).copy())

@@ -67,8 +67,8 @@ def survey_devices() -> DeviceSurvey:
     DeviceError
         `pyopencl` cannot be imported, or this process was forked from one that has used OpenCL.
     """
-    claim_opencl()
     cl = import_pyopencl()
+    claim_opencl()
     devices: list[DeviceInfo] = []
     problems: list[str] = []
 

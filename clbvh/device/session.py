@@ -63,7 +63,6 @@ class DeviceSession(ContextManager):
     """
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
-        claim_opencl()
         info = device if isinstance(device, DeviceInfo) else choose_device(device)
         self._open(info, find_settings(info), EventTimes())
 
@@ -82,6 +81,7 @@ class DeviceSession(ContextManager):
     def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes) -> None:
         import pyopencl as cl
 
+        claim_opencl()
         self._cl: Any = cl
         self.info = info
         self.settings = settings

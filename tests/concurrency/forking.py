@@ -178,8 +178,8 @@ def main():
     threads = [threading.Thread(target=trace) for _ in range(3)]
     for thread in threads:
         thread.start()
-    children["busy"] = sorted({run_child(parent.query) for _ in range(20)})
-    children["busy, close"] = sorted({run_child(parent.close) for _ in range(20)})
+    children["busy"] = sorted({run_child(parent.query) for _ in range(8)})
+    children["busy, close"] = sorted({run_child(parent.close) for _ in range(8)})
     is_over.set()
     for thread in threads:
         thread.join()
