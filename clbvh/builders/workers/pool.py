@@ -36,6 +36,9 @@ _UNGUARDED = 73
 # The process that imported this module, which a forked child did not.
 _IMPORTED_IN = os.getpid()
 
+# Held while a process starts: several pools may start at once.
+_hiding = threading.Lock()
+
 # A worker that needs longer than this for one step is taken for dead.
 DEFAULT_TIMEOUT_S = 600.0
 
@@ -316,6 +319,8 @@ class WorkerPool(ContextManager):
 
 def _disown_workers() -> None:
     """Let a forked child that ends leave its parent's workers alone: multiprocessing would stop them."""
+    global _hiding
+    _hiding = threading.Lock()  # a thread that the child does not have may hold the parent's
     # What multiprocessing does itself in the children that it forks.
     children: set[Any] = getattr(multiprocessing.process, "_children", set())
     children.difference_update([process for process in children if process.name.startswith(_WORKER_NAME)])
@@ -329,15 +334,16 @@ if hasattr(os, "register_at_fork"):
 def _hidden_name_of_no_script() -> Iterator[None]:
     """Hide the main module's file while it is called <stdin>: a worker would look for that file, and die."""
     main = sys.modules["__main__"]
-    name = getattr(main, "__file__", None)
-    if name is None or not name.startswith("<"):
-        yield
-        return
-    del main.__file__
-    try:
-        yield
-    finally:
-        main.__file__ = name
+    with _hiding:
+        name = getattr(main, "__file__", None)
+        if name is None or not name.startswith("<"):
+            yield
+            return
+        del main.__file__
+        try:
+            yield
+        finally:
+            main.__file__ = name
 
 
 def _limit_transfer(connection: Connection, timeout_s: float) -> None:
