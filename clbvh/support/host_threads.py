@@ -1,18 +1,23 @@
-"""A persistent thread pool for compiled loops, which release the GIL while they run."""
+"""A persistent thread pool for compiled loops, which release the GIL while they run.
+
+Only locks and queues written in C: Ctrl-C that strikes inside a `threading.Condition` or a semaphore, as in
+`concurrent.futures`, can leave its lock taken for ever.
+"""
 
 from __future__ import annotations
 
 import os
-import threading
+import weakref
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, Generic, TypeVar
 
 from .context_manager import ContextManager
 from .ranges import cut_range
 
 _Result = TypeVar("_Result")
+_Jobs = SimpleQueue[Callable[[], None] | None]
 
 # Least items of a thread's range. Waking a thread takes about 60 us, as long as packing 6,000 rays on a 2-core x86-64
 # server.
@@ -35,11 +40,15 @@ class HostThreads(ContextManager):
         Threads that work at the same time, including the calling one; the number of usable processors without it.
     """
 
+    _jobs: _Jobs
+    _threads: list[Thread]
+    _stop: Callable[[], object]
+
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._lock = threading.Lock()
-        self._pool: ThreadPoolExecutor | None = None
-        self._process_id = os.getpid()  # the pool's threads exist in this process only
+        self._lock = Lock()
+        self._process_id = os.getpid()  # the threads exist in this process only
+        self._forget_threads()
 
     def for_ranges(self, item_count: int, task: Callable[[int, int], None]) -> None:
         """Call ``task(begin, end)`` for ranges that cover all items once, in parallel where that pays; see `run`."""
@@ -69,23 +78,55 @@ class HostThreads(ContextManager):
         """End the threads after the tasks that they run. Closing twice is allowed; the next task starts new ones."""
         self._notice_fork()
         with self._lock:
-            pool, self._pool = self._pool, None
-        if pool is not None:
-            pool.shutdown()
+            stop, threads = self._stop, self._threads
+            self._forget_threads()
+        stop()
+        for thread in threads:
+            if thread.is_alive():
+                thread.join()
 
     def _start(self, work: Callable[[], None], count: int) -> None:
         """Let some threads of the pool call a function."""
         self._notice_fork()
         with self._lock:
-            if self._pool is None:
-                self._pool = ThreadPoolExecutor(self.count - 1, thread_name_prefix="clbvh")
+            if not self._threads:
+                # Also called when this object is garbage.
+                self._stop = weakref.finalize(self, _stop_threads, self._jobs, self._threads)
+            while len(self._threads) < count:
+                thread = Thread(target=_serve, args=(self._jobs,), name="clbvh", daemon=True)
+                self._threads.append(thread)
+                thread.start()
             for _ in range(count):
-                self._pool.submit(work)
+                self._jobs.put(work)
 
     def _notice_fork(self) -> None:
-        """Forget the pool in a forked child, where its threads do not exist and nobody would release the lock."""
         if self._process_id != os.getpid():
-            self._lock, self._pool, self._process_id = threading.Lock(), None, os.getpid()
+            # In a forked child the threads do not exist, and nobody would release the lock.
+            self._lock, self._process_id = Lock(), os.getpid()
+            self._forget_threads()
+
+    def _forget_threads(self) -> None:
+        self._jobs, self._threads, self._stop = SimpleQueue(), [], _do_nothing
+
+
+def _serve(jobs: _Jobs) -> None:
+    """Do jobs until one is None; the life of a thread."""
+    while True:
+        job = jobs.get()
+        if job is None:
+            return
+        job()
+        del job  # and the arrays that it holds
+
+
+def _do_nothing() -> None:
+    pass
+
+
+def _stop_threads(jobs: _Jobs, threads: list[Thread]) -> None:
+    """Let threads end after the jobs before."""
+    for _ in threads:
+        jobs.put(None)
 
 
 class _Batch(Generic[_Result]):
@@ -96,7 +137,7 @@ class _Batch(Generic[_Result]):
         self._argument_lists = argument_lists
         self._results: dict[int, _Result] = {}
         self._errors: dict[int, Exception] = {}
-        self._lock = threading.Lock()
+        self._lock = Lock()
         self._waiting = list(range(len(argument_lists)))[::-1]  # taken from the end: the first task comes first
         self._helped: set[int] = set()  # tasks that helpers are running
         self._endings: SimpleQueue[None] = SimpleQueue()  # gets an item with the end of each of them

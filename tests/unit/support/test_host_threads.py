@@ -72,21 +72,35 @@ def test_it_works_again_after_it_was_closed(threads):
 
 
 def test_threads_that_begin_at_once_share_one_pool(monkeypatch):
-    made, make = [], host_threads.ThreadPoolExecutor
+    made, make = [], host_threads.Thread
 
-    def make_slowly(*arguments, **more):
+    def make_slowly(**more):
         made.append(1)
         time.sleep(0.05)
-        return make(*arguments, **more)
+        return make(**more)
 
-    monkeypatch.setattr(host_threads, "ThreadPoolExecutor", make_slowly)
+    monkeypatch.setattr(host_threads, "Thread", make_slowly)
     with HostThreads(3) as threads:
-        users = [threading.Thread(target=threads.run, args=(abs, [(1,), (2,)])) for _ in range(4)]
+        users = [threading.Thread(target=threads.run, args=(abs, [(1,), (2,), (3,)])) for _ in range(4)]
         for user in users:
             user.start()
         for user in users:
             user.join()
-    assert len(made) == 1
+    assert len(made) == 2
+
+
+def test_threads_end_when_they_are_closed_or_garbage():
+    threads = HostThreads(3)
+    threads.run(abs, [(1,), (2,), (3,)])
+    closed = list(threads._threads)
+    threads.close()
+    assert [thread.is_alive() for thread in closed] == [False, False]
+    threads.run(abs, [(1,), (2,), (3,)])
+    dropped = list(threads._threads)
+    del threads
+    for thread in dropped:
+        thread.join(30)
+        assert not thread.is_alive()
 
 
 def test_closing_while_another_thread_runs_tasks(monkeypatch):
