@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ from ..errors import InternalError
 
 
 class Kernel:
-    """A compiled entry point that takes its arguments by name.
+    """A compiled entry point that takes its arguments by name, from any thread.
 
     Parameters
     ----------
@@ -22,6 +23,8 @@ class Kernel:
         self.name = str(cl_kernel.function_name)
         self.argument_names = tuple(argument_names)
         self._cl_kernel = cl_kernel
+        # The driver takes the arguments one by one, before the launch.
+        self._one_launch = threading.Lock()
 
     def bind(self, **arguments: Any) -> list[Any]:
         """Return arguments in the order of the declaration.
@@ -41,4 +44,5 @@ class Kernel:
 
     def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
         """Start the kernel and return its event."""
-        return self._cl_kernel(queue, work_size, work_group, *arguments)
+        with self._one_launch:
+            return self._cl_kernel(queue, work_size, work_group, *arguments)

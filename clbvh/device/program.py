@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
 from ..support.resources import find_folder
 from .kernel import Kernel
+from .owner_process import check_process
 from .session import DeviceSession
 
 # The include that stands for the text made from `clbvh/structs.py`.
@@ -86,7 +87,7 @@ def build_kernel(
 def build_kernels(
     session: DeviceSession, name: str, defines: Mapping[str, int] | None = None, *, folder: Path | None = None
 ) -> dict[str, Kernel]:
-    """Compile ``kernels/NAME.cl`` and return its entry points by name.
+    """Compile ``kernels/NAME.cl``, unless this process has done so for the device, and return its entry points by name.
 
     Parameters
     ----------
@@ -102,15 +103,20 @@ def build_kernels(
     KernelBuildError
         The device's compiler refuses; the message has its log.
     """
+    check_process()
+    source = expand_source(f"kernels/{name}.cl", folder)
+    options = (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items())))
+    return session.shared.kernels((source, options), lambda: _compile(session, source, options))
+
+
+def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dict[str, Kernel]:
     import pyopencl as cl
 
-    source = expand_source(f"kernels/{name}.cl", folder)
-    options = [_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items()))]
     try:
         with warnings.catch_warnings():
             # PoCL says something about every build, good or bad.
             warnings.simplefilter("ignore", cl.CompilerWarning)
-            program = cl.Program(session.context, source).build(options, devices=[session.info.cl_device])
+            program = cl.Program(session.context, source).build(list(options), devices=[session.info.cl_device])
     except cl.Error as error:
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
     argument_names = find_arguments(source)

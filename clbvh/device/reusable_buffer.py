@@ -21,18 +21,18 @@ class ReusableBuffer:
         self._session = session
         self._for_mapping = for_mapping
         self._buffer: Any = None
-        self._size = 0
+        self.size = 0  # bytes; 0 without a buffer
 
     def take(self, size: int) -> Any:
         """Return the buffer, with room for at least `size` bytes; it is replaced by a larger one where needed."""
-        if self._buffer is None or size > self._size:
+        if self._buffer is None or size > self.size:
             self.release()
             self._buffer = self._session.allocate(size, for_mapping=self._for_mapping)
-            self._size = size
+            self.size = size
         return self._buffer
 
     def release(self) -> None:
         """Give the buffer back; the next `take` allocates a new one."""
-        if self._buffer is not None:
-            self._session.release(self._buffer)
-        self._buffer = None
+        buffer, self._buffer, self.size = self._buffer, None, 0
+        if buffer is not None:
+            self._session.release(buffer)

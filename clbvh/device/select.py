@@ -15,6 +15,7 @@ from typing import Any
 
 from ..errors import DeviceError
 from .info import DeviceInfo
+from .owner_process import claim_opencl
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
@@ -64,9 +65,10 @@ def survey_devices() -> DeviceSurvey:
     Raises
     ------
     DeviceError
-        `pyopencl` cannot be imported.
+        `pyopencl` cannot be imported, or this process was forked from one that has used OpenCL.
     """
     cl = import_pyopencl()
+    claim_opencl()
     devices: list[DeviceInfo] = []
     problems: list[str] = []
 
@@ -103,7 +105,7 @@ def list_devices() -> list[DeviceInfo]:
     Raises
     ------
     DeviceError
-        `pyopencl` cannot be imported.
+        `pyopencl` cannot be imported, or this process was forked from one that has used OpenCL.
     """
     return list(survey_devices().devices)
 
@@ -121,7 +123,8 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
     Raises
     ------
     DeviceError
-        There is no device at all, none matches, or different ones match.
+        There is no device at all, none matches, or different ones match; or this process was forked from one that has
+        used OpenCL.
     """
     asked_by = ""
     if spec is None or spec == "":

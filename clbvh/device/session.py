@@ -1,8 +1,7 @@
-"""An opened device: its context, its queue, its buffers, and the times of what ran on it."""
+"""An opened device: its queue, its buffers, and the times of what ran on it."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,18 +11,32 @@ from numpy.typing import NDArray
 
 from ..errors import DeviceError
 from ..support.context_manager import ContextManager
+from .context import DeviceContext, forget_context, open_context
 from .info import DeviceInfo
 from .kernel import Kernel
+from .owner_process import check_process, claim_opencl, hold_handles, is_inherited, keep_for_ever
 from .select import choose_device
-from .settings import find_settings
+from .settings import Settings, find_settings
 from .timing import EventTimes
 
 # A buffer of no bytes is an error in OpenCL; an empty array gets this many.
 _SMALLEST_BUFFER_BYTES = 16
 
+# After these errors no later command of a context need succeed: NVIDIA's driver gives up on a context in which a kernel
+# failed.
+_CONTEXT_IS_LOST = (
+    "OUT_OF_RESOURCES",
+    "EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST",
+    "INVALID_COMMAND_QUEUE",
+    "INVALID_CONTEXT",
+)
+
 
 class DeviceSession(ContextManager):
-    """One device, opened; a context manager.
+    """One device, opened, for one thread at a time; a context manager.
+
+    All sessions of a device share its context and its compiled kernels, see `DeviceContext`. A session that is closed
+    in a forked child leaves everything as it is: it belongs to the parent.
 
     Parameters
     ----------
@@ -33,35 +46,58 @@ class DeviceSession(ContextManager):
     Raises
     ------
     DeviceError
-        There is no such device, or its driver refuses.
+        There is no such device, its driver refuses, or this process was forked from one that has used OpenCL.
 
     Attributes
     ----------
     info : DeviceInfo
     settings : Settings
         How kernels are launched on it.
-    context, queue : pyopencl.Context, pyopencl.CommandQueue
+    shared : DeviceContext
+        What all sessions of the device share.
+    queue : pyopencl.CommandQueue
     times : EventTimes
-        Of all commands of this session.
+        Of all commands of this session and its branches.
     is_closed : bool
         Whether the buffers are gone.
     """
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
-        self.info = device if isinstance(device, DeviceInfo) else choose_device(device)
-        self.settings = find_settings(self.info)
+        info = device if isinstance(device, DeviceInfo) else choose_device(device)
+        self._open(info, find_settings(info), EventTimes())
+
+    def branch(self) -> DeviceSession:
+        """Return another session on the same device, for another thread; it uses the buffers of this one as well.
+
+        Raises
+        ------
+        DeviceError
+            The driver refuses.
+        """
+        session = DeviceSession.__new__(DeviceSession)
+        session._open(self.info, self.settings, self.times)
+        return session
+
+    def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes) -> None:
         import pyopencl as cl
 
+        claim_opencl()
         self._cl: Any = cl
+        self.info = info
+        self.settings = settings
+        self.times = times
         self.is_closed = False
-        self.times = EventTimes()
         self._buffers: list[Any] = []
-        # A kernel's arguments are set one by one before it is enqueued.
-        self._launch_lock = threading.Lock()
         self._unfinished = ""  # the kernel whose errors the next wait may report
-        with self._errors("be opened"):
-            self.context = cl.Context([self.info.cl_device])
-            self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        with _DeviceErrors(cl, info, "be opened"):
+            self.shared = open_context(info)
+            self.queue = self.shared.open_queue()
+        hold_handles(self)
+
+    @property
+    def context(self) -> Any:
+        """The `pyopencl.Context` of the device."""
+        return self.shared.context
 
     def upload(self, array: NDArray[Any]) -> Any:
         """Copy an array into a new read-only buffer."""
@@ -100,7 +136,9 @@ class DeviceSession(ContextManager):
         return max(1, min(wanted, self.info.max_allocation_bytes // item_bytes))
 
     def release(self, buffer: Any) -> None:
-        """Give a buffer back before the session ends."""
+        """Give a buffer back before the session ends; in a forked child it stays."""
+        if is_inherited():
+            return
         self._buffers.remove(buffer)
         buffer.release()
 
@@ -137,8 +175,11 @@ class DeviceSession(ContextManager):
         try:
             yield array.view(dtype)
         finally:
-            with self._errors("take back what it shared with the host"):
-                self.times.note(label, array.base.release(self.queue))
+            if is_inherited():
+                keep_for_ever(array)
+            else:
+                with self._errors("take back what it shared with the host"):
+                    self.times.note(label, array.base.release(self.queue))
 
     def run(self, kernel: Kernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any) -> None:
         """Start a kernel once per work-item, after all commands before it; reading its results waits for it.
@@ -155,7 +196,7 @@ class DeviceSession(ContextManager):
         """
         rounded = tuple(-(-size // edge) * edge for size, edge in zip(work_size, work_group, strict=True))
         bound = kernel.bind(**arguments)
-        with self._errors(f"run the kernel '{kernel.name}'"), self._launch_lock:
+        with self._errors(f"run the kernel '{kernel.name}'"):
             event = kernel.enqueue(self.queue, rounded, work_group, bound)
         self._unfinished = f"finish the kernel '{kernel.name}' and "
         self.times.note("kernel", event)
@@ -163,26 +204,32 @@ class DeviceSession(ContextManager):
     def close(self) -> None:
         """Give all buffers back. Closing twice is allowed."""
         self.is_closed = True
-        while self._buffers:
+        while self._buffers and not is_inherited():
             self._buffers.pop().release()
 
     def _errors(self, action: str) -> _DeviceErrors:
-        return _DeviceErrors(self._cl, self.info, action)
+        return _DeviceErrors(self._cl, self.info, action, self.shared)
 
 
 class _DeviceErrors:
-    """Turns an OpenCL error into a `DeviceError` that names the failed action."""
+    """Refuses an action in a forked child, and turns an OpenCL error into a `DeviceError` that names the action."""
 
-    def __init__(self, cl: Any, info: DeviceInfo, action: str) -> None:
+    def __init__(self, cl: Any, info: DeviceInfo, action: str, shared: DeviceContext | None = None) -> None:
         self._cl = cl
         self._info = info
         self._action = action
+        self._shared = shared
 
     def __enter__(self) -> None:
-        pass
+        check_process()
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, self._cl.Error):
+            # Errors that pyopencl finds itself have no code.
+            code = getattr(error, "code", None)
+            lost = [getattr(self._cl.status_code, name) for name in _CONTEXT_IS_LOST]
+            if self._shared is not None and code in lost:
+                forget_context(self._shared)
             raise _explain(self._info, self._action, error) from error
 
 

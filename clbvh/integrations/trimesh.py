@@ -5,6 +5,7 @@ Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pye
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..builders.build import build
 from ..bvh import Bvh
+from ..device.owner_process import check_process, is_inherited
 from ..device.select import choose_device
 from ..device.settings import find_settings
 from ..errors import DeviceError, QueryError
@@ -43,6 +45,8 @@ class RayMeshIntersector:
     One hit per surface crossing, whatever the triangles that meet there; hits are found by one traversal, never by
     casting again from where the last one was. Rays without direction, or that are not finite, hit nothing.
 
+    Any number of threads may use one object, as long as none changes the mesh meanwhile.
+
     Examples
     --------
     >>> import trimesh
@@ -60,6 +64,7 @@ class RayMeshIntersector:
         self._scale_to_box = scale_to_box
         self._device = device
         self._layout = layout
+        self._lock = threading.RLock()
         self._forget()
 
     def intersects_location(
@@ -182,10 +187,14 @@ class RayMeshIntersector:
         return contains
 
     def close(self) -> None:
-        """Give the device's memory back; the next query takes it again."""
-        if self._tracer is not None:
-            self._tracer.close()
-        self._forget()
+        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        if is_inherited():
+            return
+        with self._lock:
+            tracer = self._tracer
+            self._forget()
+        if tracer is not None:
+            tracer.close()
 
     def _forget(self) -> None:
         self._tracer: Tracer | None = None
@@ -194,23 +203,22 @@ class RayMeshIntersector:
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a query of the tracer; rays that it refuses hit nothing."""
-        tracer = self._open_tracer()
-        try:
-            return getattr(tracer, query)(*rays, **more)
-        except QueryError:
-            if rays[0].ndim != 2:
-                raise
-            origins, directions = (np.array(values, np.float64) for values in rays)
-            bad = ~(np.isfinite(origins) & np.isfinite(directions)).all(axis=1) | (directions == 0).all(axis=1)
-            if not bad.any():
-                raise
-            origins[bad], directions[bad] = 0.0, 1.0
-            return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
+        while True:
+            tracer = self._open_tracer()
+            try:
+                return _cast_any_rays(tracer, query, rays, **more)
+            except QueryError:
+                # Another thread may have closed it meanwhile; then there will be another one.
+                if not tracer.is_closed:
+                    raise
 
     def _open_tracer(self) -> Tracer:
         """Return a tracer of the mesh as it is now."""
-        content = hash(self.mesh)
-        if self._tracer is None or content != self._content:
+        check_process()
+        with self._lock:
+            content = hash(self.mesh)
+            if self._tracer is not None and content == self._content:
+                return self._tracer
             vertices, faces = np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces)
             known = self._bvh
             same_faces = (
@@ -223,13 +231,14 @@ class RayMeshIntersector:
                 bvh = known.refit(vertices)
             else:
                 bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
-            self._tracer = Tracer(bvh, device=self._device, layout=self._layout)
+            tracer = self._tracer = Tracer(bvh, device=self._device, layout=self._layout)
             self._bvh, self._content = bvh, content
-        return self._tracer
+            return tracer
 
     def __repr__(self) -> str:
-        if self._tracer is not None:
-            device, layout = self._tracer.device.name, self._tracer.layout
+        tracer = self._tracer
+        if tracer is not None:
+            device, layout = tracer.device.name, tracer.layout
         else:
             try:
                 info = choose_device(self._device)
@@ -250,6 +259,7 @@ class RayMeshIntersector:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._lock = threading.RLock()
         self._forget()
 
     def __copy__(self) -> RayMeshIntersector:
@@ -258,6 +268,21 @@ class RayMeshIntersector:
     def __deepcopy__(self, memo: dict[int, Any]) -> RayMeshIntersector:
         # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
         return self.__copy__()
+
+
+def _cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
+    """Run a query of a tracer; rays that it refuses hit nothing."""
+    try:
+        return getattr(tracer, query)(*rays, **more)
+    except QueryError:
+        if rays[0].ndim != 2:
+            raise
+        origins, directions = (np.array(values, np.float64) for values in rays)
+        bad = ~(np.isfinite(origins) & np.isfinite(directions)).all(axis=1) | (directions == 0).all(axis=1)
+        if not bad.any():
+            raise
+        origins[bad], directions[bad] = 0.0, 1.0
+        return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
 
 
 def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:

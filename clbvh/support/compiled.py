@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,6 +26,9 @@ from .cache_folder import find_cache
 # Typed as Any: numba creates the names of its settings at run time.
 _settings: Any = numba.config
 _njit: Any = numba.njit
+
+# Held while a setting of numba's differs from that of other packages: threads may import modules at the same time.
+_decorating = threading.Lock()
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -51,12 +55,13 @@ def compiled(function: Callable[..., Any] | None = None, *, error_model: str = "
     if function is None:
         return lambda decorated: compiled(decorated, error_model=error_model)
     # numba reads the setting when it decorates a function. It is restored for other packages.
-    others = _settings.CACHE_DIR
-    _settings.CACHE_DIR = str(find_compiled_cache())
-    try:
-        return _njit(cache=True, nogil=True, error_model=error_model)(function)
-    finally:
-        _settings.CACHE_DIR = others
+    with _decorating:
+        others = _settings.CACHE_DIR
+        _settings.CACHE_DIR = str(find_compiled_cache())
+        try:
+            return _njit(cache=True, nogil=True, error_model=error_model)(function)
+        finally:
+            _settings.CACHE_DIR = others
 
 
 @cache

@@ -1,16 +1,23 @@
-"""A persistent thread pool for compiled loops, which release the GIL while they run."""
+"""A persistent thread pool for compiled loops, which release the GIL while they run.
+
+Only locks and queues written in C: Ctrl-C that strikes inside a `threading.Condition` or a semaphore, as in
+`concurrent.futures`, can leave its lock taken for ever.
+"""
 
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, TypeVar
+from queue import SimpleQueue
+from threading import Lock, Thread
+from typing import Any, Generic, TypeVar
 
 from .context_manager import ContextManager
 from .ranges import cut_range
 
 _Result = TypeVar("_Result")
+_Jobs = SimpleQueue[Callable[[], None] | None]
 
 # Least items of a thread's range. Waking a thread takes about 60 us, as long as packing 6,000 rays on a 2-core x86-64
 # server.
@@ -25,7 +32,7 @@ def usable_cores() -> int:
 
 
 class HostThreads(ContextManager):
-    """Threads that start with their first task and end when they are closed.
+    """Threads that start with their first task and end when they are closed; any thread may use them.
 
     Parameters
     ----------
@@ -33,9 +40,15 @@ class HostThreads(ContextManager):
         Threads that work at the same time, including the calling one; the number of usable processors without it.
     """
 
+    _jobs: _Jobs
+    _threads: list[Thread]
+    _stop: Callable[[], object]
+
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._pool: ThreadPoolExecutor | None = None
+        self._lock = Lock()
+        self._process_id = os.getpid()  # the threads exist in this process only
+        self._forget_threads()
 
     def for_ranges(self, item_count: int, task: Callable[[int, int], None]) -> None:
         """Call ``task(begin, end)`` for ranges that cover all items once, in parallel where that pays; see `run`."""
@@ -48,30 +61,136 @@ class HostThreads(ContextManager):
     def run(self, task: Callable[..., _Result], argument_lists: Sequence[tuple[Any, ...]]) -> list[_Result]:
         """Return ``task(*arguments)`` for each list of arguments, computed in parallel, in their order.
 
-        If tasks raise, the exception of the first of them is raised after all have ended.
+        If tasks raise, the exception of the first of them is raised after all have ended. After Ctrl-C, too, no task
+        is running any more.
         """
         if self.count == 1 or len(argument_lists) <= 1:
             return [task(*arguments) for arguments in argument_lists]
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.count - 1, thread_name_prefix="clbvh")
-        # The calling thread takes the first task; the others wait for the pool's threads.
-        futures = [self._pool.submit(task, *arguments) for arguments in argument_lists[1:]]
-        results: dict[int, _Result] = {}
+        batch = _Batch(task, argument_lists)
         try:
-            results[0] = task(*argument_lists[0])
-            # Tasks that no thread has begun run here, the last ones first.
-            for index in range(len(futures), 0, -1):
-                if futures[index - 1].cancel():
-                    results[index] = task(*argument_lists[index])
+            self._start(batch.help, min(self.count, len(argument_lists)) - 1)
+            batch.work()
         finally:
-            wait([future for future in futures if not future.cancelled()])
-        for index, future in enumerate(futures, start=1):
-            if index not in results:
-                results[index] = future.result()
-        return [results[index] for index in range(len(argument_lists))]
+            batch.finish()
+        return batch.results()
 
     def close(self) -> None:
-        """End the threads. Closing twice is allowed."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        """End the threads after the tasks that they run. Closing twice is allowed; the next task starts new ones."""
+        self._notice_fork()
+        with self._lock:
+            stop, threads = self._stop, self._threads
+            self._forget_threads()
+        stop()
+        for thread in threads:
+            if thread.is_alive():
+                thread.join()
+
+    def _start(self, work: Callable[[], None], count: int) -> None:
+        """Let some threads of the pool call a function."""
+        self._notice_fork()
+        with self._lock:
+            if not self._threads:
+                # Also called when this object is garbage.
+                self._stop = weakref.finalize(self, _stop_threads, self._jobs, self._threads)
+            while len(self._threads) < count:
+                thread = Thread(target=_serve, args=(self._jobs,), name="clbvh", daemon=True)
+                self._threads.append(thread)
+                thread.start()
+            for _ in range(count):
+                self._jobs.put(work)
+
+    def _notice_fork(self) -> None:
+        if self._process_id != os.getpid():
+            # In a forked child the threads do not exist, and nobody would release the lock.
+            self._lock, self._process_id = Lock(), os.getpid()
+            self._forget_threads()
+
+    def _forget_threads(self) -> None:
+        self._jobs, self._threads, self._stop = SimpleQueue(), [], _do_nothing
+
+
+def _serve(jobs: _Jobs) -> None:
+    """Do jobs until one is None; the life of a thread."""
+    while True:
+        job = jobs.get()
+        if job is None:
+            return
+        job()
+        del job  # and the arrays that it holds
+
+
+def _do_nothing() -> None:
+    pass
+
+
+def _stop_threads(jobs: _Jobs, threads: list[Thread]) -> None:
+    """Let threads end after the jobs before."""
+    for _ in threads:
+        jobs.put(None)
+
+
+class _Batch(Generic[_Result]):
+    """Tasks that the calling thread and helpers take, one after the other."""
+
+    def __init__(self, task: Callable[..., _Result], argument_lists: Sequence[tuple[Any, ...]]) -> None:
+        self._task = task
+        self._argument_lists = argument_lists
+        self._results: dict[int, _Result] = {}
+        self._errors: dict[int, Exception] = {}
+        self._lock = Lock()
+        self._waiting = list(range(len(argument_lists)))[::-1]  # taken from the end: the first task comes first
+        self._helped: set[int] = set()  # tasks that helpers are running
+        self._endings: SimpleQueue[None] = SimpleQueue()  # gets an item with the end of each of them
+
+    def work(self) -> None:
+        """Run tasks until none is waiting, in the calling thread."""
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    return
+                index = self._waiting.pop()
+            self._run(index)
+
+    def help(self) -> None:
+        """Run tasks until none is waiting, in another thread."""
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    return
+                index = self._waiting.pop()
+                self._helped.add(index)
+            try:
+                self._run(index)
+            finally:
+                self._helped.discard(index)
+                self._endings.put(None)
+
+    def finish(self) -> None:
+        """Return when no helper is running a task, and none will: also after Ctrl-C, which is raised then."""
+        with self._lock:
+            self._waiting.clear()
+        interrupt = None
+        while self._helped:
+            try:
+                self._endings.get()
+            except BaseException as error:
+                interrupt = error
+        if interrupt is not None:
+            raise interrupt
+
+    def results(self) -> list[_Result]:
+        """Return the results in the order of the tasks, or raise the exception of the first that failed."""
+        if self._errors:
+            error = self._errors[min(self._errors)]
+            self._errors.clear()
+            try:
+                raise error
+            finally:
+                del error  # its traceback holds this frame: a cycle, which would keep arrays alive
+        return [self._results[index] for index in range(len(self._argument_lists))]
+
+    def _run(self, index: int) -> None:
+        try:
+            self._results[index] = self._task(*self._argument_lists[index])
+        except Exception as error:
+            self._errors[index] = error

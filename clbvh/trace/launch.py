@@ -1,12 +1,12 @@
 """A launch: rays or points are packed into a batch on the device, the batch is cast with a kernel, results come back.
 
-A query opens a call. The call packs batches and casts them; its buffers belong to it alone until it ends, and then
-serve the next call. Nothing else is remembered from one call to the next.
+A query opens a call. The call packs batches and casts them; its queue and its buffers belong to it alone until it ends,
+and then serve the next call. Nothing else is remembered from one call to the next, so calls of several threads do not
+know of each other.
 """
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -19,7 +19,6 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..errors import QueryError
 from ..structs import HIT, PACKED_POINT, PACKED_RAY
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
@@ -28,6 +27,7 @@ from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import pack_rays
 from .rays.pieces import Progress, RayPiece, cut_points, cut_rays
+from .running_calls import MemoryLoan, RunningCalls
 
 
 class Query(NamedTuple):
@@ -80,7 +80,7 @@ class Batch(NamedTuple):
 
 
 class Caster(ContextManager):
-    """One tree on one device, its kernels, and buffers that calls take and give back.
+    """One tree on one device, its kernels, and memory for calls; from any number of threads.
 
     Parameters
     ----------
@@ -96,63 +96,50 @@ class Caster(ContextManager):
         self.tree = tree
         self.box = box
         self.threads = HostThreads()
-        self._lock = threading.Lock()
+        self.calls = RunningCalls(session)
         self._kernels: dict[str, Kernel] = {}
-        self._free_buffers: list[dict[str, ReusableBuffer]] = []
 
-    @contextmanager
-    def open_call(self) -> Iterator[Call]:
-        """Open a call; its buffers are its own for as long as the block lasts.
+    def open_call(self) -> Call:
+        """Return a call to use in a `with` block, which has memory of its own for as long as the block lasts.
 
         Raises
         ------
         QueryError
-            The tree is no longer on the device.
+            On entering the block: the tree is no longer on the device.
+        DeviceError
+            On entering the block: this process was forked from one that has used OpenCL.
         """
-        if self.session.is_closed:
-            raise QueryError("the tracer is closed: its tree is no longer on the device")
-        with self._lock:
-            buffers = self._free_buffers.pop() if self._free_buffers else {}
-        try:
-            yield Call(self, buffers)
-        finally:
-            with self._lock:
-                self._free_buffers.append(buffers)
+        return Call(self)
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel, compiled when first asked for."""
-        with self._lock:
-            if name not in self._kernels:
-                self._kernels[name] = build_kernel(self.session, name, self.tree.defines)
-            return self._kernels[name]
+        if name not in self._kernels:
+            self._kernels[name] = build_kernel(self.session, name, self.tree.defines)
+        return self._kernels[name]
 
     def close(self) -> None:
-        """Give the device's memory back."""
-        self.release()
-        self.session.close()
+        """Give the device's memory back, after the calls of other threads have ended."""
+        self.calls.close()
+        self.threads.close()
 
     def release(self) -> None:
-        """Give back the buffers of calls; the tree stays."""
+        """Give back the memory of calls that have ended; the tree stays."""
         self.threads.close()
-        with self._lock:
-            while self._free_buffers:
-                for buffer in self._free_buffers.pop().values():
-                    buffer.release()
+        self.calls.release_idle()
 
 
-class Call:
-    """One query at work: it packs batches, casts them, and holds its buffers until it ends.
+class Call(MemoryLoan):
+    """One query at work: it packs batches, casts them, and holds its memory until it ends.
 
     A buffer holds one batch, and one batch's results, at a time: a batch is cast before the next one is packed.
     """
 
-    def __init__(self, caster: Caster, buffers: dict[str, ReusableBuffer]) -> None:
+    def __init__(self, caster: Caster) -> None:
+        super().__init__(caster.calls)
         self.caster = caster
         self.threads = caster.threads
         self.box = caster.box
-        self._session = caster.session
         self._tree = caster.tree
-        self._buffers = buffers
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most."""
@@ -257,6 +244,10 @@ class Call:
         with self._session.mapped(results, count, query.dtype, write=False) as found:
             yield found
 
+    @property
+    def _session(self) -> DeviceSession:
+        return self.memory.session
+
     def _work_group(self, piece: RayPiece) -> tuple[int, int]:
         settings = self._session.settings
         return settings.tile if piece.row_length else (settings.work_group_size, 1)
@@ -269,9 +260,7 @@ class Call:
         return buffer
 
     def _buffer(self, name: str) -> ReusableBuffer:
-        if name not in self._buffers:
-            self._buffers[name] = ReusableBuffer(self._session, for_mapping=name != "entry points")
-        return self._buffers[name]
+        return self.memory.buffer(name, for_mapping=name != "entry points")
 
 
 def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:

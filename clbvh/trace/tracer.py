@@ -28,6 +28,9 @@ from .rays.pieces import Progress
 class Tracer(ContextManager):
     """Casts rays at one tree on one device; a context manager.
 
+    Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
+    closing the tracer there changes nothing.
+
     Parameters
     ----------
     bvh : Bvh
@@ -39,7 +42,7 @@ class Tracer(ContextManager):
     Raises
     ------
     DeviceError
-        There is no such device, or the tree does not fit it.
+        There is no such device, the tree does not fit it, or this process was forked from one that has used OpenCL.
     ConfigError
         An unknown layout.
     """
@@ -254,11 +257,19 @@ class Tracer(ContextManager):
 
     @property
     def timings_ms(self) -> dict[str, float]:
-        """Milliseconds on the device so far: upload, kernel, download."""
+        """Milliseconds on the device so far, in all threads: upload, kernel, download."""
         return self._caster.session.times.sums_ms()
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether the tracer takes no more queries."""
+        return self._caster.calls.is_closed
+
     def close(self) -> None:
-        """Give the device's memory back."""
+        """Give the device's memory back. Closing twice is allowed.
+
+        Queries that other threads are running end first, and get their results; later ones raise `QueryError`.
+        """
         self._caster.close()
 
     def __repr__(self) -> str:

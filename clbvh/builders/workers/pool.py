@@ -28,8 +28,16 @@ from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
 from .workspace import Workspace
 
+_WORKER_NAME = "clbvh-worker-"
+
 # Exit code of a worker that finds itself creating a pool while it imports the main script.
 _UNGUARDED = 73
+
+# The process that imported this module, which a forked child did not.
+_IMPORTED_IN = os.getpid()
+
+# Held while a process starts: several pools may start at once.
+_hiding = threading.Lock()
 
 # A worker that needs longer than this for one step is taken for dead.
 DEFAULT_TIMEOUT_S = 600.0
@@ -93,17 +101,19 @@ class WorkerPool(ContextManager):
         self._start_error: BaseException | None = None
         self._unguarded = False
         self._closed = False
+        self._process_id = os.getpid()
         # As many threads of this process as there are workers, for what workers do not see.
         self.threads = HostThreads(self.workers)
         self._workspace = Workspace()
-        # Two threads that build with one pool take turns.
-        self._one_build = threading.Lock()
+        # Threads that use one pool take turns, also to close it. Reentrant: an error in a build closes the pool.
+        self._one_build = threading.RLock()
         # Starting the fork server blocks until it has imported its modules, so a thread does it.
         self._starter = threading.Thread(target=self._start, name="clbvh-pool-start", daemon=True)
         self._starter.start()
 
     def wait_ready(self) -> None:
         """Return when every worker has started and loaded its compiled code."""
+        self._check_process()
         self._starter.join()
         if self._start_error is not None:
             self.close()
@@ -113,8 +123,7 @@ class WorkerPool(ContextManager):
 
     def attach(self, handles: Mapping[str, ArrayHandle]) -> None:
         """Let every worker hold exactly these shared arrays, by these names; it lets go of all others."""
-        self.wait_ready()
-        with _ClosedOnError(self):
+        with self._turn(), _ClosedOnError(self):
             for worker in range(self.workers):
                 self._send(worker, (ATTACH, dict(handles)))
             self._wait_for_all()
@@ -130,8 +139,7 @@ class WorkerPool(ContextManager):
         PoolError
             The workers did not start.
         """
-        self.wait_ready()
-        with self._one_build:
+        with self._turn():
             yield self._workspace
 
     def map(self, step: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> list[Any]:
@@ -153,12 +161,11 @@ class WorkerPool(ContextManager):
         PoolError
             A step raised (the message holds the worker's traceback), or a worker died or fell silent.
         """
-        self.wait_ready()
         results: list[Any] = [None] * len(tasks)
         idle = list(range(self.workers))
         busy: dict[int, int] = {}  # worker -> task
         next_task = 0
-        with _ClosedOnError(self):
+        with self._turn(), _ClosedOnError(self):
             while busy or next_task < len(tasks):
                 while idle and next_task < len(tasks):
                     worker = idle.pop(0)
@@ -171,8 +178,13 @@ class WorkerPool(ContextManager):
         return results
 
     def close(self) -> None:
-        """Stop the workers. Closing twice is allowed."""
-        self._stop(_STOP_PATIENCE_S)
+        """Stop the workers, after the builds of other threads have ended. Closing twice is allowed.
+
+        In a forked child nothing happens: the workers are the parent's.
+        """
+        if self._process_id == os.getpid():
+            with self._one_build:
+                self._stop(_STOP_PATIENCE_S)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -185,12 +197,27 @@ class WorkerPool(ContextManager):
     def __repr__(self) -> str:
         return f"{type(self).__name__}(workers={self.workers}{', closed' if self._closed else ''})"
 
+    def _check_process(self) -> None:
+        """Raise `PoolError` in a forked child, whose messages would mix with the parent's."""
+        if self._process_id != os.getpid():
+            raise PoolError(
+                "the pool belongs to the process that this one was forked from: create another one, or build without"
+            )
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Keep other threads from the workers, which are ready, for the length of a `with` block."""
+        self._check_process()
+        with self._one_build:
+            self.wait_ready()
+            yield
+
     def _start(self) -> None:
         """Start all workers and wait until each says that it is ready; keep an error for `wait_ready`."""
         begin = time.perf_counter()
         try:
-            # Windows has no fork server.
-            if sys.platform == "win32":
+            # Windows has no fork server, and a forked child only one that is not its own.
+            if sys.platform == "win32" or os.getpid() != _IMPORTED_IN:
                 context: Any = multiprocessing.get_context("spawn")
                 folder = None
             else:
@@ -201,7 +228,7 @@ class WorkerPool(ContextManager):
                 ours, theirs = context.Pipe()
                 _limit_transfer(ours, self._timeout_s)
                 process = context.Process(
-                    target=serve, args=(theirs, folder, self._preload), name=f"clbvh-worker-{number}", daemon=True
+                    target=serve, args=(theirs, folder, self._preload), name=f"{_WORKER_NAME}{number}", daemon=True
                 )
                 with _hidden_name_of_no_script():
                     process.start()
@@ -290,19 +317,33 @@ class WorkerPool(ContextManager):
         )
 
 
+def _disown_workers() -> None:
+    """Let a forked child that ends leave its parent's workers alone: multiprocessing would stop them."""
+    global _hiding
+    _hiding = threading.Lock()  # a thread that the child does not have may hold the parent's
+    # What multiprocessing does itself in the children that it forks.
+    children: set[Any] = getattr(multiprocessing.process, "_children", set())
+    children.difference_update([process for process in children if process.name.startswith(_WORKER_NAME)])
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_disown_workers)
+
+
 @contextmanager
 def _hidden_name_of_no_script() -> Iterator[None]:
     """Hide the main module's file while it is called <stdin>: a worker would look for that file, and die."""
     main = sys.modules["__main__"]
-    name = getattr(main, "__file__", None)
-    if name is None or not name.startswith("<"):
-        yield
-        return
-    del main.__file__
-    try:
-        yield
-    finally:
-        main.__file__ = name
+    with _hiding:
+        name = getattr(main, "__file__", None)
+        if name is None or not name.startswith("<"):
+            yield
+            return
+        del main.__file__
+        try:
+            yield
+        finally:
+            main.__file__ = name
 
 
 def _limit_transfer(connection: Connection, timeout_s: float) -> None:

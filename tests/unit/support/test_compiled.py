@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 
 import clbvh
 from clbvh.bvh.depth import find_depths
+from clbvh.support import compiled as home
 from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources, find_compiled_cache
 
 PACKAGE = Path(clbvh.__file__).parent
@@ -110,3 +113,21 @@ def test_an_edit_of_an_imported_compiled_file_is_seen(tmp_path):
 def test_the_folder_is_in_use():
     assert find_depths(np.array([1, 0, 1]), np.array([0, 1, 1])).tolist() == [0, 1, 1]
     assert any(find_compiled_cache().rglob("depth.find_depths-*.nbi"))
+
+
+def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
+    """Each thread saves the setting, changes it and restores it."""
+    before = home._settings.CACHE_DIR
+
+    def decorate_slowly(**options):
+        time.sleep(0.02)
+        return lambda function: function
+
+    monkeypatch.setattr(home, "_njit", decorate_slowly)
+    threads = [threading.Thread(target=home.compiled, args=(abs,)) for _ in range(4)]
+    for delay, thread in enumerate(threads):
+        thread.start()
+        time.sleep(0.005 * delay)
+    for thread in threads:
+        thread.join()
+    assert before == home._settings.CACHE_DIR

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import signal
 import threading
+import time
+import weakref
 
 import numpy as np
 import pytest
@@ -65,3 +69,117 @@ def test_it_works_again_after_it_was_closed(threads):
     threads.close()
     threads.close()
     assert threads.run(abs, [(-1,), (-2,), (-3,)]) == [1, 2, 3]
+
+
+def test_threads_that_begin_at_once_share_one_pool(monkeypatch):
+    made, make = [], host_threads.Thread
+
+    def make_slowly(**more):
+        made.append(1)
+        time.sleep(0.05)
+        return make(**more)
+
+    monkeypatch.setattr(host_threads, "Thread", make_slowly)
+    with HostThreads(3) as threads:
+        users = [threading.Thread(target=threads.run, args=(abs, [(1,), (2,), (3,)])) for _ in range(4)]
+        for user in users:
+            user.start()
+        for user in users:
+            user.join()
+    assert len(made) == 2
+
+
+def test_threads_end_when_they_are_closed_or_garbage():
+    threads = HostThreads(3)
+    threads.run(abs, [(1,), (2,), (3,)])
+    closed = list(threads._threads)
+    threads.close()
+    assert [thread.is_alive() for thread in closed] == [False, False]
+    threads.run(abs, [(1,), (2,), (3,)])
+    dropped = list(threads._threads)
+    del threads
+    for thread in dropped:
+        thread.join(30)
+        assert not thread.is_alive()
+
+
+def test_closing_while_another_thread_runs_tasks(monkeypatch):
+    is_over, errors = threading.Event(), []
+
+    with HostThreads(3) as threads:
+
+        def use():
+            try:
+                while not is_over.is_set():
+                    assert threads.run(abs, [(-1,), (-2,), (-3,)]) == [1, 2, 3]
+            except BaseException as error:
+                errors.append(error)
+
+        users = [threading.Thread(target=use) for _ in range(3)]
+        for user in users:
+            user.start()
+        for _ in range(100):
+            threads.close()
+        is_over.set()
+        for user in users:
+            user.join()
+    assert errors == []
+
+
+def test_ctrl_c_while_waiting_for_another_thread_waits_on():
+    main_thread, is_running, ended = threading.main_thread(), threading.Event(), []
+
+    def work(number):
+        if threading.current_thread() is main_thread:
+            assert is_running.wait(30)
+            return
+        is_running.set()
+        time.sleep(0.1)
+        signal.pthread_kill(main_thread.ident, signal.SIGINT)
+        time.sleep(0.2)
+        ended.append(number)
+
+    with HostThreads(2) as threads:
+        with pytest.raises(KeyboardInterrupt):
+            threads.run(work, [(0,), (1,)])
+        assert len(ended) == 1
+
+
+def test_after_ctrl_c_in_a_task_no_other_is_running():
+    is_running, ended = threading.Event(), []
+
+    def work(number):
+        if threading.current_thread() is not threading.main_thread():
+            is_running.set()
+            time.sleep(0.2)
+            ended.append(number)
+        else:
+            assert is_running.wait(30)
+            signal.raise_signal(signal.SIGINT)
+
+    with HostThreads(3) as threads:
+        with pytest.raises(KeyboardInterrupt):
+            threads.run(work, [(0,), (1,), (2,), (3,)])
+        before = len(ended)
+        assert before > 0
+        assert threads.run(abs, [(-1,), (-2,)]) == [1, 2]
+        time.sleep(0.3)
+        assert len(ended) == before
+
+
+def test_an_error_leaves_no_reference_to_its_arguments():
+    class Item:
+        pass
+
+    item = Item()
+    seen = weakref.ref(item)
+    gc.disable()
+    try:
+        with HostThreads(2) as threads:
+            with pytest.raises(TypeError):
+                threads.run(lambda item: item + 1, [(item,), (item,)])
+            del item
+            assert threads.run(abs, [(1,), (2,)]) == [1, 2]
+        assert seen() is None
+    finally:
+        gc.enable()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import Tracer, build
+from clbvh.device.session import DeviceSession
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.rendering.camera import frame_mesh
 from clbvh.trace.rays import pieces
@@ -25,16 +26,15 @@ def wide_tracer(_opened_device, picture):
 
 
 @pytest.fixture
-def launches(wide_tracer, monkeypatch):
+def launches(monkeypatch):
     """What is launched from now on: name, work-items and work-group."""
-    session = wide_tracer._caster.session
-    launched, run = [], session.run
+    launched, run = [], DeviceSession.run
 
-    def record(kernel, size, group, **arguments):
+    def record(session, kernel, size, group, **arguments):
         launched.append((kernel.name, size, group))
-        run(kernel, size, group, **arguments)
+        run(session, kernel, size, group, **arguments)
 
-    monkeypatch.setattr(session, "run", record)
+    monkeypatch.setattr(DeviceSession, "run", record)
     return launched
 
 

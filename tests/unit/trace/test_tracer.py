@@ -43,6 +43,21 @@ def assert_same(obtained, expected, rows=slice(None)):
         assert getattr(obtained, field).tobytes() == getattr(expected, field)[rows].tobytes(), field
 
 
+def record_allocations(monkeypatch):
+    """A list that gets the size of every buffer from now on."""
+    sizes, allocate = [], DeviceSession.allocate
+    monkeypatch.setattr(
+        DeviceSession, "allocate", lambda self, size, **how: sizes.append(size) or allocate(self, size, **how)
+    )
+    return sizes
+
+
+def count_buffers(tracer):
+    """The buffers of the tree and of a call that has ended."""
+    (memory,) = tracer._caster.calls._idle
+    return len(tracer._caster.session._buffers) + len(memory.session._buffers)
+
+
 class TestBatches:
     @pytest.mark.parametrize("count", COUNTS)
     def test_any_number_of_rays(self, tracer, rays, expected, count):
@@ -94,11 +109,7 @@ class TestBatches:
     def test_memory_is_that_of_one_chunk_at_most(self, session, mesh, rays, monkeypatch, count, rays_held):
         monkeypatch.setattr(pieces, "CHUNK_RAYS", 100)
         with Tracer(build(mesh), device=session.info) as opened:
-            sizes = []
-            allocate = opened._caster.session.allocate
-            monkeypatch.setattr(
-                opened._caster.session, "allocate", lambda size, **how: sizes.append(size) or allocate(size, **how)
-            )
+            sizes = record_allocations(monkeypatch)
             opened.closest_hit([], [])
             assert sizes == []
             opened.closest_hit(rays[0][:count], rays[1][:count])
@@ -107,7 +118,7 @@ class TestBatches:
             opened.closest_hit(rays[0][:count], rays[1][:count])
             opened.any_hit(rays[0][:count], rays[1][:count])
             assert len(sizes) == 2
-            assert len(opened._caster.session._buffers) == 4
+            assert count_buffers(opened) == 4
 
     def test_memory_grows_with_the_batch(self, session, mesh, rays, expected):
         with Tracer(build(mesh), device=session.info) as opened:
@@ -115,7 +126,7 @@ class TestBatches:
                 assert_same(opened.closest_hit(rays[0][:count], rays[1][:count]), expected, slice(count))
             with pytest.raises(ValueError, match="length zero"):
                 opened.closest_hit([[0, 0, 0]], [[0, 0, 0]])
-            assert len(opened._caster.session._buffers) == 4
+            assert count_buffers(opened) == 4
 
     @pytest.mark.parametrize("shape", [(3072,), (64, 48), (4, 32, 24), (1, 3072), (3072, 1)], ids=str)
     def test_results_have_the_leading_shape_of_the_rays(self, tracer, rays, expected, monkeypatch, shape):
@@ -143,8 +154,7 @@ class TestBatches:
         small = dataclasses.replace(session.info, max_allocation_bytes=16384)
         with Tracer(build(mesh), device=session.info) as opened:
             opened._caster.session.info = small
-            sizes, allocate = [], opened._caster.session.allocate
-            opened._caster.session.allocate = lambda size, **how: sizes.append(size) or allocate(size, **how)
+            sizes = record_allocations(monkeypatch)
             assert_same(opened.closest_hit(*rays), expected)
             everything = opened.all_hits(*rays)
             np.testing.assert_array_equal(opened.count_hits(*rays), everything.counts)

@@ -1,0 +1,28 @@
+"""Ctrl-C in the middle of queries: no lock stays taken, no buffer is lost, and the next answers are right."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from ..profiles import is_long, seeds
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="interrupts by the timer of Unix")
+
+COUNT = 60
+
+
+@pytest.mark.parametrize("seed", seeds(1))
+def test_nothing_is_left_of_interrupted_queries(seed):
+    count = 20 * COUNT if is_long() else COUNT
+    script = [sys.executable, "-m", "tests.concurrency.interrupting", str(seed), str(count)]
+    ran = subprocess.run(script, capture_output=True, text=True, timeout=1800)
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert found.pop("interrupted") > count // 4
+    assert found.pop("idle") <= 1
+    assert found.pop("most buffers") <= 4
+    assert found == {"wrong": 0, "right afterwards": True, "loans": 0}
