@@ -1,6 +1,6 @@
 """The OFF format, as text: vertices and polygons in the file's order; colours are skipped.
 
-trimesh reads OFF too, but loses the end of a file that was cut off.
+No library is used for it: trimesh loses the end of a file that was cut off.
 """
 
 from __future__ import annotations
@@ -31,6 +31,11 @@ def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
         raise MeshError(
             f"the file is cut off or damaged: it declares {vertex_count:,} vertices and {face_count:,} faces, "
             f"but has {len(lines):,} lines for them"
+        )
+    if len(lines) > vertex_count + face_count:
+        raise MeshError(
+            f"the file goes on behind the {vertex_count:,} vertices and {face_count:,} faces that it declares, "
+            "so one of the two is damaged"
         )
     vertices = read_coordinates(lines[:vertex_count])
     # The line of a face: the number of its corners, their indices, and perhaps a colour.

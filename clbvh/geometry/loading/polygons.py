@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ..face_limit import check_face_count
 
 
 def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -30,13 +31,15 @@ def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArra
     Raises
     ------
     MeshError
-        A polygon has fewer than three corners; the message names the first such face, from 0.
+        A polygon has fewer than three corners; the message names the first such face, from 0. Or the triangles do not
+        fit the memory: a large polygon has hardly more corners than triangles, and a corner may be one byte of a file.
     """
     if len(sizes) and sizes.min() < 3:
         face = int(np.argmax(sizes < 3))
         raise MeshError(f"face {face} has {sizes[face]} corners, but a face has at least 3")
     if (sizes == 3).all():
         return corners.reshape(-1, 3)
+    check_face_count(len(corners) - 2 * len(sizes))
     # Triangle k of a polygon has its corners 0, k + 1 and k + 2.
     triangle_counts = sizes - 2
     first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
