@@ -48,10 +48,10 @@ class _Primitive(NamedTuple):
     """The triangles of a primitive over the points of an accessor."""
 
     positions: int
-    faces: NDArray[np.int64]
+    faces: NDArray[np.integer]
 
 
-def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
     """Return the vertices (V, 3) and faces (F, 3) of all parts of the scene, in the order of the file.
 
     The vertices of an accessor are listed once for each node that draws it.
@@ -62,7 +62,8 @@ def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.
     check_face_count(*_count_faces_and_vertices(gltf, parts))
     primitives: dict[int, list[_Primitive]] = {}
     points: dict[int, NDArray[np.float64]] = {}
-    vertices, faces = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
+    vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
+    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
     vertex_count = 0
     for part in parts:
         if part.mesh not in primitives:
@@ -212,7 +213,7 @@ def _read_primitives(gltf: GltfData, mesh: int, points: dict[int, NDArray[np.flo
         yield _Primitive(positions, faces)
 
 
-def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.int64]:
+def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.integer]:
     """Return the triangles (F, 3) of a primitive's corners (n,)."""
     if mode == _TRIANGLES:
         if len(corners) % 3:

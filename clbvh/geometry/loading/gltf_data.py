@@ -163,7 +163,7 @@ class GltfData:
 
     def _read_buffer(self, view: dict[str, Any], view_index: Any) -> bytes:
         """Return the buffer of a view; it is read only once."""
-        index = view.get("buffer")
+        index: Any = view.get("buffer")
         buffer = self.item("buffers", index)
         has_bytes = "uri" in buffer or (index == 0 and self._chunk is not None)
         for name in _COMPRESSED_VIEWS:
@@ -217,7 +217,7 @@ def refuse_compression(name: str) -> MeshError:
 
 def get_whole(table: dict[str, Any], key: str, default: int | None = None) -> int:
     """Return a whole number from 0 of a JSON object."""
-    value = table.get(key, default)
+    value: Any = table.get(key, default)
     if not _is_whole(value) or value < 0:
         raise MeshError(f"'{key}' must be a whole number from 0, not {str(value)[:20]!r}")
     return value

@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from .polygons import cut_fans, join_polygons
-from .text_lines import read_coordinates
+from .polygons import cut_fans
+from .text_lines import join_polygons, read_coordinates, read_table
 
 # Comments end with their line even if that ends with a backslash, so they are dropped before lines are joined.
 _COMMENTS_AND_OTHER_INDICES = re.compile(rb"#[^\n]*|/\S*")  # only the first index of a face's corner is a vertex
 _CONTINUATION = re.compile(rb"\\[ \t]*\n")
-_KEYWORD = re.compile(rb"^[ \t]*([vf])(?=\s|\Z)", re.MULTILINE)
-_VERTEX = re.compile(rb"^[ \t]*v(?=\s|\Z)(.*)", re.MULTILINE)
-_FACE = re.compile(rb"^[ \t]*f(?=\s|\Z)(.*)", re.MULTILINE)
-_UNSUPPORTED = re.compile(rb"^[ \t]*(surf|call|fo|bsp|bzp|cdp|res)[ \t]", re.MULTILINE)
+# Curves and surfaces that the polygons do not cover, and files that are read in between.
+_UNSUPPORTED = (b"surf", b"call", b"fo", b"bsp", b"bzp", b"cdp", b"res")
+_STATEMENT = re.compile(rb"^[ \t]*(v|f|" + b"|".join(_UNSUPPORTED) + rb")(?=\s|\Z)(.*)", re.MULTILINE)
 
 
 def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
@@ -33,17 +32,18 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
     """
     text = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     text = _CONTINUATION.sub(b" ", _COMMENTS_AND_OTHER_INDICES.sub(b"", text))
-    if unsupported := _UNSUPPORTED.search(text):
+    statements = _STATEMENT.findall(text)
+    unsupported = {keyword for keyword, _ in statements}.intersection(_UNSUPPORTED)
+    if unsupported:
         raise MeshError(
-            f"the statement '{unsupported[1].decode()}' is not read: an OBJ file may have polygons only, written as "
-            "'v' and 'f' lines"
+            f"the statement '{min(unsupported).decode()}' is not read: a mesh is made of 'v' and 'f' statements"
         )
-    vertices = read_coordinates(_VERTEX.findall(text))
-    corners, sizes = join_polygons([line.split() for line in _FACE.findall(text)])
+    vertices = read_coordinates([words for keyword, words in statements if keyword == b"v"])
+    corners, sizes = _read_faces([words for keyword, words in statements if keyword == b"f"])
     # Vertices count from 1; a negative index counts back from the last vertex above the face.
     ids = np.where(corners > 0, corners - 1, -1)
     if (corners < 0).any():
-        keywords = np.array(_KEYWORD.findall(text))
+        keywords = np.array([keyword for keyword, _ in statements])
         above = np.cumsum(keywords == b"v")[keywords == b"f"]
         ids = np.where(corners < 0, corners + above.repeat(sizes), ids)
     # Checked here, because the message needs the numbers of the file.
@@ -55,3 +55,11 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
             f"(1 to {len(vertices)})"
         )
     return vertices, cut_fans(ids, sizes)
+
+
+def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners of all faces as the file counts them, concatenated, and the number of corners of each."""
+    table = read_table(lines)
+    if table is None:
+        return join_polygons([line.split() for line in lines])
+    return table.ravel(), np.full(len(table), table.shape[1])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,9 +43,3 @@ def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArra
     first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
     step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
     return corners[np.column_stack((first, first + step + 1, first + step + 2))]
-
-
-def join_polygons(polygons: list[list[bytes]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the corners of all polygons, concatenated, and the number of corners of each."""
-    corners = np.fromiter(map(int, chain.from_iterable(polygons)), np.int64)
-    return corners, np.fromiter(map(len, polygons), np.int64)

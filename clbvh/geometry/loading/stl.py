@@ -7,7 +7,6 @@ the unit, which the format does not name. Normals and attributes are skipped.
 from __future__ import annotations
 
 import re
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,11 @@ from .merge_points import merge_points
 _COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
-_VERTEX = rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)\s+"
-_FACET = re.compile(
-    rb"\bfacet\s+normal\s+(?:\S+\s+){3}outer\s+loop\s+" + 3 * _VERTEX + rb"endloop\s+endfacet\b", re.IGNORECASE
-)
-_FACET_BEGINNING = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
+# The words of a triangle, None where a number stands. Those of the normal may be anything.
+_VERTEX = (b"vertex", None, None, None)
+_FACET = (b"facet", b"normal", None, None, None, b"outer", b"loop", *3 * _VERTEX, b"endloop", b"endfacet")
+_COORDINATES = [at for at, word in enumerate(_FACET) if word is None][3:]
+# The line that begins or ends a solid. Its name is free, and may hold any of the format's words.
 _SOLID = re.compile(rb"^[ \t]*(end)?solid\b.*$", re.IGNORECASE | re.MULTILINE)
 
 
@@ -48,18 +47,20 @@ def is_binary_stl(data: bytes) -> bool:
 def _read_text(data: bytes) -> NDArray[np.float64]:
     """Return the corners of all triangles, (3 F, 3)."""
     text = data.replace(b"\r", b"\n")
-    # Names of solids are free, and may hold any of the format's words.
     solids = [word.lower() for word in _SOLID.findall(text)]
-    text = _SOLID.sub(b"", text)
-    facet_count = len(_FACET_BEGINNING.findall(text))
-    if not solids or not facet_count:
+    words = _SOLID.sub(b"", text).split()
+    if not solids or not words:
         raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
-    facets = _FACET.findall(text)
-    if facet_count != len(facets) or _FACET.sub(b"", text).strip():
+    whole_count = len(words) // len(_FACET)
+    for at, keyword in enumerate(_FACET):
+        column = words[at :: len(_FACET)]
+        if keyword is not None and any(word.lower() != keyword for word in set(column)):
+            whole_count = min(whole_count, next(i for i, word in enumerate(column) if word.lower() != keyword))
+    if whole_count * len(_FACET) != len(words):
         raise MeshError(
-            f"the file is cut off or damaged: it has {facet_count:,} triangles, but {len(facets):,} are whole, "
-            "or something else stands between them"
+            f"the file is cut off or damaged: behind {whole_count:,} whole triangles it has words that are none"
         )
     if solids != [b"", b"end"] * (len(solids) // 2):
         raise MeshError("the file is cut off or damaged: not every 'solid' is followed by its 'endsolid'")
-    return np.fromiter(map(float, chain.from_iterable(facets)), np.float64).reshape(-1, 3)
+    columns = [np.loadtxt(words[at :: len(_FACET)], ndmin=1, comments=None) for at in _COORDINATES]
+    return np.column_stack(columns).reshape(-1, 3)

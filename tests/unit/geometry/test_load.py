@@ -286,7 +286,7 @@ def test_gltf_with_its_buffer_in_a_second_file(tmp_path):
     assert load_mesh(tmp_path / "model.gltf").faces.tolist() == [[0, 1, 3]]
     for buffer in tmp_path.glob("*.bin"):
         buffer.unlink()
-    with pytest.raises(MeshError, match=r"buffers\[0\] is the file .* cannot be read: No such file") as caught:
+    with pytest.raises(MeshError, match=r"buffers.* is the file .* cannot be read: No such file") as caught:
         load_mesh(tmp_path / "model.gltf")
     assert caught.value.__cause__ is not None
 
@@ -357,10 +357,10 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.stl", b"\1" * 84, "cut off or not an STL file", id="stl-huge"),
         pytest.param("a.stl", b"solid a\n", "cut off or not an STL file", id="stl-cut"),
         pytest.param("a.stl", b"endsolid\nsolid", "cut off or not an STL file", id="stl-turned"),
-        pytest.param("a.stl", f"solid\n{facet(CUBE[:4])}endsolid", "1 triangles, but 0", id="stl-quad"),
-        pytest.param("a.stl", f"solid\n{facet(CUBE[:3])} facet normal\nendsolid", "2 triangles, but 1", id="stl-open"),
+        pytest.param("a.stl", f"solid\n{facet(CUBE[:4])}endsolid", "behind 0 whole triangles", id="stl-quad"),
+        pytest.param("a.stl", f"solid\n{facet(CUBE[:3])} facet normal\nendsolid", "behind 1 whole", id="stl-open"),
         pytest.param("a.stl", f"solid\n{facet([(0, 0, 'x')] * 3)}endsolid", "STL file is damaged", id="stl-word"),
-        pytest.param("a.stl", f"solid\n{facet([(0, 0, '0 0')] * 3)}endsolid", "1 triangles, but 0", id="stl-4"),
+        pytest.param("a.stl", f"solid\n{facet([(0, 0, '0 0')] * 3)}endsolid", "behind 0 whole triangles", id="stl-4"),
         pytest.param("a.stl", TWO_SOLIDS, "not every 'solid' is followed by its 'endsolid'", id="stl-open-solid"),
         pytest.param("a.ply", PLY_HEADER, "cut off .*'end_header'", id="ply-cut-header"),
         pytest.param("a.ply", b"ply\nelement vertex 0\nend_header\n", "no 'format' line", id="ply-no-format"),
