@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from random import Random
 from typing import Any
 
@@ -138,15 +139,15 @@ def _change_value(holder: Any, key: Any, generator: Random) -> None:
         case 0:
             del holder[key]
         case 1 if isinstance(holder, list):
-            holder[key:key] = [holder[key]] * generator.randint(1, _MAX_COPIES)
+            holder[key:key] = [deepcopy(holder[key]) for _ in range(generator.randint(1, _MAX_COPIES))]
         case 1:
-            holder[generator.choice(_KEYS)] = holder[key]
+            holder[generator.choice(_KEYS)] = deepcopy(holder[key])
         case 2 if isinstance(holder, dict):
-            holder[generator.choice(_KEYS)] = generator.choice(_VALUES)
+            holder[generator.choice(_KEYS)] = deepcopy(generator.choice(_VALUES))
         case 3 if isinstance(holder[key], int):
             holder[key] += generator.choice((-1, 1, 4, 100))
         case _:
-            holder[key] = generator.choice(_VALUES)
+            holder[key] = deepcopy(generator.choice(_VALUES))
 
 
 def _cut(content: bytes, generator: Random) -> tuple[int, int]:

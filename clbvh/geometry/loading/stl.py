@@ -6,7 +6,6 @@ the unit, which the format does not name. Normals and attributes are skipped.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,6 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attrib
 _VERTEX = (b"vertex", None, None, None)
 _FACET = (b"facet", b"normal", None, None, None, b"outer", b"loop", *3 * _VERTEX, b"endloop", b"endfacet")
 _COORDINATES = [at for at, word in enumerate(_FACET) if word is None][3:]
-# The line that begins or ends a solid. Its name is free, and may hold any of the format's words.
-_SOLID = re.compile(rb"^[ \t]*(end)?solid\b.*$", re.IGNORECASE | re.MULTILINE)
 
 
 def read_stl(data: bytes, _: Path) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
@@ -46,21 +43,40 @@ def is_binary_stl(data: bytes) -> bool:
 
 def _read_text(data: bytes) -> NDArray[np.float64]:
     """Return the corners of all triangles, (3 F, 3)."""
-    text = data.replace(b"\r", b"\n")
-    solids = [word.lower() for word in _SOLID.findall(text)]
-    words = _SOLID.sub(b"", text).split()
-    if not solids or not words:
+    text = data.replace(b"\r", b"\n").lower()
+    keywords, body = _split_solids(text)
+    words = body.split()
+    if not keywords or not words:
         raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
     whole_count = len(words) // len(_FACET)
     for at, keyword in enumerate(_FACET):
         column = words[at :: len(_FACET)]
-        if keyword is not None and any(word.lower() != keyword for word in set(column)):
-            whole_count = min(whole_count, next(i for i, word in enumerate(column) if word.lower() != keyword))
+        if keyword is not None and column != [keyword] * len(column):
+            whole_count = min(whole_count, next(i for i, word in enumerate(column) if word != keyword))
     if whole_count * len(_FACET) != len(words):
         raise MeshError(
             f"the file is cut off or damaged: behind {whole_count:,} whole triangles it has words that are none"
         )
-    if solids != [b"", b"end"] * (len(solids) // 2):
+    if keywords != [b"solid", b"endsolid"] * (len(keywords) // 2):
         raise MeshError("the file is cut off or damaged: not every 'solid' is followed by its 'endsolid'")
     columns = [np.loadtxt(words[at :: len(_FACET)], ndmin=1, comments=None) for at in _COORDINATES]
     return np.column_stack(columns).reshape(-1, 3)
+
+
+def _split_solids(text: bytes) -> tuple[list[bytes], bytes]:
+    """Return the first words of all lines that begin or end a solid, and the text without those lines.
+
+    The name of a solid is free, and may hold any of the format's words.
+    """
+    keywords, parts, begin = [], [], 0
+    at = text.find(b"solid")
+    while at >= 0:
+        line_begin, line_end = text.rfind(b"\n", 0, at) + 1, text.find(b"\n", at)
+        line_end = len(text) if line_end < 0 else line_end
+        word = text[line_begin:line_end].split(None, 1)[0]
+        if word in (b"solid", b"endsolid"):
+            keywords.append(word)
+            parts.append(text[begin:line_begin])
+            begin = line_end
+        at = text.find(b"solid", line_end)
+    return keywords, b"".join([*parts, text[begin:]])
