@@ -22,7 +22,7 @@ def merge_points(points: NDArray[np.floating]) -> tuple[NDArray[np.floating], ND
 
     Notes
     -----
-    O(n log n) for any points: a hash table would be faster, but could be slowed down by a forged file.
+    O(n log n) for any points, by sorting: a forged file could make a hash table quadratic.
     """
     bits = np.ascontiguousarray(points).view(f"u{points.itemsize}")
     order = np.lexsort(bits.T)

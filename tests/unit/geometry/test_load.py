@@ -15,6 +15,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
+from clbvh.geometry.loading import load as load_module
 from clbvh.geometry.shapes.make_shape import make_shape
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
@@ -339,6 +340,7 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.off", b"OFF\n%d 1 0\n" % 10**30, "cut off", id="off-huge-count"),
         pytest.param("a.off", b"OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "row 2 with 2 columns", id="off-short"),
         pytest.param("a.off", b"OFF\n1 1 0\n0 0 0\n4 0 0 0\n", "face 0 declares 4 corners", id="off-short-face"),
+        pytest.param("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 0\n3 0 0 0\n", "goes on behind the 1 vert", id="off-long"),
         pytest.param("a.off", b"OFF\n1 1 0\n0 0 x\n3 0 0 0\n", "'x'", id="off-word"),
         pytest.param(
             "a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 1\n", r"face 0 refers to vertex 1.*\(0 to 0\)", id="off-index"
@@ -451,6 +453,15 @@ def test_a_missing_file_and_a_folder(tmp_path):
         load_mesh(tmp_path)
     with pytest.raises(MeshError, match="cannot be read"):
         load_mesh("a\0b.ply")
+
+
+def test_running_out_of_memory_is_no_damage(tmp_path, monkeypatch):
+    def read(*_):
+        raise MemoryError
+
+    monkeypatch.setitem(load_module._READERS, "ply", read)
+    with pytest.raises(MeshError, match=r"a\.ply: there is not enough free memory to read the file"):
+        load(tmp_path, "a.ply", TRIANGLE_PLY)
 
 
 def test_a_part_of_a_scene_cannot_borrow_vertices_of_the_next(tmp_path):
