@@ -151,7 +151,8 @@ class Transform:
         rotation = np.eye(3)
         for axis, degrees in enumerate(self.rotate):
             rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
-        points = (mesh.vertices + mesh.origin) * self.scale @ rotation.T + np.asarray(self.translate)
+        with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused below
+            points = (mesh.vertices + mesh.origin) * self.scale @ rotation.T + np.asarray(self.translate)
         return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
 
 

@@ -38,7 +38,7 @@ class Outcome:
     peak_kib: int = 0
 
 
-def fuzz(seed: int, count: int, readers: Sequence[str]) -> Outcome:
+def fuzz(seed: int, count: int, readers: Sequence[str], file_limit_s: float = FILE_LIMIT_S) -> Outcome:
     """Let each reader read `count` damaged files.
 
     Parameters
@@ -48,19 +48,21 @@ def fuzz(seed: int, count: int, readers: Sequence[str]) -> Outcome:
     count : int
     readers : sequence of str
         Names of `readers.READERS`.
+    file_limit_s : float, optional
+        Seconds that one file may take.
     """
     outcome = Outcome()
     begin = 0
     while begin < count:
-        begin = _run_worker(seed, begin, count, readers, outcome)
+        begin = _run_worker(seed, begin, count, readers, outcome, file_limit_s)
     return outcome
 
 
-def _run_worker(seed: int, begin: int, end: int, readers: Sequence[str], outcome: Outcome) -> int:
+def _run_worker(seed: int, begin: int, end: int, readers: Sequence[str], outcome: Outcome, file_limit_s: float) -> int:
     """Run a worker until it ends; return the index from which the next one goes on."""
     with _start_worker(seed, begin, end, readers) as process:
         current: tuple[str, int] | None = None
-        for line in _read_lines(process):
+        for line in _read_lines(process, file_limit_s):
             match line.split():
                 case ["begin", reader, index]:
                     current = reader, int(index)
@@ -74,7 +76,7 @@ def _run_worker(seed: int, begin: int, end: int, readers: Sequence[str], outcome
         if current is None:
             raise RuntimeError(f"the worker of the fuzz ended with {process.poll()} before it read a file")
         code = process.poll()
-        reason = f"took longer than {FILE_LIMIT_S} s" if code is None else f"the process ended with {code}"
+        reason = f"took longer than {file_limit_s} s" if code is None else f"the process ended with {code}"
         outcome.counts[current[0], "failed"] += 1
         outcome.failures.append(Failure(*current, reason))
         return current[1] + 1
@@ -91,12 +93,12 @@ def _start_worker(seed: int, begin: int, end: int, readers: Sequence[str]) -> It
             process.kill()
 
 
-def _read_lines(process: subprocess.Popen) -> Iterator[str]:
+def _read_lines(process: subprocess.Popen, file_limit_s: float) -> Iterator[str]:
     """Yield the lines of a worker, until it ends or says nothing for too long."""
     assert process.stdout is not None
     descriptor, rest, limit_s = process.stdout.fileno(), b"", START_LIMIT_S
     while select.select([descriptor], [], [], limit_s)[0]:
-        limit_s = FILE_LIMIT_S
+        limit_s = file_limit_s
         data = os.read(descriptor, 1 << 16)
         if not data:
             process.wait()

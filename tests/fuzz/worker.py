@@ -15,8 +15,9 @@ from pathlib import Path
 from random import Random
 
 from .readers import READERS, Reader
+from .traps import MEMORY_BYTES, TRAPS
 
-MEMORY_BYTES = 512 << 20  # beyond what the process has after every reader has read its valid files
+_TARGETS = READERS | TRAPS
 
 
 def make_file(reader: Reader, name: str, seed: int, index: int) -> bytes:
@@ -40,15 +41,15 @@ def main(seed: int, begin: int, end: int, names: list[str]) -> None:
     with tempfile.TemporaryDirectory(prefix="clbvh-fuzz-") as name:
         folder = Path(name)
         for reader in names:
-            for original in READERS[reader].originals:
-                assert READERS[reader].read(original, folder), f"a valid file of {reader} is refused"
+            for original in _TARGETS[reader].originals:
+                assert _TARGETS[reader].read(original, folder), f"a valid file of {reader} is refused"
         _limit_memory()
         for index in range(begin, end):
             for reader in names:
                 _say("begin", reader, index)
-                content = make_file(READERS[reader], reader, seed, index)
+                content = make_file(_TARGETS[reader], reader, seed, index)
                 try:
-                    outcome = "accepted" if READERS[reader].read(content, folder) else "refused"
+                    outcome = "accepted" if _TARGETS[reader].read(content, folder) else "refused"
                 except Exception as error:
                     place = traceback.extract_tb(error.__traceback__)[-1]
                     reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]

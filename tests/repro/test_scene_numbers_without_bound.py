@@ -63,6 +63,13 @@ def test_a_shape_beyond_float32(write, option):
         read_scene(write(f'[mesh]\nshape = "blobs"\n{option} = 1e308\n')).mesh.load()
 
 
+def test_a_transform_beyond_float64(write):
+    """Refused as before, but numpy warned of it on the terminal."""
+    scene = read_scene(write('[mesh]\nshape = "boxes"\ntriangles = 12\nspread = 1000\n[transform]\nscale = 1.7e308\n'))
+    with pytest.raises(MeshError, match=r"not finite|float32"):
+        scene.transform.apply(scene.mesh.load())
+
+
 def test_a_scene_of_many_bytes(write):
     with pytest.raises(SceneError, match="more than the 1,048,576 expected"):
         read_scene(write("#" * (1 << 20) + "\n"))
