@@ -7,7 +7,7 @@ from ..support.memory import free_memory_bytes
 from .mesh import MAX_FACE_COUNT
 
 # What a triangle takes while its mesh is made, and what a vertex takes in a mesh with more of them. Traced for 400,000
-# triangles of each shape: 66 to 138 bytes.
+# triangles of each shape: up to 138 bytes.
 _BYTES_PER_FACE = 150
 
 

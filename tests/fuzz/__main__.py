@@ -6,6 +6,7 @@ import argparse
 import random
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 from .campaign import fuzz
@@ -31,11 +32,14 @@ def main() -> int:
         columns = "".join(f"{outcome.counts[reader, word]:>10,}" for word in ("accepted", "refused", "failed"))
         print(f"{reader:9}{columns}")
     print(f"{time.perf_counter() - began:,.0f} s, at most {outcome.peak_kib / 1024:,.0f} MiB in a process")
+    reasons = Counter((failure.reader, failure.reason) for failure in outcome.failures)
     for failure in outcome.failures:
-        _OUT.mkdir(parents=True, exist_ok=True)
-        path = _OUT / f"{options.seed}-{failure.index}.{failure.reader}"
-        path.write_bytes(make_file(READERS[failure.reader], failure.reader, options.seed, failure.index))
-        print(f"{path}: {failure.reason}")
+        # One file for each reason.
+        if times := reasons.pop((failure.reader, failure.reason), 0):
+            _OUT.mkdir(parents=True, exist_ok=True)
+            path = _OUT / f"{options.seed}-{failure.index}.{failure.reader}"
+            path.write_bytes(make_file(READERS[failure.reader], failure.reader, options.seed, failure.index))
+            print(f"{path}, {times} times: {failure.reason}")
     return 1 if outcome.failures else 0
 
 

@@ -75,7 +75,6 @@ def accepts(read: Callable[[], object]) -> bool:
 
 
 def _check_mesh(mesh: Mesh) -> None:
-    assert mesh.vertices.dtype == np.float32
     assert mesh.vertices.shape[1:] == mesh.faces.shape[1:] == (3,)
     assert np.isfinite(mesh.vertices).all()
     assert np.isfinite(mesh.origin).all()

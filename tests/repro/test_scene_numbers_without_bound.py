@@ -59,14 +59,14 @@ def test_a_number_out_of_range(write, line):
 
 @pytest.mark.parametrize("option", ["spread", "size"])
 def test_a_shape_beyond_float32(write, option):
-    with pytest.raises(MeshError, match=r"not finite|float32"):
+    with pytest.raises(MeshError, match=r"not finite|float"):
         read_scene(write(f'[mesh]\nshape = "blobs"\n{option} = 1e308\n')).mesh.load()
 
 
 def test_a_transform_beyond_float64(write):
     """Refused as before, but numpy warned of it on the terminal."""
     scene = read_scene(write('[mesh]\nshape = "boxes"\ntriangles = 12\nspread = 1000\n[transform]\nscale = 1.7e308\n'))
-    with pytest.raises(MeshError, match=r"not finite|float32"):
+    with pytest.raises(MeshError, match=r"not finite|float"):
         scene.transform.apply(scene.mesh.load())
 
 

@@ -13,6 +13,7 @@ from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
 from clbvh.geometry import face_limit
 
+from ...file_vertices import file_vertices
 from .gltf_files import CODES, Gltf, pack_glb
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
@@ -34,7 +35,7 @@ def load(tmp_path):
 
 def corners_of(mesh: Mesh) -> np.ndarray:
     """Return the corners of the triangles in the file's coordinates, (F, 3, 3)."""
-    return (mesh.vertices.astype(np.float64) + mesh.origin)[mesh.faces]
+    return file_vertices(mesh)[mesh.faces]
 
 
 # --- The scene graph -------------------------------------------------------------------------------------------------
@@ -57,7 +58,7 @@ def test_a_matrix_is_written_column_by_column(gltf, load):
 
 
 def test_the_smallest_mirror_turns_the_corners_round(gltf, load):
-    gltf.add_part(TRIANGLE, node={"matrix": np.diag([-1e-150, 1e-150, 1e-150, 1]).ravel().tolist()})
+    gltf.add_part(TRIANGLE, node={"matrix": np.diag([-1e-120, 1e-120, 1e-120, 1]).ravel().tolist()})
     assert load(gltf).faces.tolist() == [[2, 1, 0]]
 
 
@@ -126,7 +127,7 @@ def test_nodes_that_are_no_tree_are_refused(gltf, load, children):
         ({"children": ["a"]}, r"nodes\['a'\]"),
         ({"children": 1}, "'children' must be a list"),
         ({"mesh": 1}, r"meshes\[1\], but has 1 meshes"),
-        ({"translation": [1e308] * 3, "scale": [1e308] * 3}, "not finite|more than float32"),
+        ({"translation": [1e308] * 3, "scale": [1e308] * 3}, "not finite|float"),
     ],
 )
 def test_a_bad_node_is_refused(gltf, load, node, message):
