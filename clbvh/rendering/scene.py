@@ -144,6 +144,7 @@ class Transform:
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
+    @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
     def apply(self, mesh: Mesh) -> Mesh:
         """Return the mesh in the scene's coordinates."""
         if self == Transform():
@@ -151,8 +152,7 @@ class Transform:
         rotation = np.eye(3)
         for axis, degrees in enumerate(self.rotate):
             rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
-        with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused below
-            points = (mesh.vertices + mesh.origin) * self.scale @ rotation.T + np.asarray(self.translate)
+        points = (mesh.vertices + mesh.origin) * self.scale @ rotation.T + np.asarray(self.translate)
         return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
 
 
