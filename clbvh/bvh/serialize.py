@@ -33,6 +33,7 @@ from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
 from ..support.atomic_file import check_target, write_atomically
 from ..support.compiled import compiled
+from ..support.regular_file import open_regular
 from .refit import fit_nodes
 
 # The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).
@@ -104,7 +105,7 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
     O(N + F), with memory for twice the result, whatever sizes the file claims.
     """
     try:
-        with Path(path).open("rb") as file:
+        with open_regular(Path(path)) as file:
             node_count, digest = _check_header(file, path, mesh)
             payload = np.empty(2 * node_count + mesh.face_count, _WORD)
             if file.readinto(payload.data.cast("B")) != payload.nbytes:

@@ -144,6 +144,7 @@ class Transform:
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
+    @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
     def apply(self, mesh: Mesh) -> Mesh:
         """Return the mesh in the scene's coordinates."""
         if self == Transform():

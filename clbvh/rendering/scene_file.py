@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, SceneError
+from ..support.regular_file import read_regular
 from ..support.resources import find_folder
 from .camera import Vector
 from .scene import Light, MeshSource, Scene, Transform
@@ -16,6 +17,10 @@ from .scene import Light, MeshSource, Scene, Transform
 SCENE_SUFFIX = ".toml"
 
 _TABLES = ("mesh", "transform", "camera", "light", "image")
+
+_MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
+_MAX_INTEGER = 2**63 - 1  # of TOML 1.0; Python's reader has no limit
+_MAX_SHOWN = 80  # characters of a wrong value in a message
 
 
 def open_scene(source: str | os.PathLike[str]) -> Scene:
@@ -50,17 +55,19 @@ def read_scene(path: Path) -> Scene:
     Raises
     ------
     SceneError
-        The file is missing, not TOML, or has an unknown key or an invalid value, which the message names.
+        The file is missing, not a regular one, not TOML, or has an unknown key or an invalid value, which the message
+        names.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, max_bytes=_MAX_FILE_BYTES).decode()
     except FileNotFoundError as error:
         raise SceneError(f"{path}: no such scene file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: the scene file cannot be read: {error}") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SceneError(f"{path}: the scene file cannot be read: {reason}") from error
     try:
         tables = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also of numbers of many digits, and of lists within lists
         raise SceneError(f"{path}: not a TOML file: {error}") from error
     try:
         return _make_scene(tables, path.parent)
@@ -181,17 +188,25 @@ class _Table:
             return None
         value = self._values.pop(key)
         if not is_valid(value):
-            raise SceneError(f"[{self._name}] {key} must be {expected}, not {value!r}")
+            raise SceneError(f"[{self._name}] {key} must be {expected}, not {_show(value)}")
         return value
 
 
 def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= _MAX_INTEGER
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))
 
 
 def _is_vector(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
+
+
+def _show(value: Any) -> str:
+    """Return the beginning of a wrong value."""
+    try:
+        return repr(value)[:_MAX_SHOWN]
+    except ValueError:  # Python does not print integers of many thousand digits
+        return "a number of many digits"

@@ -23,8 +23,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from ...errors import PoolError
 from ...support.context_manager import ContextManager
+from ...support.memory import free_memory_bytes
 
-_MEMINFO = Path("/proc/meminfo")
 _OWN_FILES = Path("/proc/self/fd")
 
 # A path alone does not name an array: the number of a closed descriptor is given to the next file.
@@ -161,13 +161,3 @@ def _no_space(size: int, folder: str) -> PoolError:
         f"{free_memory_bytes() / 1e6:,.0f} MB of memory and {free / 1e6:,.0f} MB in {folder}: "
         "free some, set TMPDIR to a larger disk, or build without a pool"
     )
-
-
-def free_memory_bytes() -> int:
-    """Return how many bytes the system can hand out without swapping; 0 where it does not say."""
-    if not _MEMINFO.exists():
-        return 0
-    for line in _MEMINFO.read_text().splitlines():
-        if line.startswith("MemAvailable:"):
-            return int(line.split()[1]) * 1024
-    return 0

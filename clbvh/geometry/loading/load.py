@@ -5,19 +5,22 @@ Owns the table of readers. The readers get bytes and return vertices and faces a
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import os
 import re
 from pathlib import Path
 
 from ...errors import MeshError
+from ...support.regular_file import read_regular
 from ..mesh import Mesh
+from .gltf import read_gltf
 from .obj import read_obj
 from .off import OFF_KEYWORD, read_off
 from .ply import read_ply
-from .through_trimesh import is_binary_stl, read_through_trimesh
+from .stl import is_binary_stl, read_stl
 
-_READERS = {"ply": read_ply, "obj": read_obj, "off": read_off}
+_READERS = {"ply": read_ply, "obj": read_obj, "off": read_off, "stl": read_stl, "glb": read_gltf, "gltf": read_gltf}
 # The first bytes of a file of each format.
 _BEGINNINGS = {
     "ply": re.compile(rb"ply\s"),
@@ -36,21 +39,21 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Parameters
     ----------
     path : str or path
-        A PLY, OBJ, STL, OFF, GLB or glTF file, or any other that trimesh reads. The format is recognised by the
-        content; by the name only where the content leaves it open.
+        A PLY, OBJ, STL, OFF, GLB or glTF file. The format is recognised by the content; by the name only where the
+        content leaves it open.
 
     Returns
     -------
     Mesh
         Faces in the file's order. Polygons are cut into fans around their first corners, so a concave one may not be
-        covered exactly. Nothing is merged, and degenerate triangles are kept. The parts of a scene follow each other,
-        moved to their positions in the scene.
+        covered exactly. Nothing is merged, except corners of an STL file whose coordinates are equal bit for bit, and
+        degenerate triangles are kept. The parts of a scene follow each other, moved to their positions in the scene.
 
     Raises
     ------
     MeshError
-        The file is missing, cut off or not a mesh, has no faces, a face index without a vertex, or a coordinate that
-        is not finite.
+        The file is missing, not a regular one, cut off or not a mesh, needs more memory than is free, uses something
+        that is not read, has no faces, a face index without a vertex, or a coordinate that is not finite.
 
     Notes
     -----
@@ -64,14 +67,15 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     source = str(path)
     data = _read_bytes(file, source)
     file_format = _find_format(data, file.suffix.lower().lstrip("."))
+    if file_format not in _READERS:
+        raise MeshError(f"{source}: not a mesh file of a known kind: PLY, OBJ, STL, OFF, GLB and glTF are read")
     try:
-        if file_format in _READERS:
-            vertices, faces = _READERS[file_format](data, file)
-        else:
-            vertices, faces = read_through_trimesh(data, file, file_format)
+        vertices, faces = _READERS[file_format](data, file)
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
-    except Exception as error:  # a damaged file can make a library raise anything
+    except MemoryError as error:
+        raise MeshError(f"{source}: there is not enough free memory to read the file") from error
+    except Exception as error:  # numbers that are none, and other damage that no reader looks for
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:_MAX_DETAIL_LENGTH]
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({detail})") from error
     if len(faces) == 0:
@@ -83,17 +87,16 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 def _read_bytes(file: Path, source: str) -> bytes:
     try:
-        data = file.read_bytes()
+        data = read_regular(file)
     except FileNotFoundError as error:
         raise MeshError(f"{source}: no such file") from error
-    except IsADirectoryError as error:
-        raise MeshError(f"{source}: this is a folder, not a mesh file") from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise MeshError(f"{source}: the file cannot be read: {reason}") from error
     if not data:
         raise MeshError(f"{source}: the file is empty")
-    return data
+    # Some editors put a byte-order mark before a text, where it would belong to the first word.
+    return data if is_binary_stl(data) else data.removeprefix(codecs.BOM_UTF8)
 
 
 def _find_format(data: bytes, suffix: str) -> str:

@@ -1,8 +1,8 @@
 """The OBJ format: vertices and polygons in the file's order.
 
-Groups, materials, normals and texture coordinates are skipped. trimesh reads OBJ too, but reorders faces, misplaces
-indices that are 0 or count back, and loses the end of a file that was cut off. Code that repairs this has to look at
-every line, and then only numbers are left to read.
+Groups, materials, normals, texture coordinates, colours, points and lines are skipped; statements whose surfaces would
+be missing from the mesh are refused. No library is used for it: trimesh reorders faces, misplaces indices that are 0 or
+count back, and loses the end of a file that was cut off.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from .polygons import cut_fans, join_polygons
-from .text_lines import read_coordinates
+from .polygons import cut_fans
+from .text_lines import join_polygons, read_coordinates, read_table
 
-_COMMENTS_AND_OTHER_INDICES = re.compile(rb"#[^\r\n]*|/\S*")  # only the first index of a face's corner is a vertex
-_KEYWORD = re.compile(rb"^[ \t]*([vf])[ \t]", re.MULTILINE)
-_VERTEX = re.compile(rb"^[ \t]*v[ \t](.*)", re.MULTILINE)
-_FACE = re.compile(rb"^[ \t]*f[ \t](.*)", re.MULTILINE)
+# Comments end with their line even if that ends with a backslash, so they are dropped before lines are joined.
+_COMMENTS_AND_OTHER_INDICES = re.compile(rb"#[^\n]*|/\S*")  # only the first index of a face's corner is a vertex
+_CONTINUATION = re.compile(rb"\\[ \t]*\n")
+# Curves and surfaces that the polygons do not cover, and files that are read in between.
+_UNSUPPORTED = (b"surf", b"call", b"fo", b"bsp", b"bzp", b"cdp", b"res")
+_STATEMENT = re.compile(rb"^[ \t]*(v|f|" + b"|".join(_UNSUPPORTED) + rb")(?=\s|\Z)(.*)", re.MULTILINE)
 
 
 def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
@@ -28,13 +30,20 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
 
     A file that was cut off between two lines cannot be told from a complete one.
     """
-    text = _COMMENTS_AND_OTHER_INDICES.sub(b"", re.sub(rb"\\\r?\n", b" ", data)).replace(b"\r", b"\n")
-    vertices = read_coordinates(_VERTEX.findall(text))
-    corners, sizes = join_polygons([line.split() for line in _FACE.findall(text)])
+    text = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    text = _CONTINUATION.sub(b" ", _COMMENTS_AND_OTHER_INDICES.sub(b"", text))
+    statements = _STATEMENT.findall(text)
+    unsupported = {keyword for keyword, _ in statements}.intersection(_UNSUPPORTED)
+    if unsupported:
+        raise MeshError(
+            f"the statement '{min(unsupported).decode()}' is not read: a mesh is made of 'v' and 'f' statements"
+        )
+    vertices = read_coordinates([words for keyword, words in statements if keyword == b"v"])
+    corners, sizes = _read_faces([words for keyword, words in statements if keyword == b"f"])
     # Vertices count from 1; a negative index counts back from the last vertex above the face.
     ids = np.where(corners > 0, corners - 1, -1)
     if (corners < 0).any():
-        keywords = np.array(_KEYWORD.findall(text))
+        keywords = np.array([keyword for keyword, _ in statements])
         above = np.cumsum(keywords == b"v")[keywords == b"f"]
         ids = np.where(corners < 0, corners + above.repeat(sizes), ids)
     # Checked here, because the message needs the numbers of the file.
@@ -46,3 +55,11 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
             f"(1 to {len(vertices)})"
         )
     return vertices, cut_fans(ids, sizes)
+
+
+def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners of all faces as the file counts them, concatenated, and the number of corners of each."""
+    table = read_table(lines)
+    if table is None:
+        return join_polygons([line.split() for line in lines])
+    return table.ravel(), np.full(len(table), table.shape[1])

@@ -1,6 +1,6 @@
 """The OFF format, as text: vertices and polygons in the file's order; colours are skipped.
 
-trimesh reads OFF too, but loses the end of a file that was cut off.
+No library is used for it: trimesh loses the end of a file that was cut off.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from .polygons import cut_fans, join_polygons
-from .text_lines import read_coordinates
+from .polygons import cut_fans
+from .text_lines import join_polygons, read_coordinates, read_table
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
 OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:ST)?C?N?OFF\b")
@@ -32,11 +32,30 @@ def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
             f"the file is cut off or damaged: it declares {vertex_count:,} vertices and {face_count:,} faces, "
             f"but has {len(lines):,} lines for them"
         )
+    if len(lines) > vertex_count + face_count:
+        raise MeshError(
+            f"the file goes on behind the {vertex_count:,} vertices and {face_count:,} faces that it declares, "
+            "so one of the two is damaged"
+        )
     vertices = read_coordinates(lines[:vertex_count])
-    # The line of a face: the number of its corners, their indices, and perhaps a colour.
-    rows = [line.split() for line in lines[vertex_count : vertex_count + face_count]]
+    corners, sizes = _read_faces(lines[vertex_count:])
+    return vertices, cut_fans(corners, sizes)
+
+
+def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners of all faces, concatenated, and the number of corners of each.
+
+    The line of a face has the number of its corners, their indices, and perhaps a colour.
+    """
+    # Nearly always all faces have as many corners as the first.
+    size = lines[0].split()[0] if lines else b""
+    if size.isdigit() and int(size) < len(lines[0]):
+        table = read_table(lines, range(1 + int(size)))
+        if table is not None and (table[:, 0] == int(size)).all():
+            return table[:, 1:].ravel(), table[:, 0]
+    rows = [line.split() for line in lines]
     polygons = [row[1 : 1 + int(row[0])] for row in rows]
     for face, (row, polygon) in enumerate(zip(rows, polygons, strict=True)):
         if len(polygon) != int(row[0]):
             raise MeshError(f"face {face} declares {int(row[0])} corners, but its line has {len(row) - 1} more numbers")
-    return vertices, cut_fans(*join_polygons(polygons))
+    return join_polygons(polygons)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import chain
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ..face_limit import check_face_count
 
 
 def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -30,21 +29,17 @@ def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArra
     Raises
     ------
     MeshError
-        A polygon has fewer than three corners; the message names the first such face, from 0.
+        A polygon has fewer than three corners; the message names the first such face, from 0. Or the triangles do not
+        fit the memory: a large polygon has hardly more corners than triangles, and a corner may be one byte of a file.
     """
     if len(sizes) and sizes.min() < 3:
         face = int(np.argmax(sizes < 3))
         raise MeshError(f"face {face} has {sizes[face]} corners, but a face has at least 3")
     if (sizes == 3).all():
         return corners.reshape(-1, 3)
+    check_face_count(len(corners) - 2 * len(sizes))
     # Triangle k of a polygon has its corners 0, k + 1 and k + 2.
     triangle_counts = sizes - 2
     first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
     step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
     return corners[np.column_stack((first, first + step + 1, first + step + 2))]
-
-
-def join_polygons(polygons: list[list[bytes]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the corners of all polygons, concatenated, and the number of corners of each."""
-    corners = np.fromiter(map(int, chain.from_iterable(polygons)), np.int64)
-    return corners, np.fromiter(map(len, polygons), np.int64)

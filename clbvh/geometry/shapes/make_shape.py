@@ -15,7 +15,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import ConfigError
+from ...errors import ConfigError, MeshError
+from ..face_limit import check_face_count
 from ..mesh import Mesh
 from .clouds import make_blobs, make_boxes
 from .icosphere import make_icosphere
@@ -68,7 +69,10 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     Raises
     ------
     ConfigError
-        No such shape or option, a value outside its range, or fewer triangles than the shape needs.
+        No such shape or option, a value outside its range, fewer triangles than the shape needs, or more than fit the
+        memory.
+    MeshError
+        The options are so large that a coordinate is not finite.
 
     Examples
     --------
@@ -89,5 +93,10 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     for key, number in (("triangles", triangles), ("seed", seed)):
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0:
             raise ConfigError(f"{key} must be a whole number from 0, not {number!r}")
-    vertices, faces = shape(int(triangles), np.random.default_rng(int(seed)), **options)
+    try:
+        check_face_count(int(triangles))
+    except MeshError as error:
+        raise ConfigError(f"the shape '{name}' cannot be made: {error}") from error
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused below
+        vertices, faces = shape(int(triangles), np.random.default_rng(int(seed)), **options)
     return Mesh.from_arrays(vertices, faces, name=name)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from clbvh.builders.workers import arena as arena_module
-from clbvh.builders.workers.arena import Arena, free_memory_bytes
+from clbvh.builders.workers.arena import Arena
 from clbvh.errors import PoolError
 
 SHARED_FOLDER = Path("/dev/shm")
@@ -158,23 +158,3 @@ def test_memory_that_others_took_meanwhile_counts(monkeypatch):
     with Arena() as arena:
         handles = [arena.create((600,), "u1")[0], arena.create((600,), "u1")[0]]
         assert ["memfd" in os.readlink(handle.path) for handle in handles] == [True, False]  # noqa: PTH115
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("MemTotal: 99 kB\nMemFree: 5 kB\nMemAvailable:    7 kB\nBuffers: 1 kB\n", 7 * 1024),
-        ("MemTotal: 99 kB\n", 0),
-        (None, 0),
-    ],
-)
-def test_free_memory_is_what_the_system_calls_available(monkeypatch, tmp_path, text, expected):
-    path = tmp_path / "meminfo"
-    if text is not None:
-        path.write_text(text)
-    monkeypatch.setattr(arena_module, "_MEMINFO", path)
-    assert free_memory_bytes() == expected
-
-
-def test_free_memory_of_this_machine_is_more_than_nothing():
-    assert free_memory_bytes() > 1 << 20

@@ -15,6 +15,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
+from clbvh.geometry.loading import load as load_module
 from clbvh.geometry.shapes.make_shape import make_shape
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
@@ -286,7 +287,7 @@ def test_gltf_with_its_buffer_in_a_second_file(tmp_path):
     assert load_mesh(tmp_path / "model.gltf").faces.tolist() == [[0, 1, 3]]
     for buffer in tmp_path.glob("*.bin"):
         buffer.unlink()
-    with pytest.raises(MeshError, match="GLTF file is damaged or incomplete") as caught:
+    with pytest.raises(MeshError, match=r"buffers.* is the file .* cannot be read: No such file") as caught:
         load_mesh(tmp_path / "model.gltf")
     assert caught.value.__cause__ is not None
 
@@ -331,7 +332,7 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a", bytes(range(256)), "not a mesh file of a known kind", id="noise"),
         pytest.param("a.glb", b"hello", "cut off or damaged", id="not-a-glb"),
         pytest.param("a.gltf", b"{}", "no faces", id="empty-gltf"),
-        pytest.param("a.gltf", b"{", "GLTF file is damaged", id="cut-gltf"),
+        pytest.param("a.gltf", b"{", "cut off or damaged: its JSON text", id="cut-gltf"),
         pytest.param("a.off", b"hello\n", "does not begin with the word 'OFF'", id="not-an-off"),
         pytest.param("a.off", b"OFF BINARY\n", "OFF file is damaged .*BINARY", id="binary-off"),
         pytest.param("a.off", b"OFF\n", "OFF file is damaged or incomplete", id="off-without-counts"),
@@ -339,6 +340,7 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.off", b"OFF\n%d 1 0\n" % 10**30, "cut off", id="off-huge-count"),
         pytest.param("a.off", b"OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "row 2 with 2 columns", id="off-short"),
         pytest.param("a.off", b"OFF\n1 1 0\n0 0 0\n4 0 0 0\n", "face 0 declares 4 corners", id="off-short-face"),
+        pytest.param("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 0\n3 0 0 0\n", "goes on behind the 1 vert", id="off-long"),
         pytest.param("a.off", b"OFF\n1 1 0\n0 0 x\n3 0 0 0\n", "'x'", id="off-word"),
         pytest.param(
             "a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 1\n", r"face 0 refers to vertex 1.*\(0 to 0\)", id="off-index"
@@ -357,11 +359,11 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.stl", b"\1" * 84, "cut off or not an STL file", id="stl-huge"),
         pytest.param("a.stl", b"solid a\n", "cut off or not an STL file", id="stl-cut"),
         pytest.param("a.stl", b"endsolid\nsolid", "cut off or not an STL file", id="stl-turned"),
-        pytest.param("a.stl", f"solid\n{facet(CUBE[:4])}endsolid", "STL file is damaged", id="stl-quad"),
-        pytest.param("a.stl", f"solid\n{facet(CUBE[:3])} facet normal\nendsolid", "2 triangles, but 1", id="stl-open"),
+        pytest.param("a.stl", f"solid\n{facet(CUBE[:4])}endsolid", "behind 0 whole triangles", id="stl-quad"),
+        pytest.param("a.stl", f"solid\n{facet(CUBE[:3])} facet normal\nendsolid", "behind 1 whole", id="stl-open"),
         pytest.param("a.stl", f"solid\n{facet([(0, 0, 'x')] * 3)}endsolid", "STL file is damaged", id="stl-word"),
-        pytest.param("a.stl", f"solid\n{facet([(0, 0, '0 0')] * 3)}endsolid", "STL file is damaged", id="stl-4"),
-        pytest.param("a.stl", TWO_SOLIDS, "2 triangles, but 1", id="stl-open-solid"),
+        pytest.param("a.stl", f"solid\n{facet([(0, 0, '0 0')] * 3)}endsolid", "behind 0 whole triangles", id="stl-4"),
+        pytest.param("a.stl", TWO_SOLIDS, "not every 'solid' is followed by its 'endsolid'", id="stl-open-solid"),
         pytest.param("a.ply", PLY_HEADER, "cut off .*'end_header'", id="ply-cut-header"),
         pytest.param("a.ply", b"ply\nelement vertex 0\nend_header\n", "no 'format' line", id="ply-no-format"),
         pytest.param("a.ply", b"ply\nformat ascii 1.0\nend_header\n", "no vertices", id="ply-no-vertices"),
@@ -453,11 +455,20 @@ def test_a_missing_file_and_a_folder(tmp_path):
         load_mesh("a\0b.ply")
 
 
+def test_running_out_of_memory_is_no_damage(tmp_path, monkeypatch):
+    def read(*_):
+        raise MemoryError
+
+    monkeypatch.setitem(load_module._READERS, "ply", read)
+    with pytest.raises(MeshError, match=r"a\.ply: there is not enough free memory to read the file"):
+        load(tmp_path, "a.ply", TRIANGLE_PLY)
+
+
 def test_a_part_of_a_scene_cannot_borrow_vertices_of_the_next(tmp_path):
     content = bytearray(trimesh.Trimesh(CUBE, [[0, 1, 3]], process=False).export(file_type="glb"))
     at = content.rindex(struct.pack("<3I", 0, 1, 3))
     content[at : at + 12] = struct.pack("<3I", 0, 1, 8)
-    with pytest.raises(MeshError, match=r"part '.*': face 0 refers to vertex 8, .* 8 vertices \(0 to 7\)"):
+    with pytest.raises(MeshError, match=r"primitives\[0\]: face 0 refers to vertex 8, .* 8 vertices \(0 to 7\)"):
         load(tmp_path, "a.glb", bytes(content))
 
 
@@ -486,7 +497,7 @@ def test_header_of_gltf_that_lies_about_its_buffer(tmp_path):
     content |= {"nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}
     content |= {"accessors": [{"componentType": 5126, "count": 10**12, "type": "VEC3", "bufferView": 0}]}
     content |= {"bufferViews": [{"buffer": 0, "byteLength": 10**13}], "buffers": [{"byteLength": 0, "uri": "data:,"}]}
-    with pytest.raises(MeshError, match="GLTF file is damaged or incomplete"):
+    with pytest.raises(MeshError, match="ends at byte 10,000,000,000,000, but its buffer has 0 bytes"):
         load(tmp_path, "a.gltf", json.dumps(content))
 
 

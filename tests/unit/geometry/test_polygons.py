@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh.errors import MeshError
+from clbvh.geometry import face_limit
 from clbvh.geometry.loading.polygons import cut_fans
 
 
@@ -23,3 +24,10 @@ def test_no_polygons_are_no_triangles():
 def test_a_polygon_with_too_few_corners_is_named(size):
     with pytest.raises(MeshError, match=f"face 1 has {size} corners"):
         cut_fans(np.arange(3 + size), np.array([3, size]))
+
+
+def test_triangles_that_do_not_fit_the_memory_are_refused_before_they_are_cut(monkeypatch):
+    """A corner may be a single byte of a file, a triangle is 24 in memory."""
+    monkeypatch.setattr(face_limit, "free_memory_bytes", lambda: 10_000)
+    with pytest.raises(MeshError, match="98 triangles need about 0 MB of memory"):
+        cut_fans(np.zeros(100, np.int64), np.array([100]))

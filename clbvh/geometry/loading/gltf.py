@@ -1,0 +1,236 @@
+"""glTF 2.0, as text and as GLB: the triangles of the scene, moved to their positions in it.
+
+Owns nodes, meshes and primitives. Materials, textures, cameras, lights and animations are skipped; of morph targets and
+skins the base shape is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
+integers, and leaves out triangle fans, all without a word.
+
+Khronos Group, "glTF 2.0 Specification", 2021: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import MeshError
+from ..face_limit import check_face_count
+from .gltf_data import GltfData, get_list, get_object, refuse_compression
+from .polygons import cut_fans
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_MODE_COUNT = 7  # the modes below are points and lines
+
+# Extensions that a file may require without any effect on its triangles.
+_HARMLESS = re.compile(
+    r"KHR_mesh_quantization|[A-Z]+_(materials?|textures?|lights?|techniques|environments?|xmp|animation|audio)_\w+"
+)
+_COMPRESSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+_DRACO = _COMPRESSIONS[0]
+_INSTANCING = "EXT_mesh_gpu_instancing"
+
+# Rounding of writers that is no projection, in the last row of a matrix.
+_AFFINE_TOLERANCE = 1e-6
+
+
+class _Part(NamedTuple):
+    """A mesh of the file, placed in the scene by a (4, 4) float64 matrix."""
+
+    mesh: int
+    matrix: NDArray[np.float64]
+
+
+class _Primitive(NamedTuple):
+    """The triangles of a primitive over the points of an accessor."""
+
+    positions: int
+    faces: NDArray[np.integer]
+
+
+def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+    """Return the vertices (V, 3) and faces (F, 3) of all parts of the scene, in the order of the file.
+
+    The vertices of an accessor are listed once for each node that draws it.
+    """
+    gltf = GltfData(data, file)
+    _check_extensions(gltf)
+    parts = list(_walk_nodes(gltf))
+    check_face_count(*_count_faces_and_vertices(gltf, parts))
+    primitives: dict[int, list[_Primitive]] = {}
+    points: dict[int, NDArray[np.float64]] = {}
+    vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
+    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
+    vertex_count = 0
+    for part in parts:
+        if part.mesh not in primitives:
+            primitives[part.mesh] = list(_read_primitives(gltf, part.mesh, points))
+        first_vertices: dict[int, int] = {}
+        with np.errstate(invalid="ignore"):
+            mirrors = np.linalg.slogdet(part.matrix[:3, :3])[0] < 0
+        for positions, triangles in primitives[part.mesh]:
+            if positions not in first_vertices:
+                first_vertices[positions] = vertex_count
+                vertices.append(_move(points[positions], part.matrix))
+                vertex_count += len(vertices[-1])
+            # A mirrored triangle is seen from its other side, unless its corners are turned round.
+            faces.append((triangles[:, ::-1] if mirrors else triangles) + first_vertices[positions])
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _check_extensions(gltf: GltfData) -> None:
+    for name in get_list(gltf.document, "extensionsRequired"):
+        if name in _COMPRESSIONS:
+            raise refuse_compression(name)
+        if not isinstance(name, str) or not _HARMLESS.fullmatch(name):
+            raise MeshError(f"the file requires the glTF extension {str(name)[:80]!r}, which is not read")
+
+
+def _walk_nodes(gltf: GltfData) -> Iterator[_Part]:
+    """Yield the meshes of the scene, depth first; each node is visited once."""
+    nodes = get_list(gltf.document, "nodes")
+    if not nodes and not get_list(gltf.document, "scenes"):
+        # A file without a scene is a library of meshes.
+        for mesh in range(len(get_list(gltf.document, "meshes"))):
+            yield _Part(mesh, np.eye(4))
+    is_visited = np.zeros(len(nodes), np.bool_)
+    stack = [(root, np.eye(4)) for root in reversed(_find_roots(gltf))]
+    while stack:
+        index, parent = stack.pop()
+        node = gltf.item("nodes", index)
+        if is_visited[index]:
+            raise MeshError(f"nodes[{index}] has two parents or is one of its own, but the nodes of glTF are trees")
+        is_visited[index] = True
+        if _INSTANCING in get_object(node, "extensions"):
+            raise MeshError(f"nodes[{index}] is drawn many times by {_INSTANCING}, which is not read")
+        with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused later
+            matrix = parent @ _read_matrix(node, index)
+        if "mesh" in node:
+            gltf.item("meshes", node["mesh"])
+            yield _Part(node["mesh"], matrix)
+        stack += [(child, matrix) for child in reversed(get_list(node, "children"))]
+
+
+def _find_roots(gltf: GltfData) -> list[Any]:
+    """Return the top nodes of the scene: the default one, or the first; without scenes, all nodes without a parent."""
+    if get_list(gltf.document, "scenes"):
+        return get_list(gltf.item("scenes", gltf.document.get("scene", 0)), "nodes")
+    count = len(get_list(gltf.document, "nodes"))
+    nodes = [gltf.item("nodes", index) for index in range(count)]
+    children = {child for node in nodes for child in get_list(node, "children") if isinstance(child, int)}
+    return [index for index in range(count) if index not in children]
+
+
+def _read_matrix(node: dict[str, Any], index: int) -> NDArray[np.float64]:
+    """Return the (4, 4) transform of a node relative to its parent."""
+    matrix = np.eye(4)
+    if "matrix" in node:
+        matrix = _read_vector(node, "matrix", np.eye(4).ravel()).reshape(4, 4).T  # column by column
+        if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=_AFFINE_TOLERANCE):
+            raise MeshError(f"nodes[{index}] has a matrix that is no affine transform")
+        return matrix
+    rotation = _read_vector(node, "rotation", np.array([0.0, 0.0, 0.0, 1.0]))
+    length = float(np.hypot.reduce(rotation))
+    if length == 0:
+        raise MeshError(f"nodes[{index}] has a rotation of length 0")
+    x, y, z, w = rotation / length
+    matrix[:3, :3] = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    ) * _read_vector(node, "scale", np.ones(3))
+    matrix[:3, 3] = _read_vector(node, "translation", np.zeros(3))
+    return matrix
+
+
+def _read_vector(node: dict[str, Any], key: str, default: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return as many finite numbers as the default has."""
+    if key not in node:
+        return default
+    try:
+        values = np.array(node[key], np.float64)
+    except (TypeError, ValueError, OverflowError):
+        values = np.empty(0)
+    if values.shape != default.shape or not np.isfinite(values).all():
+        raise MeshError(f"the {key} of a node must be {len(default)} finite numbers, not {str(node[key])[:80]}")
+    return values
+
+
+def _count_faces_and_vertices(gltf: GltfData, parts: list[_Part]) -> tuple[int, int]:
+    """Return the number of triangles and vertices that the parts will have; nothing is read for it."""
+    totals: dict[int, tuple[int, int]] = {}
+    for mesh in {part.mesh for part in parts}:
+        vertex_counts: dict[int, int] = {}
+        face_count = 0
+        for _, mode, positions, indices in _triangle_primitives(gltf, mesh):
+            vertex_counts[positions] = gltf.count_items(positions)
+            corner_count = vertex_counts[positions] if indices is None else gltf.count_items(indices)
+            face_count += corner_count // 3 if mode == _TRIANGLES else corner_count
+        totals[mesh] = face_count, sum(vertex_counts.values())
+    return sum(totals[part.mesh][0] for part in parts), sum(totals[part.mesh][1] for part in parts)
+
+
+def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, Any, Any]]:
+    """Yield place, mode, and the accessors of positions and indices for each primitive that has triangles.
+
+    The indices are None for a primitive that draws its points in their order.
+    """
+    for number, primitive in enumerate(get_list(gltf.item("meshes", mesh), "primitives")):
+        where = f"meshes[{mesh}].primitives[{number}]"
+        if not isinstance(primitive, dict):
+            raise MeshError(f"{where} must be an object, not {str(primitive)[:20]!r}")
+        mode = primitive.get("mode", _TRIANGLES)
+        if mode not in range(_MODE_COUNT):
+            raise MeshError(f"{where} has the mode {str(mode)[:20]}, but glTF has 0 to {_MODE_COUNT - 1}")
+        positions, indices = get_object(primitive, "attributes").get("POSITION"), primitive.get("indices")
+        if mode < _TRIANGLES or positions is None:
+            continue
+        accessors = [positions] if indices is None else [positions, indices]
+        if _DRACO in get_object(primitive, "extensions") and not all(map(gltf.has_data, accessors)):
+            raise refuse_compression(_DRACO)
+        yield where, mode, positions, indices
+
+
+def _read_primitives(gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]]) -> Iterator[_Primitive]:
+    """Yield the triangles of a mesh, and add the points that they refer to."""
+    for where, mode, positions, indices in _triangle_primitives(gltf, mesh):
+        if positions not in points:
+            points[positions] = gltf.read_positions(positions)
+        count = len(points[positions])
+        faces = _cut(np.arange(count) if indices is None else gltf.read_indices(indices), mode, where)
+        # Checked here: once concatenated, a wrong index could refer to a vertex of another part.
+        if len(faces) and faces.max() >= count:
+            face, corner = np.argwhere(faces >= count)[0]
+            raise MeshError(
+                f"{where}: face {face} refers to vertex {faces[face, corner]}, but there are {count} vertices "
+                f"(0 to {count - 1})"
+            )
+        yield _Primitive(positions, faces)
+
+
+def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.integer]:
+    """Return the triangles (F, 3) of a primitive's corners (n,)."""
+    if mode == _TRIANGLES:
+        if len(corners) % 3:
+            raise MeshError(f"{where} has {len(corners):,} corners, but triangles need a multiple of 3")
+        return corners.reshape(-1, 3)
+    if len(corners) < 3:
+        return np.empty((0, 3), np.int64)
+    if mode == _FAN:
+        return cut_fans(corners, np.array([len(corners)]))
+    strip = np.lib.stride_tricks.sliding_window_view(corners, 3).copy()
+    # Every second triangle of a strip is wound the other way round.
+    strip[1::2, 1:] = strip[1::2, :0:-1]
+    return strip
+
+
+def _move(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    if (matrix == np.eye(4)).all():
+        return points
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused later
+        return points @ matrix[:3, :3].T + matrix[:3, 3]

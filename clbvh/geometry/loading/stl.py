@@ -1,0 +1,82 @@
+"""The STL format, binary and text: triangles in the file's order, of all solids.
+
+Corners are merged where their coordinates are the same bit for bit, and nowhere else: a tolerance would need to know
+the unit, which the format does not name. Normals and attributes are skipped.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import MeshError
+from .merge_points import merge_points
+
+_COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+# The words of a triangle, None where a number stands. Those of the normal may be anything.
+_VERTEX = (b"vertex", None, None, None)
+_FACET = (b"facet", b"normal", None, None, None, b"outer", b"loop", *3 * _VERTEX, b"endloop", b"endfacet")
+_COORDINATES = [at for at, word in enumerate(_FACET) if word is None][3:]
+
+
+def read_stl(data: bytes, _: Path) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+    """Return the vertices (V, 3), float32 of a binary file and float64 of a text, and the faces (F, 3)."""
+    if is_binary_stl(data):
+        corners = np.frombuffer(data, _TRIANGLE, offset=_COUNT.stop)["corners"].reshape(-1, 3)
+    else:
+        corners = _read_text(data)
+    vertices, ids = merge_points(corners)
+    return vertices, ids.reshape(-1, 3)
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Return whether the size is the one that the header of a binary STL file would declare.
+
+    The first word tells nothing: many programs begin binary files with `solid`, as text files do.
+    """
+    return len(data) == _COUNT.stop + int.from_bytes(data[_COUNT], "little") * _TRIANGLE.itemsize
+
+
+def _read_text(data: bytes) -> NDArray[np.float64]:
+    """Return the corners of all triangles, (3 F, 3)."""
+    text = data.replace(b"\r", b"\n").lower()
+    keywords, body = _split_solids(text)
+    words = body.split()
+    if not keywords or not words:
+        raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
+    whole_count = len(words) // len(_FACET)
+    for at, keyword in enumerate(_FACET):
+        column = words[at :: len(_FACET)]
+        if keyword is not None and column != [keyword] * len(column):
+            whole_count = min(whole_count, next(i for i, word in enumerate(column) if word != keyword))
+    if whole_count * len(_FACET) != len(words):
+        raise MeshError(
+            f"the file is cut off or damaged: behind {whole_count:,} whole triangles it has words that are none"
+        )
+    if keywords != [b"solid", b"endsolid"] * (len(keywords) // 2):
+        raise MeshError("the file is cut off or damaged: not every 'solid' is followed by its 'endsolid'")
+    columns = [np.loadtxt(words[at :: len(_FACET)], ndmin=1, comments=None) for at in _COORDINATES]
+    return np.column_stack(columns).reshape(-1, 3)
+
+
+def _split_solids(text: bytes) -> tuple[list[bytes], bytes]:
+    """Return the first words of all lines that begin or end a solid, and the text without those lines.
+
+    The name of a solid is free, and may hold any of the format's words.
+    """
+    keywords, parts, begin = [], [], 0
+    at = text.find(b"solid")
+    while at >= 0:
+        line_begin, line_end = text.rfind(b"\n", 0, at) + 1, text.find(b"\n", at)
+        line_end = len(text) if line_end < 0 else line_end
+        word = text[line_begin:line_end].split(None, 1)[0]
+        if word in (b"solid", b"endsolid"):
+            keywords.append(word)
+            parts.append(text[begin:line_begin])
+            begin = line_end
+        at = text.find(b"solid", line_end)
+    return keywords, b"".join([*parts, text[begin:]])

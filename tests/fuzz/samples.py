@@ -1,0 +1,164 @@
+"""Valid files of every format, small and of many kinds: the fuzz starts from these."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+
+from clbvh.geometry.shapes.make_shape import make_shape
+
+from ..file_vertices import file_vertices
+from ..unit.geometry.gltf_files import CODES, Gltf
+
+_SPHERE = make_shape("icosphere", triangles=20)
+_VERTICES, _FACES = file_vertices(_SPHERE), _SPHERE.faces
+_POLYGONS = [[0, 1, 2], [3, 4, 5, 6], [7, 8, 9, 10, 11], [2, 1, 0]]
+_SURVEY = _VERTICES * 1e-3 + [5e6, 6e6, 300]
+
+
+def _join(rows) -> str:
+    return "".join(
+        " ".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in row) + "\n" for row in rows
+    )
+
+
+def _ply_header(kind: str, coordinate: str, extra: str, count: int) -> bytes:
+    axes = "".join(f"property {coordinate} {axis}\n" for axis in "xyz")
+    head = (
+        f"ply\nformat {kind} 1.0\ncomment by hand\nelement vertex {len(_VERTICES)}\n{axes}{extra}element face {count}\n"
+    )
+    return f"{head}property list uchar int vertex_indices\nend_header\n".encode()
+
+
+def _make_ply() -> list[bytes]:
+    triangles = _join([[3, *face] for face in _FACES.tolist()])
+    polygons = _join([[len(polygon), *polygon] for polygon in _POLYGONS])
+    text = _join(_VERTICES.tolist())
+    colours = _join([[*vertex, 200, 1] for vertex in _VERTICES.tolist()])
+    binary = b"".join(struct.pack("<B3i", 3, *face) for face in _FACES.tolist())
+    mixed = b"".join(struct.pack(f">B{len(p)}i", len(p), *p) for p in _POLYGONS)
+    listed = b"".join(struct.pack("<3dB", *vertex, i % 3) + bytes(i % 3) for i, vertex in enumerate(_SURVEY.tolist()))
+    extra = "property uchar red\nproperty char flag\n"
+    return [
+        _ply_header("ascii", "float", "", 20) + (text + triangles).encode(),
+        _ply_header("ascii", "double", extra, 4) + (colours + polygons).encode(),
+        _ply_header("binary_little_endian", "float", "", 20) + _VERTICES.astype("<f4").tobytes() + binary,
+        _ply_header("binary_big_endian", "double", "", 4) + _VERTICES.astype(">f8").tobytes() + mixed,
+        _ply_header("binary_little_endian", "double", "property list uchar uchar marks\n", 20) + listed + binary,
+    ]
+
+
+def _make_obj() -> list[bytes]:
+    vertices = "".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in _VERTICES)
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in _FACES + 1)
+    polygons = "".join(
+        "f " + " ".join(f"{corner + 1}/1/{corner}" for corner in polygon) + "\n" for polygon in _POLYGONS
+    )
+    parts = "o one\nv 0 0 0 1 0.5 0.5\nv 1 0 0\nv 0 1 0 1\nusemtl red\nf -3 -2 \\\n -1\n"
+    parts += "o two\nv 0 0 1\nf -1//1 1//1 2//2\nl 1 2\n"
+    return [
+        (vertices + faces).encode(),
+        ("# by hand\nmtllib a.mtl\nvn 0 0 1\nvt 0 0\n" + vertices + polygons).encode(),
+        parts.encode(),
+    ]
+
+
+def _make_stl() -> list[bytes]:
+    corners = _VERTICES[_FACES]
+    binary = b"solid but binary".ljust(80) + struct.pack("<I", len(corners))
+    binary += b"".join(struct.pack("<12fH", 0, 0, 1, *triangle.ravel(), 7) for triangle in corners)
+
+    def write(name: str, triangles: np.ndarray) -> str:
+        text = f"solid {name}\n"
+        for triangle in triangles:
+            inner = "".join(f"      vertex {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in triangle)
+            text += f"  facet normal 0 0 1\n    outer loop\n{inner}    endloop\n  endfacet\n"
+        return text + f"endsolid {name}\n"
+
+    return [
+        binary,
+        write("ball", corners).encode(),
+        (write("a", corners[:2]) + write("b vertex", corners[2:4])).encode(),
+    ]
+
+
+def _make_off() -> list[bytes]:
+    vertices, faces = _join(_VERTICES.tolist()), _join([[3, *face] for face in _FACES.tolist()])
+    polygons = _join([[len(polygon), *polygon, 0.5, 0.5, 0.5] for polygon in _POLYGONS])
+    colours = _join([[*vertex, 200, 100, 0, 255] for vertex in _VERTICES.tolist()])
+    return [f"OFF\n12 20 0\n{vertices}{faces}".encode(), f"# by hand\nCOFF 12 4 0\n{colours}\n{polygons}".encode()]
+
+
+def make_gltf_documents() -> list[Gltf]:
+    """Return documents that together use every feature that is read."""
+    plain = Gltf()
+    plain.add_part(_VERTICES, _FACES)
+
+    graph = Gltf()
+    leaf = graph.add_part(_VERTICES[:4], [[0, 1, 2], [1, 2, 3]], node={"is_root": False, "rotation": [0, 0, 0.6, 0.8]})
+    inner = graph.add_node(is_root=False, children=[leaf], matrix=np.diag([2.0, -1, 1, 1]).ravel().tolist())
+    graph.add_node(mesh=0, children=[inner], translation=[1, 2, 3], scale=[1, 1, 0.5])
+    graph.add_part(_VERTICES[:5], None, mode=5, material=0)
+    graph.add_part(_VERTICES[:5], [4, 3, 2, 1, 0], mode=6)
+    graph.add_part(_VERTICES[:4], None, mode=1)
+
+    packed = Gltf()
+    packed.document |= {"extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"]}
+    positions = packed.add_accessor(np.rint(_VERTICES * 100), "i1", normalized=True)
+    places, values = np.array([1, 3], "<u2").tobytes(), np.ones((2, 3), "<i1").tobytes()
+    packed.document["accessors"][positions]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": packed.add_view(places), "componentType": CODES["u2"]},
+        "values": {"bufferView": packed.add_view(values), "byteOffset": 0},
+    }
+    indices = packed.add_accessor(_FACES.ravel(), "u1")
+    primitive = {"attributes": {"POSITION": positions}, "indices": indices, "mode": 4}
+    packed.add_node(mesh=packed.add_mesh(primitive, primitive))
+    rows = np.column_stack((_VERTICES, _VERTICES)).astype("<f4")
+    view = packed.add_view(rows.tobytes(), byteStride=24)
+    accessor = {"bufferView": view, "byteOffset": 12, "componentType": CODES["f4"], "count": 12, "type": "VEC3"}
+    packed.document["accessors"].append(accessor)
+    packed.add_node(mesh=packed.add_mesh({"attributes": {"POSITION": 2}}))
+    return [plain, graph, packed]
+
+
+def _make_scenes() -> list[bytes]:
+    whole = """[mesh]
+shape = "knot"
+triangles = 1000
+seed = 3
+strands = 4
+
+[transform]
+scale = 2
+rotate = [0, 90, 0]
+translate = [1, 2, 3.5]
+
+[camera]
+eye = [0, 0, 9]
+look_at = [0, 1, 0]
+up = [0, 1, 0.5]
+fov = 40
+
+[light]
+direction = [1, 1, 0]
+colour = [1, 1, 1]
+sky = [0.1, 0.2, 0.3]
+ground = [0, 0, 0]
+
+[image]
+width = 64
+height = 32
+shading = "lambert"
+surface = [1, 0, 0]
+background = [[0, 0, 0], [1, 1, 1]]
+"""
+    shapes = ("terrain", "blobs", "boxes", "icosphere", "palace")
+    return [whole.encode(), *(f'[mesh]\nshape = "{shape}"\ntriangles = 400\n'.encode() for shape in shapes)]
+
+
+MESH_FILES = {"ply": _make_ply(), "obj": _make_obj(), "stl": _make_stl(), "off": _make_off()}
+SCENE_FILES = _make_scenes()
+SETTINGS_FILES = [json.dumps({"layout": "bvh4", "work_group_size": 64, "tile": [8, 8]}, indent=2).encode()]
