@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import DeviceError
+from .driver_caches import prepare
 from .info import DeviceInfo
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
@@ -49,6 +50,7 @@ def import_pyopencl() -> Any:
     DeviceError
         It is not installed, or the OpenCL loader that it needs cannot be loaded.
     """
+    prepare()
     try:
         import pyopencl
     except (ImportError, OSError) as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import socket
 import struct
 import sys
@@ -15,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.util import get_temp_dir
 from numbers import Integral
@@ -24,6 +26,7 @@ from typing import Any, cast
 from ...errors import ConfigError, PoolError
 from ...support.context_manager import ContextManager
 from ...support.host_threads import HostThreads, usable_cores
+from ...support.run_folder import get_run_folder
 from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
 from .workspace import Workspace
@@ -196,7 +199,12 @@ class WorkerPool(ContextManager):
             else:
                 context = multiprocessing.get_context("forkserver")
                 context.set_forkserver_preload([self._preload] if self._preload else [])
-                folder = get_temp_dir()  # where the fork server's socket lies
+                # Ctrl-C reaches the whole process group, and would interrupt the fork server while it imports. What
+                # this thread blocks, the processes that it starts inherit; other threads are not concerned. The
+                # tracker of resources comes first: starting it lifts the block.
+                resource_tracker.ensure_running()
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+                folder = _choose_socket_folder()
             for number in range(self.workers):
                 ours, theirs = context.Pipe()
                 _limit_transfer(ours, self._timeout_s)
@@ -288,6 +296,14 @@ class WorkerPool(ContextManager):
             f"worker {worker} died (exit code {process.exitcode}); a negative code is the signal that killed it, "
             "and -9 often means that the system ran out of memory"
         )
+
+
+def _choose_socket_folder() -> str:
+    """Return the folder for the fork server's socket: this process's own, unless `multiprocessing` has one already."""
+    settings = multiprocessing.current_process()._config  # type: ignore[attr-defined] # as `get_temp_dir` itself does
+    if settings.get("tempdir") is None:
+        settings["tempdir"] = str(get_run_folder())
+    return get_temp_dir()
 
 
 @contextmanager
