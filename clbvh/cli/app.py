@@ -83,7 +83,7 @@ def run(arguments: list[str] | None = None) -> None:
     except BrokenPipeError:
         # The reader has had enough, as `head` has: nobody is left to tell.
         code = code or EXIT_FAILED
-    except (ClbvhError, OSError, MemoryError) as error:
+    except (ClbvhError, OSError, MemoryError, ImportError) as error:
         if debug:
             traceback.print_exc()
         print(f"clbvh: {_describe(error)}", file=sys.stderr)

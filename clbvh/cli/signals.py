@@ -4,6 +4,9 @@ Python's own way raises `KeyboardInterrupt` wherever the main thread happens to 
 driver or of numba, in a function that runs at exit. Some of these places print a traceback, others swallow it; and a
 long native call delays it. So here a signal raises nothing. A thread waits for it, ends all processes that this one has
 started, removes what is unfinished, says one line, and ends the process.
+
+LLVM, inside PoCL, has handlers of its own while it compiles: they remove its files and pass the signal on to these, so
+that the compilation then fails. By then the main thread stands still.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import atexit
 import os
 import signal
 import threading
+import time
 from contextlib import suppress
 
 from ..support.descendants import end_descendants
@@ -24,6 +28,8 @@ if hasattr(signal, "SIGHUP"):
 
 # A process that a signal ends has this exit code and the signal's number, as shells have it.
 _EXIT_BASE = 128
+
+_LONG_S = 60.0
 
 # Clears the line of a progress display, and shows the cursor again.
 _END_OF_STATUS = b"\r\x1b[K\x1b[?25h"
@@ -40,14 +46,16 @@ def end_on_signals() -> None:
     signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
     for number in _WORDS:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _leave_to_the_thread)
+            signal.signal(number, _stand_still)
     threading.Thread(target=_wait, args=(read_end,), name="clbvh-signals", daemon=True).start()
     # The first function registered runs last: from then on nothing is left to clean up, and Python only tidies.
     atexit.register(_ignore)
 
 
-def _leave_to_the_thread(number: int, frame: object) -> None:
-    """Do nothing: a handler must exist, so that the signal's number is written."""
+def _stand_still(number: int, frame: object) -> None:
+    """Keep the main thread from going on, and from failing for want of what the other thread removes."""
+    while True:
+        time.sleep(_LONG_S)
 
 
 def _wait(read_end: int) -> None:

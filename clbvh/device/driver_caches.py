@@ -23,10 +23,8 @@ def prepare() -> None:
     Without any folder nothing is changed, and the driver says what it lacks.
     """
     remove_old_run_folders()
-    if given := os.environ.get(POCL_VARIABLE):
-        if is_writable(Path(given)):
-            return
-    elif is_writable(_find_users_cache() / "pocl"):
+    # A folder that the user has named is the user's business, also where it is wrong: `clbvh doctor` finds that.
+    if os.environ.get(POCL_VARIABLE) or is_writable(_find_users_cache() / "pocl"):
         return
     folder = find_cache()
     try:

@@ -29,8 +29,9 @@ def is_writable(folder: Path) -> bool:
 
 
 def say_unusable(folder: Path) -> None:
-    """Tell the user once that nothing can be kept in a folder."""
+    """Tell the user that nothing can be kept in a cache: once, for the first of several that share a cause."""
     say_once(
         f"nothing can be kept in the cache {folder}, so every run compiles anew: set {CACHE_VARIABLE} to a folder that "
-        "can be written to"
+        "can be written to",
+        about="unusable cache",
     )

@@ -56,19 +56,23 @@ def _make() -> Path:
     while True:
         folder = parent / random_name(_prefix())
         ticket = unfinished.add(partial(remove_tree, folder))
-        folder.mkdir(mode=0o700)
-        if not hasattr(os, "O_DIRECTORY"):
-            break
-        # Open, and so locked, until the process ends.
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        if lock(descriptor):
-            break
+        try:
+            folder.mkdir(mode=0o700)
+            # Open, and so locked, until the process ends.
+            descriptor = os.open(folder, os.O_RDONLY) if hasattr(os, "O_DIRECTORY") else None
+        except BaseException:
+            remove_tree(folder)
+            unfinished.discard(ticket)
+            raise
+        if descriptor is None or lock(descriptor):
+            atexit.register(_remove, folder, descriptor, os.getpid())
+            return folder
         os.close(descriptor)
         unfinished.discard(ticket)
-    atexit.register(_remove, folder, os.getpid())
-    return folder
 
 
-def _remove(folder: Path, owner: int) -> None:
+def _remove(folder: Path, descriptor: int | None, owner: int) -> None:
     if os.getpid() == owner:
+        if descriptor is not None:
+            os.close(descriptor)  # the walk through the folder needs a handle, and none may be left
         remove_tree(folder)

@@ -13,9 +13,12 @@ _VARIABLE = "_CLBVH_SAID"
 _DIGITS = 8
 
 
-def say_once(sentence: str) -> None:
-    """Log a warning, unless this process or one that started it has done so."""
-    digest = hashlib.sha256(sentence.encode(errors="surrogateescape")).hexdigest()[:_DIGITS]
+def say_once(sentence: str, about: str = "") -> None:
+    """Log a warning, unless this process or one that started it has done so.
+
+    Sentences about the same thing count as one; without `about`, equal sentences do.
+    """
+    digest = hashlib.sha256((about or sentence).encode(errors="surrogateescape")).hexdigest()[:_DIGITS]
     said = os.environ.get(_VARIABLE, "")
     if digest in said.split(","):
         return

@@ -11,6 +11,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+_PATIENCE_S = 0.2
+
 _lock = threading.Lock()
 _cleanups: dict[int, Callable[[], object]] = {}
 
@@ -41,7 +43,8 @@ def listed(cleanup: Callable[[], object]) -> Iterator[None]:
 
 def clean_up() -> None:
     """Run all cleanups, the latest first. Nothing can be begun any more: the process must end now."""
-    _lock.acquire()
+    # A thread that was stopped may hold the lock.
+    _lock.acquire(timeout=_PATIENCE_S)
     for ticket in sorted(_cleanups, reverse=True):
         with suppress(Exception):
             _cleanups[ticket]()

@@ -19,7 +19,7 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..errors import QueryError
+from ..errors import DeviceMemoryError, QueryError
 from ..structs import HIT, PACKED_POINT, PACKED_RAY
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
@@ -27,7 +27,7 @@ from .device_tree import DeviceTree
 from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import pack_rays
-from .rays.pieces import Progress, RayPiece, cut_points, cut_rays
+from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 
 
 class Query(NamedTuple):
@@ -53,6 +53,9 @@ ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
 COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
 FIRST_HITS = Query("first_hits", "hits", HIT)
 CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
+
+# A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
+MOST_HALVINGS = 10
 
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
@@ -99,6 +102,7 @@ class Caster(ContextManager):
         self._lock = threading.Lock()
         self._kernels: dict[str, Kernel] = {}
         self._free_buffers: list[dict[str, ReusableBuffer]] = []
+        self.halvings = 0  # of the usual batch, since the device did not hold it
 
     @contextmanager
     def open_call(self) -> Iterator[Call]:
@@ -115,9 +119,22 @@ class Caster(ContextManager):
             buffers = self._free_buffers.pop() if self._free_buffers else {}
         try:
             yield Call(self, buffers)
+        except DeviceMemoryError:
+            # The device needs what has been taken so far for a smaller batch.
+            _release_all([buffers])
+            raise
         finally:
             with self._lock:
                 self._free_buffers.append(buffers)
+
+    def cut_smaller(self) -> bool:
+        """Halve the batches to come, and give back what calls have left; return whether that can help."""
+        with self._lock:
+            if self.halvings == MOST_HALVINGS:
+                return False
+            self.halvings += 1
+            _release_all(self._free_buffers)
+            return True
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel, compiled when first asked for."""
@@ -135,9 +152,7 @@ class Caster(ContextManager):
         """Give back the buffers of calls; the tree stays."""
         self.threads.close()
         with self._lock:
-            while self._free_buffers:
-                for buffer in self._free_buffers.pop().values():
-                    buffer.release()
+            _release_all(self._free_buffers)
 
 
 class Call:
@@ -155,8 +170,8 @@ class Call:
         self._buffers = buffers
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
-        """Return how many items of a dtype the device holds in one buffer, `wanted` at most."""
-        return self._session.fit_items(dtype.itemsize, wanted)
+        """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""
+        return self._session.fit_items(dtype.itemsize, max(1, wanted >> self.caster.halvings))
 
     def cut_rays(
         self,
@@ -169,7 +184,7 @@ class Call:
         """Yield the pieces in which to cast a batch of rays; see `pieces.cut_rays`."""
         return cut_rays(
             batch, self.box, self.threads, shape=shape, tile_rows=self._session.settings.tile[1],
-            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, NO_LIMIT),
+            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, CHUNK_RAYS),
             most_rays=most_rays, progress=progress,
         )  # fmt: skip
 
@@ -217,7 +232,7 @@ class Call:
 
     def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
         """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(PACKED_POINT, NO_LIMIT), progress=progress)
+        return cut_points(point_count, most_points=self.fit(PACKED_POINT, CHUNK_RAYS), progress=progress)
 
     def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
         """Put points on the device.
@@ -272,6 +287,14 @@ class Call:
         if name not in self._buffers:
             self._buffers[name] = ReusableBuffer(self._session, for_mapping=name != "entry points")
         return self._buffers[name]
+
+
+def _release_all(calls: list[dict[str, ReusableBuffer]]) -> None:
+    """Give back the buffers of calls, and forget them."""
+    while calls:
+        buffers = calls.pop()
+        while buffers:
+            buffers.popitem()[1].release()
 
 
 def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:

@@ -23,7 +23,8 @@ TIMEOUT_S = 120
 _LAUNCHER = """
 if __name__ == "__main__":
     import os, signal, sys
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    ignores = sys.argv.pop(1) == "ignore"
+    signal.signal(signal.SIGINT, signal.SIG_IGN if ignores else signal.default_int_handler)
     from clbvh.cli import main
     os.write(int(sys.argv.pop(1)), b".")
     main()
@@ -33,6 +34,8 @@ _SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the system's
 
 # PoCL leaves files with this name in its cache even when nothing goes wrong.
 _DRIVERS_OWN = "tempfile_"
+
+_SCENE = '[mesh]\nshape = "knot"\ntriangles = 20000\n[image]\nwidth = 64\nheight = 40\n'
 
 Outcome = tuple[int, str, str]
 
@@ -46,12 +49,15 @@ class Place:
     folder : Path
     temporary, output, cache : Path
         Below it: for temporary files, for pictures, and the user's cache.
+    slowest_end_s : float
+        The longest time from a signal to the end.
     """
 
     folder: Path
     temporary: Path = field(init=False)
     output: Path = field(init=False)
     cache: Path = field(init=False)
+    slowest_end_s: float = 0.0
 
     def __post_init__(self) -> None:
         self.temporary, self.output, self.cache = (self.folder / name for name in ("tmp", "out", "cache"))
@@ -61,12 +67,15 @@ class Place:
         self._launcher.write_text(_LAUNCHER)
         self._shared_before = set(_SHARED_MEMORY.iterdir())
 
-    def start(self, *words: object, environment: dict[str, str] | None = None, **options) -> subprocess.Popen[str]:
+    def start(
+        self, *words: object, environment: dict[str, str] | None = None, ignore_interrupts=False, **options
+    ) -> subprocess.Popen[str]:
         """Start a command, and return when `main` begins."""
+        interrupts = "ignore" if ignore_interrupts else "take"
         read_end, write_end = os.pipe()
         variables = {"TMPDIR": str(self.temporary), "CLBVH_CACHE": str(self.cache)}
         process = subprocess.Popen(
-            [sys.executable, self._launcher, str(write_end), *map(str, words)],
+            [sys.executable, self._launcher, interrupts, str(write_end), *map(str, words)],
             start_new_session=True,
             pass_fds=[write_end],
             env=make_environment(**variables, **(environment or {})),
@@ -102,7 +111,9 @@ class Place:
         time.sleep(moment_s)
         if process.poll() is None:
             os.killpg(process.pid, number)
+        begin = time.perf_counter()
         outcome = self.finish(process)
+        self.slowest_end_s = max(self.slowest_end_s, time.perf_counter() - begin)
         assert wait_until(lambda: not list_session(process.pid), 10), "processes are left"
         return outcome
 
@@ -120,3 +131,9 @@ class Place:
         unfinished += [path for path in self.output.iterdir() if path.name.startswith(".") or path.stat().st_size == 0]
         shared = [path for path in _SHARED_MEMORY.iterdir() if path not in self._shared_before and "clbvh" in path.name]
         return [str(path) for path in [*self.temporary.iterdir(), *unfinished, *shared]]
+
+
+def scene_in(place: Place) -> Place:
+    """Put a small scene into the folder where commands run."""
+    (place.output / "scene.toml").write_text(_SCENE)
+    return place

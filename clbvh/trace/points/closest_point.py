@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
+from ..less_memory import cut_smaller_when_full
 from ..launch import CLOSEST_POINT, Call, Caster
 from ..rays.pieces import Progress
 from .order import find_point_order
@@ -15,6 +16,7 @@ from .pack import check_points, pack_points, unit_scale
 from .refine import ClosestPoints, refine_points
 
 
+@cut_smaller_when_full
 def find_closest_points(
     caster: Caster, mesh: Mesh, points: NDArray[Any], progress: Progress | None = None
 ) -> ClosestPoints:
