@@ -66,11 +66,11 @@ def take_tree(path: Path, mesh: Mesh) -> tuple[Bvh | None, str]:
         return None, ""
     try:
         bvh = Bvh.load(path, mesh)
-        with suppress(OSError):
-            os.utime(path)  # used just now
-        return bvh, ""
     except TreeFileError as error:
         return None, f"the tree in the cache cannot be used and is built again: {error}"
+    with suppress(OSError):
+        os.utime(path)  # used just now
+    return bvh, ""
 
 
 def keep_tree(path: Path, bvh: Bvh) -> str:

@@ -1,9 +1,9 @@
 """Ctrl-C, and the requests to end (SIGTERM, SIGHUP), at any moment of a command.
 
 Python's own way raises `KeyboardInterrupt` wherever the main thread happens to be: in an import, in a callback of a
-driver or of a compiler, in a function that runs at exit. Some of these places print a traceback, others swallow it; and a
-long native call delays it. So here a signal raises nothing. A thread waits for it, ends all processes that this one has
-started, removes what is unfinished, says one line, and ends the process.
+driver or of a compiler, in a function that runs at exit. Some of these places print a traceback, others swallow it, and
+a long native call delays it. So here a signal raises nothing. A thread waits for it, ends all processes that this one
+has started, removes what is unfinished, says one line, and ends the process.
 
 LLVM, inside PoCL, has handlers of its own while it compiles: they remove its files and pass the signal on to these, so
 that the compilation then fails. By then the main thread stands still.

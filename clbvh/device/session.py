@@ -191,9 +191,7 @@ class _DeviceErrors:
             raise _explain(self._info, self._action, error, kind) from error
 
 
-def _explain(
-    info: DeviceInfo, action: str, reason: object, kind: type[DeviceError] = DeviceError
-) -> DeviceError:
+def _explain(info: DeviceInfo, action: str, reason: object, kind: type[DeviceError] = DeviceError) -> DeviceError:
     """Return the error for something that a device cannot do."""
     return kind(
         f"the device '{info.name}' cannot {action} ({reason}): "

@@ -83,8 +83,8 @@ class FrameRenderer:
         buffers = [session.upload(view)]
         entry_point_buffer = ReusableBuffer(session)
         try:
-            for item_bytes in (_CHANNELS, HIT.itemsize):
-                buffers.append(session.allocate(band_rows * width * item_bytes))
+            buffers.append(session.allocate(band_rows * width * _CHANNELS))
+            buffers.append(session.allocate(band_rows * width * HIT.itemsize))
             view_buffer, colour_buffer, hit_buffer = buffers
             for first_row in range(0, height, band_rows):
                 row_count = min(band_rows, height - first_row)

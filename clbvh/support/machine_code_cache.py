@@ -11,9 +11,8 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
@@ -79,7 +78,7 @@ class _CheckedFiles(IndexDataCacheFile):
             raise ValueError(f"{name} is damaged")
         return pickle.loads(content[_DIGEST_BYTES:])
 
-    def _open_for_write(self, filepath: str) -> AbstractContextManager[BinaryIO]:
+    def _open_for_write(self, filepath: str) -> Any:
         return replacing(Path(filepath))
 
 

@@ -30,7 +30,7 @@ if __name__ == "__main__":
     main()
 """
 
-_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the system's
+_SHARED_MEMORY = Path("/dev/shm")
 
 # PoCL leaves files with this name in its cache even when nothing goes wrong.
 _DRIVERS_OWN = "tempfile_"
@@ -73,12 +73,12 @@ class Place:
         """Start a command, and return when `main` begins."""
         interrupts = "ignore" if ignore_interrupts else "take"
         read_end, write_end = os.pipe()
-        variables = {"TMPDIR": str(self.temporary), "CLBVH_CACHE": str(self.cache)}
+        variables = {"TMPDIR": str(self.temporary), "CLBVH_CACHE": str(self.cache)} | (environment or {})
         process = subprocess.Popen(
             [sys.executable, self._launcher, interrupts, str(write_end), *map(str, words)],
             start_new_session=True,
             pass_fds=[write_end],
-            env=make_environment(**variables, **(environment or {})),
+            env=make_environment(**variables),
             stdout=options.pop("stdout", subprocess.PIPE),
             stderr=subprocess.PIPE,
             cwd=self.output,

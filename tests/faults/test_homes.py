@@ -12,28 +12,24 @@ def place(tmp_path_factory):
     return scene_in(Place(tmp_path_factory.mktemp("h")))
 
 
-@pytest.fixture(params=["missing", "file"])
-def homeless(request, place):
-    """The environment of a user whose home cannot hold a cache; machine code alone is kept elsewhere, to save time."""
+@pytest.fixture
+def homeless(place):
+    """The environment of a user whose home can hold no cache; machine code alone is kept elsewhere, to save time."""
     file = place.folder / "file"
     file.touch()
-    home = place.folder / "gone" / "home" if request.param == "missing" else file
-    if request.param == "missing":
-        (place.folder / "gone").touch()
-    return {
-        "HOME": str(home), "XDG_CACHE_HOME": "", "CLBVH_CACHE": "", "POCL_CACHE_DIR": "", "MPLCONFIGDIR": "",
-    }  # fmt: skip
+    unset = dict.fromkeys(("XDG_CACHE_HOME", "CLBVH_CACHE", "POCL_CACHE_DIR"), "")
+    return {"HOME": str(file / "home"), **unset}
 
 
 def test_a_picture_needs_no_home_and_that_is_said_once(place, homeless):
-    words = ("render", "scene.toml", "-o", "a.ppm", "--workers", 2)
+    words = ("render", "scene.toml", "-o", "a.ppm", "--workers", 2, "--cache")
     expected = place.run(*words)
     assert expected[0] == 0, expected[2]
     picture = (place.output / "a.ppm").read_bytes()
     (place.output / "a.ppm").unlink()
     code, output, errors = place.run(*words, environment=homeless)
     assert code == 0, errors
-    assert "20,000 triangles" in output or "triangles" in output
+    assert "triangles" in output
     (line,) = errors.splitlines()
     assert line.startswith("clbvh: nothing can be kept in the cache ")
     assert (place.output / "a.ppm").read_bytes() == picture

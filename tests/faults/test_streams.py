@@ -36,7 +36,7 @@ def test_a_full_disk_behind_stdout_is_one_line(place):
 def test_closed_streams_are_as_good_as_none(place):
     # A driver that prints, or the next file that is opened, must not get the number of a closed stream.
     picture = place.output / "closed.ppm"
-    process = place.start("render", "scene.toml", "-o", picture, preexec_fn=lambda: [os.close(n) for n in (0, 1, 2)])  # noqa: PLW1509
+    process = place.start("render", "scene.toml", "-o", picture, preexec_fn=lambda: [os.close(n) for n in (0, 1, 2)])
     assert place.finish(process)[0] == 0
     assert picture.read_bytes().startswith(b"P6")
     assert picture.stat().st_size == 64 * 40 * 3 + len(b"P6\n64 40\n255\n")

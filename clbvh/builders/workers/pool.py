@@ -107,7 +107,10 @@ class WorkerPool(ContextManager):
 
     def wait_ready(self) -> None:
         """Return when every worker has started and loaded its compiled code."""
-        self._starter.join()
+        self._starter.join(self._timeout_s)
+        if self._starter.is_alive():
+            # The fork server hangs: nobody waits for it again, nor for the thread that does.
+            self._start_error = PoolError(f"the worker processes have not started for {self._timeout_s:g} s")
         if self._start_error is not None:
             self.close()
             raise self._start_error
@@ -226,9 +229,10 @@ class WorkerPool(ContextManager):
 
     def _stop(self, patience_s: float) -> None:
         """Ask the workers to stop, and kill those that are still busy when patience ends."""
-        self._starter.join()
         if self._closed:
             return
+        if self._start_error is None:
+            self._starter.join(self._timeout_s)
         self._closed = True
         for connection in self._connections:
             with suppress(OSError):  # it may be gone already

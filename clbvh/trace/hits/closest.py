@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ..less_memory import cut_smaller_when_full
 from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
+from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
 from .hits import Hits

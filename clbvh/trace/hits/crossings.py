@@ -15,8 +15,8 @@ from ...geometry import Mesh
 from ...structs import HIT, HIT_LANES, HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
 from ...support.prefetch import prefetch
-from ..less_memory import cut_smaller_when_full
 from ..launch import FIRST_HITS, Call, Caster
+from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress, RayPiece
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ..less_memory import cut_smaller_when_full
 from ..launch import CLOSEST_POINT, Call, Caster
+from ..less_memory import cut_smaller_when_full
 from ..rays.pieces import Progress
 from .order import find_point_order
 from .pack import check_points, pack_points, unit_scale
