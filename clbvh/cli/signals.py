@@ -67,13 +67,24 @@ def _wait(read_end: int) -> None:
 
 def _end(number: int) -> None:
     try:
+        errors = _mute_errors()
         end_descendants()
         clean_up()
         with suppress(OSError):
-            status = _END_OF_STATUS if os.isatty(2) else b""
-            os.write(2, status + f"clbvh: {_WORDS[signal.Signals(number)]}\n".encode())
+            status = _END_OF_STATUS if os.isatty(errors) else b""
+            os.write(errors, status + f"clbvh: {_WORDS[signal.Signals(number)]}\n".encode())
     finally:
         os._exit(_EXIT_BASE + number)
+
+
+def _mute_errors() -> int:
+    """Return a descriptor of stderr that only this thread has; others, native ones too, can print no more."""
+    try:
+        errors = os.dup(2)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    except OSError:  # no handle is left
+        return 2
+    return errors
 
 
 def _ignore() -> None:

@@ -10,11 +10,10 @@ import atexit
 import os
 import tempfile
 import threading
-from functools import partial
 from pathlib import Path
 
-from . import unfinished
-from .orphans import lock, random_name, remove_orphan_folders, remove_tree
+from .orphans import remove_orphan_folders
+from .temporary_folder import TemporaryFolder
 
 _making = threading.Lock()
 # The folder of this process, by its id: a forked child makes its own.
@@ -51,28 +50,6 @@ def _prefix() -> str:
 
 
 def _make() -> Path:
-    parent = Path(tempfile.gettempdir())
-    remove_orphan_folders(parent, _prefix())
-    while True:
-        folder = parent / random_name(_prefix())
-        ticket = unfinished.add(partial(remove_tree, folder))
-        try:
-            folder.mkdir(mode=0o700)
-            # Open, and so locked, until the process ends.
-            descriptor = os.open(folder, os.O_RDONLY) if hasattr(os, "O_DIRECTORY") else None
-        except BaseException:
-            remove_tree(folder)
-            unfinished.discard(ticket)
-            raise
-        if descriptor is None or lock(descriptor):
-            atexit.register(_remove, folder, descriptor, os.getpid())
-            return folder
-        os.close(descriptor)
-        unfinished.discard(ticket)
-
-
-def _remove(folder: Path, descriptor: int | None, owner: int) -> None:
-    if os.getpid() == owner:
-        if descriptor is not None:
-            os.close(descriptor)  # the walk through the folder needs a handle, and none may be left
-        remove_tree(folder)
+    folder = TemporaryFolder(Path(tempfile.gettempdir()), _prefix())
+    atexit.register(folder.close)
+    return folder.path

@@ -57,7 +57,7 @@ NAMES = COMMANDS if is_long() else ("render", "workers", "fetch")
 def test_ctrl_c_at_any_moment_leaves_nothing(place, name):
     words = COMMANDS[name]
     assert place.run(*words)[0] == 0
-    usual_s = place.time(*words)
+    usual_s = min(place.time(*words) for _ in range(2))
     moments = random.Random(f"Ctrl-C, {name}")
     problems, interrupted = [], 0
     for _ in range(MOMENTS):
