@@ -36,7 +36,7 @@ def test_a_picture_needs_no_home_and_that_is_said_once(place, homeless):
     assert place.leftovers() == []
 
 
-def test_no_folder_for_temporary_files_is_no_matter_without_workers(place):
+def test_a_folder_for_temporary_files_that_is_not_there_is_no_matter(place):
     nowhere = {"TMPDIR": str(place.folder / "nowhere")}
-    code, _, errors = place.run("render", "scene.toml", "-o", "b.ppm", environment=nowhere)
+    code, _, errors = place.run("render", "scene.toml", "-o", "b.ppm", "--workers", 2, environment=nowhere)
     assert (code, errors) == (0, "")
