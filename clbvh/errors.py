@@ -36,6 +36,10 @@ class DeviceError(ClbvhError, RuntimeError):
     """No OpenCL device can do the work, or the chosen one failed."""
 
 
+class DeviceMemoryError(DeviceError):
+    """A device has no memory for a buffer or a launch, also after the work has been cut into small pieces."""
+
+
 class KernelBuildError(ClbvhError, RuntimeError):
     """A kernel did not compile.
 

@@ -1,6 +1,7 @@
 """Trees that are kept for later runs: one file per mesh and set of build options.
 
-Owns the names of the files. Their content, which is not trusted, belongs to `bvh.serialize`.
+Owns the names of the files, and the size of them all: trees that have not been used for the longest time go first.
+Their content, which is not trusted, belongs to `bvh.serialize`.
 """
 
 from __future__ import annotations
@@ -8,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
@@ -18,6 +21,14 @@ from ..support.cache_folder import find_cache
 from .options import BuildOptions
 
 SUFFIX = ".tree"
+
+# The most that all trees in a folder take, in MiB, unless this variable says otherwise. A million triangles take about
+# 15 MiB.
+LIMIT_VARIABLE = "CLBVH_CACHE_MIB"
+DEFAULT_LIMIT_MIB = 4096
+
+_MIB = 1 << 20
+_MOST_DIGITS = 12
 
 # Hexadecimal digits in a file's name. Collisions do no harm: the file holds the whole fingerprint.
 _MESH_DIGITS = 32
@@ -51,18 +62,64 @@ def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) ->
 
 def take_tree(path: Path, mesh: Mesh) -> tuple[Bvh | None, str]:
     """Return the tree in a file, or None and the reason in one sentence, which is empty if there is no such file."""
-    if not path.exists():
+    if not path.is_file():
         return None, ""
     try:
-        return Bvh.load(path, mesh), ""
+        bvh = Bvh.load(path, mesh)
     except TreeFileError as error:
         return None, f"the tree in the cache cannot be used and is built again: {error}"
+    with suppress(OSError):
+        os.utime(path)  # used just now
+    return bvh, ""
 
 
 def keep_tree(path: Path, bvh: Bvh) -> str:
-    """Write a tree into its file; return the reason of a failure in one sentence, empty without one."""
+    """Write a tree into its file, and remove others until all fit the limit.
+
+    Returns
+    -------
+    str
+        The reason why the tree is not kept, in one sentence; empty if it is.
+    """
+    limit, note = _find_limit()
     try:
         bvh.save(path)
+        size = path.stat().st_size
     except (OSError, ConfigError) as error:
         return f"the tree cannot be kept in the cache: {error}"
-    return ""
+    if size > limit:
+        path.unlink(missing_ok=True)
+        return (
+            f"the tree has {size / _MIB:,.1f} MiB and is not kept in the cache, which may have {limit / _MIB:g} MiB: "
+            f"set {LIMIT_VARIABLE} to more"
+        )
+    _remove_oldest(path, limit - size)
+    return note
+
+
+def _find_limit() -> tuple[int, str]:
+    """Return the limit in bytes, and a sentence if the user's cannot be used."""
+    text = os.environ.get(LIMIT_VARIABLE, "").strip()
+    if not text:
+        return DEFAULT_LIMIT_MIB * _MIB, ""
+    if text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS:
+        return int(text) * _MIB, ""
+    note = f"{LIMIT_VARIABLE} must be a whole number of MiB, not {text!r}: the limit is {DEFAULT_LIMIT_MIB}"
+    return DEFAULT_LIMIT_MIB * _MIB, note
+
+
+def _remove_oldest(kept: Path, limit: int) -> None:
+    """Remove the trees beside `kept` that were used the longest time ago, until the others have `limit` bytes."""
+    trees = []
+    for path in kept.parent.glob(f"*{SUFFIX}"):
+        with suppress(OSError):  # another process removes some, too
+            if path != kept:
+                status = path.stat()
+                trees.append((status.st_mtime, status.st_size, path))
+    total = sum(size for _, size, _ in trees)
+    for _, size, path in sorted(trees):
+        if total <= limit:
+            break
+        with suppress(OSError):
+            path.unlink()
+        total -= size

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 def main() -> None:
     """Run the `clbvh` command."""
+    # Before all else: everything that follows can be interrupted.
+    from .signals import end_on_signals
+
+    end_on_signals()
     from .app import run
 
     run()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 import traceback
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..errors import ClbvhError, DeviceError
 from . import devices, doctor, fetch, render, stats, tune
+from .streams import flush_output, prepare_streams
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -67,17 +68,33 @@ def run(arguments: list[str] | None = None) -> None:
     arguments : list of str, optional
         The words behind `clbvh`; those of `sys.argv` without it.
     """
+    prepare_streams()
     words = sys.argv[1:] if arguments is None else arguments
     # `--debug` is allowed anywhere: users add it to the end of the command that failed.
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    code: Any = EXIT_FAILED
     try:
-        app(words)
-    except (ClbvhError, OSError) as error:
+        try:
+            app(words)
+        except SystemExit as ended:
+            code = ended.code
+        flush_output()
+    except BrokenPipeError:
+        # The reader has had enough, as `head` has: nobody is left to tell.
+        code = code or EXIT_FAILED
+    except (ClbvhError, OSError, MemoryError, ImportError) as error:
         if debug:
             traceback.print_exc()
-        print(f"clbvh: {error}", file=sys.stderr)
-        sys.exit(exit_code_of(error))
-    except KeyboardInterrupt:
-        print("clbvh: interrupted", file=sys.stderr)
-        sys.exit(130)
+        print(f"clbvh: {_describe(error)}", file=sys.stderr)
+        code = exit_code_of(error)
+    sys.exit(code)
+
+
+def _describe(error: Exception) -> str:
+    """Return one sentence about an error."""
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory{f': {error}' if str(error) else ''}"
+    if isinstance(error, OSError) and error.strerror and not isinstance(error, ClbvhError):
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)

@@ -101,9 +101,17 @@ def make_build_options(
 
 
 def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:
-    """Return the folder for kept trees by `--cache` and `--cache-dir`, None without either."""
-    from ..builders.tree_cache import find_tree_cache
+    """Return the folder for kept trees by `--cache` and `--cache-dir`, None without either.
 
-    if folder is not None:
+    None, said once, also where the user's cache cannot be written to; a folder that is named must be one.
+    """
+    from ..builders.tree_cache import find_tree_cache
+    from ..support.cache_folder import is_writable, say_unusable
+
+    if folder is not None or not use_cache:
         return folder
-    return find_tree_cache() if use_cache else None
+    users = find_tree_cache()
+    if is_writable(users):
+        return users
+    say_unusable(users.parent)
+    return None

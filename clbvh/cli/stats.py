@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options
-from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
+from .tables import add_time, choose_sign, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
     from ..builders.tree_maker import TreeOptions
@@ -212,10 +212,11 @@ def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     table.add_column("")
     bars = gather_bars(counts, _MOST_ROWS)
     highest = max(bar.count for bar in bars)
+    full = choose_sign("█", "#")
     for bar in bars:
         # A bar that is not empty has at least one cell.
         cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
-        table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", "█" * cells)
+        table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", full * cells)
     return table
 
 

@@ -52,3 +52,12 @@ def print_tables(*tables: Any) -> None:
         if number:
             console.print()
         console.print(table)
+
+
+def choose_sign(sign: str, plain: str) -> str:
+    """Return `sign` if stdout can show it, else `plain`."""
+    try:
+        sign.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return plain
+    return sign

@@ -7,10 +7,12 @@ line.
 
 from __future__ import annotations
 
+import ctypes
 import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
@@ -112,17 +114,28 @@ def build_kernels(
 def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dict[str, Kernel]:
     import pyopencl as cl
 
+    program = cl.Program(session.context, source)
     try:
         with warnings.catch_warnings():
             # PoCL says something about every build, good or bad.
             warnings.simplefilter("ignore", cl.CompilerWarning)
-            program = cl.Program(session.context, source).build(list(options), devices=[session.info.cl_device])
+            program.build(list(options), devices=[session.info.cl_device])
     except cl.Error as error:
+        _never_release(program)
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
     argument_names = find_arguments(source)
     return {
         kernel.function_name: Kernel(kernel, argument_names[kernel.function_name]) for kernel in program.all_kernels()
     }
+
+
+def _never_release(program: Any) -> None:
+    """Keep a program until the process ends.
+
+    PoCL 3.0 on the CPU may leave a program locked when it fails to build for want of memory; releasing it then waits
+    for ever, with Python's lock held, so that not even Ctrl-C is heard.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(program))
 
 
 def find_arguments(source: str) -> dict[str, list[str]]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import DeviceError
+from .driver_caches import prepare
 from .info import DeviceInfo
 from .owner_process import claim_opencl
 
@@ -50,6 +51,7 @@ def import_pyopencl() -> Any:
     DeviceError
         It is not installed, or the OpenCL loader that it needs cannot be loaded.
     """
+    prepare()
     try:
         import pyopencl
     except (ImportError, OSError) as error:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DeviceError
+from ..errors import DeviceError, DeviceMemoryError
 from ..support.context_manager import ContextManager
 from .context import DeviceContext, forget_context, open_context
 from .info import DeviceInfo
@@ -30,6 +30,9 @@ _CONTEXT_IS_LOST = (
     "INVALID_COMMAND_QUEUE",
     "INVALID_CONTEXT",
 )
+# MEM_OBJECT_ALLOCATION_FAILURE, OUT_OF_RESOURCES and OUT_OF_HOST_MEMORY: drivers take memory when a buffer is made, or
+# when it is first used.
+_OUT_OF_MEMORY = (-4, -5, -6)
 
 
 class DeviceSession(ContextManager):
@@ -118,11 +121,11 @@ class DeviceSession(ContextManager):
         Raises
         ------
         DeviceError
-            The size is above the device's largest allocation, or the device has no memory for it.
+            A `DeviceMemoryError`: the size is above the device's largest allocation, or it has no memory for it.
         """
         if size > self.info.max_allocation_bytes:
             largest = f"the largest one it allocates has {self.info.max_allocation_bytes / 1e6:,.1f} MB"
-            raise _explain(self.info, f"hold a buffer of {size / 1e6:,.1f} MB", largest)
+            raise _explain(self.info, f"hold a buffer of {size / 1e6:,.1f} MB", largest, DeviceMemoryError)
         flags = self._cl.mem_flags.READ_WRITE if writable else self._cl.mem_flags.READ_ONLY
         if for_mapping:
             flags |= self._cl.mem_flags.ALLOC_HOST_PTR
@@ -230,12 +233,13 @@ class _DeviceErrors:
             lost = [getattr(self._cl.status_code, name) for name in _CONTEXT_IS_LOST]
             if self._shared is not None and code in lost:
                 forget_context(self._shared)
-            raise _explain(self._info, self._action, error) from error
+            kind = DeviceMemoryError if code in _OUT_OF_MEMORY else DeviceError
+            raise _explain(self._info, self._action, error, kind) from error
 
 
-def _explain(info: DeviceInfo, action: str, reason: object) -> DeviceError:
+def _explain(info: DeviceInfo, action: str, reason: object, kind: type[DeviceError] = DeviceError) -> DeviceError:
     """Return the error for something that a device cannot do."""
-    return DeviceError(
+    return kind(
         f"the device '{info.name}' cannot {action} ({reason}): "
         "try a smaller job or another --device, and see `clbvh doctor`"
     )

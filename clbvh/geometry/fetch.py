@@ -12,7 +12,6 @@ import gzip
 import hashlib
 import os
 import tarfile
-import tempfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any
 
 from ..errors import ConfigError, FetchError, MeshError
 from ..support.cache_folder import find_cache
+from ..support.temporary_folder import TemporaryFolder
 
 STANFORD = "https://graphics.stanford.edu/pub/3Dscanrep"
 
@@ -167,9 +167,9 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
     try:
         cache.mkdir(parents=True, exist_ok=True)
         # A folder that is removed with its content, whatever happens.
-        with tempfile.TemporaryDirectory(prefix=f"{name}-", dir=cache) as work:
-            archive = _download(url, mesh, Path(work), progress)
-            extracted = Path(work) / mesh.file_name
+        with TemporaryFolder(cache, f".{name}-") as work:
+            archive = _download(url, mesh, work.path, progress)
+            extracted = work.path / mesh.file_name
             _extract(archive, mesh, extracted, url)
             extracted.replace(target)
     except OSError as error:

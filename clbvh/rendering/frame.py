@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..device.program import build_kernels
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
+from ..errors import DeviceMemoryError
 from ..structs import HIT
 from ..trace.device_tree import DeviceTree
 from ..trace.rays.entry_points import find_entry_points
@@ -57,17 +58,34 @@ class FrameRenderer:
             Red, green, blue, and 255 where something is hit.
         hits : (height, width) `structs.HIT`
         """
-        session = self._session
         width, height = int(view["width"][0]), int(view["height"][0])
         colours = np.empty((height, width, _CHANNELS), np.uint8)
         hits = np.empty((height, width), HIT)
-        band_pixels = session.fit_items(HIT.itemsize, BAND_PIXELS)
+        band_pixels = self._session.fit_items(HIT.itemsize, BAND_PIXELS)
         band_rows = min(height, max(1, band_pixels // width))
-        view_buffer = session.upload(view)
-        colour_buffer = session.allocate(band_rows * width * _CHANNELS)
-        hit_buffer = session.allocate(band_rows * width * HIT.itemsize)
+        while True:
+            try:
+                self._render_bands(view, band_rows, colours, hits)
+            except DeviceMemoryError:
+                # Other programs use the device's memory, too: less may fit.
+                if band_rows == 1:
+                    raise
+                band_rows //= 2
+            else:
+                return colours, hits
+
+    def _render_bands(
+        self, view: NDArray[np.void], band_rows: int, colours: NDArray[np.uint8], hits: NDArray[np.void]
+    ) -> None:
+        """Fill the colours and the hits, this many rows at a time."""
+        session = self._session
+        height, width = hits.shape
+        buffers = [session.upload(view)]
         entry_point_buffer = ReusableBuffer(session)
         try:
+            buffers.append(session.allocate(band_rows * width * _CHANNELS))
+            buffers.append(session.allocate(band_rows * width * HIT.itemsize))
+            view_buffer, colour_buffer, hit_buffer = buffers
             for first_row in range(0, height, band_rows):
                 row_count = min(band_rows, height - first_row)
                 band = {"view": view_buffer, "first_row": np.int32(first_row), "row_count": np.int32(row_count)}
@@ -84,6 +102,5 @@ class FrameRenderer:
                 session.download(hit_buffer, hits[first_row : first_row + row_count])
         finally:
             entry_point_buffer.release()
-            for buffer in (view_buffer, colour_buffer, hit_buffer):
+            for buffer in buffers:
                 session.release(buffer)
-        return colours, hits

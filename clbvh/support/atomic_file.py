@@ -1,24 +1,51 @@
-"""Files that are complete or absent: written under a temporary name, then renamed."""
+"""Files that are complete or absent: written under a temporary name, then renamed.
+
+Every file that clbvh writes for the user or for a later run is written here, but for downloads, which arrive in a
+temporary folder of the cache.
+"""
 
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Callable
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import ConfigError
+from . import unfinished
+from .orphans import FILE_PREFIX, FILE_SUFFIX, lock, random_name, remove_orphans
+
+# A new file may be read and written by all whom the user's mask allows.
+_NEW_MODE = 0o666
 
 
 def check_target(path: Path) -> None:
-    """Raise `ConfigError` unless a file can have this path; for checks before the work begins."""
+    """Raise `ConfigError` unless a file can be written there; for checks before the work begins.
+
+    A link is followed. Only a regular file can be replaced: no device such as ``/dev/null``, no FIFO, no socket.
+    """
     if "\0" in str(path):
         raise ConfigError(f"{str(path)!r}: this is not the path of a file")
-    if not path.parent.is_dir():
-        raise ConfigError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
+    target = _follow(path)
+    if not target.parent.is_dir():
+        raise ConfigError(f"{path}: the folder {target.parent} does not exist")
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        raise ConfigError(f"{path}: no file can be written into the folder {target.parent}")
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise ConfigError(f"{path}: no file can be written there: {error.strerror or error}") from error
+    if stat.S_ISDIR(mode):
         raise ConfigError(f"{path}: this is a folder, not a file")
+    if not stat.S_ISREG(mode):
+        raise ConfigError(f"{path}: this is a device, a FIFO or a socket: only a regular file can be replaced")
+    if not os.access(target, os.W_OK):
+        raise ConfigError(f"{path}: this file is read-only")
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
@@ -27,19 +54,70 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Parameters
     ----------
     path : Path
-        A file of this name is replaced once the new one is complete.
+        A regular file of this name is replaced once the new one is complete, and keeps its permissions. A link stays,
+        and the file that it names is replaced.
     write : function
         Writes the whole content to the open file. If it raises, no new file is left behind.
+
+    Raises
+    ------
+    ConfigError
+        See `check_target`.
+    OSError
+        It cannot be written: the disk is full, for example.
     """
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    check_target(path)
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with replacing(_follow(path)) as file:
             write(file)
-        # A temporary file is private; the new one gets the permissions of any other new file.
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(name).chmod(0o666 & ~mask)
-        Path(name).replace(path)
+    except OSError as error:
+        # The name that the user knows, not the temporary one.
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Open a new file that takes the place of `path` at the end of the block, unless the block fails.
+
+    Temporary files that killed processes left in the folder are removed.
+    """
+    remove_orphans(path.parent)
+    temporary, file, ticket = _create(path.parent)
+    try:
+        with file:
+            yield file
+            file.flush()
+            if path.is_file():
+                temporary.chmod(stat.S_IMODE(path.stat().st_mode))
+            temporary.replace(path)
     except BaseException:
-        Path(name).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
+    finally:
+        unfinished.discard(ticket)
+
+
+def _create(folder: Path) -> tuple[Path, BinaryIO, int]:
+    """Create a temporary file; return its path, the open and locked file, and the ticket of its cleanup."""
+    while True:
+        path = folder / random_name(FILE_PREFIX, FILE_SUFFIX)
+        ticket = unfinished.add(partial(path.unlink, missing_ok=True))
+        try:
+            file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, _NEW_MODE), "w+b")
+            if lock(file.fileno()):
+                return path, file, ticket
+            file.close()
+        except BaseException:
+            unfinished.discard(ticket)
+            raise
+        unfinished.discard(ticket)
+
+
+def _follow(path: Path) -> Path:
+    """Return the file that a path names when links are followed; it need not exist."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError) as error:
+        raise ConfigError(f"{path}: this link leads nowhere: {error}") from error

@@ -15,13 +15,16 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numba
 
-from .cache_folder import find_cache
+from . import unfinished
+from .cache_folder import find_cache, is_writable, say_unusable
+from .machine_code_cache import MachineCodeCache
+from .orphans import remove_orphans
 
 # Typed as Any: numba creates the names of its settings at run time.
 _settings: Any = numba.config
@@ -54,29 +57,47 @@ def compiled(function: Callable[..., Any] | None = None, *, error_model: str = "
     """
     if function is None:
         return lambda decorated: compiled(decorated, error_model=error_model)
-    # numba reads the setting when it decorates a function. It is restored for other packages.
-    with _decorating:
-        others = _settings.CACHE_DIR
-        _settings.CACHE_DIR = str(find_compiled_cache())
-        try:
-            return _njit(cache=True, nogil=True, error_model=error_model)(function)
-        finally:
-            _settings.CACHE_DIR = others
+    dispatcher = _njit(nogil=True, error_model=error_model)(function)
+    if (folder := find_compiled_cache()) is not None:
+        # numba reads the setting when it gives a function its cache. It is restored for other packages.
+        with _decorating:
+            others = _settings.CACHE_DIR
+            _settings.CACHE_DIR = str(folder)
+            try:
+                dispatcher._cache = MachineCodeCache(function)
+            finally:
+                _settings.CACHE_DIR = others
+    return dispatcher
 
 
 @cache
-def find_compiled_cache() -> Path:
-    """Return the folder for the machine code of these sources, in `NUMBA_CACHE_DIR` or in the user's cache."""
+def find_compiled_cache() -> Path | None:
+    """Return the folder for the machine code of these sources, in `NUMBA_CACHE_DIR` or in the user's cache.
+
+    None, said once, if it cannot be written to: then nothing is kept, not even beside the sources, where numba would
+    keep it and where nothing would tell old code from new.
+    """
     base = Path(_settings.CACHE_DIR) if _settings.CACHE_DIR else find_cache() / "compiled"
     folder = base / digest_sources(_PACKAGE)
-    # If the folder cannot be written to, numba falls back to other folders.
+    is_new = not folder.is_dir()
+    if not is_writable(folder):
+        say_unusable(base)
+        return None
     with suppress(OSError):
-        if folder.is_dir():
-            os.utime(folder)
-        else:
+        if is_new:
             _remove_unused(base)
-            folder.mkdir(parents=True, exist_ok=True)
+        else:
+            os.utime(folder)
+            _remove_unfinished(folder)
+    # Workers that are killed leave theirs.
+    unfinished.add(partial(_remove_unfinished, folder))
     return folder
+
+
+def _remove_unfinished(folder: Path) -> None:
+    """Remove what killed processes left: each file of sources has its own folder in there."""
+    for inner in folder.iterdir():
+        remove_orphans(inner)
 
 
 def digest_sources(package: Path) -> str:

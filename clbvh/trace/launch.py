@@ -7,6 +7,7 @@ know of each other.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -26,7 +27,7 @@ from .device_tree import DeviceTree
 from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import pack_rays
-from .rays.pieces import Progress, RayPiece, cut_points, cut_rays
+from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
 
 
@@ -53,6 +54,9 @@ ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
 COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
 FIRST_HITS = Query("first_hits", "hits", HIT)
 CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
+
+# A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
+MOST_HALVINGS = 10
 
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
@@ -98,6 +102,8 @@ class Caster(ContextManager):
         self.threads = HostThreads()
         self.calls = RunningCalls(session)
         self._kernels: dict[str, Kernel] = {}
+        self._lock = threading.Lock()
+        self.halvings = 0  # of the usual batch, since the device did not hold it
 
     def open_call(self) -> Call:
         """Return a call to use in a `with` block, which has memory of its own for as long as the block lasts.
@@ -110,6 +116,15 @@ class Caster(ContextManager):
             On entering the block: this process was forked from one that has used OpenCL.
         """
         return Call(self)
+
+    def cut_smaller(self) -> bool:
+        """Halve the batches to come, and give back what calls have left; return whether that can help."""
+        with self._lock:
+            if self.halvings == MOST_HALVINGS:
+                return False
+            self.halvings += 1
+        self.calls.release_idle()
+        return True
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel, compiled when first asked for."""
@@ -142,8 +157,8 @@ class Call(MemoryLoan):
         self._tree = caster.tree
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
-        """Return how many items of a dtype the device holds in one buffer, `wanted` at most."""
-        return self._session.fit_items(dtype.itemsize, wanted)
+        """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""
+        return self._session.fit_items(dtype.itemsize, max(1, wanted >> self.caster.halvings))
 
     def cut_rays(
         self,
@@ -156,7 +171,7 @@ class Call(MemoryLoan):
         """Yield the pieces in which to cast a batch of rays; see `pieces.cut_rays`."""
         return cut_rays(
             batch, self.box, self.threads, shape=shape, tile_rows=self._session.settings.tile[1],
-            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, NO_LIMIT),
+            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, CHUNK_RAYS),
             most_rays=most_rays, progress=progress,
         )  # fmt: skip
 
@@ -204,7 +219,7 @@ class Call(MemoryLoan):
 
     def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
         """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(PACKED_POINT, NO_LIMIT), progress=progress)
+        return cut_points(point_count, most_points=self.fit(PACKED_POINT, CHUNK_RAYS), progress=progress)
 
     def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
         """Put points on the device.

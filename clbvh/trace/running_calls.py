@@ -16,7 +16,7 @@ from weakref import ref
 from ..device.owner_process import check_process, is_inherited
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..errors import QueryError
+from ..errors import DeviceMemoryError, QueryError
 
 # Memory of calls that have ended is kept for later ones: that of one call, whatever its size, and that of others up to
 # these bounds. Many threads at once do not leave the memory of all behind.
@@ -108,14 +108,14 @@ class RunningCalls:
             loan.memory = CallMemory(self._tree_session)
         return loan.memory
 
-    def end(self, call: object, *, is_interrupted: bool) -> None:
+    def end(self, call: object, *, gives_up_memory: bool) -> None:
         """Let a call end, and take its memory back. A second time changes nothing.
 
         Parameters
         ----------
         call : object
-        is_interrupted : bool
-            Whether the call has left commands behind that use its memory; this is not lent again then.
+        gives_up_memory : bool
+            Whether the device gets the memory back: the call has left commands behind that use it, or it did not fit.
         """
         if is_inherited():
             return
@@ -123,7 +123,7 @@ class RunningCalls:
             loan = self._loans.pop(id(call), None)
             memory = None if loan is None else loan.memory
             if memory is not None:
-                if not is_interrupted and self._is_kept(memory):
+                if not gives_up_memory and self._is_kept(memory):
                     self._idle.append(memory)
                 else:
                     memory.release()
@@ -195,11 +195,12 @@ class MemoryLoan:
         try:
             self.memory = self._calls.begin(self)
         except BaseException:
-            self._calls.end(self, is_interrupted=True)
+            self._calls.end(self, gives_up_memory=True)
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._calls.end(self, is_interrupted=error is not None and not isinstance(error, Exception))
+        gives_up_memory = isinstance(error, DeviceMemoryError) or not isinstance(error, Exception | None)
+        self._calls.end(self, gives_up_memory=gives_up_memory)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import socket
 import struct
 import sys
@@ -15,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.util import get_temp_dir
 from numbers import Integral
@@ -24,6 +26,7 @@ from typing import Any, cast
 from ...errors import ConfigError, PoolError
 from ...support.context_manager import ContextManager
 from ...support.host_threads import HostThreads, usable_cores
+from ...support.run_folder import get_run_folder
 from .arena import ArrayHandle
 from .worker import ATTACH, RUN, STOP, serve
 from .workspace import Workspace
@@ -114,7 +117,10 @@ class WorkerPool(ContextManager):
     def wait_ready(self) -> None:
         """Return when every worker has started and loaded its compiled code."""
         self._check_process()
-        self._starter.join()
+        self._starter.join(self._timeout_s)
+        if self._starter.is_alive():
+            # The fork server hangs: nobody waits for it again, nor for the thread that does.
+            self._start_error = PoolError(f"the worker processes have not started for {self._timeout_s:g} s")
         if self._start_error is not None:
             self.close()
             raise self._start_error
@@ -223,7 +229,12 @@ class WorkerPool(ContextManager):
             else:
                 context = multiprocessing.get_context("forkserver")
                 context.set_forkserver_preload([self._preload] if self._preload else [])
-                folder = get_temp_dir()  # where the fork server's socket lies
+                # Ctrl-C reaches the whole process group, and would interrupt the fork server while it imports. What
+                # this thread blocks, the processes that it starts inherit; other threads are not concerned. The
+                # tracker of resources comes first: starting it lifts the block.
+                resource_tracker.ensure_running()
+                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+                folder = _choose_socket_folder()
             for number in range(self.workers):
                 ours, theirs = context.Pipe()
                 _limit_transfer(ours, self._timeout_s)
@@ -245,9 +256,10 @@ class WorkerPool(ContextManager):
 
     def _stop(self, patience_s: float) -> None:
         """Ask the workers to stop, and kill those that are still busy when patience ends."""
-        self._starter.join()
         if self._closed:
             return
+        if self._start_error is None:
+            self._starter.join(self._timeout_s)
         self._closed = True
         for connection in self._connections:
             with suppress(OSError):  # it may be gone already
@@ -328,6 +340,14 @@ def _disown_workers() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_disown_workers)
+
+
+def _choose_socket_folder() -> str:
+    """Return the folder for the fork server's socket: this process's own, unless `multiprocessing` has one already."""
+    settings = multiprocessing.current_process()._config  # type: ignore[attr-defined] # as `get_temp_dir` itself does
+    if settings.get("tempdir") is None:
+        settings["tempdir"] = str(get_run_folder())
+    return get_temp_dir()
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...geometry import Mesh
 from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
+from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
 from .hits import Hits
@@ -18,6 +19,7 @@ from .refine import refine_closest
 Shape = tuple[int, ...]
 
 
+@cut_smaller_when_full
 def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count = batch.ray_count
@@ -33,6 +35,7 @@ def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape,
     return Hits(t.reshape(shape), u.reshape(shape), v.reshape(shape), prim_id.reshape(shape), mesh)
 
 
+@cut_smaller_when_full
 def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
     """Return the face of the closest hit of each ray; see `Tracer.closest_prim`."""
     prim_id = np.empty(batch.ray_count, np.int32)
@@ -45,6 +48,7 @@ def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: 
     return prim_id.reshape(shape)
 
 
+@cut_smaller_when_full
 def find_any_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
     """Return whether each ray hits anything; see `Tracer.any_hit`."""
     is_blocked = np.empty(batch.ray_count, np.bool_)
@@ -53,6 +57,7 @@ def find_any_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progr
     return is_blocked.reshape(shape)
 
 
+@cut_smaller_when_full
 def count_hits(
     caster: Caster, batch: RayBatch, shape: Shape, max_hits: int | None, progress: Progress | None
 ) -> NDArray[np.int32]:

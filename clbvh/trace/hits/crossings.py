@@ -16,6 +16,7 @@ from ...structs import HIT, HIT_LANES, HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
 from ...support.prefetch import prefetch
 from ..launch import FIRST_HITS, Call, Caster
+from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress, RayPiece
 
@@ -72,6 +73,7 @@ class _Search:
     segments: list[NDArray[np.int64]] = field(default_factory=list)
 
 
+@cut_smaller_when_full
 def find_crossings(
     caster: Caster, mesh: Mesh, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
 ) -> Crossings:

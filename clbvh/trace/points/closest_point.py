@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from ...geometry import Mesh
 from ..launch import CLOSEST_POINT, Call, Caster
+from ..less_memory import cut_smaller_when_full
 from ..rays.pieces import Progress
 from .order import find_point_order
 from .pack import check_points, pack_points
 from .refine import ClosestPoints, refine_points
 
 
+@cut_smaller_when_full
 def find_closest_points(
     caster: Caster, mesh: Mesh, points: NDArray[Any], progress: Progress | None = None
 ) -> ClosestPoints:

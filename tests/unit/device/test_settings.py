@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -42,7 +43,7 @@ def test_what_is_kept_is_found(info, cache):
 
 def test_the_layout_of_a_description_is_that_of_its_kind(info, monkeypatch):
     keep_settings(info, MEASURED)
-    monkeypatch.setattr(Path, "read_text", lambda *_, **__: pytest.fail("a file is read"))
+    monkeypatch.setattr(Path, "open", lambda *_, **__: pytest.fail("a file is read"))
     assert dataclasses.replace(info, kind="cpu").layout == "bvh8"
 
 
@@ -64,11 +65,29 @@ def test_another_device_or_driver_knows_nothing_of_it(info, field):
         '{"layout": "bvh8", "work_group_size": 64, "tile": [8]}',
         '{"layout": "bvh8", "work_group_size": 64, "tile": [64, 64]}',
         '{"layout": "bvh8", "work_group_size": 64, "tile": [0, 8]}',
+        '{"layout": "bvh8", "work_group_size": 1e400, "tile": [8, 8]}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, -1e400]}',
+        '{"layout": "bvh8", "work_group_size": NaN, "tile": [8, 8]}',
+        "[" * 60_000, '{"tile":' * 5_000, "\x00", "9" * 10_000,
     ],
 )  # fmt: skip
-def test_a_damaged_file_is_as_good_as_none(info, text):
+def test_a_damaged_file_is_said_once_and_replaced(info, text, monkeypatch, caplog):
+    monkeypatch.delenv("_CLBVH_SAID", raising=False)
     path = keep_settings(info, MEASURED)
     path.write_text(text)
+    assert find_settings(info) == default_settings(info)
+    assert find_settings(info) == default_settings(info)
+    (said,) = caplog.messages
+    assert f"{path}: these settings are damaged and are removed" in said
+    assert not path.exists()
+    keep_settings(info, MEASURED)
+    assert find_settings(info) == MEASURED
+
+
+def test_what_is_no_file_is_not_read(info):
+    path = keep_settings(info, MEASURED)
+    path.unlink()
+    os.mkfifo(path)
     assert find_settings(info) == default_settings(info)
 
 

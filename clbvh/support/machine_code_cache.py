@@ -1,0 +1,90 @@
+"""The files in which numba keeps the machine code of one function, made safe against faults.
+
+With numba's own, an interrupted process leaves a temporary file behind, a damaged file stops every later run, a full
+disk stops this one, and two processes that compile different signatures of a function at once can write both into one
+file. Here a file carries a digest, is named by its signature, and is written like all others of clbvh. What cannot be
+read is compiled again and replaced, and what cannot be written is not kept; both are said once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+from .atomic_file import replacing
+from .say_once import say_once
+
+_DIGEST_BYTES = 16
+
+# Of the digest of a signature, in the name of its file.
+_NUMBER_BYTES = 8
+
+
+class MachineCodeCache(FunctionCache):
+    """numba's cache of a function; its public methods are `load_overload` and `save_overload`."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        # The class differs in how files are written and checked.
+        self._cache_file.__class__ = _CheckedFiles
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return compiled code for a signature, None where there is none that can be used."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # damaged content can raise anything
+            _say_unusable(self.cache_path, error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            say_once(f"machine code cannot be kept in the cache {self.cache_path}: {error.strerror or error}")
+
+
+class _CheckedFiles(IndexDataCacheFile):
+    """numba's files of one function: an index, and one file for each signature."""
+
+    def save(self, key: Any, data: Any) -> None:
+        name = self._data_name(int.from_bytes(_digest(repr(key).encode())[:_NUMBER_BYTES], "little"))
+        self._save_data(name, data)
+        # After its data: an index never names a file that another process has yet to write.
+        index = self._load_index()
+        if index.get(key) != name:
+            self._save_index(index | {key: name})
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return super()._load_index()
+        except Exception as error:  # as above
+            _say_unusable(self._cache_path, error)
+            return {}
+
+    def _save_data(self, name: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(_digest(content) + content)
+
+    def _load_data(self, name: str) -> Any:
+        content = Path(self._data_path(name)).read_bytes()
+        if content[:_DIGEST_BYTES] != _digest(content[_DIGEST_BYTES:]):
+            raise ValueError(f"{name} is damaged")
+        return pickle.loads(content[_DIGEST_BYTES:])
+
+    def _open_for_write(self, filepath: str) -> Any:
+        return replacing(Path(filepath))
+
+
+def _say_unusable(folder: str, error: Exception) -> None:
+    say_once(f"machine code in the cache {folder} cannot be used and is compiled again ({error!r})")
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=_DIGEST_BYTES).digest()

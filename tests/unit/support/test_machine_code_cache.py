@@ -1,0 +1,91 @@
+"""Damaged machine code is compiled again and replaced; a full disk, and two processes at once, do no harm."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = """
+import os, sys
+import numpy as np
+from clbvh.support.prefetch import prefetch
+from clbvh.support import machine_code_cache
+from clbvh.support.compiled import compiled
+if "full" in sys.argv:
+    def refuse(path):
+        raise OSError(28, os.strerror(28))
+    machine_code_cache.replacing = refuse
+
+@compiled
+def twice(x):
+    return 2 * x
+
+print(twice(3), twice(0.25), twice(np.float32(1.5)))
+"""
+ANSWER = "6 0.5 3.0\n"
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A function that runs the script in a process of its own, with a cache of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def start(*words):
+        return subprocess.Popen(
+            [sys.executable, script, *words], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def run(*words):
+        with start(*words) as process:
+            return (*process.communicate(), process.returncode)
+
+    run.start = start
+    run.files = lambda suffix: sorted((tmp_path / "cache").rglob(f"*twice*{suffix}"))
+    return run
+
+
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", [b"", b"not a pickle", None], ids=["empty", "text", "one bit"])
+def test_a_damaged_file_is_said_once_and_replaced(run, suffix, damage):
+    assert run() == (ANSWER, "", 0)
+    whole = {path: path.read_bytes() for path in run.files(suffix)}
+    assert whole
+    for path, content in whole.items():
+        middle = len(content) // 2
+        flipped = content[:middle] + bytes([content[middle] ^ 16]) + content[middle + 1 :]
+        path.write_bytes(flipped if damage is None else damage)
+    output, errors, code = run()
+    assert (output, code) == (ANSWER, 0)
+    if suffix == ".nbc" or damage is not None:  # a bit of an index may be one that does not matter
+        assert errors.startswith("clbvh: machine code in the cache ")
+        assert errors.count("cannot be used and is compiled again") == len(errors.splitlines())
+    assert run() == (ANSWER, "", 0)
+
+
+def test_a_full_disk_is_said_once(run):
+    output, errors, code = run("full")
+    assert (output, code) == (ANSWER, 0)
+    (line,) = errors.splitlines()
+    assert line.endswith(os.strerror(errno.ENOSPC))
+
+
+def test_two_processes_that_compile_at_once_agree_and_leave_whole_files(run, tmp_path):
+    for _ in range(2):
+        processes = [run.start() for _ in range(2)]
+        assert [(*process.communicate(), process.returncode) for process in processes] == [(ANSWER, "", 0)] * 2
+    assert len(run.files(".nbc")) == 3
+    assert [path for path in (tmp_path / "cache").rglob("*") if ".tmp" in path.name] == []
+
+
+def test_a_cache_that_cannot_be_written_to_is_no_cache_at_all(run, tmp_path):
+    (tmp_path / "cache").touch()
+    output, errors, code = run()
+    assert (output, code) == (ANSWER, 0)
+    assert errors.startswith("clbvh: nothing can be kept in the cache ")
+    assert len(errors.splitlines()) == 1
