@@ -86,7 +86,7 @@ INLINED void traverse_in_order(
         if (next >= 0) {
             const global node_t *node = base + next;
             base = nodes;
-            const float limit = search_limit(search, ray, query) * slabs.limit_scale;
+            const float limit = search_limit(search, ray, query) * slabs.unit;
             lanes_t t_near;
             const uint met = meets_children(node, &slabs, limit, &t_near);
             if (met != 0) {
@@ -102,7 +102,7 @@ INLINED void traverse_in_order(
             }
         }
 
-        const float new_limit = search_limit(search, ray, query) * slabs.limit_scale;
+        const float new_limit = search_limit(search, ray, query) * slabs.unit;
         ulong popped;
         do {
             if (stack_count == 0) {
@@ -128,7 +128,7 @@ INLINED void traverse_as_stored(
     const global node_t *node = start;
 
     while (true) {
-        const float limit = search_limit(search, ray, query) * slabs.limit_scale;
+        const float limit = search_limit(search, ray, query) * slabs.unit;
         lanes_t t_near;
         uint remaining = meets_children(node, &slabs, limit, &t_near);
         const global int *child = node->child;

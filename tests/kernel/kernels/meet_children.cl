@@ -17,5 +17,5 @@ kernel void meet_children(
     const ray_t ray = unpack_ray(rays + i);
     const slabs_t slabs = make_slabs(nodes + i, &ray);
     lanes_t t_near;
-    met[i] = meets_children(nodes + i, &slabs, ray.t_max * slabs.limit_scale, &t_near);
+    met[i] = meets_children(nodes + i, &slabs, ray.t_max * slabs.unit, &t_near);
 }
