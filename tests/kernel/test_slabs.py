@@ -6,7 +6,7 @@ import pytest
 from clbvh.structs import LAYOUT_WIDTHS, WIDE_NODES
 
 from ..rays import AXES
-from .test_aabb import clip, grow
+from .test_aabb import clip, grow, pad
 
 COUNT = 20_000
 LAYOUT_NAMES = [layout for layout, width in LAYOUT_WIDTHS.items() if width in WIDE_NODES]
@@ -63,8 +63,12 @@ def test_a_ray_that_grazes_a_box_meets_it(meet, seed, away, scale, portable):
     t_near, t_far = clip_children(origins, directions, aabb_min, aabb_max)
     assert 0.1 < (t_near <= t_far).mean() < 0.9
     np.testing.assert_array_equal(np.flatnonzero((t_near <= t_far) & ~is_met), [])
-    # Nothing beyond the padding is met. The node is the root: the largest of its boxes counts.
+    # Nor does one that is beside it by almost the padding. The node is the root: the largest of its boxes counts.
     everything = aabb_min.min(axis=1, keepdims=True), aabb_max.max(axis=1, keepdims=True)
+    padding = pad(origins[:, None], directions[:, None], *everything)[1] - everything[1]
+    t_near, t_far = clip_children(origins, directions, aabb_min - padding, aabb_max + padding)
+    np.testing.assert_array_equal(np.flatnonzero((t_near <= t_far) & ~is_met), [])
+    # Nothing beyond the padding is met.
     growth = grow(origins[:, None], *everything)[1] - everything[1] + UNDERFLOW
     t_near, t_far = clip_children(origins, directions, aabb_min - growth, aabb_max + growth)
     np.testing.assert_array_equal(np.flatnonzero((t_near > t_far) & is_met), [])
