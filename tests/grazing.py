@@ -22,8 +22,10 @@ _THIN_ASPECT = 1e6
 
 
 def _as_mesh(corners):
+    """A mesh of size 1, as the device has it; scaling by a power of two rounds nothing."""
     corners = corners.reshape(-1, 3)
-    return centred(Mesh.from_arrays(as_float32(corners), np.arange(len(corners)).reshape(-1, 3)))
+    exponent = np.frexp(np.ptp(corners, axis=0).max() / 2)[1]
+    return centred(Mesh.from_arrays(as_float32(np.ldexp(corners, -exponent)), np.arange(len(corners)).reshape(-1, 3)))
 
 
 def _turned(corners, generator):
@@ -138,11 +140,10 @@ RAYS = {"grazing": _grazing, "from surface": _from_surface, "along edges": _alon
 
 
 def make_rays(kind, mesh, count, generator):
-    """Rays of one of the `RAYS`, as close to the mesh as the host casts them."""
+    """Rays of one of the `RAYS`, with directions of moderate length, as the host casts them."""
     origins, directions = RAYS[kind](mesh, count, generator)
     longest = np.abs(directions).max(axis=1)
     directions[longest == 0] = [0, 0, 1]
     longest[longest == 0] = 1
-    # A direction of moderate length: a power of two changes nothing else.
     directions = np.ldexp(directions, -np.frexp(longest)[1][:, None])
     return as_float32(origins), as_float32(directions)

@@ -12,9 +12,9 @@ typedef struct {
     float t_min;
 } padded_ray_t;
 
-INLINED padded_ray_t pad_ray(const ray_t *ray, const float3 largest_coordinates)
+INLINED padded_ray_t pad_ray(const ray_t *ray)
 {
-    const padding_t padding = find_ray_padding(ray, largest_coordinates);
+    const padding_t padding = find_ray_padding(ray);
     const float3 width = padding.distance + padding.time * magnitude(ray->direction);
     const float3 ahead = ray->inverse < 0.0f ? -width : width;
     const padded_ray_t padded = {ray->origin + ahead, ray->origin - ahead, ray->inverse, ray->t_min};

@@ -59,11 +59,11 @@ INLINED float largest_component(const float3 v)
 
 // The width of the padding for all rays of a beam, per axis. The longest component of each ray is at least as long as
 // that of the slowest ray that the bounds allow; and no component is longer than the longest one.
-INLINED float3 find_beam_padding(const ray_bounds_t *bounds, const float3 largest_coordinates)
+INLINED float3 find_beam_padding(const ray_bounds_t *bounds)
 {
     const float3 lower_origin = magnitude(bounds->lower.s012);
     const float3 upper_origin = magnitude(bounds->upper.s012);
-    const float3 reach = (lower_origin > upper_origin ? lower_origin : upper_origin) + largest_coordinates;
+    const float3 reach = (lower_origin > upper_origin ? lower_origin : upper_origin) + LARGEST_COORDINATE;
     const float longest_reach = largest_component(reach);
     const float3 lower_direction = bounds->lower.s456;
     const float3 upper_direction = bounds->upper.s456;
@@ -76,9 +76,9 @@ INLINED float3 find_beam_padding(const ray_bounds_t *bounds, const float3 larges
     return padding.distance + (width < most ? width : most);
 }
 
-INLINED beam_t make_beam(const ray_bounds_t *bounds, const float3 largest_coordinates)
+INLINED beam_t make_beam(const ray_bounds_t *bounds)
 {
-    const float3 padding = find_beam_padding(bounds, largest_coordinates);
+    const float3 padding = find_beam_padding(bounds);
     const float3 lower_origin = bounds->lower.s012 - padding;
     const float3 upper_origin = bounds->upper.s012 + padding;
     const float3 lower_direction = bounds->lower.s456;

@@ -26,18 +26,6 @@ typedef struct {
     float unit;  // turns t of the ray into that of the slabs
 } slabs_t;
 
-// The largest absolute coordinate of a node's boxes along an axis. A missing child, whose box is inverted, counts as
-// negative.
-INLINED float largest_along(const global node_t *node, const int axis)
-{
-    return largest_of_lanes(larger_lanes(-load_lanes(node->aabb_min[axis]), load_lanes(node->aabb_max[axis])));
-}
-
-INLINED float3 largest_coordinates(const global node_t *node)
-{
-    return (float3)(largest_along(node, 0), largest_along(node, 1), largest_along(node, 2));
-}
-
 // Writes inverse and shifts; returns how far the padding moves all planes together.
 INLINED float derive_shifts(slabs_t *slabs, const float3 origin, const float3 inverse, const padding_t *padding)
 {
@@ -50,7 +38,7 @@ INLINED float derive_shifts(slabs_t *slabs, const float3 origin, const float3 in
 }
 
 // Derives inverse and shifts in the other unit.
-INLINED void limit_shifts(slabs_t *slabs, const global node_t *root, const ray_t *ray)
+INLINED void limit_shifts(slabs_t *slabs, const ray_t *ray)
 {
     // A power of two: scaling by it is exact.
     const float unit = MIN_INVERSE / as_float(as_int(ray->shear.z) & 0x7f800000);
@@ -59,7 +47,7 @@ INLINED void limit_shifts(slabs_t *slabs, const global node_t *root, const ray_t
     const float3 limited = inverse < 0.0f ? -largest : largest;
     // An origin beyond float32 hits nothing, but the traversal has to end.
     const float3 origin = magnitude(ray->origin) <= FLT_MAX ? ray->origin : (float3)(FLT_MAX);
-    const float3 reach = min(magnitude(origin) + largest_coordinates(root), FLT_MAX);
+    const float3 reach = min(magnitude(origin) + LARGEST_COORDINATE, FLT_MAX);
     const float longest_reach = larger(reach.x, larger(reach.y, reach.z));
     const padding_t padding = find_padding(reach, longest_reach, fabs(ray->shear.z) * unit);
     derive_shifts(slabs, origin, magnitude(inverse) < largest ? inverse : limited, &padding);
@@ -67,14 +55,14 @@ INLINED void limit_shifts(slabs_t *slabs, const global node_t *root, const ray_t
     slabs->unit = unit;
 }
 
-INLINED slabs_t make_slabs(const global node_t *root, const ray_t *ray)
+INLINED slabs_t make_slabs(const ray_t *ray)
 {
-    const padding_t padding = find_ray_padding(ray, largest_coordinates(root));
+    const padding_t padding = find_ray_padding(ray);
     slabs_t slabs;
     slabs.t_min = ray->t_min;
     slabs.unit = 1.0f;
     if (!(derive_shifts(&slabs, ray->origin, ray->inverse, &padding) <= MAX_SLACK)) {
-        limit_shifts(&slabs, root, ray);
+        limit_shifts(&slabs, ray);
     }
     // A node begins with six planes of WIDTH lanes each: the minima along x, y and z, then the maxima.
     const int3 is_backward = ray->inverse < 0.0f;

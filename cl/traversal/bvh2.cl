@@ -8,19 +8,6 @@
 
 typedef bvh2_node_t node_t;
 
-// The largest absolute coordinates of a node's boxes. A missing child, whose box is inverted, counts as negative.
-INLINED float3 largest_coordinates(const global node_t *node)
-{
-    float3 largest = (float3)(0.0f);
-    for (int child = 0; child < 2; child++) {
-        const float3 below = -load3(node->aabb_min[child]);
-        const float3 above = load3(node->aabb_max[child]);
-        largest = below > largest ? below : largest;
-        largest = above > largest ? above : largest;
-    }
-    return largest;
-}
-
 INLINED bool meets_child(
     const global node_t *node, const int child, const padded_ray_t *ray, const float t_max, float *t_near)
 {
@@ -31,7 +18,7 @@ INLINED void traverse(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const int block_count,
     const ray_t *ray, search_t *search, const int query)
 {
-    const padded_ray_t padded = pad_ray(ray, largest_coordinates(nodes));
+    const padded_ray_t padded = pad_ray(ray);
     int stack[STACK_SIZE];
     int stack_count = 0;
     int node = 0;

@@ -113,7 +113,7 @@ INLINED void write_entry_point(const frontier_t *frontier, const global node_t *
 INLINED void find_entry_point(
     const global node_t *nodes, const ray_bounds_t *bounds, global node_t *entry_point)
 {
-    const beam_t beam = make_beam(bounds, largest_coordinates(nodes));
+    const beam_t beam = make_beam(bounds);
     if (beam.is_empty) {
         clear_child(entry_point, 0, NO_CHILD);
         return;

@@ -75,7 +75,7 @@ INLINED void traverse_in_order(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
-    const slabs_t slabs = make_slabs(nodes, ray);
+    const slabs_t slabs = make_slabs(ray);
     const axis_permutation_t permutation = make_axis_permutation(ray);
     ulong stack[STACK_SIZE];
     int stack_count = 0;
@@ -120,7 +120,7 @@ INLINED void traverse_as_stored(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
-    const slabs_t slabs = make_slabs(nodes, ray);
+    const slabs_t slabs = make_slabs(ray);
     const axis_permutation_t permutation = make_axis_permutation(ray);
     const global int *child_stack[STACK_SIZE];
     uint remaining_stack[STACK_SIZE];

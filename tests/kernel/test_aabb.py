@@ -5,8 +5,10 @@ import pytest
 
 from ..rays import AXES
 
-# The device meets no box that misses the ray by more than this share of the largest coordinates of box and origin: 14
-# roundings and 28 of padding, 8 of the test itself, and little more for the slopes that count as zero.
+# Coordinates of a mesh are at most 1. The device meets no box that misses the ray by more than this share of 1 and the
+# origin's largest coordinate: 14 roundings and 28 of padding, 8 of the test itself, and little more for the slopes that
+# count as zero.
+LARGEST = 1.0
 PADDING = 51 * 2.0**-24
 
 
@@ -27,8 +29,7 @@ def meet(run_shell, make_rays):
 
 def pad(origins, directions, aabb_min, aabb_max):
     """The boxes, with the padding that docs/internals/padding.md derives, but for what the slab test may round."""
-    size, largest = np.abs(directions).astype(np.float64), np.maximum(np.abs(aabb_min), np.abs(aabb_max))
-    reach = np.abs(origins).astype(np.float64) + largest
+    size, reach = np.abs(directions).astype(np.float64), np.abs(origins).astype(np.float64) + LARGEST
     longest = size.argmax(axis=-1)[..., None]
     slope = size / np.take_along_axis(size, longest, axis=-1)
     padding = 2.0**-24 * ((13 - 8) * reach + 27 * slope * np.take_along_axis(reach, longest, axis=-1))
@@ -37,8 +38,7 @@ def pad(origins, directions, aabb_min, aabb_max):
 
 def grow(origins, aabb_min, aabb_max):
     """The boxes, padded by what the device adds at most."""
-    largest = np.maximum(np.abs(aabb_min), np.abs(aabb_max)).max(axis=-1, keepdims=True).astype(np.float64)
-    padding = PADDING * (np.abs(origins).max(axis=-1, keepdims=True) + largest)
+    padding = PADDING * (np.abs(origins).astype(np.float64).max(axis=-1, keepdims=True) + LARGEST)
     return aabb_min - padding, aabb_max + padding
 
 
@@ -57,7 +57,7 @@ def clip(origins, directions, aabb_min, aabb_max, t_min, t_max):
     return np.maximum(near.max(axis=1), t_min), np.minimum(far.min(axis=1), t_max)
 
 
-BOX = (np.array([1.0, -2.0, 3.0]), np.array([2.0, -1.0, 5.0]))
+BOX = (np.array([1.0, -2.0, 3.0]) / 8, np.array([2.0, -1.0, 5.0]) / 8)
 CENTRE = (BOX[0] + BOX[1]) / 2
 AXIS_IDS = ["+x", "-x", "+y", "-y", "+z", "-z"]
 
@@ -75,7 +75,7 @@ class TestAxisParallel:
         assert is_met.all()
         axis = int(np.argmax(np.abs(direction)))
         expected = 10 - (BOX[1] - BOX[0])[axis] / 2
-        assert expected - 20 * PADDING < t_nears[0] <= expected
+        assert expected - 12 * PADDING < t_nears[0] <= expected
 
     @pytest.mark.parametrize("side", [0, 1], ids=["min", "max"])
     @pytest.mark.parametrize("which", [0, 1])
@@ -84,7 +84,7 @@ class TestAxisParallel:
         origin = (CENTRE - 10 * direction).astype(np.float32)
         origin[axis] = BOX[side][axis]
         outside = origin.copy()
-        outside[axis] += (2 if side else -2) * 10 * PADDING
+        outside[axis] += (1 if side else -1) * 12 * PADDING
         is_met, _ = meet([origin, outside], direction, *BOX)
         assert is_met.tolist() == [True, False]
 
@@ -119,17 +119,17 @@ class TestAxisParallel:
         beside[across(direction)[0]] += 1e-3
         is_met, t_nears = meet([on, beside], direction, CENTRE, CENTRE)
         assert is_met.tolist() == [True, False]
-        assert 10 - 20 * PADDING < t_nears[0] <= 10
+        assert 10 - 12 * PADDING < t_nears[0] <= 10
 
 
 def test_limits_are_part_of_the_ray(meet):
-    # The box is entered at 3 and left at 5.
+    # The box is entered at 3 and left at 5, eighths of a unit.
     t_min = [0, 3, 4, 5, 5.001, 6, np.inf, 0, 0, 0, 0, 4, 0]
     t_max = [np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 3, 2.999, 2, -1, 4, -np.inf]
     expected = [True, True, True, True, False, False, False, True, False, False, False, True, False]
-    is_met, t_nears = meet([[1.5, -1.5, 0]] * len(t_min), [0, 0, 1], *BOX, t_min, t_max)
+    is_met, t_nears = meet([[1.5 / 8, -1.5 / 8, 0]] * len(t_min), [0, 0, 1 / 8], *BOX, t_min, t_max)
     assert is_met.tolist() == expected
-    assert 3 - 5 * PADDING < t_nears[0] <= 3
+    assert 3 - 8 * PADDING < t_nears[0] <= 3
     assert t_nears[[2, 3, 11]].tolist() == [4, 5, 4]
 
 
@@ -153,8 +153,8 @@ def test_the_box_that_stands_for_no_child_ends_no_search(meet):
 def test_a_gap_above_rounding_is_seen(meet, axis):
     # The ray enters one slab at t = 1 and leaves another a little before that.
     gaps = np.array([0, 1e-7, 2e-6, 2e-5, 1e-3])
-    upper = np.roll(np.stack((np.full(5, 2), 1 - gaps, np.full(5, 9)), axis=1), axis, axis=1)
-    is_met, _ = meet([0, 0, 0], np.roll([1, 1, 0], axis), np.roll([1, -1, -9], axis), upper)
+    upper = np.roll(np.stack((np.full(5, 1), 0.5 - gaps, np.full(5, 1)), axis=1), axis, axis=1)
+    is_met, _ = meet([0, 0, 0], np.roll([0.5, 0.5, 0], axis), np.roll([0.5, -1, -1], axis), upper)
     assert is_met.tolist() == [True, True, True, False, False]
 
 
@@ -163,7 +163,7 @@ def test_a_gap_above_rounding_is_seen(meet, axis):
 def test_random_rays_never_miss_falsely(meet, seed, spread):
     generator = np.random.default_rng([5, seed])
     count = 50_000
-    scale = 10.0 ** generator.uniform(-spread, spread, (count, 1)) if spread else 1.0
+    scale = 10.0 ** generator.uniform(-spread, 0, (count, 1)) if spread else 1.0
     corners = (generator.uniform(-1, 1, (2, count, 3)) * scale).astype(np.float32)
     # A third of the boxes are flat, some of these are lines and points.
     corners[1] = np.where(generator.random((count, 3)) < 0.15, corners[0], corners[1])

@@ -1,6 +1,6 @@
 """The padding of boxes: a box is met at the very t that the triangle test computes for a triangle in it.
 
-Each triangle's own box is the whole tree, and t_min and t_max are both that t: the least padding that can be.
+t_min and t_max are both that t, and the box is the triangle's own, so that nothing but the padding makes room.
 """
 
 import numpy as np
@@ -24,7 +24,9 @@ def grazed_triangles(count, generator):
     corners[kind == 2, :, 2] = corners[kind == 2, :, :2].sum(axis=2)
     corners[kind == 3, :, 2] *= 10.0 ** generator.uniform(-20, -6, ((kind == 3).sum(), 1))
     long = kind == 4
-    corners[long, 2] = corners[long, 0] + generator.uniform(0, 1, (long.sum(), 1)) * (corners[long, 1] - corners[long, 0])
+    corners[long, 2] = corners[long, 0] + generator.uniform(0, 1, (long.sum(), 1)) * (
+        corners[long, 1] - corners[long, 0]
+    )
     corners[long, 2] += 10.0 ** generator.uniform(-9, -3, (long.sum(), 1)) * generator.normal(size=(long.sum(), 3))
     permutation = np.argsort(generator.random((count, 3)), axis=1)[:, None]
     corners = as_float32(np.take_along_axis(corners, permutation, axis=2))

@@ -10,9 +10,9 @@ from clbvh import Mesh, build
 from clbvh.structs import LAYOUT_WIDTHS
 
 from ..kernel.casting import open_caster
-from ..rays import centred
 
-# Corners, an origin beside the first triangle by less than its t is rounded, and a direction.
+# Corners, an origin relative to the middle of the box, beside the first triangle by less than its t is rounded, and a
+# direction.
 IN_A_PLANE = (
     ([[-3, 2.5, 0], [-1, 0.5, 0], [2, -1.5, 0]], [[-2, -0.5, 0], [-3, -1.5, 0], [-1, 2.5, 0]]),
     [-1.873005747795105, 1.4832037687301636, 2.999629804544972e-16],
@@ -34,8 +34,8 @@ LONG_AND_THIN = (
 @pytest.mark.parametrize("case", [IN_A_PLANE, LONG_AND_THIN], ids=["in-a-plane", "long-and-thin"])
 def test_it_is_hit(session, case, layout):
     corners, origin, direction = case
-    mesh = centred(Mesh.from_arrays(np.reshape(corners, (-1, 3)), np.arange(3 * len(corners)).reshape(-1, 3)))
-    ray = np.array([origin]), np.array([direction])
+    mesh = Mesh.from_arrays(np.reshape(corners, (-1, 3)), np.arange(3 * len(corners)).reshape(-1, 3))
+    ray = mesh.origin + np.array([origin]), np.array([direction])
     with open_caster(session, mesh, None) as cast:
         expected = cast("closest_hit", *ray)
     assert expected["prim_id"].tolist() == [0]

@@ -11,9 +11,8 @@ from clbvh import Mesh, build
 from clbvh.structs import LAYOUT_WIDTHS
 
 from ..kernel.casting import open_caster
-from ..rays import centred
 
-# Corners in a plane, an origin close to it, a direction, and the triangle hit.
+# Corners in a plane, an origin close to it, relative to the middle of the box, a direction, and the triangle hit.
 FROM_ABOVE = (
     [[-2, 0.5, 0], [3, 0.5, 0], [-2, -2.5, 0]],
     [[-3, -2.5, 0], [0, 2.5, 0], [-1, -2.5, 0]],
@@ -27,7 +26,11 @@ CASES = {
         1,
     ),
     "nearly in the plane": (
-        ([[1, 0, -3], [3, 0, 1], [-2, 0, 1]], [[2, 0, -2], [-3, 0, -1], [2, 0, 2]], [[0, 0, 1], [2, 0, -1], [-2, 0, -1]]),
+        (
+            [[1, 0, -3], [3, 0, 1], [-2, 0, 1]],
+            [[2, 0, -2], [-3, 0, -1], [2, 0, 2]],
+            [[0, 0, 1], [2, 0, -1], [-2, 0, -1]],
+        ),
         [-0.417790025472641, 4.734772469927595e-12, -0.1629110872745514],
         [-0.5504674911499023, -1.8144250546470175e-08, 0.010253475047647953],
         1,
@@ -39,8 +42,8 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_tree_changes_nothing(session, case, layout):
     corners, origin, direction, prim_id = CASES[case]
-    mesh = centred(Mesh.from_arrays(np.reshape(corners, (-1, 3)), np.arange(3 * len(corners)).reshape(-1, 3)))
-    ray = np.array([origin]), np.array([direction])
+    mesh = Mesh.from_arrays(np.reshape(corners, (-1, 3)), np.arange(3 * len(corners)).reshape(-1, 3))
+    ray = mesh.origin + np.array([origin]), np.array([direction])
     with open_caster(session, mesh, None) as cast:
         expected = cast("closest_hit", *ray)
     assert expected["prim_id"].tolist() == [prim_id]

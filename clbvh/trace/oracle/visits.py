@@ -41,8 +41,8 @@ def _error_bound(roundings: int) -> np.float32:
 # The constants of cl/boxes/padding.cl.
 _AXIS_PADDING = _error_bound(14)
 _TIME_PADDING = _error_bound(28)
+_LARGEST_COORDINATE = np.float32(1.0)
 _MIN_SLOPE = np.float32(2.0**-30)
-_UNDERFLOW_PADDING = np.float32(2.0**-86)
 
 _ZERO, _ONE, _TWO, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(np.inf)
 
@@ -166,7 +166,6 @@ def _walk(tree, rays, any_hit, counts):
     """Traverse the tree with every ray; `counts` holds the fields of `Visits`."""
     nodes, node_ints, triangles, triangle_ints = tree.nodes, tree.node_ints, tree.triangles, tree.triangle_ints
     stack = np.empty(tree.stack_size, np.int64)
-    largest = _find_largest_coordinates(nodes)
     near_origin = np.empty(3, np.float32)
     far_origin = np.empty(3, np.float32)
     inverse = np.empty(3, np.float32)
@@ -176,7 +175,7 @@ def _walk(tree, rays, any_hit, counts):
         origin, direction = rays.origins[ray], rays.directions[ray]
         t_min, t_max = rays.t_mins[ray], rays.t_maxs[ray]
         z_axis = _make_shear(origin, direction, shear, perturbation)
-        _pad_ray(origin, direction, shear, z_axis, largest, near_origin, far_origin, inverse)
+        _pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = triangle_tests = 0
         stack_size = 0
@@ -223,25 +222,14 @@ def _walk(tree, rays, any_hit, counts):
 
 
 @compiled(error_model="numpy")
-def _find_largest_coordinates(nodes):
-    """Return the largest absolute coordinates of the root's box; see `largest_coordinates` in cl/traversal/bvh2.cl."""
-    largest = np.zeros(3, np.float32)
-    for axis in range(3):
-        for child in range(2):
-            largest[axis] = max(largest[axis], -nodes[0, BVH2_MIN + 3 * child + axis])
-            largest[axis] = max(largest[axis], nodes[0, BVH2_MAX + 3 * child + axis])
-    return largest
-
-
-@compiled(error_model="numpy")
-def _pad_ray(origin, direction, shear, z_axis, largest, near_origin, far_origin, inverse):
+def _pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse):
     """Write the origins from which planes are seen, and the inverse of the direction; see `pad_ray` in cl/boxes."""
-    longest_reach = abs(origin[z_axis]) + largest[z_axis]
-    distance = _TWO * _MIN_SLOPE * longest_reach + _UNDERFLOW_PADDING
+    longest_reach = abs(origin[z_axis]) + _LARGEST_COORDINATE
+    distance = _TWO * _MIN_SLOPE * longest_reach
     time = _TIME_PADDING * longest_reach * abs(shear[2])
     for axis in range(3):
         inverse[axis] = _ONE / direction[axis]
-        reach = abs(origin[axis]) + largest[axis]
+        reach = abs(origin[axis]) + _LARGEST_COORDINATE
         width = _AXIS_PADDING * reach + distance + time * abs(direction[axis])
         ahead = -width if inverse[axis] < _ZERO else width
         near_origin[axis], far_origin[axis] = origin[axis] + ahead, origin[axis] - ahead

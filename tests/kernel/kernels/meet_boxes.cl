@@ -1,4 +1,4 @@
-// meets_aabb: ray i against box i, padded as if the box is that of the tree.
+// meets_aabb: ray i against box i.
 //
 // rays[count]                          t_max is the limit that a traversal would pass
 // boxes[count]                         six floats: aabb_min, aabb_max
@@ -15,10 +15,8 @@ kernel void meet_boxes(
         return;
     }
     const ray_t ray = unpack_ray(rays + i);
-    const float3 aabb_min = vload3(2 * i, boxes);
-    const float3 aabb_max = vload3(2 * i + 1, boxes);
-    const padded_ray_t padded = pad_ray(&ray, max(magnitude(aabb_min), magnitude(aabb_max)));
+    const padded_ray_t padded = pad_ray(&ray);
     float t_near;
-    is_met[i] = meets_aabb(aabb_min, aabb_max, &padded, ray.t_max, &t_near);
+    is_met[i] = meets_aabb(vload3(2 * i, boxes), vload3(2 * i + 1, boxes), &padded, ray.t_max, &t_near);
     t_nears[i] = t_near;
 }

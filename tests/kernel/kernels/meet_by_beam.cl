@@ -24,6 +24,6 @@ kernel void meet_by_beam(
     for (int ray = BEAM_RAYS * i; ray < BEAM_RAYS * (i + 1); ray++) {
         include_ray(&bounds, ((const global float8 *)rays)[ray]);
     }
-    const beam_t beam = make_beam(&bounds, largest_coordinates(nodes + i));
+    const beam_t beam = make_beam(&bounds);
     met[i] = beam.is_empty ? 0 : beam.is_unbounded ? UNBOUNDED : beam_meets_children(nodes + i, &beam);
 }
