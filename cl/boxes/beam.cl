@@ -3,9 +3,10 @@
 //
 // At t, all rays of a beam lie between lower_origin + t * lower_direction and upper_origin + t * upper_direction, so
 // none crosses a plane before the first of these two lines or after the second. The t of a plane is rounded as in
-// boxes/aabb.cl, and SLAB_SLACK covers it here as well: a beam meets every box that one of its rays meets.
+// boxes/aabb.cl. The origins are moved apart by the largest padding of the rays: a beam meets every box with a triangle
+// that one of its rays may hit.
 
-#include "boxes/aabb.cl"
+#include "boxes/padding.cl"
 #include "math/lanes.cl"
 
 // The bounds of all numbers of a beam's rays, in the order of packed_ray_t: origin, t_min, direction, t_max.
@@ -51,10 +52,35 @@ typedef struct {
     bool is_unbounded;  // the rays go everywhere, or an origin is beyond float32
 } beam_t;
 
+INLINED float largest_component(const float3 v)
+{
+    return larger(v.x, larger(v.y, v.z));
+}
+
+// The width of the padding for all rays of a beam, per axis. The longest component of each ray is at least as long as
+// that of the slowest ray that the bounds allow; and no component is longer than the longest one.
+INLINED float3 find_beam_padding(const ray_bounds_t *bounds)
+{
+    const float3 lower_origin = magnitude(bounds->lower.s012);
+    const float3 upper_origin = magnitude(bounds->upper.s012);
+    const float3 reach = (lower_origin > upper_origin ? lower_origin : upper_origin) + LARGEST_COORDINATE;
+    const float longest_reach = largest_component(reach);
+    const float3 lower_direction = bounds->lower.s456;
+    const float3 upper_direction = bounds->upper.s456;
+    const float3 fastest = -lower_direction > upper_direction ? -lower_direction : upper_direction;
+    const float3 slowest = lower_direction > -upper_direction ? lower_direction : -upper_direction;
+    const float inverse = 1.0f / larger(largest_component(slowest), MIN_SPEED);
+    const padding_t padding = find_padding(reach, longest_reach, inverse);
+    const float3 width = padding.time * fastest;
+    const float3 most = (float3)(TIME_PADDING * longest_reach);
+    return padding.distance + (width < most ? width : most);
+}
+
 INLINED beam_t make_beam(const ray_bounds_t *bounds)
 {
-    const float3 lower_origin = bounds->lower.s012;
-    const float3 upper_origin = bounds->upper.s012;
+    const float3 padding = find_beam_padding(bounds);
+    const float3 lower_origin = bounds->lower.s012 - padding;
+    const float3 upper_origin = bounds->upper.s012 + padding;
     const float3 lower_direction = bounds->lower.s456;
     const float3 upper_direction = bounds->upper.s456;
     const int3 is_backward = upper_direction < -MIN_SPEED;
@@ -110,5 +136,5 @@ INLINED uint beam_meets_children(const global node_t *node, const beam_t *beam)
         larger_lanes(larger_lanes(far_entry_x, far_entry_y), far_entry_z));
     const lanes_t leave =
         smaller_lanes(smaller_lanes(far_exit_x, far_exit_y), smaller_lanes(far_exit_z, (lanes_t)(beam->t_max)));
-    return mask_bits(enter <= leave * SLAB_SLACK);
+    return mask_bits(enter <= leave);
 }

@@ -20,9 +20,10 @@
 #if HAS_ENTRY_POINTS
 
 // The directions through the pixels in a tile's corners bound those of all its pixels; they need no normalization,
-// because t has no limit. A component of a ray's direction is rounded eight times before normalize: four times in x or
-// y, by two products and by two sums.
-#define DIRECTION_SLACK ERROR_BOUND(16)
+// because t has no limit. Relative to |forward| + |right| + |up|, a component is rounded by 14 at most: twice 5 by the
+// division in x or y, which is up to 2, and 4 by the difference there, a product and two sums. The corners' are, too;
+// the normalization, with a division, adds 5 and the slack itself 3.
+#define DIRECTION_SLACK ERROR_BOUND(14 + 14 + 5 + 3)
 
 kernel void view_entry_points(
     const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,

@@ -9,7 +9,7 @@
 typedef bvh2_node_t node_t;
 
 INLINED bool meets_child(
-    const global node_t *node, const int child, const ray_t *ray, const float t_max, float *t_near)
+    const global node_t *node, const int child, const padded_ray_t *ray, const float t_max, float *t_near)
 {
     return meets_aabb(load3(node->aabb_min[child]), load3(node->aabb_max[child]), ray, t_max, t_near);
 }
@@ -18,6 +18,7 @@ INLINED void traverse(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const int block_count,
     const ray_t *ray, search_t *search, const int query)
 {
+    const padded_ray_t padded = pad_ray(ray);
     int stack[STACK_SIZE];
     int stack_count = 0;
     int node = 0;
@@ -25,8 +26,8 @@ INLINED void traverse(
     while (true) {
         float t_near_left, t_near_right;
         const float limit = search_limit(search, ray, query);
-        const bool meets_left = meets_child(nodes + node, 0, ray, limit, &t_near_left);
-        const bool meets_right = meets_child(nodes + node, 1, ray, limit, &t_near_right);
+        const bool meets_left = meets_child(nodes + node, 0, &padded, limit, &t_near_left);
+        const bool meets_right = meets_child(nodes + node, 1, &padded, limit, &t_near_right);
 
         int next;
         if (meets_left && meets_right) {

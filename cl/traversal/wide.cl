@@ -75,7 +75,7 @@ INLINED void traverse_in_order(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
-    const slabs_t slabs = make_slabs(nodes, ray);
+    const slabs_t slabs = make_slabs(ray);
     const axis_permutation_t permutation = make_axis_permutation(ray);
     ulong stack[STACK_SIZE];
     int stack_count = 0;
@@ -86,7 +86,7 @@ INLINED void traverse_in_order(
         if (next >= 0) {
             const global node_t *node = base + next;
             base = nodes;
-            const float limit = search_limit(search, ray, query) * slabs.limit_scale;
+            const float limit = search_limit(search, ray, query) * slabs.unit;
             lanes_t t_near;
             const uint met = meets_children(node, &slabs, limit, &t_near);
             if (met != 0) {
@@ -102,7 +102,7 @@ INLINED void traverse_in_order(
             }
         }
 
-        const float new_limit = search_limit(search, ray, query) * slabs.limit_scale;
+        const float new_limit = search_limit(search, ray, query) * slabs.unit;
         ulong popped;
         do {
             if (stack_count == 0) {
@@ -120,7 +120,7 @@ INLINED void traverse_as_stored(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
-    const slabs_t slabs = make_slabs(nodes, ray);
+    const slabs_t slabs = make_slabs(ray);
     const axis_permutation_t permutation = make_axis_permutation(ray);
     const global int *child_stack[STACK_SIZE];
     uint remaining_stack[STACK_SIZE];
@@ -128,7 +128,7 @@ INLINED void traverse_as_stored(
     const global node_t *node = start;
 
     while (true) {
-        const float limit = search_limit(search, ray, query) * slabs.limit_scale;
+        const float limit = search_limit(search, ray, query) * slabs.unit;
         lanes_t t_near;
         uint remaining = meets_children(node, &slabs, limit, &t_near);
         const global int *child = node->child;

@@ -1,12 +1,15 @@
-"""The slab test against float64: never a false miss, and false hits only within rounding."""
+"""The slab test against float64: never a false miss, and false hits only within the padding."""
 
 import numpy as np
 import pytest
 
 from ..rays import AXES
 
-# A miss by more than this, relative to t, must be seen. The device's bound is 24 roundings, 1.4e-6.
-CLEAR = 4e-6
+# Coordinates of a mesh are at most 1. The device meets no box that misses the ray by more than this share of 1 and the
+# origin's largest coordinate: 14 roundings and 28 of padding, 8 of the test itself, and little more for the slopes that
+# count as zero.
+LARGEST = 1.0
+PADDING = 51 * 2.0**-24
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +27,25 @@ def meet(run_shell, make_rays):
     return run
 
 
+def pad(origins, directions, aabb_min, aabb_max):
+    """The boxes, with the padding that docs/internals/padding.md derives, but for what the slab test may round."""
+    size, reach = np.abs(directions).astype(np.float64), np.abs(origins).astype(np.float64) + LARGEST
+    longest = size.argmax(axis=-1)[..., None]
+    slope = size / np.take_along_axis(size, longest, axis=-1)
+    padding = 2.0**-24 * ((13 - 8) * reach + 27 * slope * np.take_along_axis(reach, longest, axis=-1))
+    return aabb_min - padding, aabb_max + padding
+
+
+def grow(origins, aabb_min, aabb_max):
+    """The boxes, padded by what the device adds at most."""
+    padding = PADDING * (np.abs(origins).astype(np.float64).max(axis=-1, keepdims=True) + LARGEST)
+    return aabb_min - padding, aabb_max + padding
+
+
 def clip(origins, directions, aabb_min, aabb_max, t_min, t_max):
     """The oracle: where the ray enters and leaves, in float64; inside a slab is closed."""
     origins, directions, aabb_min, aabb_max = (
-        np.asarray(array, np.float32).astype(np.float64) for array in (origins, directions, aabb_min, aabb_max)
+        np.asarray(array, np.float64) for array in (origins, directions, aabb_min, aabb_max)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         to_min, to_max = (aabb_min - origins) / directions, (aabb_max - origins) / directions
@@ -39,7 +57,7 @@ def clip(origins, directions, aabb_min, aabb_max, t_min, t_max):
     return np.maximum(near.max(axis=1), t_min), np.minimum(far.min(axis=1), t_max)
 
 
-BOX = (np.array([1.0, -2.0, 3.0]), np.array([2.0, -1.0, 5.0]))
+BOX = (np.array([1.0, -2.0, 3.0]) / 8, np.array([2.0, -1.0, 5.0]) / 8)
 CENTRE = (BOX[0] + BOX[1]) / 2
 AXIS_IDS = ["+x", "-x", "+y", "-y", "+z", "-z"]
 
@@ -56,7 +74,8 @@ class TestAxisParallel:
         is_met, t_nears = meet(origin, direction, *BOX)
         assert is_met.all()
         axis = int(np.argmax(np.abs(direction)))
-        assert t_nears[0] == 10 - (BOX[1] - BOX[0])[axis] / 2
+        expected = 10 - (BOX[1] - BOX[0])[axis] / 2
+        assert expected - 12 * PADDING < t_nears[0] <= expected
 
     @pytest.mark.parametrize("side", [0, 1], ids=["min", "max"])
     @pytest.mark.parametrize("which", [0, 1])
@@ -65,7 +84,7 @@ class TestAxisParallel:
         origin = (CENTRE - 10 * direction).astype(np.float32)
         origin[axis] = BOX[side][axis]
         outside = origin.copy()
-        outside[axis] = np.nextafter(origin[axis], np.float32(np.inf if side else -np.inf))
+        outside[axis] += (1 if side else -1) * 12 * PADDING
         is_met, _ = meet([origin, outside], direction, *BOX)
         assert is_met.tolist() == [True, False]
 
@@ -100,17 +119,18 @@ class TestAxisParallel:
         beside[across(direction)[0]] += 1e-3
         is_met, t_nears = meet([on, beside], direction, CENTRE, CENTRE)
         assert is_met.tolist() == [True, False]
-        assert t_nears[0] == 10
+        assert 10 - 12 * PADDING < t_nears[0] <= 10
 
 
 def test_limits_are_part_of_the_ray(meet):
-    # The box is entered at 3 and left at 5.
+    # The box is entered at 3 and left at 5, eighths of a unit.
     t_min = [0, 3, 4, 5, 5.001, 6, np.inf, 0, 0, 0, 0, 4, 0]
     t_max = [np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 3, 2.999, 2, -1, 4, -np.inf]
     expected = [True, True, True, True, False, False, False, True, False, False, False, True, False]
-    is_met, t_nears = meet([[1.5, -1.5, 0]] * len(t_min), [0, 0, 1], *BOX, t_min, t_max)
+    is_met, t_nears = meet([[1.5 / 8, -1.5 / 8, 0]] * len(t_min), [0, 0, 1 / 8], *BOX, t_min, t_max)
     assert is_met.tolist() == expected
-    assert t_nears[[0, 2, 3, 11]].tolist() == [3, 4, 5, 4]
+    assert 3 - 8 * PADDING < t_nears[0] <= 3
+    assert t_nears[[2, 3, 11]].tolist() == [4, 5, 4]
 
 
 @pytest.mark.parametrize("unbounded", [np.inf, np.finfo(np.float32).max])
@@ -132,10 +152,10 @@ def test_the_box_that_stands_for_no_child_ends_no_search(meet):
 @pytest.mark.parametrize("axis", range(3))
 def test_a_gap_above_rounding_is_seen(meet, axis):
     # The ray enters one slab at t = 1 and leaves another a little before that.
-    gaps = np.array([0, 1e-7, 5e-6, 1e-5, 1e-3])
-    upper = np.roll(np.stack((np.full(5, 2), 1 - gaps, np.full(5, 9)), axis=1), axis, axis=1)
-    is_met, _ = meet([0, 0, 0], np.roll([1, 1, 0], axis), np.roll([1, -1, -9], axis), upper)
-    assert is_met.tolist() == [True, True, False, False, False]
+    gaps = np.array([0, 1e-7, 2e-6, 2e-5, 1e-3])
+    upper = np.roll(np.stack((np.full(5, 1), 0.5 - gaps, np.full(5, 1)), axis=1), axis, axis=1)
+    is_met, _ = meet([0, 0, 0], np.roll([0.5, 0.5, 0], axis), np.roll([0.5, -1, -1], axis), upper)
+    assert is_met.tolist() == [True, True, True, False, False]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -143,7 +163,7 @@ def test_a_gap_above_rounding_is_seen(meet, axis):
 def test_random_rays_never_miss_falsely(meet, seed, spread):
     generator = np.random.default_rng([5, seed])
     count = 50_000
-    scale = 10.0 ** generator.uniform(-spread, spread, (count, 1)) if spread else 1.0
+    scale = 10.0 ** generator.uniform(-spread, 0, (count, 1)) if spread else 1.0
     corners = (generator.uniform(-1, 1, (2, count, 3)) * scale).astype(np.float32)
     # A third of the boxes are flat, some of these are lines and points.
     corners[1] = np.where(generator.random((count, 3)) < 0.15, corners[0], corners[1])
@@ -161,10 +181,12 @@ def test_random_rays_never_miss_falsely(meet, seed, spread):
     is_met, t_nears = meet(origins, directions, aabb_min, aabb_max, t_min, t_max)
 
     met = t_near <= t_far
-    missed = t_far < t_near * (1 - CLEAR)
+    grown_near, grown_far = clip(origins, directions, *grow(origins, aabb_min, aabb_max), t_min, t_max)
+    missed = grown_far < grown_near
     assert 0.2 < met.mean() < 0.9
     assert missed.mean() > 0.05
-    np.testing.assert_array_equal(np.flatnonzero(met & ~is_met), [])
+    padded_near, padded_far = clip(origins, directions, *pad(origins, directions, aabb_min, aabb_max), t_min, t_max)
+    np.testing.assert_array_equal(np.flatnonzero((padded_near <= padded_far) & ~is_met), [])
     np.testing.assert_array_equal(np.flatnonzero(missed & is_met), [])
-    finite = met & np.isfinite(t_near)
-    np.testing.assert_allclose(t_nears[finite], t_near[finite], rtol=1e-6, atol=0)
+    assert (t_nears <= t_near)[met].all()
+    assert (t_nears >= grown_near)[met].all()

@@ -31,11 +31,20 @@ from ...support.compiled import compiled
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
 
-# `SLAB_SLACK` of cl/boxes/aabb.cl: 24 roundings.
 _ROUNDING = 2.0**-24
-_SLAB_SLACK = np.float32(1.0) + np.float32(24 * _ROUNDING / (1 - 24 * _ROUNDING))
 
-_ZERO, _ONE, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
+
+def _error_bound(roundings: int) -> np.float32:
+    return np.float32(roundings * _ROUNDING / (1 - roundings * _ROUNDING))
+
+
+# The constants of cl/boxes/padding.cl.
+_AXIS_PADDING = _error_bound(14)
+_TIME_PADDING = _error_bound(28)
+_LARGEST_COORDINATE = np.float32(1.0)
+_MIN_SLOPE = np.float32(2.0**-30)
+
+_ZERO, _ONE, _TWO, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,15 +166,16 @@ def _walk(tree, rays, any_hit, counts):
     """Traverse the tree with every ray; `counts` holds the fields of `Visits`."""
     nodes, node_ints, triangles, triangle_ints = tree.nodes, tree.node_ints, tree.triangles, tree.triangle_ints
     stack = np.empty(tree.stack_size, np.int64)
+    near_origin = np.empty(3, np.float32)
+    far_origin = np.empty(3, np.float32)
     inverse = np.empty(3, np.float32)
     shear = np.empty(3, np.float32)
     perturbation = np.empty(2, np.float32)
     for ray in range(len(rays.origins)):
         origin, direction = rays.origins[ray], rays.directions[ray]
         t_min, t_max = rays.t_mins[ray], rays.t_maxs[ray]
-        for axis in range(3):
-            inverse[axis] = _ONE / direction[axis]
         z_axis = _make_shear(origin, direction, shear, perturbation)
+        _pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = triangle_tests = 0
         stack_size = 0
@@ -175,8 +185,8 @@ def _walk(tree, rays, any_hit, counts):
             # Which children does the ray meet, and which first?
             node_steps += 1
             limit = nearest_t if nearest_t < t_max else t_max
-            meets_left, t_left = _meets_child(nodes, node, 0, origin, inverse, t_min, limit)
-            meets_right, t_right = _meets_child(nodes, node, 1, origin, inverse, t_min, limit)
+            meets_left, t_left = _meets_child(nodes, node, 0, near_origin, far_origin, inverse, t_min, limit)
+            meets_right, t_right = _meets_child(nodes, node, 1, near_origin, far_origin, inverse, t_min, limit)
             if meets_left and meets_right:
                 first = 1 if t_right < t_left else 0
                 stack[stack_size] = 2 * node + 1 - first
@@ -212,18 +222,32 @@ def _walk(tree, rays, any_hit, counts):
 
 
 @compiled(error_model="numpy")
-def _meets_child(nodes, node, child, origin, inverse, t_min, t_max):
+def _pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse):
+    """Write the origins from which planes are seen, and the inverse of the direction; see `pad_ray` in cl/boxes."""
+    longest_reach = abs(origin[z_axis]) + _LARGEST_COORDINATE
+    distance = _TWO * _MIN_SLOPE * longest_reach
+    time = _TIME_PADDING * longest_reach * abs(shear[2])
+    for axis in range(3):
+        inverse[axis] = _ONE / direction[axis]
+        reach = abs(origin[axis]) + _LARGEST_COORDINATE
+        width = _AXIS_PADDING * reach + distance + time * abs(direction[axis])
+        ahead = -width if inverse[axis] < _ZERO else width
+        near_origin[axis], far_origin[axis] = origin[axis] + ahead, origin[axis] - ahead
+
+
+@compiled(error_model="numpy")
+def _meets_child(nodes, node, child, near_origin, far_origin, inverse, t_min, t_max):
     """Return whether the ray meets a child's box, and where it enters; see `meets_aabb` in cl/boxes/aabb.cl."""
     t_near, t_far = t_min, t_max
     for axis in range(2, -1, -1):
         lower = nodes[node, BVH2_MIN + 3 * child + axis]
         upper = nodes[node, BVH2_MAX + 3 * child + axis]
         is_backward = inverse[axis] < _ZERO
-        near = ((upper if is_backward else lower) - origin[axis]) * inverse[axis]
-        far = ((lower if is_backward else upper) - origin[axis]) * inverse[axis]
+        near = ((upper if is_backward else lower) - near_origin[axis]) * inverse[axis]
+        far = ((lower if is_backward else upper) - far_origin[axis]) * inverse[axis]
         t_near = near if near > t_near else t_near
         t_far = far if far < t_far else t_far
-    return t_near <= t_far * _SLAB_SLACK, t_near
+    return t_near <= t_far, t_near
 
 
 @compiled(error_model="numpy")

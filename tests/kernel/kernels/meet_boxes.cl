@@ -15,7 +15,8 @@ kernel void meet_boxes(
         return;
     }
     const ray_t ray = unpack_ray(rays + i);
+    const padded_ray_t padded = pad_ray(&ray);
     float t_near;
-    is_met[i] = meets_aabb(vload3(2 * i, boxes), vload3(2 * i + 1, boxes), &ray, ray.t_max, &t_near);
+    is_met[i] = meets_aabb(vload3(2 * i, boxes), vload3(2 * i + 1, boxes), &padded, ray.t_max, &t_near);
     t_nears[i] = t_near;
 }

@@ -1,4 +1,4 @@
-// meets_children: ray i against the boxes in node i, with what make_slabs derives if that is the root.
+// meets_children: ray i against the boxes in node i.
 //
 // rays[count]                          t_max is the limit that a traversal would pass
 // nodes[count]
@@ -15,7 +15,7 @@ kernel void meet_children(
         return;
     }
     const ray_t ray = unpack_ray(rays + i);
-    const slabs_t slabs = make_slabs(nodes + i, &ray);
+    const slabs_t slabs = make_slabs(&ray);
     lanes_t t_near;
-    met[i] = meets_children(nodes + i, &slabs, ray.t_max * slabs.limit_scale, &t_near);
+    met[i] = meets_children(nodes + i, &slabs, ray.t_max * slabs.unit, &t_near);
 }

@@ -1,0 +1,146 @@
+"""Every layout and every builder finds the same hits as no tree at all, to the last bit, on the hardest meshes.
+
+See `tests/grazing.py` for the meshes and rays. The hits are the device's own: refined ones could hide a difference.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given
+from hypothesis import strategies as st
+
+from clbvh import build
+from clbvh.rendering.frame import FrameRenderer
+from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, VIEW
+from clbvh.trace.device_tree import DeviceTree
+
+from ..grazing import MESHES, RAYS, make_mesh, make_rays
+from ..kernel.casting import open_caster
+from ..profiles import examples
+
+# A long run casts a million rays.
+RAYS_PER_KIND = 500
+SHORT_MESHES, LONG_MESHES = 24, 500
+SHORT_PICTURES, LONG_PICTURES = 8, 200
+WIDTH, HEIGHT = 72, 40
+
+# Seeds have no simpler ones, so a failing example is not shrunk.
+PHASES = (Phase.explicit, Phase.generate)
+
+# A limit for count_hits and all_hits that many of the rays reach.
+FEW_HITS = 3
+
+BUILDS = {
+    "default": {},
+    "single triangles": {"leaf_size": 1},
+    "fast": {"quality": "fast"},
+    "high": {"quality": "high"},
+    "median": {"builder": "median", "leaf_size": 2},
+    "bin": {"builder": "bin"},
+    "frontier": {"builder": "frontier"},
+}
+
+
+@pytest.fixture(scope="module")
+def opened(_opened_device):
+    return _opened_device
+
+
+def limits_of(hits, generator):
+    """Limits of which many are the t of a hit, exactly: of the same ray, or of another one."""
+    t = np.where(hits["prim_id"] == NO_PRIM, 1, hits["t"])
+    t_min = np.where(generator.random(len(t)) < 0.4, t, 0)
+    t_max = np.where(generator.random(len(t)) < 0.4, t, np.inf)
+    other = generator.random(len(t)) < 0.2
+    t_max[other] = generator.permutation(t)[other]
+    return t_min, t_max
+
+
+def answers(cast, rays, limits):
+    """What all queries find, by name."""
+    found = {"closest_hit": cast("closest_hit", *rays)}
+    t_min, t_max = limits(found["closest_hit"])
+    found["closest_hit, limits"] = cast("closest_hit", *rays, t_min, t_max)
+    found["any_hit"] = cast("any_hit", *rays)
+    found["any_hit, limits"] = cast("any_hit", *rays, t_min, t_max)
+    for name, max_hits in (("", {}), (", few", {"max_hits": FEW_HITS})):
+        found["count_hits" + name] = cast("count_hits", *rays, t_min, t_max, **max_hits)
+        found["all_hits" + name], found["offsets" + name] = cast("all_hits", *rays, t_min, t_max, **max_hits)
+    return found
+
+
+def differing(found, expected):
+    """The names of the answers that differ in any bit."""
+    return [name for name, answer in expected.items() if found[name].tobytes() != answer.tobytes()]
+
+
+@examples(short=SHORT_MESHES, long=LONG_MESHES, phases=PHASES)
+@given(kind=st.sampled_from(sorted(MESHES)), tree=st.sampled_from(sorted(BUILDS)), seed=st.integers(0, 2**32 - 1))
+def test_all_layouts_and_builders_answer_alike(opened, kind, tree, seed):
+    mesh = make_mesh(kind, np.random.default_rng(seed))
+    generator = np.random.default_rng([seed, 1])
+    parts = [make_rays(ray_kind, mesh, RAYS_PER_KIND, generator) for ray_kind in RAYS]
+    rays = tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+
+    def limits(hits):
+        return limits_of(hits, np.random.default_rng([seed, 2]))
+
+    with open_caster(opened, mesh, None) as cast:
+        expected = answers(cast, rays, limits)
+    # A crossing that counts is found in any way of asking.
+    hits, counts = expected["closest_hit, limits"], expected["count_hits"]
+    np.testing.assert_array_equal(hits["prim_id"] != NO_PRIM, counts > 0)
+    np.testing.assert_array_equal(expected["any_hit, limits"], counts > 0)
+    first = expected["all_hits"][expected["offsets"][:-1][counts > 0]]
+    assert first.tobytes() == hits[counts > 0].tobytes()
+
+    bvh = build(mesh, **BUILDS[tree])
+    # Rays of like directions beside each other, so that tiles of them have narrow beams.
+    order = np.lexsort((*rays[0].T.round(1), *rays[1].T.round(1)))
+    for layout in LAYOUT_WIDTHS:
+        with open_caster(opened, mesh, bvh, layout) as cast:
+            assert differing(answers(cast, rays, limits), expected) == [], layout
+        with open_caster(opened, mesh, bvh, layout, tile=(4, 1), with_entry_points=True) as cast:
+            in_tiles = cast("closest_hit", *(part[order] for part in rays))
+            assert in_tiles.tobytes() == expected["closest_hit"][order].tobytes(), layout
+
+
+def grazing_view(mesh, generator):
+    """A camera close above the plane of a triangle, looking along it with a narrow field of view."""
+    origins, directions = make_rays(sorted(RAYS)[int(generator.integers(0, len(RAYS)))], mesh, 1, generator)
+    forward = directions[0] / np.linalg.norm(directions[0])
+    right = np.cross(forward, generator.normal(size=3))
+    right /= np.linalg.norm(right)
+    view = np.zeros(1, VIEW)
+    view["eye"], view["forward"] = origins[0], forward
+    half_height = 10.0 ** generator.uniform(-6, 0)
+    view["right"], view["up"] = right * half_height * WIDTH / HEIGHT, np.cross(right, forward) * half_height
+    view["width"], view["height"] = WIDTH, HEIGHT
+    return view
+
+
+@pytest.fixture(scope="module")
+def draw(opened):
+    """A function from a mesh, its tree, a layout and a view to the hits of a picture."""
+
+    def run(mesh, bvh, layout, view):
+        tree = DeviceTree(opened, mesh, bvh, layout)
+        try:
+            return FrameRenderer(opened, tree, (8, 8)).render(view)[1]
+        finally:
+            for name in ("nodes", "blocks"):
+                opened.release(tree.arguments[name])
+
+    return run
+
+
+@examples(short=SHORT_PICTURES, long=LONG_PICTURES, phases=PHASES)
+@given(kind=st.sampled_from(sorted(MESHES)), seed=st.integers(0, 2**32 - 1))
+def test_pictures_have_the_same_hits(draw, kind, seed):
+    generator = np.random.default_rng(seed)
+    mesh = make_mesh(kind, generator)
+    view = grazing_view(mesh, generator)
+    expected = draw(mesh, None, "auto", view)
+    for layout in LAYOUT_WIDTHS:
+        assert draw(mesh, build(mesh), layout, view).tobytes() == expected.tobytes(), layout
