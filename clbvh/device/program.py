@@ -29,6 +29,10 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 # Relaxed mathematics would let the compiler assume that there is no infinity: slab tests rely on it.
 _OPTIONS = "-cl-std=CL1.2"
 
+# OpenCL allows errors of 2.5 units in the last place in quotients and 3 in square roots, which GPUs use; with this they
+# have the bits of every other device. The drivers for CPUs round correctly with and without it.
+_CORRECT_ROUNDING = "-cl-fp32-correctly-rounded-divide-sqrt"
+
 
 def expand_source(name: str, folder: Path | None = None) -> str:
     """Return the text of a kernel file with its includes expanded, each file once.
@@ -106,6 +110,8 @@ def build_kernels(
 
     source = expand_source(f"kernels/{name}.cl", folder)
     options = [_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items()))]
+    if session.info.cl_device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
+        options.append(_CORRECT_ROUNDING)
     try:
         with warnings.catch_warnings():
             # PoCL says something about every build, good or bad.
