@@ -20,8 +20,8 @@
 #if HAS_ENTRY_POINTS
 
 // The directions through the pixels in a tile's corners bound those of all its pixels; they need no normalization,
-// because t has no limit. A component of a ray's direction is rounded eight times before it gets length 1: four times in
-// x or y, by two products and by two sums.
+// because t has no limit. A component of a ray's direction is rounded eight times before it gets length 1: four times
+// in x or y, by two products and by two sums.
 #define DIRECTION_SLACK ERROR_BOUND(16)
 
 kernel void view_entry_points(

@@ -33,6 +33,11 @@ _OPTIONS = "-cl-std=CL1.2"
 # have the bits of every other device. The drivers for CPUs round correctly with and without it.
 _CORRECT_ROUNDING = "-cl-fp32-correctly-rounded-divide-sqrt"
 
+# Oclgrind 21.10 has no instruction for popcount, which its compiler (clang 14) makes of other expressions, and takes
+# the negation of a true lane in a mask for true. Neither occurs without the optimizer; and then every access that is
+# checked is one of the source.
+_SIMULATOR_OPTIONS = ("-DPORTABLE=1", "-cl-opt-disable")
+
 
 def expand_source(name: str, folder: Path | None = None) -> str:
     """Return the text of a kernel file with its includes expanded, each file once.
@@ -110,6 +115,8 @@ def build_kernels(
 
     source = expand_source(f"kernels/{name}.cl", folder)
     options = [_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items()))]
+    if session.info.is_simulator:
+        options += _SIMULATOR_OPTIONS
     if session.info.cl_device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_CORRECT_ROUNDING)
     try:
