@@ -7,13 +7,14 @@ of mathematical functions, whose last bits differ between machines.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from ..geometry.shapes.make_shape import make_shape
+from ..geometry.shapes.icosphere import make_icosphere
 from ..trace.rays.batch import RayBatch
 
 # Rays or points of each kind, see `make_rays` and `make_points`.
@@ -40,7 +41,8 @@ class Case:
     Attributes
     ----------
     name : str
-    mesh : Mesh
+    vertices : (V, 3) float64
+    faces : (F, 3) int64
     rays : RayBatch
         Contiguous, with limits for each ray.
     points : (n, 3) float64
@@ -49,10 +51,16 @@ class Case:
     """
 
     name: str
-    mesh: Mesh
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
     rays: RayBatch
     points: NDArray[np.float64]
     is_closed: bool
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh of these vertices and faces."""
+        return Mesh.from_arrays(self.vertices, self.faces, name=self.name)
 
 
 def make_cases() -> list[Case]:
@@ -67,20 +75,14 @@ def make_cases() -> list[Case]:
         "small ball": (ball_vertices * _SMALL_SCALE, ball_faces),
         "far ball": (ball_vertices + np.array(_FAR_ORIGIN), ball_faces),
     }
-    return [
-        _make_case(name, vertices, faces, np.random.default_rng([seed, len(faces)]))
-        for seed, (name, (vertices, faces)) in enumerate(meshes.items())
-    ]
+    cases = []
+    for seed, (name, (vertices, faces)) in enumerate(meshes.items()):
+        generator = np.random.default_rng(seed)
+        rays, points = make_rays(vertices, faces, generator), make_points(vertices, faces, generator)
+        cases.append(Case(name, vertices, faces, rays, points, is_closed=name.endswith("ball")))
+    return cases
 
 
-def _make_case(name: str, vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> Case:
-    return Case(
-        name,
-        Mesh.from_arrays(vertices, faces, name=name),
-        make_rays(vertices, faces, generator),
-        make_points(vertices, faces, generator),
-        name.endswith("ball"),
-    )
 
 
 def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> RayBatch:
@@ -167,5 +169,5 @@ def _make_plates(generator: np.random.Generator) -> _Solid:
 
 def _make_ball() -> _Solid:
     """Return a closed mesh with vertices on a grid."""
-    sphere = make_shape("icosphere", triangles=_BALL_TRIANGLES)
-    return np.rint(sphere.vertices.astype(np.float64) * _BALL_GRID) / _BALL_GRID, sphere.faces.astype(np.int64)
+    vertices, faces = make_icosphere(_BALL_TRIANGLES, np.random.default_rng(0))
+    return np.rint(vertices * _BALL_GRID) / _BALL_GRID, faces

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..builders.build import build
 from ..device.info import DeviceInfo
+from ..errors import ConfigError, ValidationError
 from ..trace.device_tree import BRUTE
 from .cases import Case, make_cases
 from .expected import Expected, ExpectedAnswers, digest_of, load_expected
@@ -102,10 +103,15 @@ def check_device(
     ------
     DeviceError, KernelBuildError
         The device fails.
+    ConfigError
+        An unknown mesh.
     InternalError
         The stored answers are missing.
     """
     digests, expected = load_expected()
+    unknown = sorted(set(meshes) - set(digests))
+    if unknown:
+        raise ConfigError(f"'{unknown[0]}' is no mesh of the conformance check: there are {', '.join(digests)}")
     compared: dict[tuple[str, str], int] = {}
     differences: list[Difference] = []
     unusable: list[str] = []
@@ -157,8 +163,6 @@ def collect_expected(cases: Sequence[Case], device: DeviceInfo) -> ExpectedAnswe
     ValidationError
         Two layouts disagree.
     """
-    from ..errors import ValidationError
-
     answers: ExpectedAnswers = {}
     for case in cases:
         of_case = answers.setdefault(case.name, {})

@@ -56,8 +56,9 @@ def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterat
 
 def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:
     """Yield each shading, and the picture in it."""
-    mesh, size = case.mesh, float(np.ptp(case.mesh.vertices, axis=0).max())
-    aside = mesh.origin + size * np.array([*_EYE_ASIDE, 0.0])
+    mesh, extent = case.mesh, np.ptp(case.vertices, axis=0)
+    size = extent.max()
+    aside = case.vertices.min(axis=0) + extent / 2 + size * np.array([*_EYE_ASIDE, 0.0])
     eye = aside + size * np.array([0.0, 0.0, _EYE_AWAY])
     camera = Camera(tuple(eye), tuple(aside))
     scene = Scene(MeshSource(shape="knot"), width=_PICTURE_WIDTH, height=_PICTURE_HEIGHT)
