@@ -11,12 +11,13 @@ import argparse
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 
@@ -28,8 +29,20 @@ SYSTEM_LIBRARIES = Path("/usr/lib") / f"{platform.machine()}-linux-gnu"
 TIME_LIMIT_S = 600
 SIMULATOR_TIME_LIMIT_S = 1800
 
-# Words in Oclgrind's log that tell a finding; each finding has one of them in its first line.
-_FINDINGS = ("Invalid", "Index", "Uninitialized", "race")
+# Beginnings of the first line of Oclgrind's findings.
+_FINDINGS = (
+    "Invalid",
+    "Index",
+    "Uninitialized",
+    "Read-write data race",
+    "Write-write data race",
+    "Write-read data race",
+)
+
+# What a simulator has to find: whether a ray hits, written far behind the buffer.
+_PLANTED_KERNEL = "kernels/any_hit.cl"
+_RIGHT_WRITE = "blocked[ray_id]"
+_WRONG_WRITE = "blocked[ray_id + (1 << 24)]"
 
 
 @dataclass(frozen=True)
@@ -51,6 +64,8 @@ class Runtime:
     arguments : tuple of str
         More words for `clbvh doctor --conformance`.
     time_limit_s : float
+    is_simulator : bool
+        Whether it prints wrong accesses.
     """
 
     name: str
@@ -61,6 +76,7 @@ class Runtime:
     environment: dict[str, str] = field(default_factory=dict)
     arguments: tuple[str, ...] = ()
     time_limit_s: float = TIME_LIMIT_S
+    is_simulator: bool = False
 
 
 def _find_bundled() -> Path | None:
@@ -97,8 +113,8 @@ RUNTIMES = (
         _find_system("oclgrind/liboclgrind-rt-icd.so"),
         ("oclgrind",),
         environment={"OCLGRIND_DATA_RACES": "1"},
-        arguments=("--mesh", "single", "--mesh", "soup"),
         time_limit_s=SIMULATOR_TIME_LIMIT_S,
+        is_simulator=True,
     ),
 )
 
@@ -141,36 +157,12 @@ def install(runtime: Runtime) -> str:
 
 def check_runtime(runtime: Runtime, library: Path | None) -> Outcome:
     """Run the check in a process whose only driver is this runtime; None for what the process finds by itself."""
-    with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | runtime.environment
-        environment.pop("CLBVH_DEVICE", None)
-        log = Path(folder) / "findings.log"
-        environment["OCLGRIND_LOG"] = str(log)
-        if runtime.name == "pocl":
-            # The loader inside pyopencl always reads the folder beside it, and no other one.
-            environment["OCL_ICD_VENDORS"] = folder
-        elif library is not None:
-            icd = Path(folder) / "runtime.icd"
-            icd.write_text(f"{library}\n")
-            environment["OCL_ICD_VENDORS"] = str(icd)
-            searched = [str(library.parent), environment.get("LD_LIBRARY_PATH", "")]
-            environment["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, searched))
-        command = [sys.executable, "-m", "clbvh", "doctor", "--conformance", "--json", "--device", runtime.device]
-        started = time.perf_counter()
-        try:
-            done = subprocess.run(
-                [*command, *runtime.arguments],
-                env=environment,
-                cwd=PROJECT,
-                capture_output=True,
-                text=True,
-                timeout=runtime.time_limit_s,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return Outcome(runtime.name, "", "", f"no answer within {runtime.time_limit_s:g} s", 0.0, is_failure=True)
-        seconds = time.perf_counter() - started
-        findings = count_findings(log)
+    started = time.perf_counter()
+    try:
+        findings, done = run_check(runtime, library, PROJECT)
+    except subprocess.TimeoutExpired:
+        return Outcome(runtime.name, "", "", f"no answer within {runtime.time_limit_s:g} s", 0.0, is_failure=True)
+    seconds = time.perf_counter() - started
     try:
         report = json.loads(done.stdout)
     except ValueError:
@@ -180,18 +172,59 @@ def check_runtime(runtime: Runtime, library: Path | None) -> Outcome:
     for difference in report["differences"]:
         print(f"{runtime.name}: {difference}", file=sys.stderr)
     device = report["device"]
-    answer = describe_report(report)
-    if findings:
-        answer += f"; {findings} findings of the simulator"
-    is_failure = not report["is_equal"] or findings > 0
+    answer, is_failure = describe_report(report), not report["is_equal"] or findings > 0
+    if runtime.is_simulator and library is not None:
+        finds_planted = finds_planted_write(runtime, library)
+        answer += f"; {findings} findings; a planted write is {'found' if finds_planted else 'NOT found'}"
+        is_failure |= not finds_planted
     return Outcome(runtime.name, device["name"], device["driver_version"], answer, seconds, is_failure)
 
 
-def count_findings(log: Path) -> int:
-    """Return the number of findings in Oclgrind's log; none without a log."""
-    if not log.exists():
-        return 0
-    return sum(line.startswith(_FINDINGS) for line in log.read_text(errors="replace").splitlines())
+def run_check(runtime: Runtime, library: Path | None, package: Path) -> tuple[int, subprocess.CompletedProcess[str]]:
+    """Run `clbvh doctor --conformance` of the package in a folder; return a simulator's findings, and the process."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | runtime.environment | {"PYTHONPATH": str(package)}
+        environment.pop("CLBVH_DEVICE", None)
+        if runtime.name == "pocl":
+            # The loader inside pyopencl always reads the folder beside it, and here no other one.
+            environment["OCL_ICD_VENDORS"] = folder
+        elif library is not None:
+            icd = Path(folder) / "runtime.icd"
+            icd.write_text(f"{library}\n")
+            environment["OCL_ICD_VENDORS"] = str(icd)
+            searched = [str(library.parent), environment.get("LD_LIBRARY_PATH", "")]
+            environment["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, searched))
+        command = [sys.executable, "-m", "clbvh", "doctor", "--conformance", "--json", "--device", runtime.device]
+        done = subprocess.run(
+            [*command, *runtime.arguments],
+            env=environment,
+            cwd=package,
+            capture_output=True,
+            text=True,
+            timeout=runtime.time_limit_s,
+            check=False,
+        )
+        return count_findings(done.stderr) if runtime.is_simulator else 0, done
+
+
+def finds_planted_write(runtime: Runtime, library: Path) -> bool:
+    """Return whether the same set-up finds a kernel that writes behind its buffer."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder)
+        shutil.copytree(PROJECT / "clbvh", copy / "clbvh", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(PROJECT / "cl", copy / "clbvh" / "cl")
+        kernel = copy / "clbvh" / "cl" / _PLANTED_KERNEL
+        text = kernel.read_text()
+        if _RIGHT_WRITE not in text:
+            raise SystemExit(f"{_PLANTED_KERNEL} has no '{_RIGHT_WRITE}': plant the wrong write elsewhere")
+        kernel.write_text(text.replace(_RIGHT_WRITE, _WRONG_WRITE))
+        findings, _ = run_check(replace(runtime, arguments=("--mesh", "single")), library, copy)
+        return findings > 0
+
+
+def count_findings(errors: str) -> int:
+    """Return the number of findings that Oclgrind printed."""
+    return sum(line.startswith(_FINDINGS) for line in errors.splitlines())
 
 
 def describe_report(report: dict) -> str:

@@ -83,8 +83,6 @@ def make_cases() -> list[Case]:
     return cases
 
 
-
-
 def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> RayBatch:
     """Return rays of five kinds, one after the other.
 

@@ -39,7 +39,9 @@ class Difference:
     value: str
 
     def __str__(self) -> str:
-        where = f"first in row {self.row}, where it is {self.value}" if self.row >= 0 else "in a row that cannot be told"
+        where = (
+            f"first in row {self.row}, where it is {self.value}" if self.row >= 0 else "in a row that cannot be told"
+        )
         return f"{self.layout}, {self.query}, mesh '{self.mesh}': {self.part} differs, {where}"
 
 
@@ -143,9 +145,7 @@ def answer_case(
             yield layout, query, answer
 
 
-def compare_answer(
-    layout: str, query: str, mesh: str, answer: Answer, stored: dict[str, Expected]
-) -> list[Difference]:
+def compare_answer(layout: str, query: str, mesh: str, answer: Answer, stored: dict[str, Expected]) -> list[Difference]:
     """Return the parts of an answer that are not the stored ones."""
     differences = []
     for part, values in answer.items():

@@ -1,4 +1,4 @@
-"""The stored answers: a digest for each part of each answer, and a short mark for each row, which finds a difference."""
+"""The stored answers: a digest for each part of an answer, and a short mark for each row, which finds a difference."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,12 @@ EXPECTED_PATH = Path(__file__).with_name("expected.json")
 _DIGEST_BYTES = 16
 
 # The form of each kind of number in which it is digested, whatever the machine's own is.
-_STORED_DTYPES = {"b": np.dtype(np.uint8), "i": np.dtype("<i4"), "u": np.dtype(np.uint8), "f": np.dtype("<f8")}
+_STORED_DTYPES: dict[str, np.dtype[Any]] = {
+    "b": np.dtype(np.uint8),
+    "i": np.dtype("<i4"),
+    "u": np.dtype(np.uint8),
+    "f": np.dtype("<f8"),
+}
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,7 @@ def load_expected() -> tuple[dict[str, str], ExpectedAnswers]:
         }
         return stored["cases"], answers
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InternalError(f"the stored answers in {EXPECTED_PATH} cannot be read ({error}): reinstall clbvh") from error
+        raise InternalError(f"{EXPECTED_PATH}: the stored answers cannot be read ({error}): reinstall clbvh") from error
 
 
 def store_expected(cases: Iterable[Case], answers: ExpectedAnswers) -> None:

@@ -1,4 +1,4 @@
-"""Asks a device about a case in one layout: each query's answer as named arrays with one row per ray, point or pixel."""
+"""Asks a device about a case in one layout: answers are named arrays with one row per ray, point or pixel."""
 
 from __future__ import annotations
 

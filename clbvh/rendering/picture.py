@@ -117,7 +117,8 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    t, u, v, prim_id = (np.empty(height * width, dtype) for dtype in (np.float64, np.float64, np.float64, np.int32))
+    t, u, v = (np.empty(height * width) for _ in range(3))
+    prim_id = np.empty(height * width, np.int32)
     no_limits = np.zeros(1), np.full(1, np.inf)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
@@ -140,4 +141,5 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
                 )
 
             threads.for_ranges(len(of_rows), refine)
-    return Hits(*(values.reshape(height, width) for values in (t, u, v, prim_id)), mesh)
+    t, u, v = (values.reshape(height, width) for values in (t, u, v))
+    return Hits(t, u, v, prim_id.reshape(height, width), mesh)
