@@ -141,9 +141,9 @@ def _make_soup(generator: np.random.Generator) -> _Solid:
 
 
 def _make_needles(generator: np.random.Generator) -> _Solid:
-    """Return triangles that are thousands of times as long as they are wide."""
+    """Return triangles that are a hundred times as long as they are wide."""
     begins = generator.random((_NEEDLES, 3))
-    widths = 2.0**-12 * generator.random((_NEEDLES, 3))
+    widths = 2.0**-6 * generator.random((_NEEDLES, 3))
     corners = np.stack((begins, begins + widths, generator.random((_NEEDLES, 3))), axis=1)
     return corners.reshape(-1, 3), np.arange(3 * _NEEDLES).reshape(-1, 3)
 
