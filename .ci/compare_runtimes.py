@@ -143,7 +143,7 @@ def install(runtime: Runtime) -> str:
         ]
     else:
         options = ["-y", "-qq", "--no-install-recommends", "-o", "Dpkg::Options::=--path-exclude=/etc/OpenCL/*"]
-        commands = [["apt-get", "install", *options, *runtime.packages]]
+        commands = [["apt-get", "update", "-qq"], ["apt-get", "install", *options, *runtime.packages]]
     for command in commands:
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False)
