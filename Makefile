@@ -11,10 +11,10 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz lint bench clean
+.PHONY: help setup demo test test-long fuzz conformance conformance-refresh lint bench clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(INSTALLED_DEV) ## make .venv with clbvh and everything that tests and lint need
 
@@ -35,6 +35,13 @@ test-long: $(INSTALLED_DEV) ## run all tests with many more random examples, for
 # The same seed gives the same files. A file that fails is kept in out/fuzz/.
 fuzz: $(INSTALLED_DEV) ## damage FILES (100,000) files for every reader: a result, or one sentence why not; SEED= repeats
 	$(BIN)/python -m tests.fuzz $(if $(FILES),--files $(FILES)) $(if $(SEED),--seed $(SEED))
+
+# `make conformance RUNTIMES="pocl rusticl" INSTALL=1` checks these, and installs them first; see docs/conformance.md.
+conformance: $(INSTALLED) ## compare the answers of every OpenCL runtime here with the stored ones
+	$(BIN)/python .ci/compare_runtimes.py $(if $(INSTALL),--install) $(RUNTIMES)
+
+conformance-refresh: $(INSTALLED) ## store the answers of the default device anew, where they change on purpose
+	$(BIN)/python -m clbvh.conformance.refresh
 
 lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 	$(BIN)/ruff check .

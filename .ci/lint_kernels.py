@@ -8,6 +8,8 @@ The rules:
 
 - lines of at most 120 characters, no trailing space, no tab, exactly one newline at the end of the file;
 - an include names a file below one of `INCLUDE_ROOTS`, as the host resolves it (`clbvh/device/program.py`);
+- no built-in function whose result OpenCL leaves to the driver, no double and no 64-bit atomic: answers are the same on
+  every device;
 - an include is used: the file uses an identifier that the included file defines, or one that it includes in turn and
   that no other include of the file brings. Macros, functions, structs and typedefs define identifiers; words in
   comments and strings are no uses.
@@ -34,6 +36,13 @@ INCLUDE_ROOTS = ("tests/kernel", "cl")
 STRUCTS_INCLUDE = "structs.cl"
 
 MAX_LINE = 120
+
+# Functions of OpenCL with an error bound instead of a result, and what not every device has. cl/math/vectors.cl has the
+# functions of vectors that are needed, written out.
+_UNPORTABLE = re.compile(
+    r"\b(?:(?:native|half|fast|atom)_\w+|normalize|length|distance|dot|cross|mix|mad|step|smoothstep|rsqrt|rootn|cbrt"
+    r"|hypot|fmod|pow[nr]?|exp(?:2|10|m1)?|log(?:2|10|1p)?|sincos|a?(?:sin|cos|tan)h?(?:pi)?|atan2)\s*\(|\bdouble\d*\b"
+)
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _ANY_INCLUDE = re.compile(r"^\s*#\s*include\b")
@@ -105,6 +114,8 @@ class Linter:
         for number, line in enumerate(source.lines, start=1):
             if _ANY_INCLUDE.match(line) and not _INCLUDE.match(line):
                 yield number, "an include is a line of its own, '#include \"NAME\"': the host expands no other"
+            if found := _UNPORTABLE.search(_blank(line)):
+                yield number, f"'{found[0].rstrip(' (')}' differs between devices, or not all have it"
         for number, name, is_kept in source.includes:
             included = self._find(name)
             if included is None:

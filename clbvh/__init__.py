@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from .device import choose_device, list_devices
     from .device.info import DeviceInfo
     from .geometry import Mesh, load_mesh, make_shape
-    from .rendering.render import Picture, RenderOptions, render
+    from .rendering.picture import Picture
+    from .rendering.render import RenderOptions, render
     from .rendering.scene import Scene
     from .rendering.scene_file import open_scene
     from .stats import TreeStats, measure_tree
@@ -43,7 +44,7 @@ _HOME_OF = {
     "ClosestPoints": "trace",
     "Hits": "trace",
     "Tracer": "trace",
-    "Picture": "rendering.render",
+    "Picture": "rendering.picture",
     "RenderOptions": "rendering.render",
     "Scene": "rendering.scene",
     "open_scene": "rendering.scene_file",

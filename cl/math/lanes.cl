@@ -1,6 +1,6 @@
 // Vectors of WIDTH lanes, one per box or triangle: the vector unit of a CPU works inside one work-item.
 //
-// Assumes WIDTH 4 or 8. PORTABLE, if defined, excludes the built-in functions of compilers.
+// Assumes WIDTH 4 or 8. PORTABLE: see math/inlined.cl.
 
 #include "math/numeric.cl"
 

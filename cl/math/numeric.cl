@@ -1,4 +1,5 @@
 // Rules of arithmetic for all kernels: no contraction, the bound on rounding, and small functions of numbers.
+// PORTABLE: see math/inlined.cl.
 
 #include "math/inlined.cl"
 
@@ -37,7 +38,7 @@ INLINED float3 magnitude(const float3 v)
 }
 
 // a * b + c with a single rounding.
-#if defined(__clang__) && defined(__FMA__)
+#if defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
 #define FUSED(a, b, c) __builtin_fmaf(a, b, c)
 #else
 #define FUSED(a, b, c) fma(a, b, c)

@@ -5,7 +5,7 @@
 // same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the tests does not
 // matter.
 
-#include "math/numeric.cl"
+#include "math/vectors.cl"
 
 // Bound on the error of a computed distance, relative to the farthest corner: one rounding of the difference to the
 // point, seven of the weighted sum of corners, three of its length, and those of the box's distance.
@@ -32,7 +32,7 @@ INLINED bool may_be_nearer(
     const float3 above = aabb_max - nearest->point;
     const float3 outside = fmax(fmax(below, -above), 0.0f);
     const float3 farthest = fmax(fabs(below), fabs(above));
-    *distance_squared = dot(outside, outside);
+    *distance_squared = dot_product(outside, outside);
     const float limit = nearest->distance + NEAREST_SLACK * (farthest.x + farthest.y + farthest.z);
     return *distance_squared <= limit * limit;
 }

@@ -1,5 +1,6 @@
 // The ray of a pixel, for a camera in `view_t`, see clbvh/structs.py.
 
+#include "math/vectors.cl"
 #include "rays/ray.cl"
 
 // The direction through the centre of pixel (column, row), not normalized; row 0 is the top.
@@ -13,5 +14,5 @@ INLINED float3 pixel_direction(const global view_t *view, const int column, cons
 // The direction has length 1, so t is a distance in local units.
 INLINED ray_t primary_ray(const global view_t *view, const int column, const int row)
 {
-    return make_ray(load3(view->eye), normalize(pixel_direction(view, column, row)), 0.0f, INFINITY);
+    return make_ray(load3(view->eye), unit_vector(pixel_direction(view, column, row)), 0.0f, INFINITY);
 }

@@ -1,5 +1,6 @@
 // Colours of surfaces and of the background, from 0 to 1: sRGB, or measurements in the shadings `normal` and `depth`.
 
+#include "math/vectors.cl"
 #include "shading/surface.cl"
 #include "traversal/traverse.cl"
 
@@ -33,16 +34,16 @@ INLINED float3 shade_background(const global view_t *view, const int row)
         return (float3)(0.0f);
     }
     const float down = (row + 0.5f) / view->height;
-    return encode_srgb(mix(load3(view->background_top), load3(view->background_bottom), down));
+    return encode_srgb(blend(load3(view->background_top), load3(view->background_bottom), down));
 }
 
 // A diffuse surface under a directed light and ambient light from the sky and the ground.
 INLINED float3 shade_lambert(const global view_t *view, const float3 normal, const bool is_lit)
 {
-    const float up = 0.5f + 0.5f * dot(normal, load3(view->to_sky));
-    float3 light = mix(load3(view->ground_colour), load3(view->sky_colour), up);
+    const float up = 0.5f + 0.5f * dot_product(normal, load3(view->to_sky));
+    float3 light = blend(load3(view->ground_colour), load3(view->sky_colour), up);
     if (is_lit) {
-        light += larger(dot(normal, load3(view->to_light)), 0.0f) * load3(view->light_colour);
+        light += larger(dot_product(normal, load3(view->to_light)), 0.0f) * load3(view->light_colour);
     }
     return encode_srgb(light * load3(view->surface_colour));
 }
@@ -50,7 +51,7 @@ INLINED float3 shade_lambert(const global view_t *view, const float3 normal, con
 // White at depth_near, black at depth_far, and linear between them, so that grey values can be read as distances.
 INLINED float3 shade_depth(const global view_t *view, const float3 position)
 {
-    const float depth = dot(position - load3(view->eye), load3(view->forward));
+    const float depth = dot_product(position - load3(view->eye), load3(view->forward));
     const float fraction = (depth - view->depth_near) / (view->depth_far - view->depth_near);
     return (float3)(1.0f - clamp(fraction, 0.0f, 1.0f));
 }
@@ -61,7 +62,7 @@ INLINED bool sees_light(
     const global block_t *blocks, const int block_count)
 {
     const float3 to_light = load3(view->to_light);
-    if (!(dot(surface->normal, to_light) > 0.0f)) {
+    if (!(dot_product(surface->normal, to_light) > 0.0f)) {
         return false;
     }
     const ray_t ray = make_ray(point_above(surface), to_light, 0.0f, INFINITY);

@@ -1,5 +1,6 @@
 // The point of a crossing on its triangle, with the surface normal there.
 
+#include "math/vectors.cl"
 #include "triangles/triangle.cl"
 
 typedef struct {
@@ -18,12 +19,12 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
     surface.position = from_a + from_b + from_c;
     // At most seven roundings from a corner to the sum (Pharr, Jakob and Humphreys, "Physically based
     // rendering", section 6.8, 2023).
-    surface.error = ERROR_BOUND(7) * (fabs(from_a) + fabs(from_b) + fabs(from_c));
+    surface.error = ERROR_BOUND(7) * (magnitude(from_a) + magnitude(from_b) + magnitude(from_c));
     // Edges are normalized first: the product of two edges of a tiny or huge triangle would leave float32.
     const float3 ab = corners->b - corners->a;
     const float3 ac = corners->c - corners->a;
-    const float3 normal = normalize(cross(normalize(ab), normalize(ac)));
-    surface.normal = dot(normal, direction) > 0.0f ? -normal : normal;
+    const float3 normal = unit_vector(cross_product(unit_vector(ab), unit_vector(ac)));
+    surface.normal = dot_product(normal, direction) > 0.0f ? -normal : normal;
     return surface;
 }
 
@@ -31,6 +32,6 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
 // from the rounding error of the position, not from a constant, so it fits meshes of any size.
 INLINED float3 point_above(const surface_t *surface)
 {
-    const float distance = dot(fabs(surface->normal), surface->error);
+    const float distance = dot_product(magnitude(surface->normal), surface->error);
     return surface->position + 2.0f * distance * surface->normal;
 }

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .devices import describe_device
+from .tables import print_tables
 
 if TYPE_CHECKING:
+    from ..conformance.check import Conformance
     from ..device.doctor.diagnose import Diagnosis
 
 _MARKS = {"ok": "[green]ok[/green]     ", "note": "[yellow]note[/yellow]   ", "problem": "[red]problem[/red]"}
@@ -18,6 +20,11 @@ _INDENT = " " * 8
 # The default of `diagnose`, repeated because importing it would make `clbvh --help` slow.
 _TIMEOUT_S = 60.0
 
+# Differences that are printed; `--json` has all.
+_SHOWN_DIFFERENCES = 10
+
+_UNUSABLE = "its rays or points have other bytes on this machine than the stored ones"
+
 
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the text.")] = False,
@@ -25,11 +32,27 @@ def doctor(
         float,
         typer.Option("--timeout", min=1, metavar="SECONDS", help="Time limit for each answer of a driver."),
     ] = _TIMEOUT_S,
+    conformance: Annotated[
+        bool,
+        typer.Option("--conformance", help="Compare one device's answers with the stored ones, byte by byte, instead."),
+    ] = False,
+    device: Annotated[
+        str | None, typer.Option(help="With --conformance: a number, a part of a name, gpu or cpu.")
+    ] = None,
+    mesh: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="With --conformance: only this mesh; may be given several times."),
+    ] = None,
 ) -> None:
     """Check OpenCL from the loader to a kernel on each device; print faults and remedies."""
     from ..device.doctor.diagnose import diagnose
-    from ..errors import DeviceError
+    from ..errors import ConfigError, DeviceError
 
+    if conformance:
+        _check_conformance(device, mesh or [], as_json)
+        return
+    if device is not None or mesh:
+        raise ConfigError("--device and --mesh need --conformance: without it `clbvh doctor` checks all devices")
     diagnosis = diagnose(timeout_s)
     if as_json:
         print(json.dumps(_as_dict(diagnosis), indent=2))
@@ -68,3 +91,40 @@ def _print_findings(diagnosis: Diagnosis) -> None:
             console.print(f"{_INDENT}{escape(line)}", style=style)
     working_count = sum(trial.works for trial in diagnosis.trials)
     console.print(f"\n{working_count} of {len(diagnosis.trials)} devices work")
+
+
+def _check_conformance(spec: str | None, meshes: list[str], as_json: bool) -> None:
+    from ..conformance.check import check_device
+    from ..device.select import choose_device
+    from ..errors import ValidationError
+
+    result = check_device(choose_device(spec), meshes=meshes)
+    if as_json:
+        print(json.dumps({"device": describe_device(result.device), **result.as_dict()}, indent=2))
+    else:
+        _print_conformance(result)
+    if not result.is_equal:
+        found = [*map(str, result.differences), *(f"mesh '{name}': {_UNUSABLE}" for name in result.unusable)]
+        raise ValidationError(f"{result.device.name}: {len(found)} answers are not the stored ones; first {found[0]}")
+
+
+def _print_conformance(result: Conformance) -> None:
+    from rich.table import Table
+
+    layouts = list(dict.fromkeys(layout for layout, _ in result.compared))
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("query", *layouts):
+        table.add_column(heading)
+    for query in dict.fromkeys(query for _, query in result.compared):
+        table.add_row(query, *(_describe_cell(result, layout, query) for layout in layouts))
+    print(f"{result.device.name} ({result.device.platform}, {result.device.driver_version})")
+    print_tables(table)
+    for difference in result.differences[:_SHOWN_DIFFERENCES]:
+        print(difference)
+
+
+def _describe_cell(result: Conformance, layout: str, query: str) -> str:
+    """Return one cell: the number of meshes' answers that were compared, or that differ."""
+    count = result.compared.get((layout, query), 0)
+    differing = sum((other.layout, other.query) == (layout, query) for other in result.differences)
+    return "-" if count == 0 else f"[red]{differing} of {count} differ[/red]" if differing else f"{count} equal"

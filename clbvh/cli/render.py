@@ -14,7 +14,8 @@ from . import options
 from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
-    from ..rendering.render import Picture, RenderOptions
+    from ..rendering.picture import Picture
+    from ..rendering.render import RenderOptions
     from ..rendering.scene import Scene
 
 _SCENE = "Scene"

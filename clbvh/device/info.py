@@ -55,6 +55,11 @@ class DeviceInfo:
     cl_device: Any = field(default=None, repr=False, compare=False)
 
     @property
+    def is_simulator(self) -> bool:
+        """Whether the device simulates kernels to check them, as Oclgrind does."""
+        return self.platform == "Oclgrind"
+
+    @property
     def layout(self) -> str:
         """The tree layout that suits this kind of device; a session uses the measured one, if there is one."""
         return _LAYOUT_OF_KIND.get(self.kind, _LAYOUT_OF_ANY)

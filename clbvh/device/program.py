@@ -32,6 +32,15 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 # Relaxed mathematics would let the compiler assume that there is no infinity: slab tests rely on it.
 _OPTIONS = "-cl-std=CL1.2"
 
+# OpenCL allows errors of 2.5 units in the last place in quotients and 3 in square roots, which GPUs use; with this they
+# have the bits of every other device. The drivers for CPUs round correctly with and without it.
+_CORRECT_ROUNDING = "-cl-fp32-correctly-rounded-divide-sqrt"
+
+# Oclgrind 21.10 has no instruction for popcount, which its compiler (clang 14) makes of other expressions, and takes
+# the negation of a true lane in a mask for true. Neither occurs without the optimizer; and then every access that is
+# checked is one of the source.
+_SIMULATOR_OPTIONS = ("-DPORTABLE=1", "-cl-opt-disable")
+
 
 def expand_source(name: str, folder: Path | None = None) -> str:
     """Return the text of a kernel file with its includes expanded, each file once.
@@ -114,6 +123,10 @@ def build_kernels(
 def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dict[str, Kernel]:
     import pyopencl as cl
 
+    if session.info.is_simulator:
+        options = (*options, *_SIMULATOR_OPTIONS)
+    if session.info.cl_device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
+        options = (*options, _CORRECT_ROUNDING)
     program = cl.Program(session.context, source)
     try:
         with warnings.catch_warnings():

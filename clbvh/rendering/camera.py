@@ -63,8 +63,16 @@ class Camera:
         """Return the unit vectors right, up and forward of the picture, each (3,) float64."""
         return make_axes(np.subtract(self.look_at, self.eye), np.asarray(self.up, np.float64))
 
-    def rays(self, width: int, height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rays(
+        self, width: int, height: int, rows: range | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the rays of a picture of this size, one through the centre of each pixel.
+
+        Parameters
+        ----------
+        width, height : int
+        rows : range, optional
+            Only these rows of the picture.
 
         Returns
         -------
@@ -75,7 +83,7 @@ class Camera:
         half_height = math.tan(math.radians(self.fov) / 2)
         half_width = half_height * width / height
         x = (2 * np.arange(width) + 1) / width - 1
-        y = 1 - (2 * np.arange(height) + 1) / height
+        y = 1 - (2 * np.asarray(rows or range(height)) + 1) / height
         directions = forward + (x * half_width)[None, :, None] * right + (y * half_height)[:, None, None] * up
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.broadcast_to(np.asarray(self.eye, np.float64), directions.shape), directions

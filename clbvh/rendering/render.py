@@ -8,16 +8,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..builders.options import MAX_DEPTH
 from ..builders.registry import BUILDERS, leaf_limit
 from ..builders.tree_maker import MadeTree, TreeMaker, TreeOptions
-from ..bvh import Bvh, sah_cost, validate_tree
+from ..bvh import Bvh, validate_tree
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..errors import ConfigError, ValidationError
@@ -28,6 +27,7 @@ from ..trace.hits.hits import Hits
 from ..trace.oracle.reference import find_differences
 from .camera import Camera
 from .frame import FrameRenderer
+from .picture import Picture
 from .scene import Scene
 from .scene_file import open_scene
 from .view import make_view
@@ -70,73 +70,6 @@ class RenderOptions(TreeOptions):
     def chosen_layout(self) -> str:
         """The layout to ask the device for, with ``"auto"`` resolved where the builder decides."""
         return "bvh2" if self.layout == "auto" and self.builder == "frontier" else self.layout
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A rendered scene.
-
-    Attributes
-    ----------
-    rgb : (height, width, 3) uint8
-    hits : Hits
-        Each (height, width); t in object units from the eye, prim_id in the face order of the mesh's file.
-    camera : Camera
-        The camera of the picture.
-    mesh : Mesh
-    bvh : Bvh or None
-        None without a tree.
-    device : DeviceInfo
-    layout : str
-    workers : int
-        Processes that built the tree; 0 when it came from the cache.
-    timings : dict of str to float
-        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, compile
-        (open the device, compile the kernels), layout (arrange the tree for the device), upload, kernel, download (the
-        device's own times), other (between these phases), and total: the wall time, the sum of all but pool_start.
-    tree_from_cache : bool
-        Whether the tree came from the cache.
-    notes : tuple of str
-        Facts that a user should know but that are no errors.
-    validated_pixels : int
-        The number of pixels that were compared with the reference.
-    """
-
-    rgb: NDArray[np.uint8]
-    hits: Hits
-    camera: Camera
-    mesh: Mesh
-    bvh: Bvh | None
-    device: DeviceInfo
-    layout: str
-    workers: int
-    timings: dict[str, float]
-    tree_from_cache: bool = False
-    notes: tuple[str, ...] = ()
-    validated_pixels: int = 0
-
-    def report(self) -> dict[str, Any]:
-        """Return the numbers of the run, for a table or for JSON."""
-        rays = self.hits.prim_id.size
-        return {
-            "mesh": self.mesh.name,
-            "triangles": self.mesh.face_count,
-            "degenerate_triangles": self.mesh.degenerate_count,
-            "nodes": 0 if self.bvh is None else self.bvh.node_count,
-            "depth": 0 if self.bvh is None else self.bvh.depth,
-            "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
-            "tree_from_cache": self.tree_from_cache,
-            "workers": self.workers,
-            "device": self.device.name,
-            "layout": self.layout,
-            "width": self.rgb.shape[1],
-            "height": self.rgb.shape[0],
-            "rays": rays,
-            "hits": self.hits.count,
-            "mrays_per_s": rays / 1e3 / self.timings["kernel"],
-            "validated_pixels": self.validated_pixels,
-            "timings_ms": dict(self.timings),
-        }
 
 
 def render(
@@ -204,18 +137,12 @@ def render(
         watch.lap("compile")
 
         on_phase("render")
-        colours, device_hits = renderer.render(make_view(scene, camera, mesh))
+        colours, found = renderer.render(make_view(scene, camera, mesh))
         total_ms = watch.total_ms
-        device_hits["t"] /= mesh.scale
-        hits = Hits.from_device(device_hits, mesh)
         timings = _list_timings(watch.laps_ms, made, tree_upload_ms, session.times.sums_ms(), total_ms)
-        validated = 0
-        if options.validate:
-            on_phase("validate")
-            validated = _validate(mesh, bvh, camera, hits, options)
-    return Picture(
+    picture = Picture(
         rgb=np.ascontiguousarray(colours[..., :3]),
-        hits=hits,
+        found=found,
         camera=camera,
         mesh=mesh,
         bvh=bvh,
@@ -225,8 +152,11 @@ def render(
         timings=timings,
         tree_from_cache=made is not None and made.from_cache,
         notes=() if made is None else made.notes,
-        validated_pixels=validated,
     )
+    if options.validate:
+        on_phase("validate")
+        picture = replace(picture, validated_pixels=_validate(mesh, bvh, camera, picture.hits, options))
+    return picture
 
 
 def _list_timings(

@@ -5,7 +5,12 @@ The doctor touches drivers in processes of its own, so the command itself can ru
 
 import json
 
-from .command import hidden_drivers, run_clbvh, run_process, shadowed_modules
+import pytest
+
+from clbvh.conformance import check
+from clbvh.conformance.expected import load_expected
+
+from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
 
 def run_doctor(*arguments, **environment):
@@ -102,3 +107,42 @@ def test_a_choice_in_the_environment_that_fits_nothing_is_a_problem():
     (problem,) = [finding for finding in findings_of(answer, "problem") if finding["check"] == "choice"]
     assert "riva tnt" in problem["message"]
     assert "$ unset CLBVH_DEVICE" in problem["advice"]
+
+
+def test_a_device_with_the_stored_answers_conforms():
+    answer = run_doctor("--conformance", "--mesh", "single")
+    assert answer.returncode == 0, answer.stderr
+    assert "closest_hit" in answer.stdout
+    assert "equal" in answer.stdout
+    assert "differ" not in answer.stdout
+
+
+def test_other_answers_are_exit_code_1_and_named(monkeypatch):
+    digests, expected = load_expected()
+    expected["single"]["any_hit"], expected["single"]["count_hits"] = (
+        {"is_hit": expected["single"]["count_hits"]["count"]},
+        {"count": expected["single"]["any_hit"]["is_hit"]},
+    )
+    monkeypatch.setattr(check, "load_expected", lambda: (digests, expected))
+    answer = run_doctor("--conformance", "--mesh", "single", "--json")
+    assert answer.returncode == 1
+    report = json.loads(answer.stdout)
+    assert report["is_equal"] is False
+    assert {(difference["query"], difference["mesh"]) for difference in report["differences"]} == {
+        ("any_hit", "single"),
+        ("count_hits", "single"),
+    }
+    (line,) = answer.stderr.splitlines()
+    assert "6 answers are not the stored ones; first bvh2, any_hit, mesh 'single': is_hit differs" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--device", "cpu"], "need --conformance"),
+        (["--mesh", "soup"], "need --conformance"),
+        (["--conformance", "--mesh", "bunny"], "'bunny' is no mesh"),
+    ],
+)
+def test_options_of_the_check_without_sense_are_exit_code_2(arguments, words):
+    refuses(run_doctor(*arguments), 2, words)

@@ -8,6 +8,7 @@ import pytest
 import clbvh
 from clbvh.errors import ConfigError, ValidationError
 from clbvh.rendering import frame as frame_module
+from clbvh.rendering import picture as picture_module
 from clbvh.rendering import render as pipeline
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
@@ -102,7 +103,17 @@ def test_hits_are_those_of_the_tracer(knot_picture):
     same = traced.prim_id == knot_picture.hits.prim_id.reshape(-1)
     # The kernel makes its rays in float32: at an edge the neighbour may be hit.
     assert same.mean() > 0.995
-    assert np.allclose(traced.t[same], knot_picture.hits.t.reshape(-1)[same], rtol=1e-5)
+    # On the same face the numbers are those of the same float64 arithmetic.
+    for name in ("t", "u", "v"):
+        assert np.array_equal(getattr(traced, name)[same], getattr(knot_picture.hits, name).reshape(-1)[same]), name
+
+
+def test_hits_are_refined_once_and_by_rows(knot_picture, monkeypatch):
+    assert knot_picture.hits is knot_picture.hits
+    monkeypatch.setattr(picture_module, "_CHUNK_PIXELS", KNOT.width * 7)
+    by_rows = picture_module.refine_pixels(knot_picture.mesh, knot_picture.camera, knot_picture.found)
+    for name in ("t", "u", "v", "prim_id"):
+        assert np.array_equal(getattr(by_rows, name), getattr(knot_picture.hits, name)), name
 
 
 def test_depth_is_the_distance_to_a_wall(tmp_path):

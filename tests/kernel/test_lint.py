@@ -35,6 +35,19 @@ def test_the_shipped_sources_are_clean(lint, capsys):
     assert lint.main([]) == 0, capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    "use", ["normalize(v)", "dot(v, v)", "native_exp (x)", "pow(x, 2.0f)", "(double)x", "atom_add(p, 1)"]
+)
+def test_what_differs_between_devices_is_found(check, use):
+    findings = check(a=f"float f(float3 v, float x)\n{{\n    return {use};  // dot(v, v)\n}}\n")
+    assert [line for line, _ in findings] == [3]
+    assert "differs between devices" in findings[0][1]
+
+
+def test_words_in_comments_and_longer_names_are_no_built_in_functions(check):
+    assert check(a="// dot(a, b), double\nfloat f(float x)\n{\n    return my_dot(x) + dot_product(x);\n}\n") == []
+
+
 def test_a_finding_names_file_and_line_and_fails(lint, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(lint, "PROJECT", tmp_path)
     (tmp_path / "cl").mkdir()

@@ -107,7 +107,7 @@ def test_a_compiler_message_names_our_file_and_line(session, folder):
     assert "sources/broken.cl:4:" in error.log
     assert "tow" in error.log
     assert error.device == session.info.name
-    assert error.options == "-cl-std=CL1.2 -DTWO=2"
+    assert error.options.startswith("-cl-std=CL1.2 -DTWO=2")
     assert str(error).startswith(f"the kernel does not compile on {session.info.name} with options '-cl-std=CL1.2 -D")
     assert error.log in str(error)
 
