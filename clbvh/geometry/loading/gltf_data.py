@@ -88,7 +88,11 @@ class GltfData:
         kind = self.item("accessors", index).get("type")
         if kind != "VEC3":
             raise MeshError(f"accessors[{index}] has positions, so its type must be VEC3, not {str(kind)[:20]!r}")
-        return self._read_numbers(index).astype(np.float64)
+        numbers = self._read_numbers(index)
+        if not self.item("accessors", index).get("normalized") or numbers.dtype.kind == "f":
+            return numbers.astype(np.float64)
+        # The smallest signed number would be a little less than -1.
+        return np.maximum(numbers / np.iinfo(numbers.dtype).max, -1)
 
     def read_indices(self, index: Any) -> NDArray[np.int64]:
         """Return the vertex indices of an accessor, (n,)."""
@@ -117,14 +121,11 @@ class GltfData:
         return np.broadcast_to(np.zeros(1, dtype), (count, width))
 
     def _read_numbers(self, index: Any) -> NDArray[Any]:
-        """Return the numbers of an accessor, (n, width)."""
+        """Return the numbers of an accessor, (n, width), in the file's own type."""
         accessor, numbers = self.item("accessors", index), self._find_numbers(index)
         if "sparse" in accessor:
-            numbers = self._replace(numbers.copy(), get_object(accessor, "sparse"), f"accessors[{index}]")
-        if not accessor.get("normalized") or numbers.dtype.kind == "f":
-            return numbers
-        # The smallest signed number would be a little less than -1.
-        return np.maximum(numbers / np.iinfo(numbers.dtype).max, -1)
+            return self._replace(numbers.copy(), get_object(accessor, "sparse"), f"accessors[{index}]")
+        return numbers
 
     def _replace(self, numbers: NDArray[Any], sparse: dict[str, Any], where: str) -> NDArray[Any]:
         """Overwrite the items that a sparse accessor lists."""

@@ -74,7 +74,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
     except MemoryError as error:
-        raise MeshError(f"{source}: there is not enough free memory to read the file") from error
+        raise _no_memory(source) from error
     except Exception as error:  # numbers that are none, and other damage that no reader looks for
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:_MAX_DETAIL_LENGTH]
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({detail})") from error
@@ -82,7 +82,14 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
         raise MeshError(
             f"{source}: the file has {len(vertices):,} vertices but no faces: rays need a surface, not a point cloud"
         )
-    return dataclasses.replace(Mesh.from_arrays(vertices, faces, name=source), name=file.name)
+    try:
+        return dataclasses.replace(Mesh.from_arrays(vertices, faces, name=source), name=file.name)
+    except MemoryError as error:
+        raise _no_memory(source) from error
+
+
+def _no_memory(source: str) -> MeshError:
+    return MeshError(f"{source}: there is not enough free memory to read the file")
 
 
 def _read_bytes(file: Path, source: str) -> bytes:

@@ -18,7 +18,8 @@ from .polygons import cut_fans
 from .text_lines import join_polygons, read_coordinates, read_table
 
 # Comments end with their line even if that ends with a backslash, so they are dropped before lines are joined.
-_COMMENTS_AND_OTHER_INDICES = re.compile(rb"#[^\n]*|/\S*")  # only the first index of a face's corner is a vertex
+_COMMENT = re.compile(rb"#[^\n]*")
+_OTHER_INDICES = re.compile(rb"/\S*")  # only the first index of a face's corner is a vertex
 _CONTINUATION = re.compile(rb"\\[ \t]*\n")
 # Curves and surfaces that the polygons do not cover, and files that are read in between.
 _UNSUPPORTED = (b"surf", b"call", b"fo", b"bsp", b"bzp", b"cdp", b"res")
@@ -31,7 +32,7 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
     A file that was cut off between two lines cannot be told from a complete one.
     """
     text = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    text = _CONTINUATION.sub(b" ", _COMMENTS_AND_OTHER_INDICES.sub(b"", text))
+    text = _CONTINUATION.sub(b" ", _OTHER_INDICES.sub(b"", _COMMENT.sub(b"", text)))
     statements = _STATEMENT.findall(text)
     unsupported = {keyword for keyword, _ in statements}.intersection(_UNSUPPORTED)
     if unsupported:

@@ -59,9 +59,13 @@ def join_polygons(polygons: list[list[bytes]]) -> tuple[NDArray[np.int64], NDArr
     MeshError
         A word is no whole number, or one of too many digits for an index.
     """
+    words = list(chain.from_iterable(polygons))
+    sizes = np.fromiter(map(len, polygons), np.int64)
+    table = read_table(words)
+    if table is not None and table.shape[1] == 1:
+        return table[:, 0], sizes
     for face, polygon in enumerate(polygons):
         for word in polygon:
             if not _WHOLE.fullmatch(word):
                 raise MeshError(f"face {face} has a corner {word.decode('latin-1')[:80]!r}, which is no vertex index")
-    corners = np.fromiter(map(int, chain.from_iterable(polygons)), np.int64)
-    return corners, np.fromiter(map(len, polygons), np.int64)
+    return np.empty(0, np.int64), sizes

@@ -194,7 +194,8 @@ def test_a_bad_primitive_is_refused(gltf, load, primitive, message):
 
 @pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
 def test_every_type_of_index(gltf, load, dtype):
-    positions, indices = gltf.add_accessor(SQUARE, "f4"), gltf.add_accessor([3, 1, 2], dtype)
+    """Not divided even where a file says so, which it must not."""
+    positions, indices = gltf.add_accessor(SQUARE, "f4"), gltf.add_accessor([3, 1, 2], dtype, normalized=True)
     gltf.add_node(mesh=gltf.add_mesh({"attributes": {"POSITION": positions}, "indices": indices}))
     assert load(gltf).faces.tolist() == [[3, 1, 2]]
 
