@@ -9,11 +9,10 @@ import numpy as np
 
 from clbvh.geometry.shapes.make_shape import make_shape
 
-from ..file_vertices import file_vertices
 from ..unit.geometry.gltf_files import CODES, Gltf
 
 _SPHERE = make_shape("icosphere", triangles=20)
-_VERTICES, _FACES = file_vertices(_SPHERE), _SPHERE.faces
+_VERTICES, _FACES = _SPHERE.vertices, _SPHERE.faces
 _POLYGONS = [[0, 1, 2], [3, 4, 5, 6], [7, 8, 9, 10, 11], [2, 1, 0]]
 _SURVEY = _VERTICES * 1e-3 + [5e6, 6e6, 300]
 

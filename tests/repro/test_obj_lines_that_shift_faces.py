@@ -8,7 +8,6 @@ import pytest
 from clbvh import load_mesh
 from clbvh.errors import MeshError
 
-from ..file_vertices import file_vertices
 
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 
@@ -19,7 +18,7 @@ def load(tmp_path):
         path = tmp_path / "a.obj"
         path.write_bytes(text.encode())
         mesh = load_mesh(path)
-        return file_vertices(mesh).tolist(), mesh.faces.tolist()
+        return mesh.vertices.tolist(), mesh.faces.tolist()
 
     return load_text
 
@@ -81,4 +80,4 @@ def test_digits_behind_those_of_float32_are_read(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 1000000.0001 0 0\nv 1000000.0002 0 0\nv 1000000.0001 0.0001 0\nf 1 2 3\n")
     mesh = load_mesh(path)
-    assert np.ptp(file_vertices(mesh)[:, 0]) == pytest.approx(1e-4, rel=1e-5)
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(1e-4, rel=1e-5)

@@ -9,7 +9,6 @@ import pytest
 
 from clbvh import load_mesh
 
-from ..file_vertices import file_vertices
 
 TRIANGLES = 1e-9 * np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]])
 
@@ -34,7 +33,7 @@ def test_only_equal_corners_are_merged(tmp_path, make):
     mesh = load_mesh(path)
     assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert len(mesh.vertices) == 4
-    assert file_vertices(mesh)[mesh.faces] == pytest.approx(TRIANGLES, rel=1e-6, abs=1e-16)
+    assert mesh.vertices[mesh.faces] == pytest.approx(TRIANGLES, rel=1e-6, abs=1e-16)
     # One unit in the last place is a difference.
     moved = TRIANGLES.astype(np.float32)
     moved[1, 0, 0] = np.nextafter(moved[1, 0, 0], np.float32(1))

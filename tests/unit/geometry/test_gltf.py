@@ -13,7 +13,6 @@ from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
 from clbvh.geometry import face_limit
 
-from ...file_vertices import file_vertices
 from .gltf_files import CODES, Gltf, pack_glb
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
@@ -35,7 +34,7 @@ def load(tmp_path):
 
 def corners_of(mesh: Mesh) -> np.ndarray:
     """Return the corners of the triangles in the file's coordinates, (F, 3, 3)."""
-    return file_vertices(mesh)[mesh.faces]
+    return mesh.vertices[mesh.faces]
 
 
 # --- The scene graph -------------------------------------------------------------------------------------------------
