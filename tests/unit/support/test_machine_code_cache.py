@@ -9,6 +9,8 @@ import sys
 
 import pytest
 
+from clbvh.support import machine_code_cache
+
 SCRIPT = """
 import os, sys
 import numpy as np
@@ -89,3 +91,26 @@ def test_a_cache_that_cannot_be_written_to_is_no_cache_at_all(run, tmp_path):
     assert (output, code) == (ANSWER, 0)
     assert errors.startswith("clbvh: nothing can be kept in the cache ")
     assert len(errors.splitlines()) == 1
+
+
+def test_every_bit_of_machine_code_counts(tmp_path):
+    # The middle of these bytes can change without an error from pickle.
+    files = machine_code_cache._CheckedFiles(str(tmp_path), "twice", source_stamp=1)
+    files.save("signature", bytes(1000))
+    assert files.load("signature") == bytes(1000)
+    (path,) = tmp_path.glob("*.nbc")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="is damaged"):
+        files.load("signature")
+
+
+def test_signatures_have_files_of_their_own_whoever_writes_first(tmp_path):
+    one, other = (machine_code_cache._CheckedFiles(str(tmp_path), "twice", source_stamp=1) for _ in range(2))
+    # Both have read the index before either writes it.
+    one._load_index = other._load_index = dict
+    one.save("float", "code for floats")
+    other.save("int", "code for ints")
+    assert machine_code_cache._CheckedFiles(str(tmp_path), "twice", source_stamp=1).load("int") == "code for ints"
+    assert len(list(tmp_path.glob("*.nbc"))) == 2
