@@ -103,11 +103,23 @@ def test_the_box_of_a_hit_is_met_by_a_beam_of_that_ray(run_lane_shell, hits, lay
     assert (met == 1).mean() > 0.9
 
 
-# A box beside a ray along z by these multiples of the unit roundoff, which are 14 and little more of padding; and one
-# that the ray enters along x behind where it leaves it along z, which are twice 14 + 28. The test rounds by 2 or 3.
+# Distances in multiples of the unit roundoff. A box beside a ray along z has 14 of padding, and little more. A box that
+# a diagonal ray enters along x behind where it leaves it along z has twice 14 + 28; four times that from an origin at
+# distance 3. The test rounds by 2 or 3 itself, and by four times that.
 BESIDE = {11.5: True, 16.5: False}
 BEHIND = {80.0: True, 88.0: False}
+BEHIND_FROM_AFAR = {320.0: True, 352.0: False}
 UNIT_ROUNDOFF = 2.0**-24
+AFAR = 3.0
+
+
+def list_gaps():
+    """An origin, a direction, a box, and whether they meet."""
+    for gap, is_met in BESIDE.items():
+        yield [0, 0, -2], [0, 0, 1], [[gap * UNIT_ROUNDOFF, -1, -1], [1, 1, 1]], is_met
+    for distance, gaps in ((0.0, BEHIND), (AFAR, BEHIND_FROM_AFAR)):
+        for gap, is_met in gaps.items():
+            yield [-distance, 0, -distance], [1, 0, 1], [[0.5 + gap * UNIT_ROUNDOFF, -1, -1], [1, 1, 0.5]], is_met
 
 
 @pytest.fixture(scope="module")
@@ -116,12 +128,8 @@ def gaps(make_rays):
     rays, boxes, expected = [], [], []
     for turn in range(3):
         for sign in (1, -1):
-            for gap, is_met in (BESIDE | BEHIND).items():
-                beside = gap in BESIDE
-                step = gap * UNIT_ROUNDOFF
-                box = np.array([[step, -1, -1], [1, 1, 1]] if beside else [[0.5 + step, -1, -1], [1, 1, 0.5]])
-                origin = [0, 0, -2.0] if beside else [0, 0, 0]
-                rays.append(make_rays(np.roll(origin, turn) * sign, np.roll([0 if beside else 1, 0, 1], turn) * sign))
+            for origin, direction, box, is_met in list_gaps():
+                rays.append(make_rays(np.roll(origin, turn) * sign, np.roll(direction, turn) * sign))
                 boxes.append(np.sort(np.roll(box, turn, axis=1) * sign, axis=0).astype(np.float32))
                 expected.append(is_met)
     return np.concatenate(rays), np.array(boxes), np.array(expected)
@@ -136,5 +144,8 @@ def test_the_padding_is_as_wide_as_derived(run_shell, gaps):
 @pytest.mark.parametrize("layout", LAYOUT_NAMES)
 def test_the_padding_in_lanes_is_as_wide_as_derived(run_lane_shell, gaps, layout):
     rays, boxes, expected = gaps
-    (met,) = run_lane_shell(layout, "meet_children", [rays, make_nodes(boxes, LAYOUT_WIDTHS[layout])], [np.uint32])
+    nodes = make_nodes(boxes, LAYOUT_WIDTHS[layout])
+    (met,) = run_lane_shell(layout, "meet_children", [rays, nodes], [np.uint32])
+    np.testing.assert_array_equal(met == 1, expected)
+    (met,) = run_lane_shell(layout, "meet_by_beam", [nodes, np.repeat(rays, RAYS)], [np.uint32])
     np.testing.assert_array_equal(met == 1, expected)
