@@ -1,6 +1,7 @@
 """Kernel sources: found, expanded once each, built, and named in the compiler's messages."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -146,3 +147,11 @@ def test_every_shipped_kernel_builds_in_every_layout_without_a_warning(session, 
     program = cl.Program(session.context, expand_source(f"kernels/{path.stem}.cl")).build(options)
     names = {kernel.function_name for kernel in program.all_kernels()}
     assert (path.stem in names) == (layout in ENTRY_POINT_LAYOUTS or path.stem != "tile_entry_points")
+
+
+def test_a_simulator_gets_portable_kernels_and_no_optimizer(session, folder, monkeypatch):
+    folder("kernels/broken.cl", "kernel void broken(void) { return 1 }")
+    monkeypatch.setattr(session, "info", replace(session.info, platform="Oclgrind"))
+    with pytest.raises(KernelBuildError) as caught:
+        build_kernel(session, "broken", folder=folder.path)
+    assert "-DPORTABLE=1 -cl-opt-disable" in caught.value.options
