@@ -8,7 +8,6 @@ import pytest
 from clbvh import load_mesh
 from clbvh.errors import MeshError
 
-
 VERTICES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 
 

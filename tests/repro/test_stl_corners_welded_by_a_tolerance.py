@@ -9,7 +9,6 @@ import pytest
 
 from clbvh import load_mesh
 
-
 TRIANGLES = 1e-9 * np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]])
 
 
