@@ -62,12 +62,15 @@ def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) ->
 
 def take_tree(path: Path, mesh: Mesh) -> tuple[Bvh | None, str]:
     """Return the tree in a file, or None and the reason in one sentence, which is empty if there is no such file."""
-    if not path.is_file():
+    if not path.exists():
         return None, ""
+    unusable = "the tree in the cache cannot be used and is built again"
+    if not path.is_file():
+        return None, f"{unusable}: {path}: this is no regular file"
     try:
         bvh = Bvh.load(path, mesh)
     except TreeFileError as error:
-        return None, f"the tree in the cache cannot be used and is built again: {error}"
+        return None, f"{unusable}: {error}"
     with suppress(OSError):
         os.utime(path)  # used just now
     return bvh, ""

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 def main() -> None:
     """Run the `clbvh` command."""
-    # Before all else: everything that follows can be interrupted.
+    # Streams first: the next file that is opened would get the number of a closed one.
+    from .streams import prepare_streams
+
+    prepare_streams()
+    # Everything that follows can be interrupted.
     from .signals import end_on_signals
 
     end_on_signals()

@@ -10,7 +10,7 @@ import typer
 
 from ..errors import ClbvhError, DeviceError
 from . import devices, doctor, fetch, render, stats, tune
-from .streams import flush_output, prepare_streams
+from .streams import flush_output
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -68,7 +68,6 @@ def run(arguments: list[str] | None = None) -> None:
     arguments : list of str, optional
         The words behind `clbvh`; those of `sys.argv` without it.
     """
-    prepare_streams()
     words = sys.argv[1:] if arguments is None else arguments
     # `--debug` is allowed anywhere: users add it to the end of the command that failed.
     debug = "--debug" in words

@@ -25,9 +25,7 @@ def prepare_streams() -> None:
         if stream is None:
             stream = open(os.devnull, "w")  # noqa: PTH123, SIM115 - lives as long as the process
             setattr(sys, name, stream)
-        # A test may have put something else there.
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")
+        stream.reconfigure(errors="backslashreplace")
 
 
 def flush_output() -> None:

@@ -73,7 +73,8 @@ def test_ctrl_c_at_any_moment_leaves_nothing(place, name):
             problems.append(f"after {moment_s:.3f} of {usual_s:.3f} s: {problem}")
     print(f"{name}: {interrupted} of {MOMENTS} interrupted, slowest {place.slowest_end_s:.2f} s")
     assert problems == []
-    assert interrupted > 0
+    # The few moments of a short run may all be late, where the machine was busy when the time was taken.
+    assert interrupted > 0 or not is_long()
 
 
 def test_sigterm_is_exit_code_143(place):

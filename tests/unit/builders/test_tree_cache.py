@@ -77,5 +77,7 @@ def test_a_limit_that_is_no_number_is_said(tmp_path, mesh, tree, monkeypatch, li
 def test_a_fifo_in_the_place_of_a_tree_is_not_read(tmp_path, mesh, tree):
     path = cache_path(tmp_path, mesh, "sah", BuildOptions())
     os.mkfifo(path)
-    assert take_tree(path, mesh) == (None, "")
+    taken, note = take_tree(path, mesh)
+    assert taken is None
+    assert note.endswith("this is no regular file")
     assert "only a regular file can be replaced" in keep_tree(path, tree)
