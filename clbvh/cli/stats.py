@@ -83,14 +83,13 @@ def stats(
     if plot is not None:
         write_tree_plot(plot, measured, f"{mesh.name}, builder {builder}")
 
-    root = made.bvh.nodes[0]
     report = {
         "mesh": {
             "name": mesh.name,
             "vertices": len(mesh.vertices),
             "triangles": mesh.face_count,
             "degenerate_triangles": mesh.degenerate_count,
-            "size": (root["aabb_max"] - root["aabb_min"]).tolist(),
+            "size": (mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).tolist(),
             "centre": mesh.origin.tolist(),
             "bytes": mesh.vertices.nbytes + mesh.local_vertices.nbytes + mesh.faces.nbytes,
         },

@@ -67,7 +67,7 @@ class DeviceSession(ContextManager):
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
         info = device if isinstance(device, DeviceInfo) else choose_device(device)
-        self._open(info, find_settings(info), EventTimes())
+        self._open(info, find_settings(info), EventTimes(), None)
 
     def branch(self) -> DeviceSession:
         """Return another session on the same device, for another thread; it uses the buffers of this one as well.
@@ -78,10 +78,11 @@ class DeviceSession(ContextManager):
             The driver refuses.
         """
         session = DeviceSession.__new__(DeviceSession)
-        session._open(self.info, self.settings, self.times)
+        # Not whatever context the device has by now: the buffers of this session are in its own.
+        session._open(self.info, self.settings, self.times, self.shared)
         return session
 
-    def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes) -> None:
+    def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes, shared: DeviceContext | None) -> None:
         import pyopencl as cl
 
         claim_opencl()
@@ -93,7 +94,7 @@ class DeviceSession(ContextManager):
         self._buffers: list[Any] = []
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with _DeviceErrors(cl, info, "be opened"):
-            self.shared = open_context(info)
+            self.shared = shared or open_context(info)
             self.queue = self.shared.open_queue()
         hold_handles(self)
 

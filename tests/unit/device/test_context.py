@@ -159,6 +159,8 @@ def test_a_context_that_the_driver_has_given_up_is_not_shared_any_more(session, 
             before.run(Kernel(fail, []), (1,), (1,))
         with DeviceSession(session.info) as after:
             assert (after.shared is not before.shared) == is_lost
+            # Buffers belong to a context, and so to all branches of a session.
+            assert before.branch().shared is before.shared
             array = np.arange(5)
             back = np.zeros_like(array)
             after.download(after.upload(array), back)

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,11 +120,11 @@ def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
     """Each thread saves the setting, changes it and restores it."""
     before = home._settings.CACHE_DIR
 
-    def decorate_slowly(**options):
+    def open_slowly(function):
         time.sleep(0.02)
-        return lambda function: function
 
-    monkeypatch.setattr(home, "_njit", decorate_slowly)
+    monkeypatch.setattr(home, "_njit", lambda **options: lambda function: SimpleNamespace())
+    monkeypatch.setattr(home, "MachineCodeCache", open_slowly)
     threads = [threading.Thread(target=home.compiled, args=(abs,)) for _ in range(4)]
     for delay, thread in enumerate(threads):
         thread.start()
