@@ -44,14 +44,11 @@ def describe_workers(count: int) -> str:
 
 
 def print_tables(*tables: Any) -> None:
-    """Print tables to stdout, separated by empty lines."""
-    from rich.console import Console
+    """Print tables to stdout, separated by empty lines: all at once, so that Ctrl-C leaves all of them or none."""
+    from rich.console import Console, Group
 
-    console = Console(highlight=False, soft_wrap=True, file=sys.stdout)
-    for number, table in enumerate(tables):
-        if number:
-            console.print()
-        console.print(table)
+    separated = [part for table in tables for part in ("", table)][1:]
+    Console(highlight=False, soft_wrap=True, file=sys.stdout).print(Group(*separated))
 
 
 def choose_sign(sign: str, plain: str) -> str:

@@ -15,13 +15,18 @@ from pathlib import Path
 from .orphans import remove_orphan_folders
 from .temporary_folder import TemporaryFolder
 
+# The name of a socket has at most 107 bytes, and those of this folder and of a socket in it take 40 of them. Where the
+# user's folder for temporary files has a longer name, the system's is taken.
+_LONGEST_PARENT = 107 - 40
+_SHORT_PARENT = Path("/tmp")
+
 _making = threading.Lock()
 # The folder of this process, by its id: a forked child makes its own.
 _folders: dict[int, Path] = {}
 
 
 def get_run_folder() -> Path:
-    """Return the folder, which only this user can enter.
+    """Return the folder, which only this user can enter; its name leaves room for that of a socket.
 
     Raises
     ------
@@ -38,10 +43,16 @@ def get_run_folder() -> Path:
 def remove_old_run_folders() -> None:
     """Remove what killed processes of this user left; without a folder for temporary files there is nothing."""
     try:
-        parent = tempfile.gettempdir()
+        parent = _find_parent()
     except OSError:
         return
-    remove_orphan_folders(Path(parent), _prefix())
+    remove_orphan_folders(parent, _prefix())
+
+
+def _find_parent() -> Path:
+    parent = Path(tempfile.gettempdir())
+    is_long = len(os.fsencode(parent)) > _LONGEST_PARENT
+    return _SHORT_PARENT if is_long and os.access(_SHORT_PARENT, os.W_OK | os.X_OK) else parent
 
 
 def _prefix() -> str:
@@ -50,6 +61,6 @@ def _prefix() -> str:
 
 
 def _make() -> Path:
-    folder = TemporaryFolder(Path(tempfile.gettempdir()), _prefix())
+    folder = TemporaryFolder(_find_parent(), _prefix())
     atexit.register(folder.close)
     return folder.path
