@@ -28,11 +28,11 @@ with replacing(Path(sys.argv[1])) as file:
 
 
 @pytest.fixture
-def owner(tmp_path):
-    """A process that has begun a file and a folder, which lies in `tmp_path`, too."""
+def owner(short_path):
+    """A process that has begun a file and a folder, which lies in `short_path`, too."""
     with subprocess.Popen(
-        [sys.executable, "-c", OWNER, tmp_path / "a"],
-        env=os.environ | {"TMPDIR": str(tmp_path)},
+        [sys.executable, "-c", OWNER, short_path / "a"],
+        env=os.environ | {"TMPDIR": str(short_path)},
         stdout=subprocess.PIPE,
     ) as process:
         assert process.stdout.readline() == b"begun\n"
@@ -45,45 +45,45 @@ def sweep(folder):
     remove_orphan_folders(folder, "clbvh-")
 
 
-def test_what_a_living_process_has_begun_stays(owner, tmp_path):
-    begun = set(tmp_path.iterdir())
+def test_what_a_living_process_has_begun_stays(owner, short_path):
+    begun = set(short_path.iterdir())
     assert len(begun) == 2
-    sweep(tmp_path)
-    assert set(tmp_path.iterdir()) == begun
+    sweep(short_path)
+    assert set(short_path.iterdir()) == begun
 
 
-def test_what_a_killed_process_has_begun_goes(owner, tmp_path):
+def test_what_a_killed_process_has_begun_goes(owner, short_path):
     owner.send_signal(signal.SIGKILL)
     owner.wait()
-    assert len(list(tmp_path.iterdir())) == 2
-    sweep(tmp_path)
-    assert list(tmp_path.iterdir()) == []
+    assert len(list(short_path.iterdir())) == 2
+    sweep(short_path)
+    assert list(short_path.iterdir()) == []
 
 
-def test_the_next_file_in_the_folder_sweeps_it(owner, tmp_path):
+def test_the_next_file_in_the_folder_sweeps_it(owner, short_path):
     owner.kill()
     owner.wait()
-    with replacing(tmp_path / "b") as file:
+    with replacing(short_path / "b") as file:
         file.write(b"whole")
-    assert {path.name[:6] for path in tmp_path.iterdir()} == {"b", "clbvh-"}
+    assert {path.name[:6] for path in short_path.iterdir()} == {"b", "clbvh-"}
 
 
-def test_only_files_with_our_names_and_of_the_right_kind_go(tmp_path):
-    kept = [tmp_path / ".clbvh-without-suffix", tmp_path / "no-prefix.tmp", tmp_path / "clbvh-file"]
+def test_only_files_with_our_names_and_of_the_right_kind_go(short_path):
+    kept = [short_path / ".clbvh-without-suffix", short_path / "no-prefix.tmp", short_path / "clbvh-file"]
     for path in kept:
         path.touch()
-    kept += [tmp_path / f"{FILE_PREFIX}folder{FILE_SUFFIX}", tmp_path / f"{FILE_PREFIX}fifo{FILE_SUFFIX}"]
+    kept += [short_path / f"{FILE_PREFIX}folder{FILE_SUFFIX}", short_path / f"{FILE_PREFIX}fifo{FILE_SUFFIX}"]
     kept[-2].mkdir()
     os.mkfifo(kept[-1])
-    (tmp_path / "target").touch()
-    kept += [tmp_path / "target", tmp_path / f"{FILE_PREFIX}link{FILE_SUFFIX}"]
-    kept[-1].symlink_to(tmp_path / "target")
-    sweep(tmp_path)
-    assert set(tmp_path.iterdir()) == set(kept)
+    (short_path / "target").touch()
+    kept += [short_path / "target", short_path / f"{FILE_PREFIX}link{FILE_SUFFIX}"]
+    kept[-1].symlink_to(short_path / "target")
+    sweep(short_path)
+    assert set(short_path.iterdir()) == set(kept)
 
 
-def test_a_missing_folder_is_no_error(tmp_path):
-    sweep(tmp_path / "gone")
+def test_a_missing_folder_is_no_error(short_path):
+    sweep(short_path / "gone")
 
 
 def test_the_run_folder_is_private_and_the_same_each_time():
