@@ -286,7 +286,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "gpu" in wanted:
         outcomes += [check_runtime(runtime, None) for runtime in find_gpus()]
     print_table(outcomes)
-    return 1 if any(outcome.is_failure for outcome in outcomes) else 0
+    # Nothing compared is no success.
+    return 1 if not outcomes or any(outcome.is_failure for outcome in outcomes) else 0
 
 
 if __name__ == "__main__":

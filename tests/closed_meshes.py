@@ -53,17 +53,17 @@ NAMES = ("icosphere", "knot", "bunny")
 def open_closed_mesh(name, *, larger=1):
     """Return a closed mesh around its own zero, and a function from a count and a generator to points inside."""
     if name == "bunny":
-        rebased = close_holes(load_mesh(scan_path(BUNNY)))
-        inside = deep_inside(rebased)
+        mesh = close_holes(load_mesh(scan_path(BUNNY)))
+        inside = deep_inside(mesh)
     elif name == "knot":
-        rebased, inside = make_shape("knot", triangles=20_000 * larger, seed=1), inside_knot
+        mesh, inside = make_shape("knot", triangles=20_000 * larger, seed=1), inside_knot
     else:
-        rebased, inside = make_shape("icosphere", triangles=5120 * larger), inside_sphere
+        mesh, inside = make_shape("icosphere", triangles=5120 * larger), inside_sphere
     # Every edge belongs to two triangles, once in each sense.
-    edges = np.concatenate([rebased.faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))])
+    edges = np.concatenate([mesh.faces[:, [i, j]] for i, j in ((0, 1), (1, 2), (2, 0))])
     assert np.array_equal(np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0))
     assert len(np.unique(edges, axis=0)) == len(edges)
-    return centred(rebased), lambda count, generator: as_float32(rebased.to_local(inside(count, generator)))
+    return centred(mesh), lambda count, generator: as_float32(mesh.to_local(inside(count, generator)))
 
 
 def rays_at(targets, inside, count, generator):

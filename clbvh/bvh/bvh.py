@@ -61,7 +61,7 @@ class Bvh:
 
         Parameters
         ----------
-        vertices : (V, 3) float, object units, in the coordinates of the mesh's file
+        vertices : (V, 3) float, the file's coordinates
             The same number as before; not modified.
 
         Returns
@@ -114,7 +114,7 @@ class Bvh:
         ----------
         path : str or path
         mesh : Mesh
-            The mesh that the tree was built over: the same vertices, faces and origin, whatever its name.
+            The mesh that the tree was built over: the same faces and local vertices, whatever its name, unit and place.
 
         Returns
         -------

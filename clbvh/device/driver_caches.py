@@ -24,7 +24,8 @@ def prepare() -> None:
     """
     remove_old_run_folders()
     # A folder that the user has named is the user's business, also where it is wrong: `clbvh doctor` finds that.
-    if os.environ.get(POCL_VARIABLE) or is_writable(_find_users_cache() / "pocl"):
+    users_cache = _find_users_cache()
+    if os.environ.get(POCL_VARIABLE) or (users_cache is not None and is_writable(users_cache / "pocl")):
         return
     folder = find_cache()
     try:
@@ -40,8 +41,9 @@ def prepare() -> None:
     os.environ[POCL_VARIABLE] = str(folder)
 
 
-def _find_users_cache() -> Path:
-    """Return the folder that PoCL takes for the user's cache."""
+def _find_users_cache() -> Path | None:
+    """Return the folder that PoCL takes for the user's cache; None without a home."""
     if folder := os.environ.get("XDG_CACHE_HOME"):
         return Path(folder)
-    return Path(os.environ.get("HOME") or "/nonexistent") / ".cache"
+    home = os.environ.get("HOME")
+    return Path(home) / ".cache" if home else None

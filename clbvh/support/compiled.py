@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import string
 import threading
 import time
 from collections.abc import Callable
@@ -114,5 +115,7 @@ def _remove_unused(base: Path) -> None:
     """Remove the folders of old sources that have not been used for a while."""
     limit = time.time() - _KEPT_DAYS * _SECONDS_PER_DAY
     for folder in base.iterdir() if base.is_dir() else ():
-        if len(folder.name) == _DIGITS and folder.is_dir() and folder.stat().st_mtime < limit:
+        # In numba's own folder there may be other packages' folders.
+        is_ours = len(folder.name) == _DIGITS and set(folder.name) <= set(string.hexdigits)
+        if is_ours and folder.is_dir() and folder.stat().st_mtime < limit:
             shutil.rmtree(folder, ignore_errors=True)

@@ -94,9 +94,12 @@ class HostThreads(ContextManager):
                 self._stop = weakref.finalize(self, _stop_threads, self._jobs, self._threads)
             while len(self._threads) < count:
                 thread = Thread(target=_serve, args=(self._jobs,), name="clbvh", daemon=True)
+                try:
+                    thread.start()
+                except RuntimeError:  # the system has no more; the calling thread does what is left
+                    break
                 self._threads.append(thread)
-                thread.start()
-            for _ in range(count):
+            for _ in self._threads[:count]:
                 self._jobs.put(work)
 
     def _notice_fork(self) -> None:
@@ -136,7 +139,7 @@ class _Batch(Generic[_Result]):
         self._task = task
         self._argument_lists = argument_lists
         self._results: dict[int, _Result] = {}
-        self._errors: dict[int, Exception] = {}
+        self._errors: dict[int, BaseException] = {}
         self._lock = Lock()
         self._waiting = list(range(len(argument_lists)))[::-1]  # taken from the end: the first task comes first
         self._helped: set[int] = set()  # tasks that helpers are running
@@ -192,5 +195,8 @@ class _Batch(Generic[_Result]):
     def _run(self, index: int) -> None:
         try:
             self._results[index] = self._task(*self._argument_lists[index])
-        except Exception as error:
+        except BaseException as error:
+            # Ctrl-C reaches the calling thread alone: there it ends the work at once.
+            if not isinstance(error, Exception) and index not in self._helped:
+                raise
             self._errors[index] = error

@@ -7,6 +7,7 @@ own and import nothing, and it must be listed before the thing that it removes c
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,12 +16,13 @@ _PATIENCE_S = 0.2
 
 _lock = threading.Lock()
 _cleanups: dict[int, Callable[[], object]] = {}
+_tickets = itertools.count()
 
 
 def add(cleanup: Callable[[], object]) -> int:
     """List a cleanup, and return the ticket that takes it off the list."""
     with _lock:
-        ticket = max(_cleanups, default=0) + 1
+        ticket = next(_tickets)
         _cleanups[ticket] = cleanup
     return ticket
 

@@ -117,12 +117,18 @@ class Caster(ContextManager):
         """
         return Call(self)
 
-    def cut_smaller(self) -> bool:
-        """Halve the batches to come, and give back what calls have left; return whether that can help."""
+    def cut_smaller(self, tried: int) -> bool:
+        """Halve the batches to come, and give back what calls have left; return whether that can help.
+
+        Parameters
+        ----------
+        tried : int
+            Halvings of the batch that the device did not hold. Where another thread has halved since, nothing is.
+        """
         with self._lock:
-            if self.halvings == MOST_HALVINGS:
+            if tried == MOST_HALVINGS:
                 return False
-            self.halvings += 1
+            self.halvings = max(self.halvings, tried + 1)
         self.calls.release_idle()
         return True
 

@@ -27,10 +27,11 @@ def cut_smaller_when_full(
     @functools.wraps(query)
     def ask(caster: Caster, /, *arguments: _Rest.args, **named: _Rest.kwargs) -> _Result:
         while True:
+            tried = caster.halvings
             try:
                 return query(caster, *arguments, **named)
             except DeviceMemoryError:
-                if not caster.cut_smaller():
+                if not caster.cut_smaller(tried):
                     raise
 
     return ask

@@ -81,11 +81,12 @@ class RunningCalls:
 
     def __init__(self, tree_session: DeviceSession) -> None:
         self._tree_session = tree_session
-        # Ctrl-C cannot strike between taking a lock of this kind and its `with` block.
+        # Reentrant: `end` releases everything while it holds the lock.
         self._lock = threading.RLock()
         self.is_closed = False
         self._idle: list[CallMemory] = []
         self._loans: dict[int, _Loan] = {}  # by the identity of the call
+        self._closing: set[int] = set()  # threads that wait in `close`
 
     def begin(self, call: object) -> CallMemory:
         """Let a call begin, and lend it memory; `end` takes it back, also after an error here.
@@ -133,14 +134,18 @@ class RunningCalls:
     def close(self) -> None:
         """Refuse new calls, wait until those of other threads have ended, and give the device's memory back.
 
-        A call of this thread, whose progress function closes the tracer, keeps its memory until it ends. In a forked
-        child nothing happens.
+        A call whose progress function closes the tracer keeps its memory until it ends, and nobody waits for it. In a
+        forked child nothing happens.
         """
         if is_inherited():
             return
         self.is_closed = True
-        while self._is_used_elsewhere():
-            time.sleep(_POLL_S)
+        self._closing.add(threading.get_ident())
+        try:
+            while self._is_used_elsewhere():
+                time.sleep(_POLL_S)
+        finally:
+            self._closing.discard(threading.get_ident())
         self._release_after_last()
 
     def release_idle(self) -> None:
@@ -163,7 +168,7 @@ class RunningCalls:
     def _is_used_elsewhere(self) -> bool:
         with self._lock:
             self._drop_lost_loans()
-            return any(loan.thread_id != threading.get_ident() for loan in self._loans.values())
+            return any(loan.thread_id not in self._closing for loan in self._loans.values())
 
     def _release_after_last(self) -> None:
         """Give everything back unless a call is running."""

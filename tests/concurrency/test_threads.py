@@ -154,6 +154,20 @@ class TestClosing:
         assert tracer.is_closed
         assert tracer._caster.session.is_closed
 
+    def test_two_progress_functions_may_close_one_tracer(self, bvh, session):
+        tracer = Tracer(bvh, device=session.info)
+        rays = np.random.default_rng(7).normal(size=(2, 100, 3))
+        expected = tracer.closest_prim(*rays)
+        both_are_running = threading.Barrier(2, timeout=PATIENCE_S)
+
+        def close(done, of):
+            both_are_running.wait()
+            tracer.close()
+
+        for found in run_in_threads(*[lambda: tracer.closest_prim(*rays, progress=close)] * 2):
+            np.testing.assert_array_equal(found, expected)
+        assert tracer._caster.session.is_closed
+
 
 class TestTrimesh:
     def test_threads_share_an_engine_that_is_closed_again_and_again(self):

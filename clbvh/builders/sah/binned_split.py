@@ -22,7 +22,7 @@ from ..prim_refs import BOUNDS_CENTROIDS
 _BELOW_ONE = np.float32(0.99999)
 
 # bins / extent must not overflow float32: on an axis along which the centroids lie closer together than this
-# (object units), they count as equal.
+# (local units), they count as equal.
 _SMALLEST_EXTENT = np.float32(2.0**-110)
 
 # Prefetch distance in primitive references. A range larger than the caches is read from memory, which the processor

@@ -244,14 +244,20 @@ class WorkerPool(ContextManager):
                 with _hidden_name_of_no_script():
                     process.start()
                 theirs.close()
+                if self._closed:
+                    # The fork server hung, and nobody waits any more.
+                    process.kill()
+                    process.join()
+                    return
                 self._processes.append(process)
                 self._connections.append(ours)
             self._wait_for_all()
         except PoolError as error:
-            self._start_error = error
+            self._start_error = self._start_error or error
         except Exception as error:
-            self._start_error = PoolError(f"the worker processes do not start: {error}")
-            self._start_error.__cause__ = error
+            if self._start_error is None:
+                self._start_error = PoolError(f"the worker processes do not start: {error}")
+                self._start_error.__cause__ = error
         self.start_ms = (time.perf_counter() - begin) * 1e3
 
     def _stop(self, patience_s: float) -> None:

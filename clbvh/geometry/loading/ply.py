@@ -28,7 +28,8 @@ _TYPES = {
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _NEWLINE = ord("\n")
 _CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
-# float32 loses two bits or more when a mesh is re-based that is farther from zero than twice its width.
+# float32 loses two bits or more, before the origin is subtracted, where a mesh is farther from zero than twice its
+# width.
 _MAX_REACH = 2
 
 

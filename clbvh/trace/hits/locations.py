@@ -69,7 +69,7 @@ def _make_normals(triangles, prim_ids, normals):
             a = vertices[faces[prim, 0], axis]
             ab[axis] = (vertices[faces[prim, 1], axis] - a) * scale
             ac[axis] = (vertices[faces[prim, 2], axis] - a) * scale
-        # The squares of a small triangle's normal need not be in float64, those of this one are.
+        # Divided by its largest component first: the squares of a small triangle's normal could underflow.
         largest = 0.0
         for axis in range(3):
             following, last = (axis + 1) % 3, (axis + 2) % 3

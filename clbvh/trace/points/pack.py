@@ -12,7 +12,7 @@ from ...structs import PACKED_POINT_LANES
 from ...support.compiled import compiled
 from ..rays.batch import TreeBox, index_text
 
-# A point further away than this many times half the box's size is moved to that distance, towards the centre. From
+# A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
 # larger one would cost more in float32: sixteen roundings of it are as much.
 _FAR_SHARE = 512.0

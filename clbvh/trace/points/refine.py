@@ -23,7 +23,7 @@ class ClosestPoints(NamedTuple):
 
     Attributes
     ----------
-    distance : (...,) float64, object units
+    distance : (...,) float64, the file's unit
     point : (..., 3) float64, the file's coordinates
     prim_id : (...,) int32
         The face that the point is on.

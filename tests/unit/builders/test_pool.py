@@ -270,8 +270,9 @@ def test_a_worker_killed_from_outside_during_a_build_is_an_error(doomed, monkeyp
 
 @pytest.mark.parametrize("silence", [sleep_and_tell, kill_myself], ids=["busy", "stopped"])
 def test_a_silent_worker_is_an_error_after_the_timeout(silence):
-    with SubtreePool(workers=2, timeout_s=1.5) as pool:
+    with SubtreePool(workers=2) as pool:
         pool.map(_echo_or, [(sleep_and_tell, 0.1)] * 2)  # both have imported this module
+        pool._timeout_s = 1.5
         processes = list(pool._processes)
         begin = time.perf_counter()
         argument = LONG_S if silence is sleep_and_tell else signal.SIGSTOP
@@ -287,10 +288,10 @@ def _echo_or(arrays, step, argument):
 
 
 def test_a_worker_that_works_within_the_timeout_is_left_alone():
-    with SubtreePool(workers=1, timeout_s=3) as pool:
+    with SubtreePool(workers=1) as pool:
         pool.map(echo, [(1,)])
-        pool._timeout_s = 0.9
-        assert len(pool.map(sleep_and_tell, [(0.4,)] * 3)) == 3
+        pool._timeout_s = 2.5
+        assert len(pool.map(sleep_and_tell, [(0.9,)] * 3)) == 3
 
 
 # Builds until it is stopped. Where the tests run in the background, their children ignore Ctrl-C unless told so.

@@ -129,7 +129,7 @@ def test_vertices_of_every_second_row_make_the_same_mesh():
     assert (Mesh.from_arrays(strided, [[0, 1, 2]]).vertices == Mesh.from_arrays(plain, [[0, 1, 2]]).vertices).all()
 
 
-def test_moved_vertices_are_rebased_and_the_faces_shared():
+def test_moved_vertices_get_local_coordinates_of_their_own_and_share_the_faces():
     mesh = Mesh.from_arrays(TRIANGLE, [[0, 2, 1]], name="thing")
     moved = mesh.with_vertices(np.array(TRIANGLE) * 2 + 1e6)
     assert moved.origin.tolist() == [1e6 + 1, 1e6 + 1, 1e6]
