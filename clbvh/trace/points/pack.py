@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...errors import QueryError
 from ...structs import PACKED_POINT_LANES
 from ...support.compiled import compiled
-from ..rays.batch import TreeBox, index_text
+from ..rays.batch import TreeBox, index_text, too_far
 
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
@@ -37,9 +37,7 @@ def check_points(points: NDArray[Any], box: TreeBox, first: int, shape: tuple[in
         index, point = index_text(first + bad, shape), points[bad]
         if not np.isfinite(point).all():
             raise QueryError(f"points[{index}] is not finite: {point}")
-        raise QueryError(
-            f"points[{index}] is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: {point}"
-        )
+        raise too_far("points", index, point)
 
 
 def pack_points(points: NDArray[Any], box: TreeBox, order: NDArray[np.int32], packed: NDArray[np.void]) -> None:

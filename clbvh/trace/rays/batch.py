@@ -129,6 +129,13 @@ def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArra
     return limits.reshape(-1)
 
 
+def too_far(name: str, index: str, value: NDArray[Any]) -> QueryError:
+    """Return the error for an origin or a point whose local coordinates are beyond float64."""
+    return QueryError(
+        f"{name}[{index}] is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: {value}"
+    )
+
+
 def index_text(index: int, shape: tuple[int, ...]) -> str:
     """Return how a user would index an element of an array of this shape, given its number in C order."""
     return ", ".join(map(str, np.unravel_index(index, shape))) if math.prod(shape) > index else str(index)

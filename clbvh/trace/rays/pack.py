@@ -21,7 +21,7 @@ from ...structs import PACKED_RAY_DIRECTION, PACKED_RAY_LANES, PACKED_RAY_T_MAX,
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
 from ...support.prefetch import prefetch
-from .batch import RayBatch, TreeBox, index_text
+from .batch import RayBatch, TreeBox, index_text, too_far
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.
 _MOST_FAST_EXPONENT = 400
@@ -107,10 +107,7 @@ def _explain(batch: RayBatch, ray_id: int, index: str) -> QueryError:
         if not np.isfinite(values[ray_id]).all():
             return QueryError(f"{name}[{index}] is not finite: {values[ray_id]}")
     if batch.directions[ray_id].any():
-        return QueryError(
-            f"origins[{index}] is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: "
-            f"{batch.origins[ray_id]}"
-        )
+        return too_far("origins", index, batch.origins[ray_id])
     return QueryError(f"directions[{index}] has length zero")
 
 

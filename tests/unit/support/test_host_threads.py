@@ -183,3 +183,14 @@ def test_an_error_leaves_no_reference_to_its_arguments():
         assert seen() is None
     finally:
         gc.enable()
+
+
+def test_where_no_thread_can_start_the_work_is_done_all_the_same(monkeypatch):
+    def refuse(thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(host_threads.Thread, "start", refuse)
+    with HostThreads(4) as threads:
+        for _ in range(3):
+            assert threads.run(lambda number: number + 1, [(number,) for number in range(10)]) == list(range(1, 11))
+        assert threads._jobs.empty()

@@ -12,6 +12,7 @@ from clbvh.rendering.frame import FrameRenderer
 from clbvh.rendering.scene import MeshSource, Scene
 from clbvh.rendering.view import make_view
 from clbvh.trace.device_tree import DeviceTree
+from clbvh.trace.launch import MOST_HALVINGS
 
 QUERIES = {
     "closest_hit": lambda tracer, rays: tracer.closest_hit(*rays),
@@ -101,3 +102,14 @@ def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
         limit(500)
         with pytest.raises(DeviceMemoryError, match="cannot hold a buffer"):
             renderer.render(view)
+
+
+def test_threads_that_are_refused_together_halve_once(tracer):
+    caster = tracer._caster
+    before = caster.halvings
+    try:
+        assert [caster.cut_smaller(before) for _ in range(8)] == [True] * 8
+        assert caster.halvings == before + 1
+        assert not caster.cut_smaller(MOST_HALVINGS)
+    finally:
+        caster.halvings = before
