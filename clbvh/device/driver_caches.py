@@ -23,6 +23,8 @@ def prepare() -> None:
     Without any folder nothing is changed, and the driver says what it lacks.
     """
     remove_old_run_folders()
+    if os.environ.get(POCL_VARIABLE) == "":
+        del os.environ[POCL_VARIABLE]  # PoCL would take it for a name
     # A folder that the user has named is the user's business, also where it is wrong: `clbvh doctor` finds that.
     users_cache = _find_users_cache()
     if os.environ.get(POCL_VARIABLE) or (users_cache is not None and is_writable(users_cache / "pocl")):

@@ -5,6 +5,8 @@ The queries themselves stand in `hits/` and `points/`.
 
 from __future__ import annotations
 
+from numbers import Integral
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -278,6 +280,7 @@ class Tracer(ContextManager):
 
 def _check_max_hits(max_hits: int | None) -> int | None:
     """Raise unless this is no limit, or one that a kernel can hold."""
-    if max_hits is not None and not 1 <= max_hits <= NO_LIMIT:
+    is_number = isinstance(max_hits, Integral) and not isinstance(max_hits, bool)
+    if max_hits is not None and not (is_number and 1 <= max_hits <= NO_LIMIT):
         raise ConfigError(f"max_hits must be None or a number from 1 to {NO_LIMIT}, not {max_hits}")
     return max_hits

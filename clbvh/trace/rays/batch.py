@@ -97,12 +97,10 @@ def read_rays(
 
 def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return (..., 3) float32 or float64."""
-    vectors = np.asarray(values)
+    vectors = _read_numbers(values, name)
     if vectors.dtype not in (np.float32, np.float64):
-        try:
+        with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
             vectors = vectors.astype(np.float64)
-        except (TypeError, ValueError) as error:
-            raise QueryError(f"{name} must be numbers: {error}") from error
     if vectors.size == 0 and vectors.ndim < 2:
         vectors = vectors.reshape(0, 3)
     if vectors.ndim < 2 or vectors.shape[-1] != 3:
@@ -110,12 +108,22 @@ def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     return vectors
 
 
-def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return one limit as (1,), or one for each ray as (n,); infinity is allowed."""
+def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+    """Return an array of real numbers, of any dtype for them."""
     try:
-        limits = np.asarray(values, np.float64)
+        numbers = np.asarray(values)
+        if numbers.dtype == object:
+            numbers = numbers.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise QueryError(f"{name} must be numbers: {error}") from error
+    if numbers.dtype.kind not in "iuf":
+        raise QueryError(f"{name} must be numbers, not {numbers.dtype}")
+    return numbers
+
+
+def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return one limit as (1,), or one for each ray as (n,); infinity is allowed."""
+    limits = _read_numbers(values, name).astype(np.float64, copy=False)
     if limits.shape not in ((), shape):
         raise QueryError(f"{name} must be a number or have shape {shape}, not {limits.shape}")
     least = 0.0 if name == "t_min" else -np.inf

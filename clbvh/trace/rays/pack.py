@@ -38,6 +38,7 @@ _DISTANCE_SLACK = 2.0**-48
 # An origin is advanced by a whole number of steps: this share of the box's size, rounded down to a power of two. So a
 # point on a grid stays on it, and a ray exactly through a vertex still meets it exactly.
 _STEP_SHARE = 0.25
+_WHOLE_STEPS = 2.0**60
 
 # An advance leaves 2^-53 of an origin's distance, so that float64's farthest origin comes near in 20.
 _MOST_ADVANCES = 32
@@ -186,13 +187,14 @@ def _write_advanced(packed, slot, ray, exponent, box):
             _write(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max))
             return
         # The interval inside the box. Written so that NaN is a miss.
-        slack = _BOX_SLACK * size + _DISTANCE_SLACK * (abs(x) + abs(y) + abs(z))
+        slack = _BOX_SLACK * size + (_DISTANCE_SLACK * abs(x) + _DISTANCE_SLACK * abs(y) + _DISTANCE_SLACK * abs(z))
         t_near, t_far = _clip(x, dx, half[0] + slack, 0.0, t_max)
         t_near, t_far = _clip(y, dy, half[1] + slack, t_near, t_far)
         t_near, t_far = _clip(z, dz, half[2] + slack, t_near, t_far)
         if not (t_near <= t_far and t_far >= t_min):
             break
-        advance = np.floor(t_near / step) * step
+        # A t this large is a whole number of steps, and their number may be beyond float64.
+        advance = np.floor(t_near / step) * step if t_near < _WHOLE_STEPS else t_near
         x, y, z = x + advance * dx, y + advance * dy, z + advance * dz
         t_min, t_max = max(t_min - advance, 0.0), t_max - advance
     _write(packed, slot, _Ray(0.0, 0.0, 0.0, dx, dy, dz, 0.0, -1.0))
