@@ -37,8 +37,8 @@ mutants: $(INSTALLED_DEV) ## plant small faults in the code, and see that a test
 	$(BIN)/python -m tests.mutants $(if $(ONLY),--only $(ONLY)) $(if $(JOBS),--jobs $(JOBS))
 
 # The same seed gives the same files. A file that fails is kept in out/fuzz/.
-fuzz: $(INSTALLED_DEV) ## damage FILES (100,000) files for every reader: a result, or one sentence why not; SEED= repeats
-	$(BIN)/python -m tests.fuzz $(if $(FILES),--files $(FILES)) $(if $(SEED),--seed $(SEED))
+fuzz: $(INSTALLED_DEV) ## damage FILES (100,000) files for all readers, cast rays at MESHES (10,000) hard meshes; SEED= repeats
+	$(BIN)/python -m tests.fuzz $(if $(FILES),--files $(FILES)) $(if $(MESHES),--meshes $(MESHES)) $(if $(SEED),--seed $(SEED))
 
 # `make conformance RUNTIMES="pocl rusticl" INSTALL=1` checks these, and installs them first; see docs/conformance.md.
 conformance: $(INSTALLED) ## compare the answers of every OpenCL runtime here with the stored ones
