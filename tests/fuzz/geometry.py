@@ -55,8 +55,9 @@ def _make_scene(generator: np.random.Generator) -> tuple[Mesh, Rays]:
     kind = str(generator.choice([_SOUP, _SOUP, *sorted(MESHES)]))
     if kind == _SOUP:
         mesh = make_soup(
-            int(generator.integers(1, 60)), int(generator.integers(2**32)), grid=int(generator.choice([3, 8, 1000])),
-            size=int(generator.choice([2, 8])), copies=generator.choice([0, 0.3]), degenerate=generator.choice([0, 0.3]),
+            int(generator.integers(1, 60)), int(generator.integers(2**32)),
+            grid=int(generator.choice([3, 8, 1000])), size=int(generator.choice([2, 8])),
+            copies=generator.choice([0, 0.3]), degenerate=generator.choice([0, 0.3]),
         )  # fmt: skip
     else:
         mesh = make_mesh(kind, generator)

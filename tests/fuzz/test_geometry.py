@@ -11,5 +11,5 @@ SHORT_SEEDS = 12
 
 
 @pytest.mark.parametrize("seed", seeds(SHORT_SEEDS))
-def test_every_layout_and_the_oracle_agree(_opened_device, seed):
-    check_geometry(_opened_device, seed)
+def test_every_layout_and_the_oracle_agree(session, seed):
+    check_geometry(session, seed)
