@@ -2,7 +2,7 @@
 //
 // rays[count], nodes[node_count], blocks[block_count]     the tree in a layout that does not need block_count
 // hits[count]                                             written
-// reported[count]                                         written: prim_id is the number of crossings that were reported
+// reported[count]                                         written: prim_id is the number of reported crossings
 
 #include "hits/search.cl"
 
