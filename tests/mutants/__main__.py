@@ -19,11 +19,15 @@ _TAIL = 600
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
-    parser.add_argument("--only", nargs="+", default=[], help="names, or beginnings of names; all without it")
+    parser.add_argument("--only", nargs="+", default=[], help="names of mutants or tables; all without it")
     parser.add_argument("--jobs", type=int, default=1, help="mutants that are tested at a time")
     parser.add_argument("--skip-check", action="store_true", help="do not first run the tests without a fault")
     options = parser.parse_args()
-    mutants = [mutant for mutant in read_mutants() if mutant.name.startswith(tuple(options.only) or "")]
+    mutants = [
+        mutant
+        for mutant in read_mutants()
+        if not options.only or {mutant.name, mutant.name.split("-")[0]} & set(options.only)
+    ]
     began = time.perf_counter()
     laboratories: queue.SimpleQueue[Laboratory] = queue.SimpleQueue()
     for number in range(options.jobs):

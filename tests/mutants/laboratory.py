@@ -63,7 +63,7 @@ class Laboratory:
         """
         if mutant is None:
             return self._run(tests)
-        original = self._code_folder()
+        original = code = self._code_folder()
         mutant.apply(self.folder)
         try:
             if (code := self._code_folder()) != original:
