@@ -128,7 +128,10 @@ def test_neighbours_that_were_parted_find_each_other():
     mesh = make_mesh()
     tree = expand(Bvh(fit_nodes(nodes["first"], nodes["count"], prim_ids, mesh), prim_ids, mesh))
     below = list_below(tree, ROOT)
-    (node,) = below[(tree.links[below, EXPANDED_FIRST] == 0) & (tree.links[below, EXPANDED_PRIM_ID] == 3)]
+    leaf_of = {tree.links[node, EXPANDED_PRIM_ID]: node for node in below if tree.links[node, EXPANDED_FIRST] == 0}
+    # 2 would move to 3, but the root would go with it.
+    assert reinsert_below(tree, ROOT, np.array([leaf_of[2]], np.int32)) == 0
+    node = leaf_of[3]
     assert reinsert_below(tree, ROOT, np.array([node], np.int32)) == 1
     assert_linked(tree)
     bvh = collapse_best(mesh, tree)
