@@ -11,7 +11,7 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz conformance conformance-refresh lint bench clean
+.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh lint bench clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,9 +32,13 @@ test: $(INSTALLED_DEV) ## run all tests on the OpenCL device at hand, PoCL if th
 test-long: $(INSTALLED_DEV) ## run all tests with many more random examples, for an hour or so
 	$(BIN)/python -m pytest --hypothesis-profile=long $(if $(SEED),--hypothesis-seed=$(SEED)) $(TESTS)
 
+# Faults are planted one by one in a copy under out/mutants/; ONLY="kernels-3 trees" tests some of them.
+mutants: $(INSTALLED_DEV) ## plant small faults in the code, and see that a test fails for each
+	$(BIN)/python -m tests.mutants $(if $(ONLY),--only $(ONLY)) $(if $(JOBS),--jobs $(JOBS))
+
 # The same seed gives the same files. A file that fails is kept in out/fuzz/.
-fuzz: $(INSTALLED_DEV) ## damage FILES (100,000) files for every reader: a result, or one sentence why not; SEED= repeats
-	$(BIN)/python -m tests.fuzz $(if $(FILES),--files $(FILES)) $(if $(SEED),--seed $(SEED))
+fuzz: $(INSTALLED_DEV) ## damage FILES (100,000) files for all readers, cast rays at MESHES (10,000) hard meshes; SEED= repeats
+	$(BIN)/python -m tests.fuzz $(if $(FILES),--files $(FILES)) $(if $(MESHES),--meshes $(MESHES)) $(if $(SEED),--seed $(SEED))
 
 # `make conformance RUNTIMES="pocl rusticl" INSTALL=1` checks these, and installs them first; see docs/conformance.md.
 conformance: $(INSTALLED) ## compare the answers of every OpenCL runtime here with the stored ones

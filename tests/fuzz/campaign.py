@@ -38,7 +38,13 @@ class Outcome:
     peak_kib: int = 0
 
 
-def fuzz(seed: int, count: int, readers: Sequence[str], file_limit_s: float = FILE_LIMIT_S) -> Outcome:
+def fuzz(
+    seed: int,
+    count: int,
+    readers: Sequence[str],
+    file_limit_s: float = FILE_LIMIT_S,
+    outcome: Outcome | None = None,
+) -> Outcome:
     """Let each reader read `count` damaged files.
 
     Parameters
@@ -50,8 +56,10 @@ def fuzz(seed: int, count: int, readers: Sequence[str], file_limit_s: float = FI
         Names of `readers.READERS`.
     file_limit_s : float, optional
         Seconds that one file may take.
+    outcome : Outcome, optional
+        Results so far, to which these are added.
     """
-    outcome = Outcome()
+    outcome = outcome or Outcome()
     begin = 0
     while begin < count:
         begin = _run_worker(seed, begin, count, readers, outcome, file_limit_s)

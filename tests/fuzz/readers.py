@@ -4,8 +4,7 @@ A reader gives a valid result or refuses the file with a `ClbvhError` for bad in
 code 2. Anything else is a failure: another exception, a warning, an invalid result, and running out of memory even
 where that becomes an error of one sentence, since a small file never needs much.
 
-Another target of the fuzz, such as geometry against the oracle, is another entry of a table like `READERS`: a name, and
-an object with `make` and `read`.
+Geometry against the oracle is another target of the same shape: see `geometry.py`.
 """
 
 from __future__ import annotations

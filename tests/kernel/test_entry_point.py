@@ -106,6 +106,15 @@ def test_limits_and_rows_that_are_cut_off(session, layout):
 
 
 @pytest.mark.parametrize("layout", LAYOUT_NAMES)
+def test_a_tile_of_one_row_that_is_cut_off(session, layout):
+    mesh = centred(make_shape("icosphere", triangles=1280))
+    whole_rows = HEIGHT // 2 // 8 * 8
+    rays = tuple(part[: whole_rows * WIDTH + 2 * WIDTH // 3] for part in picture(mesh, None))
+    hits = check_entry_points_change_nothing(session, mesh, build(mesh), rays, (8, 8), layout)
+    assert (hits["prim_id"][whole_rows * WIDTH :] != NO_PRIM).any()
+
+
+@pytest.mark.parametrize("layout", LAYOUT_NAMES)
 def test_soups_on_a_small_grid(session, layout):
     mesh = centred(make_soup(600, seed=3, grid=6, size=3, copies=0.3, degenerate=0.2))
     x, y = np.meshgrid(np.linspace(-4, 4, WIDTH).round(1), np.linspace(-4, 4, HEIGHT).round(1))

@@ -3,6 +3,8 @@
 t_min and t_max are both that t, and the box is the triangle's own, so that nothing but the padding makes room.
 """
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -121,6 +123,10 @@ def list_gaps():
         for gap, is_met in gaps.items():
             yield [-distance, 0, -distance], [1, 0, 1], [[0.5 + gap * UNIT_ROUNDOFF, -1, -1], [1, 1, 0.5]], is_met
 
+# The same behind a box of a ray from far away: 2 * 28 times its reach along the axis that it follows, which is 8, and
+# 14 times 8 and 2 * 3.5 for the distances.
+BEHIND_FROM_FAR = {600.0: True, 720.0: False}
+
 
 @pytest.fixture(scope="module")
 def gaps(make_rays):
@@ -129,6 +135,15 @@ def gaps(make_rays):
     for turn in range(3):
         for sign in (1, -1):
             for origin, direction, box, is_met in list_gaps():
+                rays.append(make_rays(np.roll(origin, turn) * sign, np.roll(direction, turn) * sign))
+                boxes.append(np.sort(np.roll(box, turn, axis=1) * sign, axis=0).astype(np.float32))
+                expected.append(is_met)
+            for across, (gap, is_met) in itertools.product((1, 2), BEHIND_FROM_FAR.items()):
+                # The ray leaves the box at 6.5 along one axis, and enters it there along another, at half the speed.
+                box = np.array([[-1, -1, -1], [-0.5, 1, 1]])
+                origin, direction = np.array([-7.0, 0, 0]), np.array([1.0, 0, 0])
+                origin[across], direction[across] = -2.5, 0.5
+                box[0, across] = 0.75 + gap / 2 * UNIT_ROUNDOFF
                 rays.append(make_rays(np.roll(origin, turn) * sign, np.roll(direction, turn) * sign))
                 boxes.append(np.sort(np.roll(box, turn, axis=1) * sign, axis=0).astype(np.float32))
                 expected.append(is_met)

@@ -82,9 +82,12 @@ def test_distances_are_those_of_float64(measured):
 def test_the_order_of_corners_changes_no_edge(measured, run_shell):
     """Two triangles that share an edge are equally far where it is nearest, whatever the order of their corners."""
     corners, _ = measured
-    flat = corners.copy()
-    flat[:, 2] = flat[:, 0]
-    results = [run_shell("measure_triangles", [flat[:, order]], [np.float32])[0] for order in ([0, 1, 2], [1, 0, 0])]
+    a, b = corners[:, 0], corners[:, 1]
+    # Zero is in the plane, beyond the edge from a to b.
+    is_flat = np.linalg.norm(np.cross(a, b), axis=1) <= 0.01 * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    beyond = np.stack((a, b, 5 * (a + b)), axis=1)[~is_flat]
+    assert len(beyond) > COUNT / 4
+    results = [run_shell("measure_triangles", [beyond[:, order]], [np.float32])[0] for order in ([0, 1, 2], [1, 0, 2])]
     assert results[0].tobytes() == results[1].tobytes()
 
 

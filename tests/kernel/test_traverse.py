@@ -117,19 +117,21 @@ def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
     np.testing.assert_array_equal(hits["prim_id"], np.where(x + y > 2, CHAIN - 1, lower_triangle))
 
 
-def find_any(run_shell, make_rays, bvh, origins, directions):
-    """The triangles at which a search for anything ends."""
-    arrays = make_device_arrays(bvh, "bvh2")
+def find_any(run_shell, make_rays, bvh, origins, directions, layout="bvh2"):
+    """The triangles at which a search for anything ends, and how many crossings it met on the way."""
+    arrays = make_device_arrays(bvh, layout)
     inputs = [make_rays(origins, directions), arrays.nodes, arrays.blocks]
-    (hits,) = run_shell("find_any", inputs, [HIT], "find_any", {"LAYOUT": LAYOUTS["bvh2"], "STACK_SIZE": 64})
-    return hits["prim_id"].tolist()
+    hits, reported = run_shell(
+        "find_any", inputs, [HIT, HIT], "find_any", {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": 64}
+    )
+    return hits["prim_id"].tolist(), reported["prim_id"].tolist()
 
 
 @pytest.mark.parametrize("leaf_side", ["left", "right"])
 def test_the_near_child_comes_first(run_shell, make_rays, leaf_side):
     _, bvh = make_chain(CHAIN, leaf_side)
     origins, directions = [[0.5, 0.5, -5], [0.5, 0.5, CHAIN + 5]], [[0, 0, 1], [0, 0, -1]]
-    assert find_any(run_shell, make_rays, bvh, origins, directions) == [0, CHAIN - 2]
+    assert find_any(run_shell, make_rays, bvh, origins, directions) == ([0, CHAIN - 2], [1, 1])
 
 
 def test_any_crossing_ends_the_search(session, run_shell, make_rays):
@@ -139,6 +141,14 @@ def test_any_crossing_ends_the_search(session, run_shell, make_rays):
     bvh = build(mesh, leaf_size=1)
     assert bvh.depth == 1
     origins, directions = np.array([[0.3, -0.4, -20]]), np.array([[0, 0, 1]])
-    assert find_any(run_shell, make_rays, bvh, origins, directions) == [0]
+    assert find_any(run_shell, make_rays, bvh, origins, directions) == ([0], [1])
     with open_caster(session, mesh, bvh) as cast:
         assert cast("closest_hit", origins, directions)["prim_id"].tolist() == [1]
+
+
+@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+def test_any_crossing_ends_the_search_in_every_layout(run_shell, make_rays, layout):
+    """The ray crosses all triangles, and of the first block no more than fit it are reported."""
+    _, bvh = make_chain(CHAIN, "left")
+    _, reported = find_any(run_shell, make_rays, bvh, [[0.5, 0.5, -5]], [[0, 0, 1]], layout)
+    assert 1 <= reported[0] <= {"bvh2": 1}.get(layout, LAYOUT_WIDTHS[layout])

@@ -103,16 +103,31 @@ def test_references_come_in_the_order_of_their_codes(count):
         assert boxes.setdefault(ref[[0, 1, 2, 4, 5, 6]].tobytes(), code) == code
 
 
-@pytest.mark.parametrize("codes", [[0], [5] * 1000, sorted(range(1000)), [0] * 40 + [7] * 40 + [2**26] * 3])
+def expected_cuts(codes, begin, end):
+    """Where clusters begin, by the definition: at the highest bit that differs, in the middle if none does."""
+    if end - begin <= CLUSTER_SIZE:
+        return [begin]
+    differing = int(codes[begin] ^ codes[end - 1])
+    cut = (begin + end) // 2
+    if differing:
+        has_bit = codes[begin:end] & 1 << differing.bit_length() - 1 != 0
+        cut = begin + int(has_bit.argmax())
+    return expected_cuts(codes, begin, cut) + expected_cuts(codes, cut, end)
+
+
+CODES = [
+    [0], [5] * 32, [5] * 33, [5] * 1000, range(1000), [0] * 40 + [7] * 40 + [2**26] * 3, [0] * 20 + [4] * 25,
+    [3] * 10 + [4] * 30 + [6] * 30, np.random.default_rng(5).integers(0, 200, 700),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("codes", CODES, ids=range(len(CODES)))
 def test_clusters_are_short_and_cut_where_high_bits_change(codes):
-    codes = np.array(codes, np.int32)
+    codes = np.sort(np.array(codes, np.int32))
     begins = np.empty(len(codes) + 1, np.int32)
     count = cut_clusters(codes, len(codes), begins)
-    cuts = begins[: count + 1]
-    assert (cuts[0], cuts[-1]) == (0, len(codes))
-    assert ((np.diff(cuts) >= 1) & (np.diff(cuts) <= CLUSTER_SIZE)).all()
-    if len(codes) == 83:
-        assert {40, 80} <= set(cuts.tolist())
+    assert begins[: count + 1].tolist() == [*expected_cuts(codes, 0, len(codes)), len(codes)]
+    assert np.diff(begins[: count + 1]).max() <= CLUSTER_SIZE
 
 
 def test_the_boxes_of_clusters():

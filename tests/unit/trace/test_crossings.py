@@ -157,6 +157,17 @@ def test_limits_hold_for_every_crossing(tracer, rays, expected):
     assert ((hits.t >= 0.4) & (hits.t <= 0.9)).all()
 
 
+def test_each_ray_keeps_its_limits_when_it_is_cast_again(tracer, rays, monkeypatch):
+    monkeypatch.setattr(crossings_module, "FIRST_SLOTS", 1)
+    generator = np.random.default_rng(12)
+    limits = {"t_min": generator.uniform(0, 0.8, len(rays[0])), "t_max": generator.uniform(0.4, 2, len(rays[0]))}
+    hits = tracer.all_hits(*rays, **limits)
+    assert (hits.counts > 1).sum() > 100
+    np.testing.assert_array_equal(hits.counts, tracer.count_hits(*rays, **limits))
+    assert (hits.t >= limits["t_min"][hits.ray_id]).all()
+    assert (hits.t <= limits["t_max"][hits.ray_id]).all()
+
+
 def test_a_stack_of_sheets_is_counted_sheet_by_sheet(session):
     sheets = 300
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float64)

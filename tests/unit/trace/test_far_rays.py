@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Tracer, build
+from clbvh.structs import PACKED_RAY
+from clbvh.trace.rays.batch import TreeBox, read_rays
+from clbvh.trace.rays.pack import pack_rays
 
 KILOMETRE, MILLIMETRE = 1e3, 1e-3
 
@@ -105,10 +108,56 @@ def test_a_grid_stays_a_grid(session):
     # From far away, exactly through vertices, edges and the diagonals of faces: one hit each, exactly there.
     mesh = make_cube((0, 0, 0), 2.0)
     targets = np.array([[x, y, -1.0] for x in (-0.5, 0, 0.5) for y in (-0.5, 0, 0.5)])
-    for step in ([0, 0, 1], [1, 2, 4], [-3, 1, 8]):
-        for distance in (2.0, 2.0**10, 2.0**30):
+    with Tracer(build(mesh), device=session.info) as tracer:
+        for step in ([0, 0, 1], [1, 2, 4], [-3, 1, 8]):
             directions = np.tile(np.float64(step), (len(targets), 1))
-            with Tracer(build(mesh), device=session.info) as tracer:
+            near = tracer.closest_hit(targets - 2 * directions, directions)
+            for distance in (2.0, 2.0**10, 2.0**30, 1_000_003.0):
                 hits = tracer.closest_hit(targets - distance * directions, directions)
-            np.testing.assert_array_equal(hits.t, distance)
-            np.testing.assert_array_equal(hits.locations, targets)
+                np.testing.assert_array_equal(hits.t, distance)
+                np.testing.assert_array_equal(hits.locations, targets)
+                # Of the triangles at an edge or a corner the same one.
+                np.testing.assert_array_equal(hits.prim_id, near.prim_id)
+
+
+@pytest.mark.parametrize("step", [[3, -1, 8], [-1, 7, 5], [1, 1, -1]], ids=str)
+def test_a_far_origin_advances_by_whole_steps(step):
+    """Not even a bit of what lies between the steps is lost, so that a ray through a point still meets it."""
+    bvh = build(make_cube((0, 0, 0), 2.0))
+    targets = np.random.default_rng(5).integers(-(2**18), 2**18, (100, 3)) * 2.0**-18
+    direction = np.float64(step)
+    origins = targets - 1_000_003 * direction
+    packed = np.zeros(len(origins), PACKED_RAY)
+    rays, _ = read_rays(origins, np.tile(direction, (len(origins), 1)), 0.0, np.inf)
+    pack_rays(rays.part(0, len(origins)), TreeBox.around(bvh), packed)
+    advanced = packed["t_max"] > 0
+    assert advanced.mean() > 0.9
+    left = (targets[advanced] - packed["origin"][advanced] / bvh.mesh.scale) / direction
+    assert (np.abs(left) < 100).all()
+    np.testing.assert_array_equal(left, left[:, :1].repeat(3, axis=1))
+    # A step is an eighth to a quarter of the box's size, a power of two.
+    np.testing.assert_array_equal(left[:, 0] % 0.03125, 0)
+
+
+def test_a_corner_that_a_far_ray_only_touches_is_hit(session):
+    """Exactly in the corner of the box that far rays are cut off with, whatever float64 makes of the distances."""
+    mesh = make_cube((0, 0, 0), 2.0)
+    corners = mesh.vertices.astype(np.float64)
+    with Tracer(build(mesh), device=session.info) as tracer:
+        for step in ([3, -1, 8], [-3, 7, 5], [10, 3, -7], [13, -11, 12]):
+            directions = np.sign(corners) * step
+            for distance in (3, 100_003, 1_234_567):
+                hits = tracer.closest_hit(corners - distance * directions, directions)
+                np.testing.assert_array_equal(hits.t, distance)
+
+
+def test_a_vertex_of_no_triangle_hides_nothing(session):
+    """The triangles lie on one side of the centre, to which the box of the tree is symmetric."""
+    for side in (-1, 1):
+        cube = make_cube((0, 0, 0), 1.0)
+        mesh = Mesh.from_arrays(np.concatenate((cube.vertices, [[40.0 * side] * 3])), cube.faces)
+        directions = directions_around(500, 9)
+        origins = np.random.default_rng(10).uniform(-0.4, 0.4, (500, 3)) - 1e4 * directions
+        with Tracer(build(mesh), device=session.info) as tracer:
+            assert tracer.closest_hit(origins, directions).is_hit.all()
+            assert tracer.contains([[0, 0, 0], [0.4, 0.4, 0.4], [-0.4, -0.4, -0.4]]).all()

@@ -125,6 +125,8 @@ def test_no_answer_depends_on_it(tracer, rays, monkeypatch):
     expected = answers()
     orders = []
     monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    # And so that the sorted rays are cast in several pieces.
+    monkeypatch.setattr(crossings_module, "MOST_SLOTS", 700)
     monkeypatch.setattr(pieces, "is_scattered", lambda *arguments: orders.append(arguments) or True)
     for obtained, given in zip(answers(), expected, strict=True):
         assert obtained.tobytes() == given.tobytes()

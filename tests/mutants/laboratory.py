@@ -1,0 +1,152 @@
+"""Copies of the repository in which mutants are planted and tested, each in a folder that stays for the next run.
+
+Machine code is shared as far as a fault leaves it right. numba's cache looks at the file of a function alone, so
+`clbvh/support/compiled.py` begins a new folder whenever any source changes, and all would be compiled again. Here the
+new folder begins with the code of every module that does not import the changed one, directly or through others.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+from clbvh.support.compiled import digest_sources
+
+from .table import ROOT, Mutant
+
+# What the tests need of the repository.
+_PARTS = ("clbvh", "cl", "scenes", "tests", "pyproject.toml")
+
+# Seconds for the tests of a mutant, far more than any takes: one that hangs is not caught by an assertion.
+_LIMIT_S = 600
+
+# The exit code of pytest if tests ran and some failed. Errors in the collection have another one.
+_TESTS_FAILED = 1
+
+# A fault that does not compile shows nothing about the tests.
+_NO_CODE = ("KernelBuildError", "TypingError", "LoweringError", "SyntaxError")
+
+PASSED, FAILED = "passed", "failed"
+
+
+class Laboratory:
+    """One copy of the repository.
+
+    Parameters
+    ----------
+    folder : path
+        Made if it does not exist; what is in it is brought up to date.
+    machine_code : path
+        Of all laboratories.
+    """
+
+    def __init__(self, folder: Path, machine_code: Path) -> None:
+        self.folder = folder
+        self._machine_code = machine_code
+        for part in _PARTS:
+            _update(ROOT / part, folder / part)
+
+    def test(self, tests: tuple[str, ...], mutant: Mutant | None = None) -> tuple[str, str]:
+        """Run tests, with a mutant planted meanwhile.
+
+        Returns
+        -------
+        result : str
+            `PASSED`, `FAILED` by an assertion or an error while tests ran, or else the reason why it is neither.
+        output : str
+            Of pytest.
+        """
+        if mutant is None:
+            return self._run(tests)
+        original = code = self._code_folder()
+        mutant.apply(self.folder)
+        try:
+            if (code := self._code_folder()) != original:
+                _seed(original, code, importers(mutant.file))
+            return self._run(tests)
+        finally:
+            _update(ROOT / mutant.file, self.folder / mutant.file)
+            if code != original:
+                shutil.rmtree(code, ignore_errors=True)
+
+    def _code_folder(self) -> Path:
+        return self._machine_code / digest_sources(self.folder / "clbvh")
+
+    def _run(self, tests: tuple[str, ...]) -> tuple[str, str]:
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+        environment = os.environ | {"PYTHONPATH": str(self.folder), "NUMBA_CACHE_DIR": str(self._machine_code)}
+        try:
+            done = subprocess.run(
+                command, cwd=self.folder, env=environment, text=True, timeout=_LIMIT_S,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return f"not finished after {_LIMIT_S} s", ""
+        if done.returncode == 0:
+            return PASSED, done.stdout
+        if done.returncode != _TESTS_FAILED:
+            return f"pytest ended with {done.returncode}", done.stdout
+        for word in _NO_CODE:
+            if word in done.stdout:
+                return f"the code does not compile ({word})", done.stdout
+        return FAILED, done.stdout
+
+
+def _update(source: Path, target: Path) -> None:
+    """Make a copy of a file or folder; files that are alike are left alone, others come with their times."""
+    if source.is_file():
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if not target.is_file() or source.read_bytes() != target.read_bytes():
+            shutil.copy2(source, target)
+        # numba looks at the time.
+        shutil.copystat(source, target)
+        return
+    names = {path.name for path in source.iterdir() if path.name != "__pycache__"}
+    for old in target.iterdir() if target.is_dir() else ():
+        if old.name not in names | {"__pycache__"}:
+            shutil.rmtree(old) if old.is_dir() else old.unlink()
+    for name in names:
+        _update(source / name, target / name)
+
+
+def _seed(original: Path, code: Path, changed: frozenset[str]) -> None:
+    """Begin a folder of machine code with that of all modules but the changed ones."""
+    for source in original.rglob("*"):
+        # The files of a function begin with its module and its name.
+        if source.is_file() and source.name.split(".")[0] not in changed:
+            target = code / source.relative_to(original)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            os.link(source, target)
+
+
+@cache
+def importers(file: str) -> frozenset[str]:
+    """Return the last names of the modules that import one, directly or through others, and its own.
+
+    Modules of the same name count together: too much may be compiled again, never too little.
+    """
+    found = {Path(file).stem}
+    while True:
+        more = found | {name for name, imported in _imports().items() if imported & found}
+        if more == found:
+            return frozenset(found)
+        found = more
+
+
+@cache
+def _imports() -> dict[str, frozenset[str]]:
+    """Return the last names of all that each module imports, modules and their functions alike."""
+    imports: dict[str, frozenset[str]] = {}
+    for path in (ROOT / "clbvh").rglob("*.py"):
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                names.update((node.module or "").split("."), (alias.name for alias in node.names))
+        stem = path.parent.name if path.stem == "__init__" else path.stem
+        imports[stem] = imports.get(stem, frozenset()) | names
+    return imports

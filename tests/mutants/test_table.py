@@ -1,0 +1,72 @@
+"""The tables of mutants fit the code; `make mutants` is the test of the tests."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from .laboratory import FAILED, PASSED, Laboratory, importers
+from .table import ROOT, Mutant, read_mutants
+
+MUTANTS = read_mutants()
+LEAST_IN_ALL, LEAST_IN_KERNELS, LEAST_IN_TREES, LEAST_IN_RAYS = 60, 25, 15, 20
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
+def test_a_row_changes_one_place_and_names_tests(mutant):
+    assert mutant.occurrences() == 1
+    assert mutant.text != mutant.replacement
+    assert mutant.breaks
+    assert mutant.tests
+    for test in mutant.tests:
+        assert (ROOT / test.split("::")[0]).is_file(), test
+
+
+def test_no_fault_is_planted_twice():
+    assert len({(mutant.file, mutant.text, mutant.replacement) for mutant in MUTANTS}) == len(MUTANTS)
+
+
+def test_there_are_faults_everywhere():
+    counts = Counter(mutant.name.split("-")[0] for mutant in MUTANTS)
+    assert len(MUTANTS) >= LEAST_IN_ALL
+    assert counts["kernels"] >= LEAST_IN_KERNELS
+    assert counts["trees"] >= LEAST_IN_TREES
+    assert counts["rays"] >= LEAST_IN_RAYS
+
+
+def test_importers_are_found_through_others():
+    assert {"powers_of_two", "pack", "refine"} <= importers("clbvh/support/powers_of_two.py")
+    assert "subtree" in importers("clbvh/geometry/boxes.py")
+    assert "pack" not in importers("clbvh/builders/leaf_prims.py")
+
+
+# Each fault, and the result of a test that expects the file as it is.
+RESULTS = {
+    "return 2": FAILED,
+    "return 1  # as before": PASSED,
+    "return (": "pytest ended with 2",
+    "raise TypingError": "the code does not compile (TypingError)",
+}
+
+
+@pytest.mark.parametrize("replacement", RESULTS)
+def test_only_a_test_that_fails_catches(tmp_path, monkeypatch, replacement):
+    root = tmp_path / "root"
+    sources = {
+        "pyproject.toml": "[tool.pytest.ini_options]\n",
+        "clbvh/__init__.py": "TypingError = ValueError('TypingError')\n",
+        "clbvh/one.py": "from clbvh import TypingError\ndef one():\n    return 1\n",
+        "tests/__init__.py": "",
+        "tests/test_one.py": "from clbvh.one import one\ndef test_one():\n    assert one() == 1\n",
+    }
+    for name, text in sources.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    for module in ("table", "laboratory"):
+        monkeypatch.setattr(f"tests.mutants.{module}.ROOT", root)
+    monkeypatch.setattr("tests.mutants.laboratory._PARTS", ("clbvh", "tests", "pyproject.toml"))
+    laboratory = Laboratory(tmp_path / "copy", tmp_path / "compiled")
+    mutant = Mutant("one-1", "clbvh/one.py", "return 1", replacement, "the number", ("tests/test_one.py",))
+    assert laboratory.test(mutant.tests, mutant)[0] == RESULTS[replacement]
+    assert (tmp_path / "copy/clbvh/one.py").read_text() == sources["clbvh/one.py"]
