@@ -189,7 +189,7 @@ def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.float64]:
         raise MeshError(f"{name}: vertices must be numbers, not {array.dtype}")
     if len(array) == 0:
         raise MeshError(f"{name}: the mesh has no vertices")
-    with np.errstate(over="ignore"):  # of a wider dtype; found below
+    with np.errstate(over="ignore", invalid="ignore"):  # a wider dtype, a signalling NaN: found below
         copied = np.array(array, np.float64, order="C")
     finite = np.isfinite(copied)
     if not finite.all():

@@ -123,6 +123,7 @@ def list_gaps():
         for gap, is_met in gaps.items():
             yield [-distance, 0, -distance], [1, 0, 1], [[0.5 + gap * UNIT_ROUNDOFF, -1, -1], [1, 1, 0.5]], is_met
 
+
 # The same behind a box of a ray from far away: 2 * 28 times its reach along the axis that it follows, which is 8, and
 # 14 times 8 and 2 * 3.5 for the distances.
 BEHIND_FROM_FAR = {600.0: True, 720.0: False}
