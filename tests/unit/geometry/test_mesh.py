@@ -177,5 +177,5 @@ def test_the_fingerprint_stands_for_what_determines_a_tree():
 def test_a_signalling_nan_is_refused_without_a_warning():
     vertices = np.array(TRIANGLE, np.float32)
     vertices.view(np.uint32)[2, 1] = 0x7FA00000
-    with pytest.raises(MeshError, match="vertex 2 .*not finite: y = nan"):
+    with pytest.raises(MeshError, match=r"vertex 2 .*not finite: y = nan"):
         Mesh.from_arrays(vertices, [[0, 1, 2]])
