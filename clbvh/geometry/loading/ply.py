@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from .number_lines import are_number_lines
 from .polygons import cut_fans
 
 _MAX_HEADER_BYTES = 1 << 20
@@ -126,9 +127,9 @@ def _read_plain_text(
 ) -> tuple[NDArray[np.number], NDArray[np.integer]] | None:
     """Return the mesh of an ASCII file of float vertices and triangles, None for any other file.
 
-    pyminiply reads decimal numbers four times as fast as numpy. Its faces are not used: it reads words as 0 and fills
-    polygons of more than four corners with random values. It also trusts the lengths of lists, so it is called only
-    after numpy has found the faces to be in order.
+    pyminiply reads decimal numbers four times as fast as numpy, but reads words as 0, leaves out what a line has too
+    much, fills polygons of more than four corners with random values, and trusts the lengths of lists. So it is called
+    only after the vertices have been found to be numbers, and its faces are not used.
     """
     if [element.name for element in elements] != ["vertex", "face"]:
         return None
@@ -140,6 +141,8 @@ def _read_plain_text(
         return None
     end = _find_line_end(data, begin, vertex_count)
     if data.count(b"\n3 ", end - 1) != face_count or data.count(b"\n", end) not in (face_count - 1, face_count):
+        return None
+    if end < begin or not are_number_lines(np.frombuffer(data, np.uint8, end - begin, begin), len(vertex_properties)):
         return None
     try:
         import pyminiply
