@@ -289,9 +289,30 @@ class TestInput:
         with pytest.raises(QueryError, match=r"^t_min\[1, 2\] must be a number from 0, not -1.0$"):
             tracer.closest_hit(origins, np.ones((2, 5, 3)), t_min=np.where(np.arange(10) == 7, -1.0, 0.0).reshape(2, 5))
 
-    def test_words_are_refused(self, tracer):
-        with pytest.raises(QueryError, match="could not convert"):
-            tracer.closest_hit([["a", "b", "c"]], [[0, 0, 1]])
+    @pytest.mark.parametrize(
+        "bad",
+        [
+            [["a", "b", "c"]],
+            [["1", "2", "3"]],
+            [[1, 2], [1, 2, 3]],
+            [[1j, 0, 0]],
+            [[True, False, True]],
+            np.zeros((1, 3), "m8[s]"),
+            [[None, 1, 2]],
+        ],
+    )
+    def test_what_are_no_numbers_is_refused(self, tracer, bad):
+        for origins, directions in ((bad, [[0, 0, 1]]), ([[0, 0, 1]], bad)):
+            with pytest.raises(QueryError, match="must be numbers"):
+                tracer.closest_hit(origins, directions)
+        with pytest.raises(QueryError, match="must be numbers"):
+            tracer.closest_point(bad)
+
+    @pytest.mark.parametrize("bad", [0, 1.5, True, "a", 2**31])
+    def test_a_limit_of_hits_that_is_none_is_refused(self, tracer, bad):
+        for query in (tracer.all_hits, tracer.count_hits, tracer.hits_by_depth):
+            with pytest.raises(ConfigError, match="max_hits must be None or a number from 1"):
+                query([[0, 0, 1]], [[0, 0, 1]], max_hits=bad)
 
 
 class TestLimits:
