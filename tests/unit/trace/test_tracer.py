@@ -298,7 +298,7 @@ class TestInput:
             [[1j, 0, 0]],
             [[True, False, True]],
             np.zeros((1, 3), "m8[s]"),
-            [[None, 1, 2]],
+            [[object(), 1, 2]],
         ],
     )
     def test_what_are_no_numbers_is_refused(self, tracer, bad):
