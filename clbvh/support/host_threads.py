@@ -146,7 +146,7 @@ class _Batch(Generic[_Result]):
         self._endings: SimpleQueue[None] = SimpleQueue()  # gets an item with the end of each of them
 
     def work(self) -> None:
-        """Run tasks until none is waiting, in the calling thread."""
+        """Run tasks until none is left, in the calling thread."""
         while True:
             with self._lock:
                 if not self._waiting:
@@ -155,7 +155,7 @@ class _Batch(Generic[_Result]):
             self._run(index)
 
     def help(self) -> None:
-        """Run tasks until none is waiting, in another thread."""
+        """Run tasks until none is left, in another thread."""
         while True:
             with self._lock:
                 if not self._waiting:

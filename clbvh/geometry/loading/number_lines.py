@@ -39,7 +39,7 @@ _KINDS, _STEPS = _make_kinds(), _make_steps()
 
 @compiled
 def are_number_lines(text, numbers_per_line):
-    """Say whether each line of a text, (n,) uint8 up to a line end, has so many decimal numbers and nothing else."""
+    """Say whether each line of a text, (n,) uint8, holds this number of decimal numbers and nothing else."""
     place, count = _BETWEEN, 0
     for character in text:
         kind = _KINDS[character]
