@@ -138,6 +138,11 @@ class Mesh:
         return len(self.faces)
 
     @cached_property
+    def local_box(self) -> NDArray[np.float32]:
+        """(2, 3) float32: the least and the greatest local coordinates of the vertices."""
+        return np.stack([_reduce_points(np.minimum, self.local_vertices), _reduce_points(np.maximum, self.local_vertices)])
+
+    @cached_property
     def degenerate_faces(self) -> NDArray[np.bool_]:
         """(F,) bool: true for triangles whose corners lie on one line or in one point, in local coordinates.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh, load_mesh
+from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import SHADINGS
@@ -66,7 +68,7 @@ class Light:
 
 @dataclass(frozen=True)
 class MeshSource:
-    """The source of a scene's mesh: exactly one of `path`, `name` and `shape`.
+    """The source of a scene's mesh: exactly one of `path`, `name`, `shape` and `mesh`.
 
     Attributes
     ----------
@@ -76,11 +78,13 @@ class MeshSource:
         A known mesh, such as ``bunny``.
     shape : str
         A procedural shape, with `triangles`, `seed` and the shape's own `options`.
+    mesh : Mesh
+        A mesh in memory.
 
     Raises
     ------
     SceneError
-        None of the three is given, or several.
+        None of the four is given, or several.
     """
 
     path: str | None = None
@@ -89,13 +93,16 @@ class MeshSource:
     triangles: int = 100_000
     seed: int = 0
     options: dict[str, float] = field(default_factory=dict)
+    mesh: Mesh | None = None
 
     def __post_init__(self) -> None:
-        if sum(value is not None for value in (self.path, self.name, self.shape)) != 1:
-            raise SceneError("the mesh needs exactly one of path, name and shape")
+        if sum(value is not None for value in (self.path, self.name, self.shape, self.mesh)) != 1:
+            raise SceneError("the mesh needs exactly one of path, name and shape, or a Mesh")
 
     def load(self) -> Mesh:
         """Return the mesh; raise `MeshError` or `ConfigError` if there is none."""
+        if self.mesh is not None:
+            return self.mesh
         if self.shape is not None:
             return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
         return load_mesh(self.file())
@@ -106,6 +113,8 @@ class MeshSource:
 
     def estimate_face_count(self) -> int:
         """Return the approximate number of triangles without reading them; 0 if the file is missing."""
+        if self.mesh is not None:
+            return self.mesh.face_count
         if self.shape is not None:
             return self.triangles
         file = self.file()
@@ -163,6 +172,7 @@ class Scene:
     Attributes
     ----------
     mesh : MeshSource
+        Made from a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)`` where one of these is given.
     transform : Transform
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh is visible.
@@ -200,6 +210,8 @@ class Scene:
     height: int = DEFAULT_HEIGHT
 
     def __post_init__(self) -> None:
+        if not isinstance(self.mesh, MeshSource):
+            object.__setattr__(self, "mesh", _make_source(self.mesh))
         if self.shading not in SHADINGS:
             raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
         for name, side in (("width", self.width), ("height", self.height)):
@@ -226,6 +238,13 @@ class Scene:
     def with_changes(self, **changes: Any) -> Scene:
         """Return a copy with those changes that are not None."""
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
+
+
+def _make_source(mesh: MeshLike) -> MeshSource:
+    """Return the source of a mesh that is given itself; a file is read later."""
+    if isinstance(mesh, str | os.PathLike):
+        return MeshSource(path=os.fspath(mesh))
+    return MeshSource(mesh=as_mesh(mesh))
 
 
 def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:

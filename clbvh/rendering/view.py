@@ -28,16 +28,16 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     """
     view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
-    half_height = math.tan(math.radians(camera.fov) / 2)
     eye = mesh.to_local(camera.eye)
     view["eye"] = eye
-    view["forward"] = forward
-    view["right"] = right * half_height * scene.width / scene.height
-    view["up"] = up * half_height
+    view["optical_axis"] = forward
+    view["forward"], view["right"], view["up"] = _span_picture(camera, scene.width, scene.height)
 
     view["to_light"] = _light_direction(scene, right, up, forward)
     view["light_colour"] = scene.light.colour
-    view["to_sky"] = np.asarray(camera.up) / np.linalg.norm(camera.up)
+    # A camera with a lens knows the picture's up and not the world's.
+    to_sky = np.asarray(camera.up if camera.lens is None else scene.up)
+    view["to_sky"] = to_sky / np.linalg.norm(to_sky)
     view["sky_colour"] = scene.light.sky
     view["ground_colour"] = scene.light.ground
     view["surface_colour"] = scene.surface
@@ -47,6 +47,22 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
     return view
+
+
+def _span_picture(
+    camera: Camera, width: int, height: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the middle of the picture in the plane at distance 1, as seen from the eye, and its halves right and up."""
+    right, up, forward = camera.axes()
+    if camera.lens is None:
+        half_height = math.tan(math.radians(camera.fov) / 2)
+        # The order of these products determines the last bits of pictures.
+        return forward, right * half_height * width / height, up * half_height
+    window = camera.window(width, height)
+    # What one unit upwards is: with skew also to the side.
+    upwards = up + window.shear * right
+    middle = forward + window.centre_x * right + window.centre_y * upwards
+    return middle, window.half_width * right, window.half_height * upwards
 
 
 def _light_direction(
@@ -62,8 +78,7 @@ def _light_direction(
 
 def _depth_range(mesh: Mesh, eye: NDArray[np.float64], forward: NDArray[np.float64]) -> tuple[float, float]:
     """Return the nearest and the farthest distance of the mesh's box along the line of sight, in local units."""
-    vertices = mesh.local_vertices
-    lower, upper = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+    lower, upper = mesh.local_box.astype(np.float64)
     nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
     farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
     nearest = max(nearest, 0.0)
