@@ -141,7 +141,8 @@ class Mesh:
     @cached_property
     def local_box(self) -> NDArray[np.float32]:
         """(2, 3) float32: the least and the greatest local coordinates of the vertices."""
-        return np.stack([_reduce_points(np.minimum, self.local_vertices), _reduce_points(np.maximum, self.local_vertices)])
+        lower, upper = self.local_vertices.min(axis=0), self.local_vertices.max(axis=0)
+        return np.stack((lower, upper))
 
     @cached_property
     def degenerate_faces(self) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from .lens import Lens, Window, check_size
+from .lens import Lens, Window, check_size, window_of
 from .pose import make_pose, read_pose, rotate_about_axis
 
 Vector = tuple[float, float, float]
@@ -146,7 +146,7 @@ class Camera:
         (480, 640, 3)
         """
         lens = Lens.from_matrix(K, size, pixel_centres)
-        right, up, forward, eye = read_pose(camera_to_world, convention)
+        up, forward, eye = read_pose(camera_to_world, convention)
         # Far enough that the point's rounding does not turn the line of sight.
         distance = 2.0 ** max(0, math.frexp(float(np.abs(eye).max()))[1])
         with np.errstate(over="ignore"):  # infinity is refused by the constructor
@@ -168,7 +168,7 @@ class Camera:
         >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90).intrinsics(640, 480).round(6).tolist()
         [[240.0, 0.0, 320.0], [0.0, 240.0, 240.0], [0.0, 0.0, 1.0]]
         """
-        return self.lens_for(*self.size_for(width, height)).matrix(pixel_centres)
+        return self._lens_for(*self.size_for(width, height)).matrix(pixel_centres)
 
     def camera_to_world(self, convention: str = "opencv") -> NDArray[np.float64]:
         """Return the pose, (4, 4) float64; see `from_intrinsics`.
@@ -215,7 +215,7 @@ class Camera:
         """
         width, height = self.size_for(width, height)
         right, up, forward = self.axes()
-        window = self.window(width, height)
+        window = find_window(self, width, height)
         x = (2 * np.arange(width) + 1) / width - 1
         y = 1 - (2 * np.asarray(rows or range(height)) + 1) / height
         upwards = window.centre_y + y * window.half_height
@@ -303,30 +303,26 @@ class Camera:
         SceneError
             A side is missing and there is no lens, or the size has another shape than the lens.
         """
-        lens = self.lens
-        if lens is not None:
-            if width is None and height is None:
-                return lens.width, lens.height
-            width = width if width is not None else max(1, round(height * lens.width / lens.height))
-            height = height if height is not None else max(1, round(width * lens.height / lens.width))
-            lens.resized(width, height)
-        elif width is None or height is None:
+        if self.lens is not None:
+            return self.lens.complete_size(width, height)
+        if width is None or height is None:
             raise SceneError("a camera without a lens has no size: give the width and the height of the picture")
         check_size(width, height)
         return width, height
 
-    def lens_for(self, width: int, height: int) -> Lens:
+    def _lens_for(self, width: int, height: int) -> Lens:
         """Return the intrinsics of a picture of this size."""
         if self.lens is not None:
             return self.lens.resized(width, height)
         return Lens.from_fov(self.fov, width, height)
 
-    def window(self, width: int, height: int) -> Window:
-        """Return the place of a picture of this size in the plane at distance 1 from the eye."""
-        if self.lens is not None:
-            return self.lens.resized(width, height).window
-        half_height = math.tan(math.radians(self.fov) / 2)
-        return Window(0.0, 0.0, half_height * width / height, half_height, 0.0)
+
+def find_window(camera: Camera, width: int, height: int) -> Window:
+    """Return the place of a camera's picture of this size in the plane at distance 1 from the eye."""
+    if camera.lens is not None:
+        return window_of(camera.lens.resized(width, height))
+    half_height = math.tan(math.radians(camera.fov) / 2)
+    return Window(0.0, 0.0, half_height * width / height, half_height, 0.0)
 
 
 def check_fov(fov: float) -> None:

@@ -103,8 +103,7 @@ class Lens:
         k = read_matrix("the camera's intrinsic matrix", matrix, (3, 3))
         if k[1, 0] or k[2, 0] or k[2, 1] or k[2, 2] != 1:
             raise SceneError(
-                "the camera's intrinsic matrix must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], not "
-                f"{show_matrix(k)}"
+                f"the camera's intrinsic matrix must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], not {show_matrix(k)}"
             )
         shift = 0.5 - centre
         fx, skew, fy = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
@@ -145,6 +144,23 @@ class Lens:
             self.fx * across, self.fy * down, self.cx * across, self.cy * down, self.skew * across, width, height
         )
 
+    def complete_size(self, width: int | None, height: int | None) -> tuple[int, int]:
+        """Return the size of a picture with the lens's shape, of which a side or both may be left out.
+
+        Raises
+        ------
+        SceneError
+            A side is no number of pixels, or the size has another shape.
+        """
+        if width is None:
+            check_size(1, height if height is not None else 1)
+            width = self.width if height is None else max(1, round(height * self.width / self.height))
+        check_size(width, height if height is not None else 1)
+        if height is None:
+            height = max(1, round(width * self.height / self.width))
+        self.resized(width, height)
+        return width, height
+
     @property
     def fov(self) -> float:
         """The angle from the upper to the lower side of the picture at the principal point's column, in degrees."""
@@ -152,16 +168,16 @@ class Lens:
         # The sum of both arc tangents, without cancellation where the principal point is far outside the picture.
         return math.degrees(math.atan2(above + below, 1 - above * below))
 
-    @property
-    def window(self) -> Window:
-        """The picture in the plane at distance 1."""
-        return Window(
-            centre_x=(self.width / 2 - self.cx) / self.fx,
-            centre_y=(self.cy - self.height / 2) / self.fy,
-            half_width=self.width / 2 / self.fx,
-            half_height=self.height / 2 / self.fy,
-            shear=self.skew / self.fx,
-        )
+
+def window_of(lens: Lens) -> Window:
+    """Return the lens's picture in the plane at distance 1."""
+    return Window(
+        centre_x=(lens.width / 2 - lens.cx) / lens.fx,
+        centre_y=(lens.cy - lens.height / 2) / lens.fy,
+        half_width=lens.width / 2 / lens.fx,
+        half_height=lens.height / 2 / lens.fy,
+        shear=lens.skew / lens.fx,
+    )
 
 
 def check_size(width: object, height: object) -> None:

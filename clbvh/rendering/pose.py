@@ -19,8 +19,8 @@ _RIGID_SLACK = 1e-4
 _Vector = NDArray[np.float64]
 
 
-def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Vector, _Vector, _Vector]:
-    """Return right, up, forward and the eye of a pose, each (3,) float64.
+def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Vector, _Vector]:
+    """Return up, forward and the eye of a pose, each (3,) float64.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Ve
         )
     # The nearest rotation: Higham, "Computing the polar decomposition", 1986.
     left, _, rows = np.linalg.svd(rotation)
-    right, up, forward = (left @ rows * signs).T
-    return right, up, forward, pose[:3, 3].copy()
+    _, up, forward = (left @ rows * signs).T
+    return up, forward, pose[:3, 3].copy()
 
 
 def make_pose(right: _Vector, up: _Vector, forward: _Vector, eye: _Vector, convention: str) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..structs import SHADINGS, VIEW
-from .camera import Camera
+from .camera import Camera, find_window
 from .scene import Scene
 
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
@@ -52,13 +52,13 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
 def _span_picture(
     camera: Camera, width: int, height: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle of the picture in the plane at distance 1, as seen from the eye, and its halves right and up."""
+    """Return the middle of the picture in the plane at distance 1 from the eye, and its halves right and up."""
     right, up, forward = camera.axes()
     if camera.lens is None:
         half_height = math.tan(math.radians(camera.fov) / 2)
         # The order of these products determines the last bits of pictures.
         return forward, right * half_height * width / height, up * half_height
-    window = camera.window(width, height)
+    window = find_window(camera, width, height)
     # What one unit upwards is: with skew also to the side.
     upwards = up + window.shear * right
     middle = forward + window.centre_x * right + window.centre_y * upwards

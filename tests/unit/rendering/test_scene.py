@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import clbvh
-from clbvh.errors import SceneError
+from clbvh.errors import MeshError, SceneError
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
 from clbvh.rendering.scene_file import open_scene
 
@@ -53,7 +53,7 @@ def test_a_mesh_has_exactly_one_source(values):
 def test_something_that_names_no_scene_is_refused():
     with pytest.raises(SceneError, match="not 5"):
         open_scene(5)
-    with pytest.raises(SceneError, match="not None"):
+    with pytest.raises(MeshError, match=r"a clbvh\.Scene, the path or name of one, .*, not NoneType"):
         clbvh.render(None)
 
 
