@@ -148,9 +148,9 @@ class Camera:
         lens = Lens.from_matrix(K, size, pixel_centres)
         up, forward, eye = read_pose(camera_to_world, convention)
         # Far enough that the point's rounding does not turn the line of sight.
-        distance = 2.0 ** max(0, math.frexp(float(np.abs(eye).max()))[1])
-        with np.errstate(over="ignore"):  # infinity is refused by the constructor
-            look_at = eye + distance * forward
+        exponent = max(0, math.frexp(float(np.abs(eye).max()))[1])
+        with np.errstate(over="ignore", invalid="ignore"):  # refused by the constructor
+            look_at = eye + np.ldexp(1.0, exponent) * forward
         return cls(_as_vector(eye), _as_vector(look_at), _as_vector(up), lens.fov, lens)
 
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -331,14 +331,18 @@ def check_fov(fov: float) -> None:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
 
 
-def check_vector(name: str, value: object) -> None:
-    """Raise `SceneError` unless a value is three finite numbers."""
+def is_vector(value: object) -> bool:
+    """Return whether a value is three finite numbers."""
     try:
         array = np.asarray(value)
-        is_vector = array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
     except ValueError:  # rows of different lengths
-        is_vector = False
-    if not is_vector:
+        return False
+    return array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
+
+
+def check_vector(name: str, value: object) -> None:
+    """Raise `SceneError` unless a value is three finite numbers."""
+    if not is_vector(value):
         raise SceneError(f"{name} must be three finite numbers, not {value!r}")
 
 

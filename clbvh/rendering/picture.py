@@ -65,9 +65,9 @@ class Picture:
     --------
     >>> import clbvh
     >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
-    >>> picture.save("sphere.png")
+    >>> picture.save("sphere.png")  # doctest: +SKIP
     >>> picture
-    Picture(64 x 48 of 'icosphere', 1,085 pixels hit)
+    Picture(64 x 48 of 'icosphere', 1,565 pixels hit)
     """
 
     rgb: NDArray[np.uint8]

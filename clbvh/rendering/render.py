@@ -60,7 +60,7 @@ def render(
     >>> picture.rgb.shape
     (48, 64, 3)
     >>> picture.hits.count
-    1085
+    1565
     """
     with Renderer(source, options, on_phase=on_phase) as renderer:
         picture = renderer.render(

@@ -204,7 +204,7 @@ class Renderer(ContextManager):
             shading=shading,
             light=light if light is None or isinstance(light, Light) else self.scene.light.with_direction(light),
             surface=surface,
-            background=_as_gradient(background),
+            background=background,
         )
         camera = camera or self._find_camera(scene)
         times = EventTimes()
@@ -311,10 +311,3 @@ def _frame(scene: Scene, mesh: Mesh) -> tuple[Scene, Camera]:
 def _framing_of(scene: Scene) -> tuple[object, ...]:
     """Return what the camera of a scene depends on, beside the mesh."""
     return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.fov
-
-
-def _as_gradient(background: Vector | tuple[Vector, Vector] | None) -> tuple[Vector, Vector] | None:
-    """Return the colours at the top and at the bottom of what may be one colour."""
-    if background is None or np.ndim(background[0]) > 0:
-        return background  # type: ignore[return-value]
-    return background, background  # type: ignore[return-value]

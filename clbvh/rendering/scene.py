@@ -22,7 +22,7 @@ from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, frame_mesh
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, frame_mesh, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -186,7 +186,7 @@ class Scene:
     surface : (3,) float
         Linear colour of the mesh.
     background : pair of (3,) float
-        Linear colours at the top and at the bottom of the picture.
+        Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int
         Pixels.
 
@@ -212,7 +212,7 @@ class Scene:
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, MeshSource):
             object.__setattr__(self, "mesh", _make_source(self.mesh))
-        if self.shading not in SHADINGS:
+        if not isinstance(self.shading, str) or self.shading not in SHADINGS:
             raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
         for name, side in (("width", self.width), ("height", self.height)):
             if not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
@@ -224,8 +224,10 @@ class Scene:
             if getattr(self, name) is not None:
                 check_vector(f"the camera's {name}", getattr(self, name))
         check_vector("the surface colour", self.surface)
+        if is_vector(self.background):
+            object.__setattr__(self, "background", (self.background, self.background))
         if not isinstance(self.background, tuple | list) or len(self.background) != 2:
-            raise SceneError(f"the background must be two colours, top and bottom, not {self.background!r}")
+            raise SceneError(f"the background must be a colour, or two: top and bottom, not {self.background!r}")
         for colour in self.background:
             check_vector("a background colour", colour)
 
