@@ -1,4 +1,4 @@
-"""The camera of a picture: its position and direction, its rays, and the automatic view of a mesh."""
+"""The camera of a picture: its position, direction and lens, and its rays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from ..geometry import Mesh
 from .lens import Lens, Window, check_size, window_of
 from .pose import make_pose, read_pose, rotate_about_axis
 
@@ -18,17 +17,6 @@ Vector = tuple[float, float, float]
 
 DEFAULT_FOV = 35.0
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
-
-# The automatic view: from the front, a little from the right and from above, with a margin around the mesh.
-_AZIMUTH_DEGREES = 30.0
-_ELEVATION_DEGREES = 18.0
-_MARGIN = 0.06
-
-# A mesh without extent still needs a distance; in local units.
-_SMALLEST_DISTANCE = 1e-6
-
-# Vertices per step when the mesh is framed: 10 MB at a time.
-_CHUNK_VERTICES = 2**17
 
 
 @dataclass(frozen=True)
@@ -81,7 +69,7 @@ class Camera:
         for name in ("eye", "look_at", "up"):
             check_vector(f"the camera's {name}", getattr(self, name))
             # A tuple of Python's numbers, whatever was given: cameras can be compared and hashed.
-            object.__setattr__(self, name, _as_vector(getattr(self, name)))
+            object.__setattr__(self, name, as_vector(getattr(self, name)))
         if self.lens is not None:
             if not isinstance(self.lens, Lens):
                 raise SceneError(f"the camera's lens must be a Lens or None, not {self.lens!r}")
@@ -151,7 +139,7 @@ class Camera:
         exponent = max(0, math.frexp(float(np.abs(eye).max()))[1])
         with np.errstate(over="ignore", invalid="ignore"):  # refused by the constructor
             look_at = eye + np.ldexp(1.0, exponent) * forward
-        return cls(_as_vector(eye), _as_vector(look_at), _as_vector(up), lens.fov, lens)
+        return cls(as_vector(eye), as_vector(look_at), as_vector(up), lens.fov, lens)
 
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the unit vectors right, up and forward of the picture, each (3,) float64."""
@@ -289,11 +277,11 @@ class Camera:
         rotation = rotate_about_axis(np.asarray(direction, np.float64), math.radians(float(degrees)))
 
         def turn(point: Vector) -> Vector:
-            return _as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
+            return as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
 
         # The point it looks at stays exactly, where it is the one that the camera turns around.
         look_at = self.look_at if centre == self.look_at else turn(self.look_at)
-        return replace(self, eye=turn(self.eye), look_at=look_at, up=_as_vector(rotation @ np.asarray(self.up)))
+        return replace(self, eye=turn(self.eye), look_at=look_at, up=as_vector(rotation @ np.asarray(self.up)))
 
     def size_for(self, width: int | None, height: int | None) -> tuple[int, int]:
         """Return the size of a picture: what is given, and from the lens what is not.
@@ -364,79 +352,6 @@ def make_axes(
     return right, np.cross(right, forward), forward
 
 
-def frame_mesh(
-    mesh: Mesh,
-    *,
-    aspect: float,
-    up: Vector = DEFAULT_UP,
-    fov: float = DEFAULT_FOV,
-    eye: Vector | None = None,
-) -> Camera:
-    """Return a camera that sees all of a mesh from a three-quarter view, as close as possible.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    aspect : float
-        Width of the picture divided by its height.
-    up : (3,) float
-        The direction that is up in the picture.
-    fov : float
-        Vertical field of view in degrees.
-    eye : (3,) float, optional
-        A fixed position; the camera looks at the middle of the mesh's box.
-
-    Notes
-    -----
-    The nearest position for the direction of view is exact: a point at (x, y, z) along right, up and forward is inside
-    the picture if abs(x - eye_x) <= (z - eye_z) tan(fov / 2), and likewise for y; the tightest of these bounds over all
-    points give eye_x, eye_y and eye_z in closed form.
-    """
-    check_fov(fov)
-    if eye is not None:
-        return Camera(eye, _as_vector(mesh.origin), up, fov)
-    right, upward, forward = make_axes(-_three_quarter_direction(up), np.asarray(up, np.float64))
-    tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - _MARGIN)
-
-    # The planes of the view's four sides, moved inwards until they touch the points. In local coordinates.
-    highest = np.full(2, -np.inf)
-    lowest = np.full(2, np.inf)
-    nearest, farthest = np.inf, -np.inf
-    across = np.stack([right, upward], axis=1)
-    for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
-        chunk = mesh.local_vertices[begin : begin + _CHUNK_VERTICES].astype(np.float64)
-        depth = chunk @ forward
-        offset = chunk @ across
-        highest = np.maximum(highest, (offset - depth[:, None] * tangents).max(axis=0))
-        lowest = np.minimum(lowest, (offset + depth[:, None] * tangents).min(axis=0))
-        nearest, farthest = min(nearest, depth.min()), max(farthest, depth.max())
-
-    distance = float(((highest - lowest) / (2 * tangents)).max())
-    size = max(farthest - nearest, float((highest - lowest).max()), _SMALLEST_DISTANCE)
-    # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
-    distance = max(distance, -nearest + 1e-3 * size)
-    centre = (highest + lowest) / 2
-    local_eye = across @ centre - distance * forward
-    local_target = local_eye + forward * (distance + (nearest + farthest) / 2)
-    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
-    return Camera(_as_vector(eye_point), _as_vector(look_at), up, fov)
-
-
-def _three_quarter_direction(up: Vector) -> NDArray[np.float64]:
-    """Return the unit vector from the mesh towards the camera."""
-    upward = np.asarray(up, np.float64)
-    if not np.isfinite(upward).all() or not np.linalg.norm(upward) > 0:
-        raise SceneError(f"the camera's up must be a finite direction of length above 0, not {up}")
-    upward = upward / np.linalg.norm(upward)
-    # The front is +z if y is up, and -y if z is up, as in modelling programs.
-    front = np.array([0.0, 0.0, 1.0]) if abs(upward[2]) < abs(upward[1]) else np.array([0.0, -1.0, 0.0])
-    front = front - upward * (front @ upward)
-    front /= np.linalg.norm(front)
-    side = np.cross(upward, front)
-    azimuth, elevation = math.radians(_AZIMUTH_DEGREES), math.radians(_ELEVATION_DEGREES)
-    level = math.cos(azimuth) * front + math.sin(azimuth) * side
-    return math.cos(elevation) * level + math.sin(elevation) * upward
-
-
-def _as_vector(values: NDArray[np.float64]) -> Vector:
+def as_vector(values: NDArray[np.float64]) -> Vector:
+    """Return three numbers of Python's."""
     return float(values[0]), float(values[1]), float(values[2])

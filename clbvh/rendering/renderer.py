@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from ..trace.device_tree import BRUTE, DeviceTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera, Vector
 from .frame import FrameRenderer
+from .framing import frame_turn
 from .options import RenderOptions
 from .picture import Picture
 from .scene import Light, Scene
@@ -234,6 +236,39 @@ class Renderer(ContextManager):
     def camera(self) -> Camera:
         """The scene's camera, in a picture of the scene's size."""
         return self._find_camera(self.scene)
+
+    def turntable(
+        self, count: int, *, width: int | None = None, height: int | None = None, up: Vector | None = None
+    ) -> list[Camera]:
+        """Return the cameras of a full turn, which all see the whole mesh from the same distance.
+
+        Parameters
+        ----------
+        count : int
+            Cameras, at equal angles; the last one is one step before the first.
+        width, height : int, pixels
+            Of the pictures; by default the scene's.
+        up : (3,) float
+            The axis of the turn, through the middle of the mesh's box; by default the scene's `up`.
+
+        Raises
+        ------
+        SceneError
+            A value is out of range.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     pictures = [renderer.render(camera=camera) for camera in renderer.turntable(4)]
+        >>> len(pictures)
+        4
+        """
+        if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
+            raise SceneError(f"a turn has at least one camera, not {count!r}")
+        scene = self.scene.with_changes(width=width, height=height, up=up)
+        first = frame_turn(self.mesh, aspect=scene.width / scene.height, up=scene.up, fov=scene.fov)
+        return [first.orbit(360.0 * number / count) for number in range(count)]
 
     @property
     def device(self) -> DeviceInfo:

@@ -91,6 +91,17 @@ class TestPictures:
         assert (turned[1].rgb != before.rgb).any()
         assert (turned[3].found["prim_id"] == before.found["prim_id"]).mean() > 0.99
 
+    def test_a_turntable_shows_the_whole_mesh_all_the_way(self, renderer):
+        cameras = renderer.turntable(8, width=60, height=40)
+        found = np.array([renderer.render(camera=camera, width=60, height=40).hits.is_hit for camera in cameras])
+        assert found.shape == (8, 40, 60)
+        assert found.any(axis=0)[1:-1, 1:-1].mean() > 0.3
+        assert not found[:, [0, -1]].any()
+        assert not found[:, :, [0, -1]].any()
+        for count in (0, -1, 2.5, True, None, "8"):
+            with pytest.raises(SceneError, match="at least one camera"):
+                renderer.turntable(count)
+
     def test_timings_are_those_of_the_picture_alone(self, renderer):
         picture = renderer.render()
         once = clbvh.render(SCENE)
