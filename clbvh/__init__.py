@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera, Vector
     from .rendering.lens import Lens
-    from .rendering.options import RenderOptions
     from .rendering.picture import Picture
     from .rendering.render import render
+    from .rendering.render_options import RenderOptions
     from .rendering.renderer import Renderer
     from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
@@ -73,7 +73,7 @@ _HOME_OF = {
     "Light": "rendering.scene",
     "MeshSource": "rendering.scene",
     "Picture": "rendering.picture",
-    "RenderOptions": "rendering.options",
+    "RenderOptions": "rendering.render_options",
     "Renderer": "rendering.renderer",
     "Scene": "rendering.scene",
     "SceneLike": "rendering.as_scene",

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from .as_scene import SceneLike
 from .camera import Camera, Vector
-from .options import RenderOptions
 from .picture import Picture
+from .render_options import RenderOptions
 from .renderer import Renderer
 from .scene import Light
 

@@ -26,12 +26,12 @@ from ..support.stopwatch import Stopwatch, add_total
 from ..trace.device_tree import BRUTE, DeviceTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera, Vector
+from .check_pixels import check_pixels
 from .frame import FrameRenderer
 from .framing import frame_turn
-from .options import RenderOptions
 from .picture import Picture
+from .render_options import RenderOptions
 from .scene import Light, Scene
-from .validate import check_pixels
 from .view import make_view
 
 # Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
