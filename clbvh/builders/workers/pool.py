@@ -47,27 +47,11 @@ class WorkerPool(ContextManager):
 
     Parameters
     ----------
-    workers : int, optional
-        Number of processes; the number of usable processors without it.
-    timeout_s : float, optional
-        Seconds, above 0, after which a worker that does not answer counts as dead.
+    workers, timeout_s : optional
+        See `SubtreePool`, which also says what is raised.
     preload : str, optional
         The name of a module that every worker imports before it counts as ready. The fork server imports it once, and
         all workers inherit it.
-
-    Raises
-    ------
-    ConfigError
-        A number of workers below 1 or above 1024, or a timeout that is not above 0.
-    PoolError
-        From `wait_ready` and from any use: the workers did not start, one of them failed or died. The pool is
-        closed then, and cannot be used again. From the end of a `with` block, when the script has no guard (see
-        below) and nothing in the block has told.
-
-    Notes
-    -----
-    Workers import the main script, as all of `multiprocessing` does, so a script that creates a pool must do it
-    under ``if __name__ == "__main__":``.
     """
 
     def __init__(
