@@ -216,7 +216,7 @@ class Scene:
         if not isinstance(self.shading, str) or self.shading not in SHADINGS:
             raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
         for name, side in (("width", self.width), ("height", self.height)):
-            if not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
+            if isinstance(side, bool) or not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
                 raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
         check_fov(self.fov)
         if self.look_at is not None and self.eye is None:

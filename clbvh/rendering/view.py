@@ -7,10 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SceneError
 from ..geometry import Mesh
 from ..structs import SHADINGS, VIEW
 from .camera import Camera, find_window
 from .scene import Scene
+
+# Sizes of the mesh from it to the eye: well within float32.
+_MOST_DISTANCE = 1e30
 
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
@@ -25,10 +29,15 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     camera : Camera
         In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
+
+    Raises
+    ------
+    SceneError
+        The eye is farther away than float32 can say, or the camera has a lens for a picture of another shape.
     """
     view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
-    eye = mesh.to_local(camera.eye)
+    eye = _locate_eye(camera, mesh)
     view["eye"] = eye
     view["optical_axis"] = forward
     view["forward"], view["right"], view["up"] = _span_picture(camera, scene.width, scene.height)
@@ -47,6 +56,19 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
     return view
+
+
+def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
+    """Return the eye in local coordinates."""
+    with np.errstate(over="ignore"):
+        eye = mesh.to_local(camera.eye)
+        distance = np.abs(eye).max()
+    if not distance < _MOST_DISTANCE:
+        raise SceneError(
+            f"the camera's eye {camera.eye} is {distance:.0e} sizes of the mesh away from it, and a picture has room "
+            f"for {_MOST_DISTANCE:.0e}: move it closer"
+        )
+    return eye
 
 
 def _span_picture(

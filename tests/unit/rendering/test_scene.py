@@ -25,6 +25,8 @@ BUNNY = MeshSource(name="bunny")
         ({"background": ((0, 0, 0), (1, 1))}, "a background colour must be three"),
         ({"width": 10.5}, "width must be 1 to 65535"),
         ({"height": "10"}, "height must be 1 to 65535"),
+        ({"width": True}, "width must be 1 to 65535"),
+        ({"shading": ["normal"]}, "shading must be one of"),
     ],
 )
 def test_a_value_that_cannot_be_drawn_is_refused(values, message):

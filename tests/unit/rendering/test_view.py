@@ -81,3 +81,10 @@ def test_depth_of_a_flat_mesh_is_a_range_all_the_same():
 def test_the_shading_travels_as_its_number(shading):
     scene = dataclasses.replace(SCENE, shading=shading)
     assert make_view(scene, CAMERA, MESH)["shading"][0] == SHADINGS[shading]
+
+
+@pytest.mark.parametrize("distance", [1e35, 1e200, 1.7e308])
+def test_an_eye_beyond_float32_is_refused(distance):
+    with pytest.raises(SceneError, match="sizes of the mesh away"):
+        make_view(SCENE, Camera((distance, 0, 0), (0, 0, 0)), MESH)
+    assert np.isfinite(make_view(SCENE, Camera((1e28, 0, 0), (0, 0, 0)), MESH)["eye"]).all()
