@@ -16,7 +16,7 @@ from ...geometry.as_mesh import MeshLike, as_mesh
 from .mesh_tracer import EngineOptions, MeshTracer
 
 # After this many trees have gone to a device, meshes that nobody uses are collected: a collection takes about 50 ms
-# with trimesh and numba loaded, so it adds less than 1 ms to each tree.
+# with trimesh and what it imports loaded, so it adds less than 1 ms to each tree.
 _TREES_PER_COLLECTION = 64
 
 # Trees take this share of a device's memory at most, as far as those in use allow; then the ones that have not been
