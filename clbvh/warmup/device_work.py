@@ -46,9 +46,15 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
             tracer.closest_point(points)
             tracer.contains(points)
             tracer.signed_distance(points)
-        # As many as a picture has, without its shape: whether they are rows of one is found out.
-        flat = make(_MANY)
-        tracer.closest_hit(np.broadcast_to(flat[0], flat.shape), np.sort(flat, axis=0))
+        # From one point, and in one direction: broadcast arrays are read-only, which is another type for numba. Enough
+        # rays for a picture's are searched for its rows, in order and in none.
+        for shape in ((3,), _PICTURE, (_MANY,)):
+            mixed = make(*shape)
+            for values in (mixed, np.sort(mixed, axis=0)):
+                same = np.broadcast_to(values.reshape(-1, 3)[0], values.shape)
+                for origins, directions in ((same, values), (values, same)):
+                    tracer.closest_hit(origins, directions)
+                    tracer.any_hit(origins, directions)
         limits = np.zeros(3), np.full(3, size)
         tracer.closest_hit(make(3), make(3), t_min=limits[0], t_max=limits[1])
 
