@@ -50,10 +50,11 @@ class Picture:
     workers : int
         Processes that built the tree; 0 when it came from the cache or was given.
     timings : dict of str to float
-        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, compile
-        (open the device, compile the kernels), layout (arrange the tree for the device), upload, kernel, download (the
-        device's own times), other (between these phases), and total: the wall time, the sum of all but pool_start. In
-        a picture of a `Renderer`, the time of what `Renderer.timings` has is 0.
+        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, open (the
+        device), layout (arrange the tree for the device), compile (functions and kernels, which are kept for the next
+        run), load_code (those that were kept), upload, kernel, download (the device's own times), other (between these
+        phases), and total: the wall time, the sum of all but pool_start. No other phase includes compile or load_code,
+        which are those of all threads. In a picture of a `Renderer`, the time of what `Renderer.timings` has is 0.
     tree_from_cache : bool
         Whether the tree came from the cache.
     notes : tuple of str
