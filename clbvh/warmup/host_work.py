@@ -16,7 +16,7 @@ from ..bvh import Bvh, validate_tree
 from ..geometry import Mesh, load_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
-from ..rendering.camera import frame_mesh
+from ..rendering.framing import frame_mesh
 from ..rendering.ray_cost import measure_rays
 from ..stats import measure_tree
 from ..structs import LAYOUT_WIDTHS
