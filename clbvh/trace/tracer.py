@@ -23,7 +23,7 @@ from .launch import NO_LIMIT, Caster
 from .points.closest_point import find_closest_points
 from .points.inside import find_inside
 from .points.refine import ClosestPoints
-from .rays.batch import TreeBox, read_rays, read_vectors
+from .rays.batch import TreeBox, read_points, read_rays
 from .rays.pieces import Progress
 
 
@@ -221,7 +221,7 @@ class Tracer(ContextManager):
         QueryError
             Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
         """
-        return find_closest_points(self._caster, self._mesh, read_vectors(points, "points"), progress)
+        return find_closest_points(self._caster, self._mesh, read_points(points), progress)
 
     def contains(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.bool_]:
         """Return (..., n) bool: whether a closed mesh contains each point.
@@ -230,7 +230,7 @@ class Tracer(ContextManager):
         does not matter, and a point inside two nested shells is outside. On the surface, as far as float32 can tell,
         the answer is either. Takes and raises the same as `closest_point`.
         """
-        return find_inside(self._caster, read_vectors(points, "points"), progress)
+        return find_inside(self._caster, read_points(points), progress)
 
     def signed_distance(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.float64]:
         """Return (..., n) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
@@ -238,7 +238,7 @@ class Tracer(ContextManager):
         The distance is that of `closest_point`, the sign that of `contains`. Takes and raises the same as
         `closest_point`.
         """
-        vectors = read_vectors(points, "points")
+        vectors = read_points(points)
         distance = find_closest_points(self._caster, self._mesh, vectors, progress).distance
         return np.where(find_inside(self._caster, vectors), distance, -distance)
 

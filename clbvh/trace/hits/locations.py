@@ -56,25 +56,28 @@ def _locate(triangles, prim_ids, us, vs, locations):
             locations[hit, axis] = a + (u * ab + v * ac)
 
 
-@compiled(error_model="numpy")
+@compiled
 def _make_normals(triangles, prim_ids, normals):
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
-    ab, ac = np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
-        prim = prim_ids[hit]
-        if prim == NO_PRIM:
+        if prim_ids[hit] == NO_PRIM:
             normals[hit] = np.nan
-            continue
-        for axis in range(3):
-            a = vertices[faces[prim, 0], axis]
-            ab[axis] = (vertices[faces[prim, 1], axis] - a) * scale
-            ac[axis] = (vertices[faces[prim, 2], axis] - a) * scale
-        # Divided by its largest component first: the squares of a small triangle's normal could underflow.
-        largest = 0.0
-        for axis in range(3):
-            following, last = (axis + 1) % 3, (axis + 2) % 3
-            normals[hit, axis] = ab[following] * ac[last] - ab[last] * ac[following]
-            largest = max(largest, abs(normals[hit, axis]))
-        for axis in range(3):
-            normals[hit, axis] /= largest
-        normals[hit] /= np.sqrt(normals[hit, 0] ** 2 + normals[hit, 1] ** 2 + normals[hit, 2] ** 2)
+        else:
+            make_normal(triangles, prim_ids[hit], normals[hit])
+
+
+@compiled(error_model="numpy")
+def make_normal(triangles, prim, normal):
+    """Write the unit normal of a triangle on the side from which its corners run anticlockwise; NaN without area."""
+    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
+    a, b, c = faces[prim, 0], faces[prim, 1], faces[prim, 2]
+    # Divided by its largest component first: the squares of a small triangle's normal could underflow.
+    largest = 0.0
+    for axis in range(3):
+        following, last = (axis + 1) % 3, (axis + 2) % 3
+        ab_following, ab_last = vertices[b, following] - vertices[a, following], vertices[b, last] - vertices[a, last]
+        ac_following, ac_last = vertices[c, following] - vertices[a, following], vertices[c, last] - vertices[a, last]
+        normal[axis] = ab_following * scale * (ac_last * scale) - ab_last * scale * (ac_following * scale)
+        largest = max(largest, abs(normal[axis]))
+    for axis in range(3):
+        normal[axis] /= largest
+    normal /= np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
