@@ -88,7 +88,8 @@ class Hits:
     def normals(self) -> NDArray[np.float64]:
         """(..., 3) float64: the triangle's normal of length 1, on the side from which a, b, c run anticlockwise.
 
-        NaN on a miss. The ray may come from either side.
+        NaN on a miss. The ray may come from either side, see `is_front`. A triangle thinner than about 2^-31 of its
+        length has no reliable normal even in float64, and gets a vector across its longest edge.
         """
         return find_normals(self._known_mesh(), self.prim_id)
 
@@ -121,8 +122,7 @@ class Hits:
         A ray from there into the half space above the triangle, or along its plane, meets neither that triangle nor any
         other one below the plane: of a convex mesh, none at all. The half space is that of `normals`, on the side
         chosen. The distance is derived from the roundings on the way, and is at most 1e-5 of the largest side of the
-        mesh's box; there is no constant to choose. A triangle thinner than 2^-31 of its length has no reliable normal
-        even in float64: its start point is beside its longest edge.
+        mesh's box; there is no constant to choose.
 
         Examples
         --------

@@ -13,6 +13,8 @@ from ...errors import QueryError
 from .broadcast import Broadcast
 from .rows import RayRows
 
+_FLOAT64 = np.dtype(np.float64)
+
 
 class RayBatch(NamedTuple):
     """Rays as the user gave them.
@@ -44,12 +46,16 @@ class RayBatch(NamedTuple):
 
     def part(self, begin: int, end: int) -> RayRows:
         """Return rays `begin` to `end`, counted in C order."""
-        limits = (limit.part(begin, end, np.float64) for limit in (self.t_min, self.t_max))
-        return RayRows(*self.vectors(begin, end), *limits)
+        origins, directions = self.vectors(begin, end)
+        return RayRows(
+            origins, directions, self.t_min.part(begin, end, _FLOAT64), self.t_max.part(begin, end, _FLOAT64)
+        )
 
     def vectors(self, begin: int, end: int) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the origins and directions of rays `begin` to `end`, as in `RayRows`."""
-        dtype = np.result_type(self.origins.items, self.directions.items)
+        dtype = self.origins.items.dtype
+        if dtype != self.directions.items.dtype:
+            dtype = _FLOAT64
         return self.origins.part(begin, end, dtype), self.directions.part(begin, end, dtype)
 
 
@@ -137,22 +143,22 @@ def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
 
 def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
     """Return a limit of rays of this leading shape; infinity is allowed."""
+    least = 0.0 if name == "t_min" else -np.inf
+    if type(values) is float and values >= least:  # in a tenth of the time, which matters for a single ray
+        return Broadcast.of_one(np.array([values]), shape)
     limits = _read_numbers(values, name).astype(np.float64, copy=False)
     if limits.shape and limits.shape != shape and not _fits(limits.shape, shape):
         raise QueryError(
             f"{name} must be a number or have a shape that broadcasts to that of the rays, {shape}, not {limits.shape}"
         )
-    broadcast = Broadcast.to_shape(limits, 0, shape)
-    least = 0.0 if name == "t_min" else -np.inf
-    # Written so that NaN is bad. One number is compared without numpy, which matters for a single ray.
-    is_good = limits.item() >= least if limits.ndim == 0 else bool((limits >= least).all())
-    if not is_good:
+    # Written so that NaN is bad.
+    if not (limits >= least).all():
         wrong = limits.flat[np.argmin(limits >= least)]
         index = np.unravel_index(np.argmin(limits >= least), limits.shape)
         subject = f"{name}[{', '.join(map(str, index))}]" if limits.shape else name
         wanted = "a number" if least == -np.inf else f"a number from {least:g}"
         raise QueryError(f"{subject} must be {wanted}, not {wrong}")
-    return broadcast
+    return Broadcast.to_shape(limits, 0, shape)
 
 
 def _fits(given: tuple[int, ...], shape: tuple[int, ...]) -> bool:

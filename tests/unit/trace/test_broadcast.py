@@ -19,6 +19,7 @@ FIELDS = ("t", "u", "v", "prim_id", "is_front")
 # Shapes of origins and directions, and of the rays.
 SHAPES = {
     "one origin": ((3,), (50, 3), (50,)),
+    "one origin of three numbers, three rays": ((3,), (3, 3), (3,)),
     "one origin in a list": ((1, 3), (50, 3), (50,)),
     "one direction": ((50, 3), (3,), (50,)),
     "one origin, picture": ((3,), (9, 8, 3), (9, 8)),
@@ -190,13 +191,13 @@ class TestParts:
         whole = np.broadcast_to(values, shape + item).reshape(-1, *item)
         for begin in range(0, 120, 7):
             for end in range(begin, 121):
-                part = broadcast.part(begin, end, np.float64)
+                part = broadcast.part(begin, end, np.dtype(float))
                 assert part.flags.c_contiguous
                 assert not part.flags.writeable
                 np.testing.assert_array_equal(np.broadcast_to(part, (end - begin, *item)), whole[begin:end])
         chosen = np.random.default_rng(8).integers(120, size=50)
         np.testing.assert_array_equal(
-            np.broadcast_to(broadcast.take(chosen).part(3, 40, np.float64), (37, *item)), whole[chosen[3:40]]
+            np.broadcast_to(broadcast.take(chosen).part(3, 40, np.dtype(float)), (37, *item)), whole[chosen[3:40]]
         )
 
     def test_compiled_functions_see_one_kind_of_array(self):
@@ -208,7 +209,7 @@ class TestParts:
         for origins in (vectors, frozen, vectors[::2].repeat(2, axis=0), vectors[:, ::-1], unaligned.reshape(60, 3),
                         vectors[0], np.broadcast_to(vectors[0], (60, 3)), np.asfortranarray(vectors)):  # fmt: skip
             batch, _ = read_rays(origins, vectors.reshape(60, 3), 0.0, np.ones(60))
-            for array in (*batch.part(2, 50), read_points(origins).part(2, 50, float)[:1]):
+            for array in (*batch.part(2, 50), read_points(origins).part(2, 50, np.dtype(float))[:1]):
                 flags = array.flags
                 kinds.add((array.ndim, array.dtype.str, flags.c_contiguous, flags.aligned, flags.writeable))
         assert kinds == {(2, "<f8", True, True, False), (1, "<f8", True, True, False)}
