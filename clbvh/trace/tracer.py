@@ -96,7 +96,8 @@ class Tracer(ContextManager):
             Broadcast against the origins, without copies: one origin (3,) for many directions (n, 3), or (n, 1, 3) with
             (m, 3) for all pairs.
         t_min, t_max : float or (...,) float, lengths of the direction
-            Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is at least 0.
+            Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is
+            at least 0.
         progress : function, optional
             Called with the number of rays that are done, and of all rays, after each piece of the work.
 
