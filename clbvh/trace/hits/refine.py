@@ -20,7 +20,7 @@ from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, times_power_of_two
 from ...support.prefetch import prefetch
 from ..rays.batch import RayBatch
-from ..rays.rows import RayRows, row_step
+from ..rays.ray_rows import RayRows, row_step
 from ..triangles import triangles_of
 from .crossings import Crossings, source_index
 from .hits import Hits

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...bvh import Bvh
 from ...errors import QueryError
 from .broadcast import Broadcast
-from .rows import RayRows
+from .ray_rows import RayRows
 
 _FLOAT64 = np.dtype(np.float64)
 

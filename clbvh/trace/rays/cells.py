@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...support.compiled import compiled
 from .batch import TreeBox
-from .rows import row_step
+from .ray_rows import row_step
 
 # Cells along each axis of the box: 4 bits of a key.
 CELLS_PER_AXIS = 16

@@ -22,7 +22,7 @@ from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
 from ...support.prefetch import prefetch
 from .batch import RayBatch, TreeBox, too_far
-from .rows import RayRows, row_step
+from .ray_rows import RayRows, row_step
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.
 _MOST_FAST_EXPONENT = 400

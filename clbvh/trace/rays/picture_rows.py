@@ -13,7 +13,7 @@ import numpy as np
 
 from ...support.compiled import compiled
 from .batch import RayBatch
-from .rows import row_step
+from .ray_rows import row_step
 
 # Shorter rows, or fewer of them, are hardly larger than a tile.
 _LEAST_ROW_LENGTH = 32
