@@ -20,8 +20,8 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
-from ..trace.hits.refine import refine_closest
-from ..trace.rays.batch import RayBatch
+from ..trace.hits.refine import RefinedHits, refine_closest
+from ..trace.rays.batch import RayBatch, read_rays
 from .camera import Camera
 from .image_files import encode_picture, write_picture
 
@@ -162,29 +162,25 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    t, u, v = (np.empty(height * width) for _ in range(3))
-    prim_id = np.empty(height * width, np.int32)
-    no_limits = np.zeros(1), np.full(1, np.inf)
+    refined, prim_id = RefinedHits.make(height * width), np.empty(height * width, np.int32)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
             last_row = min(first_row + row_count, height)
-            origins, directions = camera.rays(width, height, range(first_row, last_row))
-            batch = RayBatch(origins.reshape(-1, 3), directions.reshape(-1, 3), *no_limits)
+            rays, _ = read_rays(*camera.rays(width, height, range(first_row, last_row)), 0.0, np.inf)
             of_rows = found[first_row:last_row].reshape(-1)
 
             def refine(
                 begin: int,
                 end: int,
                 first: int = first_row * width,
-                batch: RayBatch = batch,
+                batch: RayBatch = rays,
                 of_rows: NDArray[np.void] = of_rows,
             ) -> None:
-                pixels = slice(first + begin, first + end)
+                pixels = first + begin, first + end
                 refine_closest(
-                    batch.part(begin, end), mesh, of_rows[begin:end], t[pixels], u[pixels], v[pixels], prim_id[pixels]
+                    batch.part(begin, end), mesh, of_rows[begin:end], refined.part(*pixels), prim_id[slice(*pixels)]
                 )
 
             threads.for_ranges(len(of_rows), refine)
-    t, u, v = (values.reshape(height, width) for values in (t, u, v))
-    return Hits(t, u, v, prim_id.reshape(height, width), mesh)
+    return refined.as_hits(prim_id, mesh, (height, width))
