@@ -15,7 +15,8 @@ from typing import Any, Literal
 
 from ...errors import DeviceError
 from ..info import DeviceInfo
-from ..select import DEVICE_VARIABLE, pick_device
+from ..match import pick_device
+from ..select import DEVICE_VARIABLE
 from . import drivers
 from .advice import (
     ADVICE_FOR_GPU,

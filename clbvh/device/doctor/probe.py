@@ -145,7 +145,8 @@ def _try(number: int) -> dict[str, Any]:
     """Compile and run a small kernel on one device."""
     import numpy as np
 
-    from ..select import import_pyopencl, pick_device, survey_devices
+    from ..match import pick_device
+    from ..select import import_pyopencl, survey_devices
 
     cl = import_pyopencl()
     device = pick_device(survey_devices().devices, number)
