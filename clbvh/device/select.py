@@ -17,6 +17,7 @@ from .info import DeviceInfo
 from .match import pick_device
 from .owner_process import claim_opencl
 from .preference import number_devices
+from .registered_drivers import note_loader_call, registered_drivers
 from .settings import find_measured_ms
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
@@ -51,7 +52,8 @@ def import_pyopencl() -> Any:
     """
     prepare()
     try:
-        import pyopencl
+        with registered_drivers():
+            import pyopencl
     except (ImportError, OSError) as error:
         raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for advice") from error
     return pyopencl
@@ -73,11 +75,13 @@ def survey_devices() -> DeviceSurvey:
     problems: list[str] = []
 
     try:
-        platforms = cl.get_platforms()
+        with registered_drivers():
+            platforms = cl.get_platforms()
     except cl.Error as error:
         if error.code != _PLATFORM_NOT_FOUND:
             problems.append(f"the OpenCL loader fails: {error}")
         platforms = []
+    note_loader_call()
 
     for number, platform in enumerate(platforms):
         try:

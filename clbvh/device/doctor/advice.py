@@ -13,15 +13,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..icd_files import SYSTEM_VENDORS, IcdFile, LoaderRule
 from ..info import DeviceInfo
-from .drivers import SYSTEM_VENDORS, DeviceFile, FoundLibrary, IcdFile, LoaderRule
+from .drivers import DeviceFile, FoundLibrary
 
 Advice = tuple[str, ...]
 
 # Major version of PoCL in the last release of the PyPI package `pocl-binary-distribution`.
 _PYPI_POCL_MAJOR = 3
-
-_USER_VENDORS = "~/.config/OpenCL/vendors"
 
 ADVICE_FOR_LISTING: Advice = (
     "one of the drivers causes this: try them one at a time to find it",
@@ -60,16 +59,13 @@ def advise_pyopencl(failure: str, has_bundled_loader: bool) -> Advice:
 
 
 def advise_icd(library: FoundLibrary) -> Advice:
-    """Return the commands that register a driver, for an administrator and for anyone."""
+    """Return the commands that register a driver, for anyone and for an administrator."""
     quoted = shlex.quote(str(library.path))
-    name = library.driver.icd_name
     return (
-        "register it for everyone:",
-        f"$ sudo mkdir -p {SYSTEM_VENDORS} && echo {quoted} | sudo tee {SYSTEM_VENDORS}/{name}",
-        "or for yourself (the folder replaces the system's, so its files are copied first):",
-        f"$ mkdir -p {_USER_VENDORS} && cp -n {SYSTEM_VENDORS}/*.icd {_USER_VENDORS}/ 2>/dev/null;"
-        f" echo {quoted} > {_USER_VENDORS}/{name}",
-        f"$ export OCL_ICD_VENDORS={_USER_VENDORS}",
+        "try it, and register it for clbvh, in your own folder:",
+        "$ clbvh doctor --fix",
+        "or for all programs of this machine:",
+        f"$ sudo mkdir -p {SYSTEM_VENDORS} && echo {quoted} | sudo tee {SYSTEM_VENDORS}/{library.driver.icd_name}",
     )
 
 
