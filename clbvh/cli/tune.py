@@ -32,14 +32,18 @@ def tune(
     as_json: options.AsJson = False,
 ) -> None:
     """Measure layouts, work-group sizes and tiles on a device, and keep the fastest for later runs."""
-    from ..device.select import list_devices
+    from ..device.select import choose_device, list_devices
     from ..device.settings import keep_settings
     from ..errors import ConfigError
     from ..rendering.tune import tune as measure
 
     if every and device is not None:
         raise ConfigError("--all measures all devices, and --device one: give one of them")
-    usable = [other for other in list_devices() if other.is_available and not other.is_emulated] if every else [device]
+    usable: list[DeviceInfo | str | None] = [device]
+    if every:
+        # Without any device, the choice of one says so.
+        found = [other for other in list_devices() if other.is_available and not other.is_emulated]
+        usable = [*found] or [choose_device()]
     reports = []
     for each in usable:
         info, settings, trials = measure(each)

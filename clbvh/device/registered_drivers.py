@@ -24,7 +24,7 @@ from .icd_files import VENDOR_VARIABLES, IcdFile, LoaderRule, find_bundled_folde
 DRIVERS_VARIABLE = "CLBVH_DRIVERS"
 
 # The loader of Khronos, which is used on Windows, reads more libraries from this variable.
-_KHRONOS_VARIABLE = "OCL_ICD_FILENAMES"
+KHRONOS_VARIABLE = "OCL_ICD_FILENAMES"
 
 
 class _Loader:
@@ -82,7 +82,7 @@ def registered_drivers() -> Iterator[None]:
         if not offered:
             yield
         elif sys.platform == "win32":
-            with _variable(_KHRONOS_VARIABLE, _join(os.environ.get(_KHRONOS_VARIABLE, ""), offered)):
+            with _variable(KHRONOS_VARIABLE, _join(os.environ.get(KHRONOS_VARIABLE, ""), offered)):
                 yield
         else:
             with _merged_folder(rule, offered) as folder, _variable(VENDOR_VARIABLES[0], folder):

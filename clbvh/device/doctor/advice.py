@@ -6,7 +6,6 @@ a driver.
 
 from __future__ import annotations
 
-import platform
 import re
 import shlex
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from ..icd_files import SYSTEM_VENDORS, IcdFile, LoaderRule
 from ..info import DeviceInfo
 from .drivers import DeviceFile, FoundLibrary
+from .platforms import find_commands
 
 Advice = tuple[str, ...]
 
@@ -130,15 +130,13 @@ def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
 
 
 def advise_cpu_driver(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> Advice:
-    """Return advice that gives any machine a device: PoCL, which needs only a CPU."""
+    """Return advice that gives any machine a device: a driver that needs only a CPU."""
     if any("pocl" in f"{icd.path.name} {icd.library}".lower() for icd in icd_files):
         return ("PoCL, which needs no GPU, is registered: see above for its problem",)
     if rule.single and rule.bundled is not None and (rule.bundled / "pocl.icd").is_file():
         return (f"{rule.variable} hides the PoCL that is installed:", f"$ unset {rule.variable}")
-    advice: Advice = ("PoCL runs on the CPU and needs no GPU:",)
-    if sys.platform == "linux" and platform.machine() == "x86_64":
-        return (*advice, "$ pip install --force-reinstall pocl-binary-distribution")
-    return (*advice, "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl")
+    commands = [f"$ {command}" for command in find_commands()]
+    return ("a driver for the CPU needs no GPU; any of these brings one:", *commands)
 
 
 def advise_unloadable(icd: IcdFile) -> Advice:

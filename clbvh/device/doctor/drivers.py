@@ -103,7 +103,7 @@ def match_driver(library: str) -> Driver | None:
 def usual_folders(environment: Mapping[str, str] = os.environ, prefix: str = sys.prefix) -> list[Path]:
     """Return the folders in which drivers install their libraries."""
     multiarch = f"{platform.machine()}-linux-gnu"
-    named = [Path(folder) for folder in environment.get("LD_LIBRARY_PATH", "").split(":") if folder]
+    named = [Path(folder) for folder in environment.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder]
     fixed = [
         f"/usr/lib/{multiarch}",
         f"/usr/lib/{multiarch}/intel-opencl",
@@ -121,6 +121,8 @@ def usual_folders(environment: Mapping[str, str] = os.environ, prefix: str = sys
         "/opt/intel/oneapi/compiler/latest/lib",
         "/opt/intel/oneapi/compiler/latest/linux/lib/x64",
     ]
+    if sys.platform == "win32":
+        return [*named, Path(prefix) / "Library" / "bin"]
     versioned = sorted(Path("/opt").glob("rocm-*/lib"), reverse=True)
     return [*named, *map(Path, fixed), *versioned, Path(prefix) / "lib"]
 

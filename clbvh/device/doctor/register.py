@@ -6,6 +6,7 @@ Each driver is tried first, in a process whose only driver it is. Files are writ
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from typing import Any, Literal
 from ...errors import ConfigError
 from ...support.atomic_file import write_atomically
 from ..icd_files import VENDOR_VARIABLES, IcdFile, LoaderRule, find_icd_files
-from ..registered_drivers import find_registered_folder, read_rule
+from ..registered_drivers import KHRONOS_VARIABLE, find_registered_folder, read_rule
 from . import drivers
 from .drivers import FoundLibrary
 from .probe import run_probe
@@ -134,10 +135,18 @@ def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
         icd.write_text(f"{library}\n")
         # No folder: then the loader takes it for the only driver, and leaves out those beside it as well.
         environment = {VENDOR_VARIABLES[0]: str(icd)}
+        known: list[dict[str, Any]] = []
+        if sys.platform == "win32":
+            # The loader of Khronos adds it to the drivers of the registry, whose devices are not meant.
+            environment = {KHRONOS_VARIABLE: library}
+            known = run_probe("list", timeout_s=timeout_s).answer.get("devices", [])
         listing = run_probe("list", timeout_s=timeout_s, environment=environment)
         failure = listing.failure or "; ".join(listing.answer.get("problems", ())) or "it offers no device"
         working = []
+        names = [(device["platform"], device["name"]) for device in known]
         for device in listing.answer.get("devices", ()):
+            if (device["platform"], device["name"]) in names:
+                continue
             result = run_probe("try", str(device["number"]), timeout_s=timeout_s, environment=environment)
             if result.failure:
                 failure = f"{device['name']}: {result.failure}"
