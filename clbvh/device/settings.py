@@ -12,7 +12,6 @@ import json
 import math
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from ..structs import LAYOUT_WIDTHS
 from ..support.atomic_file import write_atomically
 from ..support.cache_folder import find_cache
 from ..support.say_once import say_once
+from ..support.version import __version__
 from .info import DeviceInfo
 
 # GPUs run at least one whole warp or wavefront. On CPUs the rays of a work-group share an entry point, see
@@ -127,7 +127,7 @@ def _identity(info: DeviceInfo) -> dict[str, Any]:
         "platform": info.platform,
         "platform_version": info.platform_version,
         "driver_version": info.driver_version,
-        "clbvh": version("clbvh"),
+        "clbvh": __version__,
     }
 
 
