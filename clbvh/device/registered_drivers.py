@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -72,21 +72,18 @@ def registered_drivers() -> Iterator[None]:
     if _Loader.is_called:
         yield
         return
-    with _Loader.lock:
-        # A loader that cannot be asked must not be kept from the drivers that it has.
-        try:
+    with _Loader.lock, ExitStack() as stack:
+        # Where the files cannot be read or a folder cannot be made, the loader still has the drivers of the system.
+        with suppress(OSError):
             rule = read_rule()
             offered = find_offered(rule)
-        except OSError:
-            offered = []
-        if not offered:
-            yield
-        elif sys.platform == "win32":
-            with _variable(KHRONOS_VARIABLE, _join(os.environ.get(KHRONOS_VARIABLE, ""), offered)):
-                yield
-        else:
-            with _merged_folder(rule, offered) as folder, _variable(VENDOR_VARIABLES[0], folder):
-                yield
+            if offered and sys.platform == "win32":
+                value = _join(os.environ.get(KHRONOS_VARIABLE, ""), offered)
+                stack.enter_context(_variable(KHRONOS_VARIABLE, value))
+            elif offered:
+                folder = stack.enter_context(_merged_folder(rule, offered))
+                stack.enter_context(_variable(VENDOR_VARIABLES[0], folder))
+        yield
 
 
 def note_loader_call() -> None:

@@ -21,6 +21,11 @@ from . import drivers
 from .drivers import FoundLibrary
 from .probe import run_probe
 
+# Libraries of Intel's compiler, which the package of its runtime does not ask for.
+_NEEDS = dict.fromkeys(
+    ("libimf", "libsvml", "libirng", "libintlc"), ": it comes with `pip install intel-cmplr-lib-rt`, beside the driver"
+)
+
 Action = Literal["write", "remove", "leave"]
 
 
@@ -130,6 +135,8 @@ def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
     """Return the names of the devices of a driver that compute correctly, and the first failure."""
     if "\n" in library:
         return [], "a driver file cannot hold a line break"
+    if failure := run_probe("load", library, timeout_s=timeout_s).failure:
+        return [], failure + next((hint for name, hint in _NEEDS.items() if name in failure), "")
     with tempfile.TemporaryDirectory(prefix="clbvh-drivers-") as folder:
         icd = Path(folder) / "only.icd"
         icd.write_text(f"{library}\n")

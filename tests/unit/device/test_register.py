@@ -4,6 +4,7 @@ import pytest
 
 from clbvh.device.doctor import drivers, register
 from clbvh.device.doctor.drivers import KNOWN_DRIVERS, FoundLibrary
+from clbvh.device.doctor.probe import ProbeResult
 from clbvh.device.doctor.register import Step, carry_out, find_unregistered, plan_registrations, try_library
 from clbvh.device.icd_files import IcdFile
 from clbvh.errors import ConfigError
@@ -84,3 +85,12 @@ def test_a_file_that_is_no_driver_is_tried_and_refused(tmp_path):
     assert working == []
     assert failure
     assert try_library("/a\n/b", TIMEOUT_S)[0] == []
+
+
+def test_a_runtime_of_intel_without_its_compilers_libraries_is_told_what_brings_them(monkeypatch):
+    failure = "libimf.so: cannot open shared object file: No such file or directory"
+    monkeypatch.setattr(register, "run_probe", lambda *_, **__: ProbeResult({}, failure, "", 0.1))
+    working, reason = try_library("/lib/libintelocl.so", TIMEOUT_S)
+    assert working == []
+    assert reason.startswith(failure)
+    assert "pip install intel-cmplr-lib-rt" in reason

@@ -151,3 +151,11 @@ def test_the_pocl_that_is_there_already_is_not_listed_twice(tmp_path):
     (tmp_path / "libpocl.so.2").symlink_to(pocl)
     (own / "pocl.icd").write_text(f"{tmp_path}/libpocl.so.2\n")
     assert list_in_a_process(own).stdout == alone.stdout
+
+
+def test_without_a_folder_for_temporary_files_the_loader_keeps_the_systems_drivers(machine, tmp_path, monkeypatch):
+    (tmp_path / "libmine.so").touch()
+    register(machine, "mine.icd", tmp_path / "libmine.so")
+    monkeypatch.setattr(module.tempfile, "tempdir", str(tmp_path / "no such folder"))
+    with registered_drivers():
+        assert "OCL_ICD_VENDORS" not in os.environ
