@@ -55,6 +55,15 @@ class Picture:
         Facts that a user should know but that are no errors.
     validated_pixels : int
         The number of pixels that were compared with the reference.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> picture = clbvh.render(clbvh.make_shape("knot", triangles=20_000))
+    >>> picture.rgb.shape, picture.rgb.dtype
+    ((450, 800, 3), dtype('uint8'))
+    >>> picture.hits.t.shape
+    (450, 800)
     """
 
     rgb: NDArray[np.uint8]
@@ -79,7 +88,15 @@ class Picture:
         return refine_pixels(self.mesh, self.camera, self.found)
 
     def report(self) -> dict[str, Any]:
-        """Return the numbers of the run, for a table or for JSON."""
+        """Return the numbers of the run, for a table or for JSON.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> report = clbvh.render(clbvh.make_shape("knot", triangles=20_000)).report()
+        >>> report["rays"], 0 < report["hits"] < report["rays"]
+        (360000, True)
+        """
         rays = self.found.size
         return {
             "mesh": self.mesh.name,

@@ -54,6 +54,13 @@ class RenderOptions(TreeOptions):
         ``"frontier"``, because a wide layout would split its large leaves.
     validate : bool
         Check the tree, and compare a sample of the pixels with the slow reference.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> options = clbvh.RenderOptions(layout="bvh4", validate=True)
+    >>> clbvh.render(clbvh.make_shape("knot", triangles=20_000), options).validated_pixels > 0
+    True
     """
 
     device: DeviceInfo | str | int | None = None
@@ -100,6 +107,16 @@ def render(
         The machine cannot do it.
     ValidationError
         The tree or a pixel is wrong.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> picture = clbvh.render("demo")  # a shipped scene; or a scene file, a mesh file
+    >>> picture.rgb.shape
+    (720, 1280, 3)
+    >>> scene = clbvh.open_scene("demo").with_changes(width=320, height=180, shading="normal")
+    >>> clbvh.render(scene).rgb.shape
+    (180, 320, 3)
     """
     if not isinstance(scene, Scene):
         scene = open_scene(scene)

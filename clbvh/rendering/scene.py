@@ -184,6 +184,13 @@ class Scene:
     ------
     SceneError
         A value is out of range.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> scene = clbvh.open_scene("demo").with_changes(eye=(3.0, 2.0, 4.0), look_at=(0.0, 0.0, 0.0))
+    >>> scene.camera(scene.mesh.load()).eye
+    (3.0, 2.0, 4.0)
     """
 
     mesh: MeshSource
@@ -218,13 +225,30 @@ class Scene:
             check_vector("a background colour", colour)
 
     def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh."""
+        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.open_scene("demo")
+        >>> camera = scene.camera(scene.mesh.load())
+        >>> camera.fov == scene.fov
+        True
+        """
         if self.eye is not None and self.look_at is not None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
         return frame_mesh(mesh, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
 
     def with_changes(self, **changes: Any) -> Scene:
-        """Return a copy with those changes that are not None."""
+        """Return a copy with those changes that are not None.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.open_scene("demo").with_changes(shading="depth", width=None)
+        >>> scene.shading, scene.width
+        ('depth', 1280)
+        """
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
 
 
