@@ -17,16 +17,35 @@ if TYPE_CHECKING:
     from .bvh import Bvh, sah_cost, validate_tree
     from .device import choose_device, list_devices
     from .device.info import DeviceInfo
-    from .geometry import Mesh, load_mesh, make_shape
+    from .errors import (
+        ClbvhError,
+        ConfigError,
+        DeviceError,
+        DeviceMemoryError,
+        FetchError,
+        InternalError,
+        KernelBuildError,
+        MeshError,
+        OpenMeshWarning,
+        PoolError,
+        QueryError,
+        SceneError,
+        TreeFileError,
+        ValidationError,
+    )
+    from .geometry import Mesh, MeshLike, load_mesh, make_shape
+    from .rendering.camera import Camera, Vector
     from .rendering.picture import Picture
     from .rendering.render import RenderOptions, render
-    from .rendering.scene import Scene
+    from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
     from .stats import TreeStats, measure_tree
-    from .trace import AllHits, ClosestPoints, Hits, Tracer
+    from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
 
+# The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
     "Mesh": "geometry",
+    "MeshLike": "geometry",
     "load_mesh": "geometry",
     "make_shape": "geometry",
     "Bvh": "bvh",
@@ -43,16 +62,37 @@ _HOME_OF = {
     "AllHits": "trace",
     "ClosestPoints": "trace",
     "Hits": "trace",
+    "Progress": "trace",
     "Tracer": "trace",
+    "Camera": "rendering.camera",
+    "Light": "rendering.scene",
+    "MeshSource": "rendering.scene",
     "Picture": "rendering.picture",
     "RenderOptions": "rendering.render",
     "Scene": "rendering.scene",
+    "Transform": "rendering.scene",
+    "Vector": "rendering.camera",
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
+    "ClbvhError": "errors",
+    "MeshError": "errors",
+    "SceneError": "errors",
+    "TreeFileError": "errors",
+    "ConfigError": "errors",
+    "QueryError": "errors",
+    "DeviceError": "errors",
+    "DeviceMemoryError": "errors",
+    "KernelBuildError": "errors",
+    "FetchError": "errors",
+    "PoolError": "errors",
+    "ValidationError": "errors",
+    "OpenMeshWarning": "errors",
+    "InternalError": "errors",
 }
 
 __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Mesh",
+    "MeshLike",
     "load_mesh",
     "make_shape",
     "Bvh",
@@ -69,12 +109,32 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "AllHits",
     "ClosestPoints",
     "Hits",
+    "Progress",
     "Tracer",
+    "Camera",
+    "Light",
+    "MeshSource",
     "Picture",
     "RenderOptions",
     "Scene",
+    "Transform",
+    "Vector",
     "open_scene",
     "render",
+    "ClbvhError",
+    "MeshError",
+    "SceneError",
+    "TreeFileError",
+    "ConfigError",
+    "QueryError",
+    "DeviceError",
+    "DeviceMemoryError",
+    "KernelBuildError",
+    "FetchError",
+    "PoolError",
+    "ValidationError",
+    "OpenMeshWarning",
+    "InternalError",
 ]
 
 

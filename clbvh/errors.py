@@ -75,5 +75,9 @@ class ValidationError(ClbvhError, RuntimeError):
     """A tree or a picture differs from the result of a slow, independent check."""
 
 
+class OpenMeshWarning(UserWarning):
+    """A question about inside and outside is put to a mesh that encloses no volume."""
+
+
 class InternalError(ClbvhError, RuntimeError):
     """A bug of clbvh itself: an invariant does not hold."""

@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 from ..bvh import Bvh
-from ..geometry import Mesh
+from ..geometry import Mesh, MeshLike, as_mesh
 from .options import BuildOptions
 from .registry import DEFAULT_BUILDER, find_builder
 from .subtree_pool import SubtreePool
 
 
 def build(
-    mesh: Mesh,
+    mesh: MeshLike,
     *,
     pool: SubtreePool | None = None,
     builder: str = DEFAULT_BUILDER,
@@ -28,7 +28,8 @@ def build(
 
     Parameters
     ----------
-    mesh : Mesh
+    mesh : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
+        A path names a mesh file, see `clbvh.load_mesh`.
     pool : SubtreePool, optional
         Worker processes that share the work. Without one the calling process builds, as the default builder does for
         small meshes in any case.
@@ -50,7 +51,7 @@ def build(
     ConfigError
         An option outside its range, an unknown builder, or a quality that it does not have.
     MeshError
-        A mesh wider than about 1.7e38 units: distances between doubled centroids do not fit float32.
+        It is no mesh, or no valid one: see `clbvh.Mesh.from_arrays` and `clbvh.load_mesh`.
     PoolError
         A worker failed or died, or there is not enough memory to share.
 
@@ -66,7 +67,7 @@ def build(
     True
     """
     options = BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
-    return build_tree(mesh, builder, pool, options)
+    return build_tree(as_mesh(mesh), builder, pool, options)
 
 
 def build_tree(mesh: Mesh, builder: str, pool: SubtreePool | None, options: BuildOptions) -> Bvh:

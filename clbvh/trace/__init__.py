@@ -2,6 +2,7 @@
 
 from .hits.hits import AllHits, Hits
 from .points.refine import ClosestPoints
+from .rays.pieces import Progress
 from .tracer import Tracer
 
-__all__ = ["AllHits", "ClosestPoints", "Hits", "Tracer"]
+__all__ = ["AllHits", "ClosestPoints", "Hits", "Progress", "Tracer"]

@@ -5,6 +5,7 @@ The queries themselves stand in `hits/` and `points/`.
 
 from __future__ import annotations
 
+import warnings
 from numbers import Integral
 
 import numpy as np
@@ -13,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
-from ..errors import ConfigError
+from ..errors import ConfigError, OpenMeshWarning
+from ..geometry import MeshLike, as_mesh
 from ..support.context_manager import ContextManager
 from .device_tree import DeviceTree, check_layout
 from .hits.all_hits import find_all_hits, find_hits_by_depth
@@ -28,14 +30,15 @@ from .rays.pieces import Progress
 
 
 class Tracer(ContextManager):
-    """Casts rays at one tree on one device; a context manager.
+    """Casts rays at one mesh on one device; a context manager.
 
     Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and
     closing the tracer there changes nothing.
 
     Parameters
     ----------
-    bvh : Bvh
+    source : Bvh, or Mesh, trimesh.Trimesh, str, path or (vertices, faces)
+        A tree; or a mesh, whose tree is built in this process as `clbvh.build` does. A path names a mesh file.
     device : DeviceInfo, str, int or None
         The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; without it a GPU, if there is one.
     layout : str
@@ -47,19 +50,25 @@ class Tracer(ContextManager):
         There is no such device, the tree does not fit it, or this process was forked from one that has used OpenCL.
     ConfigError
         An unknown layout.
+    MeshError
+        The source is neither a tree nor a valid mesh.
 
     Examples
     --------
     >>> import clbvh
-    >>> with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=1000)) as tracer:
-    ...     hits = tracer.closest_hit([[0, 0.1, 5], [0, 3, 5]], [[0, 0, -1], [0, 0, -1]])
-    >>> hits.is_hit
-    array([ True, False])
+    >>> triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+    >>> with clbvh.Tracer(triangle) as tracer:
+    ...     tracer.closest_hit([[0.25, 0.25, 2]], [[0, 0, -1]]).t
+    array([2.])
     """
 
-    def __init__(self, bvh: Bvh, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
+    def __init__(
+        self, source: Bvh | MeshLike, *, device: DeviceInfo | str | int | None = None, layout: str = "auto"
+    ) -> None:
         check_layout(layout)
+        bvh = _find_tree(source)
         self._mesh = bvh.mesh
+        self._has_warned = False
         session = DeviceSession(device)
         try:
             tree = DeviceTree(session, bvh.mesh, bvh, layout)
@@ -315,6 +324,11 @@ class Tracer(ContextManager):
         does not matter, and a point inside two nested shells is outside. On the surface, as far as float32 can tell,
         the answer is either. Takes and raises the same as `closest_point`.
 
+        Warns
+        -----
+        OpenMeshWarning
+            Once for each tracer, if the mesh is not closed (`Mesh.is_watertight`): the answer is not defined.
+
         Examples
         --------
         >>> import clbvh
@@ -322,13 +336,14 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(trimesh.creation.box()).contains([[0.4, 0.4, 0.4], [0.4, 0.4, 0.6]])
         array([ True, False])
         """
+        self._warn_if_open("contains")
         return find_inside(self._caster, read_vectors(points, "points"), progress)
 
     def signed_distance(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.float64]:
         """Return (..., n) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
 
-        The distance is that of `closest_point`, the sign that of `contains`. Takes and raises the same as
-        `closest_point`.
+        The distance is that of `closest_point`, the sign that of `contains`, which also warns. Takes and raises the
+        same as `closest_point`.
 
         Examples
         --------
@@ -337,6 +352,7 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(trimesh.creation.box()).signed_distance([[0, 0, 0.25], [0, 0, 2]])
         array([ 0.25, -1.5 ])
         """
+        self._warn_if_open("signed_distance")
         vectors = read_vectors(points, "points")
         distance = find_closest_points(self._caster, self._mesh, vectors, progress).distance
         return np.where(find_inside(self._caster, vectors), distance, -distance)
@@ -381,8 +397,31 @@ class Tracer(ContextManager):
         """
         self._caster.close()
 
+    def _warn_if_open(self, query: str) -> None:
+        """Say once that the mesh has no inside; called by the public method `query`."""
+        if self._has_warned or self._mesh.is_watertight:
+            return
+        self._has_warned = True
+        warnings.warn(
+            f"{self._mesh.name} is not closed, so it has no inside: the answer of {query} is not defined where a ray "
+            "can leave through a hole",
+            OpenMeshWarning,
+            stacklevel=3,
+        )
+
     def __repr__(self) -> str:
         return f"Tracer({self._mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
+
+
+def _find_tree(source: Bvh | MeshLike) -> Bvh:
+    """Return the tree of a tracer's source."""
+    if isinstance(source, Bvh):
+        return source
+    mesh = as_mesh(source, or_else="a clbvh.Bvh")
+    # Not above: a tracer of a finished tree needs no builder.
+    from ..builders.build import build
+
+    return build(mesh)
 
 
 def _check_max_hits(max_hits: int | None) -> int | None:

@@ -42,6 +42,9 @@ _IMPORTED_IN = os.getpid()
 # Held while a process starts: several pools may start at once.
 _hiding = threading.Lock()
 
+# A slip of the keyboard must not start a hundred thousand processes.
+MAX_WORKERS = 1024
+
 # A worker that needs longer than this for one step is taken for dead.
 DEFAULT_TIMEOUT_S = 600.0
 
@@ -69,7 +72,7 @@ class WorkerPool(ContextManager):
     Raises
     ------
     ConfigError
-        A number of workers below 1, or a timeout that is not above 0.
+        A number of workers below 1 or above 1024, or a timeout that is not above 0.
     PoolError
         From `wait_ready` and from any use: the workers did not start, one of them failed or died. The pool is
         closed then, and cannot be used again. From the end of a `with` block, when the script has no guard (see
@@ -86,8 +89,8 @@ class WorkerPool(ContextManager):
     ) -> None:
         if workers is not None and (isinstance(workers, bool) or not isinstance(workers, Integral)):
             raise ConfigError(f"workers must be a whole number, not {workers!r}")
-        if workers is not None and workers < 1:
-            raise ConfigError(f"workers must be at least 1, not {workers}")
+        if workers is not None and not 1 <= workers <= MAX_WORKERS:
+            raise ConfigError(f"workers must be 1 to {MAX_WORKERS}, not {workers}")
         # Written so that NaN fails.
         if not 0 < timeout_s < float("inf"):
             raise ConfigError(f"timeout_s must be a finite number above 0, not {timeout_s}")

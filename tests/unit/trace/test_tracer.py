@@ -243,7 +243,8 @@ class TestInput:
         assert hits.t[0] == pytest.approx(abs(far), rel=1e-15)
 
     def test_an_origin_too_far_for_float64_is_named(self, session):
-        tiny = Mesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) * 1e-100, [[0, 1, 2]])
+        faces = [[0, 1, 2], [0, 2, 1]]
+        tiny = Mesh.from_arrays(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]) * 1e-100, faces)
         with Tracer(build(tiny), device=session.info) as opened:
             for query in (opened.closest_hit, opened.all_hits, opened.any_hit, opened.count_hits):
                 with pytest.raises(QueryError, match=r"^origins\[1\] is too far from the mesh"):

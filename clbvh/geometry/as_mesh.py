@@ -1,0 +1,78 @@
+"""What users have for a mesh, turned into a `Mesh`.
+
+Knows the types that are accepted, and nothing of what is done with the mesh.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from ..errors import MeshError
+from .loading.load import load_mesh
+from .mesh import Mesh
+
+_MAX_SHOWN = 60  # characters of a wrong value in a message
+
+
+@runtime_checkable
+class HasTriangles(Protocol):
+    """An object with the arrays of a triangle mesh, such as a `trimesh.Trimesh`."""
+
+    @property
+    def vertices(self) -> Any:
+        """(V, 3) float."""
+
+    @property
+    def faces(self) -> Any:
+        """(F, 3) int."""
+
+
+MeshLike: TypeAlias = Mesh | HasTriangles | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]
+"""What is accepted as a mesh: a `Mesh`, a `trimesh.Trimesh`, the path of a mesh file, or ``(vertices, faces)``."""
+
+
+def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
+    """Return the mesh that a user means.
+
+    Parameters
+    ----------
+    thing : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
+        A `Mesh` is returned as it is; arrays are checked and copied, a file is loaded.
+    or_else : str, optional
+        What else the caller accepts, for the message of an error: ``"a clbvh.Bvh"``.
+
+    Raises
+    ------
+    MeshError
+        It is nothing of this kind, or it is no valid mesh.
+
+    Examples
+    --------
+    >>> from clbvh.geometry.as_mesh import as_mesh
+    >>> as_mesh(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    Mesh('mesh', vertices=3, faces=1)
+    """
+    if isinstance(thing, Mesh):
+        return thing
+    if isinstance(thing, str | os.PathLike):
+        return load_mesh(thing)
+    if isinstance(thing, tuple | list) and len(thing) == 2:
+        return Mesh.from_arrays(*thing)
+    if isinstance(thing, HasTriangles):
+        return Mesh.from_arrays(thing.vertices, thing.faces, name=type(thing).__name__)
+    raise MeshError(
+        f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a trimesh.Trimesh, the path of a mesh file, or a "
+        f"pair (vertices, faces), not {_describe(thing)}"
+    )
+
+
+def _describe(thing: object) -> str:
+    """Return the type of a wrong value, with the value where it is short."""
+    kind = type(thing)
+    if kind.__module__ != "builtins":
+        return f"a {kind.__module__.partition('.')[0]}.{kind.__qualname__}"
+    text = repr(thing)
+    return f"{kind.__qualname__} {text}" if len(text) <= _MAX_SHOWN else f"a {kind.__qualname__}"

@@ -1,0 +1,60 @@
+"""The names of `clbvh` itself: complete, and enough to write down any public signature."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+
+import pytest
+
+import clbvh
+import clbvh.errors
+
+# Words of annotations that are Python's, typing's or numpy's.
+_OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
+_OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
+
+
+def public_callables():
+    """Yield the public functions, and the public methods of the public classes."""
+    for name in clbvh.__all__:
+        thing = getattr(clbvh, name)
+        if inspect.isclass(thing) and issubclass(thing, Warning | Exception):
+            continue
+        if inspect.isclass(thing):
+            yield name, thing.__init__
+            for attribute, member in vars(thing).items():
+                function = getattr(member, "__func__", getattr(member, "fget", getattr(member, "func", member)))
+                if inspect.isfunction(function) and not attribute.startswith("_"):
+                    yield f"{name}.{attribute}", function
+        elif inspect.isfunction(thing):
+            yield name, thing
+
+
+@pytest.mark.parametrize("function", [pytest.param(function, id=name) for name, function in public_callables()])
+def test_a_signature_names_only_what_can_be_imported_from_clbvh(function):
+    annotations = " ".join(map(str, getattr(function, "__annotations__", {}).values()))
+    words = set(re.findall(r"(?<![\w.'\"])_?[A-Z]\w*", annotations))
+    assert words <= _OTHERS | set(clbvh.__all__), words - _OTHERS - set(clbvh.__all__)
+
+
+def test_every_error_is_public():
+    errors = {name for name, thing in vars(clbvh.errors).items() if inspect.isclass(thing)}
+    assert errors <= set(clbvh.__all__)
+
+
+def test_every_public_name_exists_and_is_listed_once():
+    assert len(set(clbvh.__all__)) == len(clbvh.__all__)
+    for name in clbvh.__all__:
+        assert getattr(clbvh, name) is not None
+    assert dir(clbvh) == sorted(clbvh.__all__)
+
+
+def test_errors_import_nothing_else():
+    script = (
+        "import sys, clbvh; clbvh.MeshError; print([m for m in ('numpy', 'numba', 'pyopencl') if m in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
