@@ -44,6 +44,12 @@ class Light:
     ------
     SceneError
         A value is not three finite numbers, or the direction is zero.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> light = clbvh.Light(direction=(0, 1, 0), sky=(0.3, 0.3, 0.35))
+    >>> picture = clbvh.render(clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=1000), light=light))
     """
 
     direction: Vector | None = None
@@ -60,7 +66,14 @@ class Light:
                 raise SceneError("the light's direction must not be zero")
 
     def with_direction(self, direction: Vector | None) -> Light:
-        """Return a copy with another direction."""
+        """Return a copy with another direction.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Light().with_direction((0, 1, 0)).direction
+        (0, 1, 0)
+        """
         return dataclasses.replace(self, direction=direction)
 
 
@@ -81,6 +94,15 @@ class MeshSource:
     ------
     SceneError
         None of the three is given, or several.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.MeshSource(shape="knot", triangles=20_000, seed=1).load()
+    Mesh('knot', vertices=..., faces=...)
+    >>> clbvh.MeshSource(path="part.ply", name="bunny")
+    Traceback (most recent call last):
+    clbvh.errors.SceneError: the mesh needs exactly one of path, name and shape
     """
 
     path: str | None = None
@@ -95,17 +117,38 @@ class MeshSource:
             raise SceneError("the mesh needs exactly one of path, name and shape")
 
     def load(self) -> Mesh:
-        """Return the mesh; raise `MeshError` or `ConfigError` if there is none."""
+        """Return the mesh; raise `MeshError` or `ConfigError` if there is none.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).load().face_count
+        980
+        """
         if self.shape is not None:
             return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
         return load_mesh(self.file())
 
     def file(self) -> Path:
-        """Return the file that `load` reads."""
+        """Return the file that `load` reads.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> print(clbvh.MeshSource(path="part.ply").file())
+        part.ply
+        """
         return find_known_mesh(self.name) if self.name is not None else Path(str(self.path))
 
     def estimate_face_count(self) -> int:
-        """Return the approximate number of triangles without reading them; 0 if the file is missing."""
+        """Return the approximate number of triangles without reading them; 0 if the file is missing.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).estimate_face_count()
+        1000
+        """
         if self.shape is not None:
             return self.triangles
         file = self.file()
@@ -132,6 +175,14 @@ class Transform:
     ------
     SceneError
         A value is not finite, or the scale is zero.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> upright = clbvh.Transform(scale=0.001, rotate=(-90, 0, 0))  # millimetres, z up, to metres, y up
+    >>> part = clbvh.Mesh.from_arrays([[0, 0, 0], [1000, 0, 0], [0, 0, 2000]], [[0, 1, 2]])
+    >>> upright.apply(part).vertices.round(6).max(axis=0)
+    array([1., 2., 0.])
     """
 
     scale: float = 1.0
@@ -146,7 +197,15 @@ class Transform:
 
     @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
     def apply(self, mesh: Mesh) -> Mesh:
-        """Return the mesh in the scene's coordinates."""
+        """Return the mesh in the scene's coordinates.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.make_shape("icosphere", triangles=1000)
+        >>> clbvh.Transform(translate=(0, 0, 5)).apply(mesh).origin
+        array([0., 0., 5.])
+        """
         if self == Transform():
             return mesh
         rotation = np.eye(3)

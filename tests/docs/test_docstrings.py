@@ -19,7 +19,7 @@ from .public_names import list_public_names
 # Parts of a build, public among the modules of clbvh only.
 WITHOUT_EXAMPLE = {f"clbvh.SubtreePool.{method}" for method in ("attach", "hold", "map")}
 
-FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
+FLAGS = doctest.ELLIPSIS
 
 
 def find_examples() -> list[doctest.DocTest]:
