@@ -95,7 +95,10 @@ def main() -> None:
     grey = np.where(seen, 255 - 205 * (depth - near) / (far - near), 40).astype(np.uint8)
     panels = [np.repeat(grey[..., None], 3, axis=2), images["normals"], COLOURS[ids]]
     imageio.imwrite(options.output / "overview.png", np.hstack(panels))
-    print(f"{options.output}: {width} x {height}, depth from {near:.4g} to {far:.4g} m, {len(np.unique(ids[seen]))} objects")
+    print(
+        f"{options.output}: {width} x {height}, depth from {near:.4g} to {far:.4g} m, "
+        f"{len(np.unique(ids[seen]))} objects"
+    )
     print(f"points from depth and intrinsics agree with the hits within {difference:.1e} m")
 
 

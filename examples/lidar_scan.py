@@ -93,7 +93,10 @@ def main() -> None:
     if options.cloud:
         trimesh.PointCloud(points, colours).export(options.cloud)
     pulses = directions.shape[0] * directions.shape[1]
-    print(f"{options.output}: {len(points):,} of {pulses:,} pulses came back, from {ranges.min():.4g} to {ranges.max():.4g}")
+    print(
+        f"{options.output}: {len(points):,} of {pulses:,} pulses came back, "
+        f"from {ranges.min():.4g} to {ranges.max():.4g} away"
+    )
 
 
 if __name__ == "__main__":

@@ -34,5 +34,9 @@ def _list_methods(owner: type) -> Iterator[tuple[str, object]]:
     for name in dir(owner):
         home = next(base for base in owner.__mro__ if name in vars(base))
         is_ours = home.__module__.startswith("clbvh.")
-        if is_ours and not name.startswith("_") and isinstance(getattr(owner, name), types.FunctionType | types.MethodType):
+        if (
+            is_ours
+            and not name.startswith("_")
+            and isinstance(getattr(owner, name), types.FunctionType | types.MethodType)
+        ):
             yield name, getattr(owner, name)
