@@ -9,12 +9,14 @@ import doctest
 import importlib
 import inspect
 import pkgutil
+import re
 
 import pytest
 
 import clbvh
 
 from .public_names import list_public_names
+from .snippets import REPOSITORY
 
 # Parts of a build, public among the modules of clbvh only.
 WITHOUT_EXAMPLE = {f"clbvh.SubtreePool.{method}" for method in ("attach", "hold", "map")}
@@ -45,6 +47,14 @@ def test_public_names_have_an_example(name):
 
 def test_names_without_an_example_are_public():
     assert list_public_names().keys() >= WITHOUT_EXAMPLE
+
+
+def test_public_names_are_in_the_reference():
+    pages = "\n".join(page.read_text() for page in (REPOSITORY / "docs" / "reference").glob("*.md"))
+    names = {name.rpartition(".")[2] for name in re.findall(r"^::: (\S+)$", pages, re.MULTILINE)}
+    classes_and_functions = {name for name in list_public_names() if name.count(".") == 1}
+    expected = {f"clbvh.{name}" for name in clbvh.__all__} | classes_and_functions
+    assert {name.rpartition(".")[2] for name in expected} <= names
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
