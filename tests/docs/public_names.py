@@ -18,7 +18,7 @@ def list_public_names() -> dict[str, object]:
     for path in INTEGRATIONS:
         module = importlib.import_module(path)
         for name, value in vars(module).items():
-            if not name.startswith("_") and callable(value) and getattr(value, "__module__", "") == path:
+            if not name.startswith("_") and callable(value) and getattr(value, "__module__", "").startswith(path):
                 names[f"{path}.{name}"] = value
     found: dict[str, object] = {}
     for name, value in names.items():
