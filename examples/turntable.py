@@ -8,7 +8,6 @@ Without a mesh it shows a knot. The tree is built and put on the device once, fo
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
 import imageio.v3 as imageio
 import numpy as np
@@ -51,12 +50,6 @@ def mark(rgb: np.ndarray, column: int, row: int, colour: tuple[int, int, int]) -
     rgb[np.abs(distance - RADIUS) < 1.5] = colour
 
 
-def step_back(camera: clbvh.Camera, times: float) -> clbvh.Camera:
-    """Return a camera at a multiple of the distance: the whole mesh stays in view from all sides."""
-    target = np.array(camera.look_at)
-    return replace(camera, eye=tuple(target + times * (camera.eye - target)))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mesh", nargs="?", help="a mesh file; without it, a knot")
@@ -70,12 +63,12 @@ def main() -> None:
 
     frames = []
     with clbvh.Renderer(bvh) as renderer, clbvh.Tracer(bvh) as tracer:
-        camera = step_back(renderer.render(width=WIDTH, height=HEIGHT).camera, 1.2)
-        prim_id, point = pick(renderer.render(camera=camera, width=WIDTH, height=HEIGHT), *options.pick)
-        for number in range(options.frames):
-            turned = camera.orbit(360 * number / options.frames)
-            rgb = renderer.render(camera=turned, width=WIDTH, height=HEIGHT).rgb.copy()
-            mark(rgb, *find_pixel(turned, point), SEEN if is_seen(tracer, turned, point) else HIDDEN)
+        cameras = renderer.turntable(options.frames, width=WIDTH, height=HEIGHT)
+        first = renderer.render(camera=cameras[0], width=WIDTH, height=HEIGHT)
+        prim_id, point = pick(first, *options.pick)
+        for camera in cameras:
+            rgb = renderer.render(camera=camera, width=WIDTH, height=HEIGHT).rgb.copy()
+            mark(rgb, *find_pixel(camera, point), SEEN if is_seen(tracer, camera, point) else HIDDEN)
             frames.append(rgb)
 
     imageio.imwrite(options.output, frames, duration=1000 * 6 // options.frames, loop=0)
