@@ -302,8 +302,8 @@ class Camera:
         Examples
         --------
         >>> import clbvh
-        >>> K = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
-        >>> clbvh.Camera.from_intrinsics(K, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], (640, 480)).size_for(320, None)
+        >>> lens = clbvh.Lens.from_fov(40, 640, 480)
+        >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), lens=lens).size_for(320, None)
         (320, 240)
         """
         if self.lens is not None:

@@ -69,7 +69,7 @@ class Lens:
     >>> lens = clbvh.Lens.from_matrix([[500, 0, 310], [0, 510, 250], [0, 0, 1]], (640, 480))
     >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), lens=lens)
     >>> lens.fx, lens.cy, round(camera.fov, 3)
-    (500.0, 250.0, 50.405)
+    (500.0, 250.0, 50.388)
     """
 
     fx: float

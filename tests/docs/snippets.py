@@ -39,7 +39,7 @@ class Snippet:
 
 
 def find_snippets(page: Path) -> list[Snippet]:
-    """Return the fenced blocks of a page, and the indented ones as commands."""
+    """Return the blocks of a page, in order: fenced ones, and indented ones, which are commands."""
     text = page.read_text(encoding="utf-8")
     found = [
         Snippet(page, _line(text, match.start("language")) + 1, match["language"], match["text"], match["why"])
@@ -51,23 +51,15 @@ def find_snippets(page: Path) -> list[Snippet]:
         Snippet(page, _line(rest, match.start()), "", re.sub("^    ", "", match[1], flags=re.MULTILINE), None)
         for match in _INDENTED.finditer(rest)
     ]
-    return found
+    return sorted(found, key=lambda snippet: snippet.line)
 
 
-def find_python(page: Path) -> list[Snippet]:
-    """Return the Python blocks of a page, in order."""
-    return [snippet for snippet in find_snippets(page) if snippet.language == "python"]
-
-
-def find_commands(page: Path) -> dict[str, Snippet]:
-    """Return the commands in the blocks of a page, without prompt and comment."""
-    commands = {}
-    for snippet in find_snippets(page):
-        if snippet.language in _SHELLS:
-            for line in snippet.text.splitlines():
-                command = re.sub(r"\s+#.*", "", line.removeprefix("$ ")).strip()
-                commands[command] = snippet
-    return commands
+def list_commands(snippet: Snippet) -> list[str]:
+    """Return the commands of a block, without prompt and comment."""
+    if snippet.language not in _SHELLS:
+        return []
+    lines = snippet.text.replace("\\\n", " ").splitlines()
+    return [re.sub(r"\s+#.*", "", line.removeprefix("$ ")).strip() for line in lines]
 
 
 def find_inline_commands(page: Path) -> list[str]:

@@ -1,7 +1,7 @@
 """The pages keep their word: their Python blocks and commands run, and what they name is there.
 
 The blocks of a page run one after the other, in one namespace and in one folder. It has the mesh files that pages speak
-of; what a page needs besides them, it makes.
+of; what a page needs besides them, its earlier blocks make.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import typer.main
 from clbvh.cli.app import app
 from tests.cli.command import run_clbvh
 
-from .snippets import PAGES, REPOSITORY, find_commands, find_inline_commands, find_python
+from .snippets import PAGES, REPOSITORY, Snippet, find_inline_commands, find_snippets, list_commands
 from .test_docstrings import FLAGS
 
 MESHES = ("part.ply", "bunny.ply", "bun_zipper.ply", "dragon_871k.ply", "scan.ply")
@@ -36,8 +36,12 @@ NOT_RUN = {
 # Words in capitals that stand for something, as in `clbvh stats MESH|SCENE`.
 PLACEHOLDERS = {"MESH|SCENE": "part.ply", "MESH": "part.ply", "SOURCE": "part.ply", "FILE": "part.ply", "DIR": "trees"}
 
-with_python = [page for page in PAGES if find_python(page)]
-with_commands = [page for page in PAGES if any(line.startswith("clbvh ") for line in find_commands(page))]
+
+def has_code(snippet: Snippet) -> bool:
+    return snippet.language == "python" or any(line.startswith("clbvh ") for line in list_commands(snippet))
+
+
+RUNNING = [page for page in PAGES if any(has_code(snippet) for snippet in find_snippets(page))]
 
 
 def name(page: Path) -> str:
@@ -55,41 +59,50 @@ def folder(session, tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("page", with_python, ids=name)
-def test_python_blocks_run(page, folder):
+@pytest.mark.parametrize("page", RUNNING, ids=name)
+def test_blocks_run(page, folder):
     names = {"__name__": "__main__"}
-    for snippet in find_python(page):
-        if snippet.reason:
+    for snippet in find_snippets(page):
+        if snippet.language == "python" and snippet.reason:
             ast.parse(snippet.text)
-            continue
-        if ">>> " in snippet.text:
-            example = doctest.DocTestParser().get_doctest(snippet.text, names, str(snippet), str(page), snippet.line)
-            report: list[str] = []
-            runner = doctest.DocTestRunner(verbose=False, optionflags=FLAGS)
-            runner.run(example, out=report.append, clear_globs=False)
-            assert runner.failures == 0, "".join(report)
-            names.update(example.globs)
-        else:
-            # Lines of the page in tracebacks.
-            code = compile("\n" * (snippet.line - 1) + snippet.text, str(page), "exec")
-            exec(code, names)
+        elif snippet.language == "python":
+            run_python(snippet, names)
+        elif not snippet.reason:
+            for command in list_commands(snippet):
+                run_command(command, snippet)
 
 
-@pytest.mark.parametrize("page", with_commands, ids=name)
-def test_commands_run(page, folder):
-    for command, snippet in find_commands(page).items():
-        words = replace_placeholders(command)
-        if snippet.reason or words[:1] != ["clbvh"] or " ".join(words[:2]) in NOT_RUN:
-            continue
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a program's, not a test's
-            answer = run_clbvh(*words[1:], CLBVH_DEVICE="cpu")
-        assert answer.returncode == 0, f"{snippet}: {command}\n{answer.stderr}"
+def run_python(snippet, names):
+    """Run a Python block; one with prompts has its output checked."""
+    if ">>> " not in snippet.text:
+        # Lines of the page in tracebacks.
+        exec(compile("\n" * (snippet.line - 1) + snippet.text, str(snippet.page), "exec"), names)
+        return
+    example = doctest.DocTestParser().get_doctest(
+        snippet.text, names, str(snippet), str(snippet.page), snippet.line - 1
+    )
+    report: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=FLAGS)
+    runner.run(example, out=report.append, clear_globs=False)
+    assert runner.failures == 0, "".join(report)
+    names.update(example.globs)
+
+
+def run_command(command, snippet):
+    """Run a command line of clbvh."""
+    words = replace_placeholders(command) if command.startswith("clbvh ") else []
+    if not words or " ".join(words[:2]) in NOT_RUN:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a program's, not a test's
+        answer = run_clbvh(*words[1:], CLBVH_DEVICE="cpu")
+    assert answer.returncode == 0, f"{snippet}: {command}\n{answer.stderr}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_commands_have_these_options(page):
-    commands = [line for line in find_commands(page) if line.startswith("clbvh ")] + find_inline_commands(page)
+    lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
+    commands = [line for line in lines if line.startswith("clbvh ")] + find_inline_commands(page)
     group = typer.main.get_command(app)
     for line in commands:
         words = replace_placeholders(line)[1:]
@@ -107,7 +120,8 @@ def test_commands_have_these_options(page):
 def test_make_has_these_targets(page):
     targets = set(re.findall(r"^([a-z-]+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE))
     text = page.read_text()
-    named = [*find_commands(page), *re.findall(r"`(make [^`]+)`", text)]
+    lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
+    named = [*lines, *re.findall(r"`(make [^`]+)`", text)]
     for command in named:
         if re.match(r"make [a-z]", command):
             assert command.split()[1] in targets, f"{name(page)}: {command}"
