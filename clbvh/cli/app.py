@@ -9,7 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import ClbvhError, DeviceError
-from . import devices, doctor, fetch, render, stats, tune
+from ..support.code_times import on_first_compilation
+from . import devices, doctor, fetch, render, stats, tune, warmup
+from .first_run import say_first_run
 from .streams import flush_output
 
 EXIT_FAILED = 1
@@ -30,6 +32,7 @@ app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)
 app.command(name="doctor")(doctor.doctor)
 app.command(name="tune")(tune.tune)
+app.command(name="warmup")(warmup.warmup)
 
 
 def _print_version(wanted: bool) -> None:
@@ -73,6 +76,7 @@ def run(arguments: list[str] | None = None) -> None:
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
     code: Any = EXIT_FAILED
+    on_first_compilation(say_first_run)
     try:
         try:
             app(words)

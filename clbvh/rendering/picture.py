@@ -20,8 +20,8 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
-from ..trace.hits.refine import refine_closest
-from ..trace.rays.batch import RayBatch
+from ..trace.hits.refine import RefinedHits, refine_closest
+from ..trace.rays.batch import RayBatch, read_rays
 from .camera import Camera
 from .image_files import encode_picture, write_picture
 
@@ -50,10 +50,11 @@ class Picture:
     workers : int
         Processes that built the tree; 0 when it came from the cache or was given.
     timings : dict of str to float
-        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, compile
-        (open the device, compile the kernels), layout (arrange the tree for the device), upload, kernel, download (the
-        device's own times), other (between these phases), and total: the wall time, the sum of all but pool_start. In
-        a picture of a `Renderer`, the time of what `Renderer.timings` has is 0.
+        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, open (the
+        device), layout (arrange the tree for the device), compile (functions and kernels, which are kept for the next
+        run), load_code (those that were kept), upload, kernel, download (the device's own times), other (between these
+        phases), and total: the wall time, the sum of all but pool_start. No other phase includes compile or load_code,
+        which are those of all threads. In a picture of a `Renderer`, the time of what `Renderer.timings` has is 0.
     tree_from_cache : bool
         Whether the tree came from the cache.
     notes : tuple of str
@@ -177,29 +178,25 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    t, u, v = (np.empty(height * width) for _ in range(3))
-    prim_id = np.empty(height * width, np.int32)
-    no_limits = np.zeros(1), np.full(1, np.inf)
+    refined, prim_id = RefinedHits.make(height * width), np.empty(height * width, np.int32)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
             last_row = min(first_row + row_count, height)
-            origins, directions = camera.rays(width, height, range(first_row, last_row))
-            batch = RayBatch(origins.reshape(-1, 3), directions.reshape(-1, 3), *no_limits)
+            rays, _ = read_rays(*camera.rays(width, height, range(first_row, last_row)), 0.0, np.inf)
             of_rows = found[first_row:last_row].reshape(-1)
 
             def refine(
                 begin: int,
                 end: int,
                 first: int = first_row * width,
-                batch: RayBatch = batch,
+                batch: RayBatch = rays,
                 of_rows: NDArray[np.void] = of_rows,
             ) -> None:
-                pixels = slice(first + begin, first + end)
+                pixels = first + begin, first + end
                 refine_closest(
-                    batch.part(begin, end), mesh, of_rows[begin:end], t[pixels], u[pixels], v[pixels], prim_id[pixels]
+                    batch.part(begin, end), mesh, of_rows[begin:end], refined.part(*pixels), prim_id[slice(*pixels)]
                 )
 
             threads.for_ranges(len(of_rows), refine)
-    t, u, v = (values.reshape(height, width) for values in (t, u, v))
-    return Hits(t, u, v, prim_id.reshape(height, width), mesh)
+    return refined.as_hits(prim_id, mesh, (height, width))

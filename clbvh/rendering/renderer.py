@@ -124,7 +124,7 @@ class Renderer(ContextManager):
                 )
             watch.lap("build")
 
-            on_phase("compile")
+            on_phase("open the device")
             session = DeviceSession(options.device)
             # Closed if a step fails, and not at the end of this block.
             on_failure = stack.enter_context(ExitStack())
@@ -135,7 +135,7 @@ class Renderer(ContextManager):
             upload_ms = session.times.sums_ms()["upload"]
             self._frames = FrameRenderer(session, tree)
             watch.lap("compile")
-            self.timings = _list_set_up(watch.laps_ms, made, upload_ms, watch.total_ms)
+            self.timings = _list_set_up(watch, made, upload_ms)
 
             if options.validate and self.bvh is not None:
                 on_phase("validate")
@@ -220,7 +220,6 @@ class Renderer(ContextManager):
         times = EventTimes()
         colours, found = self._frames.render(make_view(scene, camera, self.mesh), times)
         rgb = _take_rgb(colours)
-        device_ms = times.sums_ms()
         made = self._made
         picture = Picture(
             rgb=rgb,
@@ -231,7 +230,7 @@ class Renderer(ContextManager):
             device=self.device,
             layout=self.layout,
             workers=made.workers if made is not None else int(self.bvh is None),
-            timings=_list_picture(self.timings, device_ms, watch.total_ms),
+            timings=_list_picture(self.timings, times, watch),
             tree_from_cache=made is not None and made.from_cache,
             notes=() if made is None else made.notes,
         )
@@ -324,16 +323,16 @@ class Renderer(ContextManager):
         return camera
 
 
-def _list_set_up(
-    laps_ms: Mapping[str, float], made: MadeTree | None, upload_ms: float, total_ms: float
-) -> dict[str, float]:
+def _list_set_up(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> dict[str, float]:
     """Return the timings of a `Renderer`."""
+    code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
     phases_ms = {
         "load": laps_ms["load"],
         **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
-        "compile": laps_ms["open"] + laps_ms["compile"],
+        "open": laps_ms["open"],
         # The tree is uploaded as it is arranged; the upload has a row of its own.
         "layout": max(laps_ms["layout"] - upload_ms, 0.0),
+        **code_ms,
         "upload": upload_ms,
         "kernel": 0.0,
         "download": 0.0,
@@ -341,9 +340,10 @@ def _list_set_up(
     return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
 
 
-def _list_picture(set_up_ms: Mapping[str, float], device_ms: Mapping[str, float], total_ms: float) -> dict[str, float]:
+def _list_picture(set_up_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
     """Return the timings of a `Picture`: the phases of a set-up, which it did not need, and its own."""
-    phases_ms = {phase: device_ms.get(phase, 0.0) for phase in set_up_ms if phase not in ("other", "total")}
+    own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
+    phases_ms = {phase: own_ms.get(phase, 0.0) for phase in set_up_ms if phase not in ("other", "total")}
     return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
 
 

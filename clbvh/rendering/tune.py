@@ -149,7 +149,7 @@ def _make_rays(camera: Camera, bvh: Bvh, size: tuple[int, int]) -> list[NDArray[
     """Return the rays of a picture, in its order and shuffled."""
     batch, _ = read_rays(*camera.rays(*size), 0.0, np.inf)
     rays = np.empty(batch.ray_count, PACKED_RAY)
-    pack_rays(batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
+    pack_rays(batch, batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
     return [rays, np.random.default_rng(0).permutation(rays)]
 
 

@@ -132,7 +132,7 @@ def count_visits(
     """
     batch, _ = read_rays(origins, directions, t_min, t_max)
     rays = np.empty(batch.ray_count, PACKED_RAY)
-    pack_rays(batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
+    pack_rays(batch, batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
     nodes = make_bvh2_nodes(bvh).view(np.float32).reshape(-1, BVH2_LANES)
     triangles = gather_triangles(bvh.mesh, bvh.prim_ids).view(np.float32).reshape(-1, TRIANGLE_LANES)
     tree = _Tree(nodes, nodes.view(np.int32), triangles, triangles.view(np.int32), max(1, bvh.depth))
