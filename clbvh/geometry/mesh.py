@@ -61,6 +61,15 @@ class Mesh:
     -----
     Build one with `Mesh.from_arrays` or `clbvh.load_mesh`: they check their arguments, which the constructor does not.
     36 bytes per vertex and 12 per face.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> square
+    Mesh('mesh', vertices=4, faces=2)
+    >>> square.origin
+    array([0.5, 0.5, 0. ])
     """
 
     vertices: NDArray[np.float64]
@@ -93,6 +102,15 @@ class Mesh:
             Wrong shape or dtype, no faces, too many faces, a NaN or infinite coordinate, a vertex index out of range,
             or a box whose sides float64 cannot scale: smaller than 1e-150 or larger than 1e150. The message names the
             first fault.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="corner")
+        Mesh('corner', vertices=3, faces=1)
+        >>> clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]])
+        Traceback (most recent call last):
+        clbvh.errors.MeshError: mesh: face 0 refers to vertex 3, but there are 3 vertices (0 to 2)
         """
         checked_vertices = _check_vertices(vertices, name)
         checked_faces = _check_faces(faces, len(checked_vertices), name)
@@ -116,6 +134,14 @@ class Mesh:
         ------
         MeshError
             Another number of vertices, or vertices that `from_arrays` refuses.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> sphere = clbvh.make_shape("icosphere", triangles=1000)
+        >>> flattened = sphere.with_vertices(sphere.vertices * [1, 0.5, 1])
+        >>> flattened.faces is sphere.faces
+        True
         """
         checked_vertices = _check_vertices(vertices, self.name)
         if len(checked_vertices) != len(self.vertices):
@@ -130,6 +156,15 @@ class Mesh:
         Parameters
         ----------
         points : (..., 3) float, the file's coordinates
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[100, 0, 0], [104, 0, 0], [100, 4, 0]], [[0, 1, 2]])
+        >>> mesh.origin, mesh.scale
+        (array([102.,   2.,   0.]), 0.25)
+        >>> mesh.to_local([104, 4, 1])
+        array([0.5 , 0.5 , 0.25])
         """
         return (np.asarray(points, np.float64) - self.origin) * self.scale
 

@@ -112,6 +112,20 @@ class Tracer(ContextManager):
         QueryError
             Shapes that are wrong or do not broadcast, a value that is not finite, a direction of length zero, a
             negative t_min: the message names the first bad ray. Or the tracer is closed.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())  # from -0.5 to 0.5
+        >>> origins, directions = [[0.1, 0.2, 5], [3, 0, 5]], [[0, 0, -1], [0, 0, -1]]
+        >>> hits = tracer.closest_hit(origins, directions)
+        >>> hits.t
+        array([4.5, inf])
+        >>> hits.locations[hits.is_hit]
+        array([[0.1, 0.2, 0.5]])
+        >>> tracer.closest_hit(origins, directions, t_min=5).t
+        array([5.5, inf])
         """
         batch, shape = read_rays(origins, directions, t_min, t_max)
         return find_closest_hits(self._caster, self._mesh, batch, shape, progress)
@@ -128,6 +142,13 @@ class Tracer(ContextManager):
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; it costs less on the host.
 
         Takes and raises the same as `closest_hit`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+        >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
+        array([ 0, -1], dtype=int32)
         """
         batch, shape = read_rays(origins, directions, t_min, t_max)
         return find_closest_prims(self._caster, batch, shape, progress)
@@ -144,6 +165,18 @@ class Tracer(ContextManager):
         """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
 
         Takes and raises the same as `closest_hit`.
+
+        Examples
+        --------
+        Is the line between two points free?
+
+        >>> import clbvh
+        >>> import numpy as np
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> start, end = np.array([[-2, 0, 0], [-2, 2, 0]]), np.array([[2, 0.1, 0], [2, 2, 0]])
+        >>> tracer.any_hit(start, end - start, t_max=1)
+        array([ True, False])
         """
         batch, shape = read_rays(origins, directions, t_min, t_max)
         return find_any_hits(self._caster, batch, shape, progress)
@@ -161,6 +194,14 @@ class Tracer(ContextManager):
         """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
 
         Takes and raises the same as `closest_hit`, and stops counting at `max_hits`, at least 1.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> tracer.count_hits([[0.5, 0.5, 5], [0, 0, 0]], [[0, 0, -1], [0, 0, 1]])  # along an edge; from inside
+        array([2, 1], dtype=int32)
         """
         limit = _check_max_hits(max_hits)
         batch, shape = read_rays(origins, directions, t_min, t_max)
@@ -187,6 +228,17 @@ class Tracer(ContextManager):
         Each ray is traversed once; rays with eight crossings or more a second time, with 32 or more a third time, and
         so on by factors of four. 28 bytes per crossing come back, and 40 MiB at a time are on the device; a ray with
         more gets the room it needs.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.annulus(r_min=1, r_max=2, height=1))
+        >>> hits = tracer.all_hits([[-5, 0.1, 0]], [[1, 0, 0]])
+        >>> hits.counts
+        array([4])
+        >>> (hits.t[1::2] - hits.t[::2]).round(2)  # length of the ray in the material
+        array([1., 1.])
         """
         limit = _check_max_hits(max_hits)
         batch, shape = read_rays(origins, directions, t_min, t_max)
@@ -215,6 +267,19 @@ class Tracer(ContextManager):
             The ray of each crossing, in the order of the rays at each depth.
         locations : (m, 3) float64, the file's coordinates, or None
             Only found `with_locations`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> prim_id, ray_id, locations = tracer.hits_by_depth(
+        ...     [[0.1, 0.2, 5], [0.1, 0.3, 5]], [[0, 0, -1], [0, 0, -1]], with_locations=True
+        ... )
+        >>> ray_id
+        array([0, 1, 0, 1])
+        >>> locations[:, 2]
+        array([ 0.5,  0.5, -0.5, -0.5])
         """
         limit = _check_max_hits(max_hits)
         batch, shape = read_rays(origins, directions, t_min, t_max)
@@ -241,6 +306,18 @@ class Tracer(ContextManager):
         ------
         QueryError
             Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> closest = tracer.closest_point([[0.1, 0.2, 2], [0.5, 3.5, 4.5]])
+        >>> closest.distance
+        array([1.5, 5. ])
+        >>> closest.point
+        array([[0.1, 0.2, 0.5],
+               [0.5, 0.5, 0.5]])
         """
         return find_closest_points(self._caster, self._mesh, read_points(points), progress)
 
@@ -255,6 +332,13 @@ class Tracer(ContextManager):
         -----
         OpenMeshWarning
             Once for each tracer, if the mesh is not closed (`Mesh.is_watertight`): the answer is not defined.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> clbvh.Tracer(trimesh.creation.box()).contains([[0.4, 0.4, 0.4], [0.4, 0.4, 0.6]])
+        array([ True, False])
         """
         self._warn_if_open("contains")
         return find_inside(self._caster, read_points(points), progress)
@@ -264,6 +348,13 @@ class Tracer(ContextManager):
 
         The distance is that of `closest_point`, the sign that of `contains`, which also warns. Takes and raises the
         same as `closest_point`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> clbvh.Tracer(trimesh.creation.box()).signed_distance([[0, 0, 0.25], [0, 0, 2]])
+        array([ 0.25, -1.5 ])
         """
         self._warn_if_open("signed_distance")
         vectors = read_points(points)
@@ -299,6 +390,14 @@ class Tracer(ContextManager):
         """Give the device's memory back. Closing twice is allowed.
 
         Queries that other threads are running end first, and get their results; later ones raise `QueryError`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> tracer = clbvh.Tracer(clbvh.make_shape("icosphere", triangles=1000))
+        >>> tracer.close()
+        >>> tracer.is_closed
+        True
         """
         self._caster.close()
 
