@@ -11,6 +11,7 @@ import hashlib
 import json
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -117,8 +118,14 @@ def _identity(info: DeviceInfo) -> dict[str, Any]:
         "platform": info.platform,
         "platform_version": info.platform_version,
         "driver_version": info.driver_version,
-        "clbvh": version("clbvh"),
+        "clbvh": _find_version(),
     }
+
+
+@cache
+def _find_version() -> str:
+    """Return the version of clbvh; its files are read once in a process, not for each session."""
+    return version("clbvh")
 
 
 def _check(kept: dict[str, Any]) -> Settings:

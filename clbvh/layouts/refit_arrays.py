@@ -18,6 +18,9 @@ from ..support.prefetch import prefetch
 from ..support.ranges import cut_range
 from .topology import BOX_LANES_OF_CHILD, CORNER_LANES, NO_CHILD, Topology
 
+# Faces that a thread takes at a time: a thread that has to wait for a processor does not hold up the others for long.
+_FACES_PER_PART = 1 << 14
+
 # A missing child has an inverted box, from the greatest number to the least, which no ray hits.
 _GREATEST = np.finfo(np.float32).max
 
@@ -72,8 +75,7 @@ class RefitArrays:
             leaves, boxes = topology.leaves[begin:end], self._leaf_boxes[begin:end]
             _write_leaves(leaves, topology.prims, vertices, faces, lanes, lanes.view(np.int32), boxes)
 
-        parts = len(threads.ranges(mesh.face_count))
-        threads.run(write_leaves, cut_range(0, len(topology.leaves), parts))
+        threads.run(write_leaves, cut_range(0, len(topology.leaves), -(-mesh.face_count // _FACES_PER_PART)))
         lanes = nodes.view(np.float32).reshape(len(nodes), -1)
         area = _write_nodes(topology, self._leaf_boxes, self._node_boxes, lanes, lanes.view(np.int32))
         self._note_root(area)
