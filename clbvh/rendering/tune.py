@@ -22,8 +22,9 @@ from ..trace.device_tree import DeviceTree
 from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from ..trace.rays.pack import pack_rays
-from .camera import Camera, frame_mesh
+from .camera import Camera
 from .frame import FrameRenderer
+from .framing import frame_mesh
 from .scene import MeshSource, Scene
 from .view import make_view
 

@@ -9,7 +9,7 @@ import clbvh
 from clbvh.errors import ConfigError, ValidationError
 from clbvh.rendering import frame as frame_module
 from clbvh.rendering import picture as picture_module
-from clbvh.rendering import render as pipeline
+from clbvh.rendering import renderer as pipeline
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
 from clbvh.structs import SHADINGS
@@ -55,8 +55,8 @@ def test_every_pixel_of_a_small_picture_is_validated():
 
 
 def test_a_wrong_pixel_is_found(monkeypatch):
-    def render_wrongly(self, view):
-        colours, hits = render_rightly(self, view)
+    def render_wrongly(self, view, times=None):
+        colours, hits = render_rightly(self, view, times)
         hits["prim_id"][10, 16] = (hits["prim_id"][10, 16] + 100) % 320
         return colours, hits
 
