@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import InternalError
-from .getting_kernel import GettingKernel
+from .compile_timer import CompileTimer
 
 # PoCL compiles a kernel for each size of work-groups, and once more for launches of this many work-items along an axis.
 _LARGE_LAUNCH = 1 << 16
@@ -57,10 +57,10 @@ class Kernel:
         kind = work_group, max(work_size) >= _LARGE_LAUNCH
         if kind in self._launched:
             return self._launch(queue, work_size, work_group, arguments)
-        with GettingKernel(announces=False) as getting:
+        with CompileTimer(announces=False) as timer:
             event = self._launch(queue, work_size, work_group, arguments)
             event.wait()
-            getting.run_ms = (event.profile.end - event.profile.start) / _NS_PER_MS
+            timer.run_ms = (event.profile.end - event.profile.start) / _NS_PER_MS
         self._launched.add(kind)
         return event
 

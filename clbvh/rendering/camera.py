@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from .lens import Lens, Window, check_size, window_of
-from .pose import make_pose, read_pose, rotate_about_axis
-
-Vector = tuple[float, float, float]
+from .pose import make_axes, make_pose, read_pose, rotate_about_axis
+from .vectors import Vector, as_vector, check_vector
 
 DEFAULT_FOV = 35.0
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
@@ -332,41 +331,3 @@ def check_fov(fov: float) -> None:
     """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
     if not isinstance(fov, Real) or not 0 < fov < 180:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
-
-
-def is_vector(value: object) -> bool:
-    """Return whether a value is three finite numbers."""
-    try:
-        array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        return False
-    return array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
-
-
-def check_vector(name: str, value: object) -> None:
-    """Raise `SceneError` unless a value is three finite numbers."""
-    if not is_vector(value):
-        raise SceneError(f"{name} must be three finite numbers, not {value!r}")
-
-
-def make_axes(
-    forward: NDArray[np.float64], up: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
-    # Scaled first: the squares of a short or long vector need not be in float64.
-    longest = np.abs(forward).max()
-    if not longest > 0:
-        raise SceneError("the camera's eye and look_at are the same point")
-    forward = forward / longest
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
-    length = np.linalg.norm(right)
-    if not length > 1e-9:
-        raise SceneError("the camera's up is zero or parallel to its line of sight")
-    right = right / length
-    return right, np.cross(right, forward), forward
-
-
-def as_vector(values: NDArray[np.float64]) -> Vector:
-    """Return three numbers of Python's."""
-    return float(values[0]), float(values[1]), float(values[2])

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, as_vector, check_fov, make_axes
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .pose import make_axes
+from .vectors import Vector, as_vector
 
 # The automatic view: from the front, a little from the right and from above, with a margin around the mesh.
 _AZIMUTH_DEGREES = 30.0
@@ -70,8 +72,7 @@ def frame_mesh(
     distance = bounds.eye_distance(view)
     local_eye = view.across @ bounds.centre - distance * view.forward
     local_target = local_eye + view.forward * (distance + (bounds.nearest + bounds.farthest) / 2)
-    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
-    return Camera(as_vector(eye_point), as_vector(look_at), up, fov)
+    return _make_camera(mesh, local_eye, local_target, up, fov)
 
 
 def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float = DEFAULT_FOV) -> Camera:
@@ -113,8 +114,15 @@ def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float
     local_eye = view.across @ bounds.centre - distance * view.forward
     # Where the line of sight meets the axis.
     local_target = axis * (axis @ (local_eye - view.forward * (local_eye @ level) / level_depth))
-    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
-    return Camera(as_vector(eye_point), as_vector(look_at), up, fov)
+    return _make_camera(mesh, local_eye, local_target, up, fov)
+
+
+def _make_camera(
+    mesh: Mesh, local_eye: NDArray[np.float64], local_target: NDArray[np.float64], up: Vector, fov: float
+) -> Camera:
+    """Return the camera at a point in local coordinates that looks at another one."""
+    eye, look_at = (as_vector(mesh.origin + point / mesh.scale) for point in (local_eye, local_target))
+    return Camera(eye, look_at, up, fov)
 
 
 class _View(NamedTuple):

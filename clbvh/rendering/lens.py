@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
+from .matrices import read_matrix, show_matrix
 
 # What the coordinates of pixel centres end in: 0.5 if a pixel with the index j covers the columns j to j + 1, as in
 # OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.
@@ -230,33 +231,6 @@ def check_size(width: object, height: object) -> None:
     for name, side in (("width", width), ("height", height)):
         if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
             raise SceneError(f"the {name} of a camera's picture must be a whole number of pixels, not {side!r}")
-
-
-def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return a finite float64 matrix; raise `SceneError` with the name if it is none of this shape."""
-    try:
-        matrix = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        matrix = np.empty(0)
-    if matrix.shape != shape or matrix.dtype.kind not in "iuf":
-        raise SceneError(f"{name} must be {shape[0]} x {shape[1]} numbers, not {_describe(values)}")
-    matrix = matrix.astype(np.float64)
-    if not np.isfinite(matrix).all():
-        raise SceneError(f"{name} must be finite, not {show_matrix(matrix)}")
-    return matrix
-
-
-def show_matrix(matrix: NDArray[np.float64]) -> str:
-    """Return a small matrix on one line."""
-    return "[" + ", ".join("[" + ", ".join(f"{value:g}" for value in row) + "]" for row in matrix) + "]"
-
-
-def _describe(values: object) -> str:
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        return "rows of different lengths"
-    return f"{array.dtype} of shape {array.shape}" if array.ndim else repr(values)[:60]
 
 
 def _find_centre(pixel_centres: str) -> float:

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from .as_scene import SceneLike
-from .camera import Camera, Vector
+from .camera import Camera
 from .picture import Picture
 from .render_options import RenderOptions
 from .renderer import Renderer
 from .scene import Light
+from .vectors import Vector
 
 __all__ = ["RenderOptions", "render"]
 

@@ -1,11 +1,11 @@
 """The public class for pictures: one scene and its tree on one device, and any number of pictures of it.
 
-Owns the order of the steps from a scene to a picture, and their timings; each step is another file's.
+Owns the order of the steps from a scene to a picture; each step has a file of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from numbers import Integral
 
@@ -22,23 +22,22 @@ from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..support.context_manager import ContextManager
-from ..support.stopwatch import Stopwatch, add_total
+from ..support.stopwatch import Stopwatch
 from ..trace.device_tree import BRUTE, DeviceTree
 from .as_scene import SceneLike, as_scene
-from .camera import Camera, Vector
+from .camera import Camera
 from .check_pixels import check_pixels
 from .frame import FrameRenderer
 from .framing import frame_turn
 from .picture import Picture
 from .render_options import RenderOptions
 from .scene import Light, Scene
+from .timings import list_picture_ms, list_setup_ms
+from .vectors import Vector
 from .view import make_view
 
 # Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
 BRUTE_LIMIT = 100_000
-
-# Runs alongside other phases.
-_OVERLAPPING = ("pool_start",)
 
 
 class Renderer(ContextManager):
@@ -135,7 +134,7 @@ class Renderer(ContextManager):
             upload_ms = session.times.sums_ms()["upload"]
             self._frames = FrameRenderer(session, tree)
             watch.lap("compile")
-            self.timings = _list_set_up(watch, made, upload_ms)
+            self.timings = list_setup_ms(watch, made, upload_ms)
 
             if options.validate and self.bvh is not None:
                 on_phase("validate")
@@ -230,7 +229,7 @@ class Renderer(ContextManager):
             device=self.device,
             layout=self.layout,
             workers=made.workers if made is not None else int(self.bvh is None),
-            timings=_list_picture(self.timings, times, watch),
+            timings=list_picture_ms(self.timings, times, watch),
             tree_from_cache=made is not None and made.from_cache,
             notes=() if made is None else made.notes,
         )
@@ -321,30 +320,6 @@ class Renderer(ContextManager):
         if _framing_of(scene) != _framing_of(framed_scene):
             self._framed = framed_scene, camera = _frame(scene, self.mesh)
         return camera
-
-
-def _list_set_up(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> dict[str, float]:
-    """Return the timings of a `Renderer`."""
-    code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
-    phases_ms = {
-        "load": laps_ms["load"],
-        **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
-        "open": laps_ms["open"],
-        # The tree is uploaded as it is arranged; the upload has a row of its own.
-        "layout": max(laps_ms["layout"] - upload_ms, 0.0),
-        **code_ms,
-        "upload": upload_ms,
-        "kernel": 0.0,
-        "download": 0.0,
-    }
-    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
-
-
-def _list_picture(set_up_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
-    """Return the timings of a `Picture`: the phases of a set-up, which it did not need, and its own."""
-    own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
-    phases_ms = {phase: own_ms.get(phase, 0.0) for phase in set_up_ms if phase not in ("other", "total")}
-    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
 
 
 def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:

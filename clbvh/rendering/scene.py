@@ -22,8 +22,9 @@ from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, is_vector
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .framing import frame_mesh
+from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
