@@ -44,10 +44,12 @@ if TYPE_CHECKING:
     from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
     from .stats import TreeStats, measure_tree
+    from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
+    "__version__": "support.version",
     "Mesh": "geometry",
     "MeshLike": "geometry",
     "load_mesh": "geometry",

@@ -37,9 +37,9 @@ app.command(name="warmup")(warmup.warmup)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from ..support.version import __version__
 
-        print(f"clbvh {version('clbvh')}")
+        print(f"clbvh {__version__}")
         raise typer.Exit
 
 

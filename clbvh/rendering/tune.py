@@ -141,7 +141,9 @@ def tune(
             tile: _renders(FrameRenderer(session, tree, tile), view) for tile in _TILES if tile[0] * tile[1] <= largest
         }
         tile = _choose(trials, "tile", _measure(session, tasks), chosen.tile)
-        chosen = Settings(layout, work_group_size, tile, is_measured=True)
+        # Rays with the best work-groups, and the picture with the best tiles.
+        ms = sum(trial.ms for trial in trials if trial.is_best and trial.what != "layout")
+        chosen = Settings(layout, work_group_size, tile, is_measured=True, measured_ms=ms)
         return session.info, chosen, trials
 
 
