@@ -52,7 +52,7 @@ class Kernel:
     def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
         """Start the kernel and return its event.
 
-        The first launch of each kind is waited for: it takes the time of a compilation, where a driver compiles then.
+        Waits for the first launch of each kind, in which a driver may compile, to time the compilation.
         """
         kind = work_group, max(work_size) >= _LARGE_LAUNCH
         if kind in self._launched:

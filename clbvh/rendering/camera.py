@@ -27,7 +27,7 @@ class Camera:
     Attributes
     ----------
     eye, look_at : (3,) float, the scene's coordinates
-        For a camera with a lens, `look_at` is some point of its optical axis.
+        For a camera with a lens, `look_at` is any point on its optical axis.
     up : (3,) float
         The direction that is up in the picture; any length, not parallel to the line of sight.
     fov : float
@@ -67,7 +67,7 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("eye", "look_at", "up"):
             check_vector(f"the camera's {name}", getattr(self, name))
-            # A tuple of Python's numbers, whatever was given: cameras can be compared and hashed.
+            # Tuples of Python numbers, so that cameras can be compared and hashed.
             object.__setattr__(self, name, as_vector(getattr(self, name)))
         if self.lens is not None:
             if not isinstance(self.lens, Lens):
@@ -99,17 +99,17 @@ class Camera:
             upper left corner, in both conventions. fx and fy may differ, the principal point (cx, cy) may be anywhere.
         camera_to_world : (4, 4) float
             The pose: a rotation and the eye, in the scene's coordinates. The inverse of the extrinsic matrix of OpenCV,
-            Open3D and COLMAP. An error of 1e-4, as of rounded files, is mended to the nearest rotation.
+            Open3D and COLMAP. Errors of up to 1e-4, as in rounded files, are corrected to the nearest rotation.
         size : (width, height), pixels
-            Of the picture that `K` is for. A picture of another size and the same shape shows the same; another shape
-            is refused.
+            Size of the picture that `K` describes. A picture of another size and the same aspect ratio shows the same
+            view; another aspect ratio is refused.
         convention : str
             The axes of the pose. ``"opencv"``: x right, y down, z forward, as in OpenCV, COLMAP and Open3D.
             ``"opengl"``: x right, y up, z backward, as in OpenGL, Blender, glTF, NeRF, pyrender and trimesh.
         pixel_centres : str
-            Where `K` has the centre of the pixel in row i and column j. ``"half"``: at (j + 0.5, i + 0.5), as in
-            OpenGL, COLMAP, Open3D and pyrender; a lens without shift has ``cx = width / 2``. ``"integer"``: at (j, i),
-            as in OpenCV's calibration; it has ``cx = (width - 1) / 2``.
+            The centre of the pixel in row i and column j, in the coordinates of `K`. ``"half"``: at (j + 0.5, i + 0.5),
+            as in OpenGL, COLMAP, Open3D and pyrender; a lens without shift has ``cx = width / 2``. ``"integer"``: at
+            (j, i), as in OpenCV's calibration; it has ``cx = (width - 1) / 2``.
 
         Returns
         -------
@@ -118,7 +118,7 @@ class Camera:
         Raises
         ------
         SceneError
-            `K` is no intrinsic matrix, the pose is not rigid or mirrors, the size is no size, or an unknown convention.
+            `K` is no intrinsic matrix, the pose is not rigid or mirrors, or the size or the convention is invalid.
 
         Examples
         --------
@@ -184,7 +184,7 @@ class Camera:
         Parameters
         ----------
         width, height : int
-            A camera with a lens has a size of its own, which may be left out, or be given by one of them.
+            Size of the picture. For a camera with a lens, missing sides follow from the lens.
         rows : range, optional
             Only these rows of the picture.
 
@@ -192,12 +192,12 @@ class Camera:
         -------
         origins, directions : (height, width, 3) float64
             In the scene's coordinates; directions of length 1, so that the t of a hit is its distance from the eye.
-            Row 0 is the top. The origins are one point, seen as an array that cannot be written to.
+            Row 0 is the top. The origins are a read-only view of one point.
 
         Raises
         ------
         SceneError
-            No size, or one of another shape than the lens's.
+            A camera without a lens lacks a side, or the aspect ratio is not the lens's.
 
         Examples
         --------
@@ -245,14 +245,14 @@ class Camera:
         return self.rays(width, height)[1] @ self.axes()[2]
 
     def orbit(self, degrees: float, *, about: Vector | None = None, axis: Vector | None = None) -> Camera:
-        """Return the camera after a turn around a point: it goes on looking at it from the same distance.
+        """Return the camera after a rotation around a point, which keeps the distance to the point.
 
         Parameters
         ----------
         degrees : float
-            Counterclockwise as seen from the end of the axis: the object seems to turn clockwise.
+            Counterclockwise, seen from the tip of the axis; the object appears to turn clockwise.
         about : (3,) float, optional
-            By default `look_at`; a camera with a lens looks at no point, and needs one.
+            By default `look_at`; required for a camera with a lens, whose `look_at` is arbitrary.
         axis : (3,) float, optional
             By default `up`.
 
@@ -275,7 +275,7 @@ class Camera:
         if isinstance(degrees, bool) or not isinstance(degrees, Real) or not math.isfinite(degrees):
             raise SceneError(f"a camera orbits by a finite number of degrees, not {degrees!r}")
         if about is None and self.lens is not None:
-            raise SceneError("a camera with a lens looks at no point: say what it orbits by `about`")
+            raise SceneError("a camera with a lens has no point to orbit: give one as `about`")
         centre, direction = self.look_at if about is None else about, self.up if axis is None else axis
         check_vector("the point that a camera orbits", centre)
         check_vector("the axis that a camera orbits around", direction)
@@ -286,17 +286,17 @@ class Camera:
         def turn(point: Vector) -> Vector:
             return as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
 
-        # The point it looks at stays exactly, where it is the one that the camera turns around.
+        # `look_at` stays exact where it is the centre of the rotation.
         look_at = self.look_at if centre == self.look_at else turn(self.look_at)
         return replace(self, eye=turn(self.eye), look_at=look_at, up=as_vector(rotation @ np.asarray(self.up)))
 
     def size_for(self, width: int | None, height: int | None) -> tuple[int, int]:
-        """Return the size of a picture: what is given, and from the lens what is not.
+        """Return the size of a picture; missing sides follow from the lens.
 
         Raises
         ------
         SceneError
-            A side is missing and there is no lens, or the size has another shape than the lens.
+            A camera without a lens lacks a side, or the aspect ratio is not the lens's.
 
         Examples
         --------
@@ -320,7 +320,7 @@ class Camera:
 
 
 def find_window(camera: Camera, width: int, height: int) -> Window:
-    """Return the place of a camera's picture of this size in the plane at distance 1 from the eye."""
+    """Return the window of a picture of this size in the plane at distance 1 from the eye."""
     if camera.lens is not None:
         return window_of(camera.lens.resized(width, height))
     half_height = math.tan(math.radians(camera.fov) / 2)

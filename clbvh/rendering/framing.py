@@ -76,7 +76,7 @@ def frame_mesh(
 
 
 def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float = DEFAULT_FOV) -> Camera:
-    """Return a camera that sees all of a mesh while it orbits: around the middle of the mesh's box, and the axis `up`.
+    """Return a camera that sees all of a mesh while it orbits the axis `up` through the middle of the mesh's box.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float
 
     Notes
     -----
-    As exact as `frame_mesh`: each point runs along a circle around the axis, and the bounds over a circle of radius r
-    at height h are linear in r and h.
+    As exact as `frame_mesh`: each point moves on a circle around the axis, and the bounds over a circle of radius r at
+    height h are linear in r and h.
     """
     check_fov(fov)
     view = _View.from_three_quarters(aspect, up, fov)
@@ -126,7 +126,7 @@ def _make_camera(
 
 
 class _View(NamedTuple):
-    """A direction of sight, and the slopes of the picture's sides less a margin.
+    """A direction of view, and the slopes of the picture's sides, reduced by the margin.
 
     Attributes
     ----------
@@ -167,11 +167,11 @@ class _Bounds:
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """(2,) float64: where the line of sight is."""
+        """(2,) float64: the line of sight, to the right and upwards."""
         return (self.highest + self.lowest) / 2
 
     def eye_distance(self, view: _View) -> float:
-        """Return how far before depth 0 the eye is."""
+        """Return the distance from the eye to the plane of depth 0."""
         distance = float(((self.highest - self.lowest) / (2 * view.tangents)).max())
         size = max(self.farthest - self.nearest, float((self.highest - self.lowest).max()), _SMALLEST_DISTANCE)
         # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
@@ -179,7 +179,7 @@ class _Bounds:
 
 
 def _chunks(mesh: Mesh) -> Iterator[NDArray[np.float64]]:
-    """Yield the local vertices, some at a time."""
+    """Yield the local vertices in chunks."""
     for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
         yield mesh.local_vertices[begin : begin + _CHUNK_VERTICES].astype(np.float64)
 

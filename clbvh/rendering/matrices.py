@@ -9,7 +9,7 @@ from ..errors import SceneError
 
 
 def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return a finite float64 matrix; raise `SceneError` with the name if it is none of this shape."""
+    """Return a finite float64 matrix of this shape, or raise a `SceneError` that begins with the name."""
     try:
         matrix = np.asarray(values)
     except ValueError:  # rows of different lengths

@@ -1,4 +1,4 @@
-"""Poses: where a camera is and which way its axes point, as matrices in the conventions of other programs."""
+"""Poses: the position and the axes of a camera, and their matrices in the conventions of other programs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .matrices import read_matrix, show_matrix
 # The signs of right, up and forward in the first three columns of a pose.
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}
 
-# Most that an entry of R^T R may differ from the identity: poses in text files have four digits and more.
+# Largest difference of an entry of R^T R from the identity: poses in text files have four digits or more.
 _RIGID_SLACK = 1e-4
 
 _Vector = NDArray[np.float64]
@@ -25,7 +25,7 @@ def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Ve
     Raises
     ------
     SceneError
-        The matrix is not a rotation and a translation, or an unknown convention.
+        The matrix is not a rotation and a translation, or the convention is unknown.
     """
     signs = _find_signs(convention)
     pose = read_matrix("the camera's pose (camera_to_world)", camera_to_world, (4, 4))

@@ -29,7 +29,7 @@ def render(
     background: Vector | tuple[Vector, Vector] | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
 ) -> Picture:
-    """Render one picture; for several of one scene, `Renderer` keeps what they share.
+    """Render one picture; a `Renderer` is faster for several pictures of one scene.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def render(
     SceneError, MeshError, ConfigError
         The input cannot be used.
     DeviceError, KernelBuildError, PoolError
-        The machine cannot do it.
+        A device, a driver or a worker process fails.
     ValidationError
         The tree or a pixel is wrong.
 

@@ -43,9 +43,9 @@ BRUTE_LIMIT = 100_000
 class Renderer(ContextManager):
     """Renders pictures of one scene on one device; a context manager.
 
-    The mesh, its tree and the kernels are made once: a picture costs its kernel and the way back from the device. Any
-    number of threads may use one renderer. A child that was forked cannot: its pictures raise `DeviceError`, and
-    closing the renderer there changes nothing.
+    The mesh, its tree and the kernels are made once; each picture then costs its kernel and the transfer from the
+    device. Any number of threads may use one renderer. A child that was forked cannot: its pictures raise
+    `DeviceError`, and closing the renderer there changes nothing.
 
     Parameters
     ----------
@@ -61,18 +61,18 @@ class Renderer(ContextManager):
     SceneError, MeshError, ConfigError
         The input cannot be used.
     DeviceError, KernelBuildError, PoolError
-        The machine cannot do it.
+        A device, a driver or a worker process fails.
     ValidationError
         The tree is wrong.
 
     Attributes
     ----------
     scene : Scene
-        What a picture shows unless it is asked for something else.
+        The arguments of `Renderer.render` replace parts of it for one picture.
     mesh : Mesh
         In the scene's coordinates.
     bvh : Bvh or None
-        None without a tree.
+        None with the builder ``"brute"``.
     timings : dict of str to float
         Milliseconds from the scene to the tree on the device, as in `Picture.timings`.
 
@@ -158,14 +158,14 @@ class Renderer(ContextManager):
         background: Vector | tuple[Vector, Vector] | None = None,
         on_phase: Callable[[str], None] = lambda phase: None,
     ) -> Picture:
-        """Render a picture; what is not given is the scene's.
+        """Render a picture; arguments that are None keep the values of the scene.
 
         Parameters
         ----------
         camera : Camera, optional
             By default the scene's, which sees the whole mesh unless the scene has an eye.
         width, height : int, pixels
-            A camera with a lens brings its own.
+            By default the lens's, or the scene's for a camera without a lens.
         shading : str
             ``"lambert"``, ``"lambert+shadow"``, ``"normal"`` or ``"depth"``.
         light : Light, or (3,) float
@@ -185,7 +185,7 @@ class Renderer(ContextManager):
         Raises
         ------
         SceneError
-            A value is out of range, or the size has another shape than the camera's lens.
+            A value is out of range, or the aspect ratio is not that of the camera's lens.
         QueryError
             The renderer is closed.
         DeviceError
@@ -253,7 +253,7 @@ class Renderer(ContextManager):
         count : int
             Cameras, at equal angles; the last one is one step before the first.
         width, height : int, pixels
-            Of the pictures; by default the scene's.
+            Size of the pictures; by default the scene's.
         up : (3,) float
             The axis of the turn, through the middle of the mesh's box; by default the scene's `up`.
 
@@ -283,7 +283,7 @@ class Renderer(ContextManager):
 
     @property
     def layout(self) -> str:
-        """The layout that the tree has on the device."""
+        """The layout of the tree on the device."""
         return self._tree.layout
 
     @property
@@ -315,7 +315,7 @@ class Renderer(ContextManager):
         return f"Renderer({self.mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
     def _find_camera(self, scene: Scene) -> Camera:
-        """Return the camera of a scene of this mesh: the last one is kept, since framing looks at all vertices."""
+        """Return the camera of a scene; the last one is kept, because framing reads all vertices."""
         framed_scene, camera = self._framed
         if _framing_of(scene) != _framing_of(framed_scene):
             self._framed = framed_scene, camera = _frame(scene, self.mesh)
@@ -335,5 +335,5 @@ def _frame(scene: Scene, mesh: Mesh) -> tuple[Scene, Camera]:
 
 
 def _framing_of(scene: Scene) -> tuple[object, ...]:
-    """Return what the camera of a scene depends on, beside the mesh."""
+    """Return the values of a scene that its camera depends on, beside the mesh."""
     return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.fov

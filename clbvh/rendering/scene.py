@@ -233,7 +233,7 @@ class Scene:
     Attributes
     ----------
     mesh : MeshSource
-        Made from a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)`` where one of these is given.
+        Or a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)``, which becomes a `MeshSource`.
     transform : Transform
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh is visible.
@@ -328,7 +328,7 @@ class Scene:
 
 
 def _make_source(mesh: MeshLike) -> MeshSource:
-    """Return the source of a mesh that is given itself; a file is read later."""
+    """Return the source of a mesh; a file is read later."""
     if isinstance(mesh, str | os.PathLike):
         return MeshSource(path=os.fspath(mesh))
     return MeshSource(mesh=as_mesh(mesh))

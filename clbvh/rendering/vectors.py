@@ -26,5 +26,5 @@ def check_vector(name: str, value: object) -> None:
 
 
 def as_vector(values: NDArray[np.float64]) -> Vector:
-    """Return three numbers of Python's."""
+    """Return an array of three numbers as Python floats."""
     return float(values[0]), float(values[1]), float(values[2])

@@ -21,7 +21,7 @@ _SEED = 7
 
 
 def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, writable: bool = True) -> None:
-    """Ask a tracer for everything, with arrays of one kind: few rays, a picture's, many in no order, and points."""
+    """Run every query with arrays of one dtype: few rays, a picture's rays, many unordered rays, and points."""
     random = np.random.default_rng(_SEED)
     centre, size = bvh.mesh.origin, np.ptp(bvh.mesh.vertices, axis=0).max()
 

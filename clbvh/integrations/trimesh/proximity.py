@@ -1,7 +1,8 @@
 """Distances from points to a mesh: `trimesh.proximity` without rtree, scipy or embree.
 
-Names, arguments, defaults, dtypes and signs are those of trimesh 5. How they differ: no points give empty arrays, where
-trimesh fails; and at equal distance all faces around the closest point are considered, where trimesh looks at two.
+Names, arguments, defaults, dtypes and signs are those of trimesh 5. There are two differences: no points give empty
+arrays, where trimesh fails; and at equal distance the face is chosen among all faces around the closest point, where
+trimesh considers two.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from .tracers import find_tracer, read_mesh
 # Hits of a ray that are looked at first. The surface that a ray starts from is one, or a few in a corner.
 _FIRST_HITS = 4
 
-# Numbers that are computed at a time, for each vertex and each ray.
+# Most numbers in a temporary array with one for each pair of a vertex and a ray.
 _CHUNK = 1 << 22
 
 _METHODS = ("max_sphere", "ray")

@@ -1,8 +1,8 @@
 """Start points of rays that leave a surface: so far above it that the tracer cannot meet it again.
 
 A point on a triangle, rounded to float32 in the tracer's local coordinates, may be on either side of the triangle that
-the tracer has in float32, and the triangle test rounds as well. The bound on all of it, which is the distance here, is
-derived in docs/internals/offsets.md.
+the tracer has in float32, and the triangle test rounds as well. The distance is a bound on all these roundings, which
+docs/internals/offsets.md derives.
 """
 
 from __future__ import annotations

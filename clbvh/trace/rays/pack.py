@@ -97,7 +97,7 @@ def pack_rays(
     lanes = packed.view(np.float32).reshape(-1, PACKED_RAY_LANES)
     bad = _pack(rays, box, order, lanes)
     if bad != _ALL_GOOD and order is not None:
-        # In another order, it need not be the first bad one.
+        # In another order, it need not be the first bad ray.
         bad = _pack(rays, box, None, np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32))
     if bad != _ALL_GOOD:
         raise _explain(batch, first_ray + bad)

@@ -122,7 +122,7 @@ def test_half_of_an_odd_size_has_its_shape():
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 64), (800, 450), (64, 40)])
 def test_another_shape_is_refused(size):
-    with pytest.raises(SceneError, match=rf"64 x 48, and {size[0]} x {size[1]} has another shape"):
+    with pytest.raises(SceneError, match=rf"64 x 48, and {size[0]} x {size[1]} has another aspect ratio"):
         Camera.from_intrinsics(K, np.eye(4), SIZE).rays(*size)
 
 
