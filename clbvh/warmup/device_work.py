@@ -1,4 +1,4 @@
-"""Work on a device that needs every kernel, and every function of the host that queries and pictures call."""
+"""Work on a device that needs every kernel, and every host function of queries, pictures and the engine for trimesh."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from numpy.typing import DTypeLike, NDArray
 from ..builders.registry import DEFAULT_BUILDER
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..integrations.trimesh import ProximityQuery
 from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
 from ..trace import Tracer
-from .host_work import TRIANGLES
+from .host_work import TRIANGLES, make_mesh
 
 # Beyond this a driver may compile a kernel once more, and batches in no order are sorted.
 _MANY = 70_000
+
+_FEW = 100
 
 _PICTURE = (24, 32)
 _SEED = 7
@@ -35,6 +38,7 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
             origins, directions = make(*shape), make(*shape)
             hits = tracer.closest_hit(origins, directions)
             hits.locations, hits.normals  # noqa: B018 - computed when they are asked for
+            hits.offset_origins(), hits.offset_origins(towards=directions)
             tracer.closest_prim(origins, directions)
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
@@ -46,8 +50,8 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
             tracer.closest_point(points)
             tracer.contains(points)
             tracer.signed_distance(points)
-        # From one point, and in one direction. Enough rays for a picture's are searched for its rows, in order and in
-        # none.
+        # Rays from one point, and in one direction. Arrays as long as a picture's are searched for its rows, sorted and
+        # unsorted.
         for shape in ((3,), _PICTURE, (_MANY,)):
             mixed = make(*shape)
             for values in (mixed, np.sort(mixed, axis=0)):
@@ -57,6 +61,16 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
                     tracer.any_hit(origins, directions)
         limits = np.zeros(3), np.full(3, size)
         tracer.closest_hit(make(3), make(3), t_min=limits[0], t_max=limits[1])
+        tracer.update(bvh.mesh.vertices)
+
+
+def query_trimesh(device: DeviceInfo) -> None:
+    """Run the proximity queries of the engine for trimesh, which have compiled functions of their own."""
+    query = ProximityQuery(make_mesh(), device=device)
+    points = np.random.default_rng(_SEED).random((_FEW, 3))
+    query.signed_distance(points)
+    query.vertex(points)
+    query.close()
 
 
 def draw(device: DeviceInfo, layout: str, *, validate: bool = False, builder: str = DEFAULT_BUILDER) -> None:

@@ -19,7 +19,7 @@ from ..device.settings import find_settings
 from ..structs import LAYOUT_WIDTHS
 from ..support.stopwatch import Stopwatch
 from ..trace.device_tree import BRUTE
-from .device_work import cast_all, draw
+from .device_work import cast_all, draw, query_trimesh
 from .host_work import list_host_work, make_mesh
 
 HOST = "host"
@@ -94,6 +94,7 @@ def _list_device_work(device: DeviceInfo, *, is_first: bool, quick: bool) -> Ite
         yield f"queries, {layout}", partial(_cast, device, layout, np.float64)
     if is_first:
         yield "queries, float32", partial(_cast, device, own, np.float32)
+        yield "proximity queries of trimesh", partial(query_trimesh, device)
     if quick:
         return
     if is_first:

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from clbvh.cli.warmup import _print_report
 from clbvh.device.select import list_devices
+from clbvh.warmup.warm_up import WarmStep
 
 from .command import make_environment, refuses, run_clbvh
 
@@ -72,11 +74,21 @@ def check(warmed, folder, tasks):
 
 
 def test_a_second_warmup_has_nothing_to_do(warmed, folder):
-    code, output = run_spied(folder, [["warmup"], ["warmup", "--json", "--quick"]])
-    table, _, report = output.partition("{")
+    code, output = run_spied(folder, [["warmup", "--json"]])
     assert code["compiled"] == []
-    assert re.search(r"compiled +nothing: all is there", table)
-    assert json.loads("{" + report)["compiled"] == 0
+    # Kernels that are loaded slowly, as some are on a busy machine, count as compiled.
+    assert json.loads(output)["compile_ms"] < 0.1 * warmed[1]["compile_ms"]
+
+
+@pytest.mark.parametrize(("compiled", "said"), [(0, "nothing: all is there"), (1200, "1,200 functions and kernels in")])
+def test_the_table_says_what_was_compiled(compiled, said, capsys):
+    report = {"compiled": compiled, "compile_ms": 2500.0, "total_ms": 4000.0}
+    _print_report(report, [WarmStep("host", "layouts", compiled, 7, 2500.0, 4000.0)])
+    assert re.search(rf"compiled +{said}", capsys.readouterr().out)
+
+
+def test_a_quick_warmup_is_part_of_the_whole_one(warmed, folder):
+    check(warmed, folder, [["warmup", "--quick"]])
 
 
 def test_the_report_lists_steps_and_adds_up(warmed):
@@ -112,6 +124,18 @@ def test_no_code_of_the_readme_compiles_after_it(warmed, folder):
     snippets = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert len(snippets) >= 3
     check(warmed, folder, ["\n".join(snippets).replace("workers=8", "workers=2")])
+
+
+def test_meshes_that_move_compile_nothing_after_it(warmed, folder):
+    code = (
+        "import clbvh\n"
+        "mesh = clbvh.make_shape('icosphere', triangles=1000)\n"
+        "for layout in ('bvh2', 'bvh4', 'bvh8'):\n"
+        "    with clbvh.Tracer(mesh, layout=layout) as tracer:\n"
+        "        tracer.update(mesh.vertices * 2)\n"
+        "        tracer.closest_hit([0, 0, 5], [0, 0, -1]).offset_origins()\n"
+    )
+    check(warmed, folder, [code])
 
 
 def test_no_example_compiles_after_it(warmed, folder):
