@@ -178,7 +178,7 @@ class TestLenses:
         assert np.ptp(picture.rgb) <= 1  # one shade of grey
         assert 20 < picture.rgb[0, 0, 0] < 240
 
-    def test_the_size_is_the_lenss(self, renderer, lens_camera):
+    def test_the_size_is_that_of_the_lens(self, renderer, lens_camera):
         assert renderer.render(camera=lens_camera).rgb.shape == (60, 80, 3)
         assert renderer.render(camera=lens_camera, height=30).rgb.shape == (30, 40, 3)
         with pytest.raises(SceneError, match="another aspect ratio"):

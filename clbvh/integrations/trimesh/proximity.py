@@ -38,7 +38,7 @@ class ProximityQuery:
     Raises
     ------
     MeshError
-        It is no mesh.
+        The argument is not a mesh.
 
     Notes
     -----
@@ -166,9 +166,9 @@ def closest_point(mesh: Any, points: ArrayLike) -> tuple[NDArray[np.float64], ND
     Raises
     ------
     QueryError
-        Points of another shape, or that are not finite.
+        Points of a wrong shape, or that are not finite.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Examples
     --------
@@ -192,9 +192,9 @@ def signed_distance(mesh: Any, points: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     QueryError
-        Points of another shape, or that are not finite.
+        Points of a wrong shape, or that are not finite.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Notes
     -----

@@ -41,7 +41,7 @@ def read_mesh(thing: Any) -> Any:
     Raises
     ------
     MeshError
-        It is no mesh.
+        The argument is not a mesh.
     """
     import trimesh
 

@@ -250,12 +250,16 @@ def _gather(rays, triangles, found_ints, block, count):
     for hit in range(count):
         prefetch(faces, 3 * found_ints[sources[hit], HIT_PRIM_ID])
     for hit in range(count):
-        start, way = block.rays[hit] * origin_step, block.rays[hit] * direction_step
+        origin_id, direction_id = block.rays[hit] * origin_step, block.rays[hit] * direction_step
         prim = found_ints[sources[hit], HIT_PRIM_ID]
         coming = found_ints[sources[min(hit + _PREFETCH_HITS, count - 1)], HIT_PRIM_ID]
         for corner in range(3):
             prefetch(vertices, 3 * faces[coming, corner])
-        dx, dy, dz = np.float64(directions[way, 0]), np.float64(directions[way, 1]), np.float64(directions[way, 2])
+        dx, dy, dz = (
+            np.float64(directions[direction_id, 0]),
+            np.float64(directions[direction_id, 1]),
+            np.float64(directions[direction_id, 2]),
+        )
         exponent = exponent_of(max(abs(dx), abs(dy), abs(dz)))
         vectors[_DIRECTION, 0, hit] = times_power_of_two(dx, -exponent)
         vectors[_DIRECTION, 1, hit] = times_power_of_two(dy, -exponent)
@@ -264,7 +268,7 @@ def _gather(rays, triangles, found_ints, block, count):
         ia, ib, ic = faces[prim, 0], faces[prim, 1], faces[prim, 2]
         for axis in range(3):
             a = vertices[ia, axis]
-            vectors[_CORNER, axis, hit] = (a - origins[start, axis]) * scale
+            vectors[_CORNER, axis, hit] = (a - origins[origin_id, axis]) * scale
             vectors[_AB, axis, hit] = (vertices[ib, axis] - a) * scale
             vectors[_AC, axis, hit] = (vertices[ic, axis] - a) * scale
 
