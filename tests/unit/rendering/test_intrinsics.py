@@ -291,7 +291,7 @@ class TestOrbit:
         pose, turn = make_pose(8), trimesh.transformations.rotation_matrix(np.radians(25), [0, 0, 1], [1, 2, 3])
         turned = Camera.from_intrinsics(K, pose, SIZE).orbit(25, about=(1, 2, 3), axis=(0, 0, 1))
         assert_allclose(turned.camera_to_world(), turn @ pose, atol=1e-12)
-        with pytest.raises(SceneError, match="by `about`"):
+        with pytest.raises(SceneError, match="as `about`"):
             Camera.from_intrinsics(K, pose, SIZE).orbit(25)
 
     @pytest.mark.parametrize(
