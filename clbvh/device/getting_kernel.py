@@ -24,7 +24,8 @@ class GettingKernel:
     Parameters
     ----------
     announces : bool
-        Whether to announce the compilation as soon as it is known for one; not where a kernel may run for long.
+        Whether to announce the compilation as soon as it is known for one, not afterwards; not where a kernel may run
+        for long.
 
     Attributes
     ----------
@@ -56,3 +57,5 @@ class GettingKernel:
         self._loading.is_compiled = time.perf_counter() - self._begin - self.run_ms * 1e-3 > _LONGEST_LOAD_S
         self._loading.is_loaded = not self._loading.is_compiled
         self._loading.__exit__(kind, error, trace)
+        if self._loading.is_compiled:
+            announce_compilation()
