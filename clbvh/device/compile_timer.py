@@ -25,7 +25,7 @@ class CompileTimer:
     ----------
     announces : bool
         Whether a compilation is announced while it lasts. False where a kernel runs inside the block: a long run would
-        be announced as a compilation.
+        be announced as a compilation, so it is announced afterwards.
 
     Attributes
     ----------
@@ -57,3 +57,5 @@ class CompileTimer:
         self._loading.is_compiled = time.perf_counter() - self._begin - self.run_ms * 1e-3 > _LONGEST_LOAD_S
         self._loading.is_loaded = not self._loading.is_compiled
         self._loading.__exit__(kind, error, trace)
+        if self._loading.is_compiled:
+            announce_compilation()

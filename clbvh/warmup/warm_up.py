@@ -19,7 +19,7 @@ from ..device.settings import find_settings
 from ..structs import LAYOUT_WIDTHS
 from ..support.stopwatch import Stopwatch
 from ..trace.device_tree import BRUTE
-from .device_work import cast_all, draw, query_trimesh
+from .device_work import cast_all, draw, use_trimesh
 from .host_work import list_host_work, make_mesh
 
 HOST = "host"
@@ -94,18 +94,15 @@ def _list_device_work(device: DeviceInfo, *, is_first: bool, quick: bool) -> Ite
         yield f"queries, {layout}", partial(_cast, device, layout, np.float64)
     if is_first:
         yield "queries, float32", partial(_cast, device, own, np.float32)
-        yield "proximity queries of trimesh", partial(query_trimesh, device)
+        yield "queries of trimesh", partial(use_trimesh, device)
     if quick:
         return
-    if is_first:
-        for dtype in (np.float32, np.float64):
-            yield f"queries, {np.dtype(dtype)}, read-only", partial(_cast, device, own, dtype, writable=False)
     yield "validation", partial(draw, device, own, validate=True)
     yield "pictures without a tree", partial(draw, device, own, builder=BRUTE)
 
 
-def _cast(device: DeviceInfo, layout: str, dtype: DTypeLike, *, writable: bool = True) -> None:
-    cast_all(_tree(), device, layout, dtype, writable=writable)
+def _cast(device: DeviceInfo, layout: str, dtype: DTypeLike) -> None:
+    cast_all(_tree(), device, layout, dtype)
 
 
 @cache

@@ -80,7 +80,7 @@ def _choose(points, triangles, centre, around, tolerance, closest):
             continue
         equal = max(min(tolerance * scale * scale, least * _LARGEST_SHARE), least * _ROUNDING)
         best, facing = own, _facing(a, b, c, weights, least)
-        best_weights[:] = weights
+        best_weights[0], best_weights[1], best_weights[2] = weights[0], weights[1], weights[2]
         for corner in range(3):
             point_id = around.point_ids[triangles.faces[own, corner]]
             for slot in range(around.begin[point_id], around.begin[point_id + 1]):
@@ -95,7 +95,7 @@ def _choose(points, triangles, centre, around, tolerance, closest):
                 is_equal = abs(other - facing) <= _SAME_COSINE and face < best
                 if is_nearer or is_equal or other > facing + _SAME_COSINE:
                     best, facing, least = face, other, min(least, squared)
-                    best_weights[:] = weights
+                    best_weights[0], best_weights[1], best_weights[2] = weights[0], weights[1], weights[2]
         if best == own:
             continue
         closest.prim_id[index] = best
