@@ -6,6 +6,7 @@ and leaves the rest to them. So a test compares lists of versions, not times.
 
 from __future__ import annotations
 
+import doctest
 import json
 import re
 import subprocess
@@ -17,8 +18,8 @@ import trimesh
 
 from clbvh.device.select import list_devices
 
-from ..docs.snippets import PAGES, join_python
-from ..docs.test_pages import MESHES
+from ..docs.snippets import PAGES, find_snippets, list_commands
+from ..docs.test_pages import MESHES, NOT_RUN, replace_placeholders
 from .command import make_environment, refuses, run_clbvh
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +38,15 @@ EXAMPLES = {
     "sky_view": ["bunny.ply", "--width", "60", "--rays", "32"],
     "turntable": ["bunny.ply", "--frames", "2", "--sheet", "sheet.png"],
 }
+
+# A command among the Python blocks of a page.
+RUN = """
+from clbvh.cli.app import run
+try:
+    run({!r})
+except SystemExit as ended:
+    assert not ended.code
+"""
 
 SCENE = '[mesh]\nshape = "knot"\ntriangles = 5000\n[image]\nwidth = 64\nheight = 40\n'
 
@@ -76,8 +86,9 @@ def folder(tmp_path):
     """A folder with the files that the pages name."""
     for name in MESHES:
         trimesh.creation.icosphere(2, 0.1).apply_translation((0, 0.1, 0)).export(tmp_path / name, encoding="ascii")
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "knot.toml").write_text(SCENE)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    (tmp_path / "small.toml").write_text(SCENE)
     return tmp_path
 
 
@@ -109,7 +120,7 @@ def test_the_report_lists_steps_and_adds_up(warmed):
 
 
 def test_no_command_compiles_after_it(warmed, folder):
-    scene = "scenes/knot.toml"
+    scene = "small.toml"
     tasks = [
         ["render", "bunny.ply", "-o", "a.ppm", "--hits", "hits.npz", "--validate"],
         ["render", scene, "-o", "a.png", "--cache", "--json"],
@@ -125,8 +136,25 @@ def test_no_command_compiles_after_it(warmed, folder):
     check(warmed, folder, tasks)
 
 
+def make_program(page):
+    """Return what a page runs as one Python program, its commands included; without Python blocks, nothing."""
+    parts = []
+    snippets = [snippet for snippet in find_snippets(page) if not snippet.reason]
+    if not any(snippet.language == "python" for snippet in snippets):
+        return ""
+    for snippet in snippets:
+        if snippet.language == "python":
+            examples = doctest.DocTestParser().get_examples(snippet.text)
+            parts.append("".join(example.source for example in examples) or snippet.text)
+        for command in list_commands(snippet):
+            words = replace_placeholders(command) if command.startswith("clbvh ") else []
+            if words and " ".join(words[:2]) not in NOT_RUN:
+                parts.append(RUN.format(words[1:]))
+    return "\n".join(parts).replace("workers=8", "workers=2")
+
+
 def test_no_code_of_the_pages_compiles_after_it(warmed, folder):
-    programs = {page.stem: join_python(page).replace("workers=8", "workers=2") for page in PAGES}
+    programs = {page.stem: make_program(page) for page in PAGES}
     assert {"README", "tracing", "cameras", "trimesh", "coming-from"} <= {name for name in programs if programs[name]}
     check(warmed, folder, [program for program in programs.values() if program])
 
