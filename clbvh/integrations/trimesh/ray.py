@@ -15,7 +15,7 @@ from ...device.select import choose_device
 from ...device.settings import find_settings
 from ...errors import DeviceError, MeshError, QueryError
 from ...trace.points.inside import GENERIC_DIRECTIONS
-from .mesh_tracer import EngineOptions
+from .mesh_tracer import EngineOptions, read_options
 from .tracers import find_tracer, read_mesh
 
 # Most hits of a ray, unless the caller says otherwise: trimesh's default.
@@ -50,6 +50,8 @@ class RayMeshIntersector:
     ------
     MeshError
         The geometry is no mesh.
+    ConfigError
+        An unknown layout, or a device of another type.
 
     Examples
     --------
@@ -71,7 +73,7 @@ class RayMeshIntersector:
     ) -> None:
         self.mesh = read_mesh(geometry)
         self._scale_to_box = scale_to_box
-        self._options = EngineOptions(device, layout)
+        self._options = read_options(device, layout)
         self._tracer = find_tracer(self.mesh, self._options, keep=False)
 
     def intersects_location(
