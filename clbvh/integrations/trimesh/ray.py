@@ -298,5 +298,5 @@ def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any],
     if rays[0].shape != rays[1].shape:
         raise QueryError("Ray origin and direction don't match!")
     if rays[0].ndim == 1 and rays[0].size:
-        raise QueryError(f"ray_origins and ray_directions must be (n,3), not {rays[0].shape}")
+        raise QueryError(f"ray_origins and ray_directions must be (n,3), not of shape {rays[0].shape}")
     return rays
