@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 import clbvh
-from clbvh.errors import MeshError
-from clbvh.integrations.trimesh import RayMeshIntersector, mesh_tracer
+from clbvh.errors import ConfigError, MeshError
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, install, is_installed, mesh_tracer
 from clbvh.trace.points.inside import GENERIC_DIRECTIONS
 
 # Declared by the embree engine of trimesh 5.
@@ -314,6 +314,18 @@ class TestOtherMeshes:
     def test_what_is_no_mesh(self, wrong):
         with pytest.raises(MeshError):
             RayMeshIntersector(wrong)
+
+    @pytest.mark.parametrize("make", [RayMeshIntersector, ProximityQuery, lambda mesh, **more: install(**more)])
+    @pytest.mark.parametrize("device", [[0], {}, 0.0, np.zeros(2)])
+    def test_what_is_no_device(self, make, device):
+        with pytest.raises(ConfigError, match=r"device must be a clbvh\.DeviceInfo, a number, a name or None, not "):
+            make(trimesh.creation.box(), device=device)
+        assert not is_installed()
+
+    @pytest.mark.parametrize("layout", ["bvh3", [], None])
+    def test_what_is_no_layout(self, layout):
+        with pytest.raises(ConfigError, match="layout"):
+            RayMeshIntersector(trimesh.creation.box(), layout=layout)
 
     def test_no_faces_contain_nothing(self):
         with pytest.raises(MeshError, match="a mesh without faces contains no points"):

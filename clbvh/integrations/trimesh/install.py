@@ -17,10 +17,9 @@ from trimesh import proximity as trimesh_proximity
 from trimesh import ray as trimesh_ray
 
 from ...device.info import DeviceInfo
-from ...trace.device_tree import check_layout
 from . import proximity, thickness
 from .current_options import Installed
-from .mesh_tracer import EngineOptions
+from .mesh_tracer import EngineOptions, read_options
 from .proximity import ProximityQuery
 from .ray import RayMeshIntersector
 from .tracers import find_tracer, forget_kept
@@ -82,7 +81,7 @@ def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto
     Raises
     ------
     ConfigError
-        An unknown layout.
+        An unknown layout, or a device of another type.
 
     Notes
     -----
@@ -104,10 +103,10 @@ def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto
     >>> isinstance(mesh.ray, RayMeshIntersector)
     False
     """
-    check_layout(layout)
+    options = read_options(device, layout)
     with _Patches.lock:
         before = Installed.options
-        Installed.options = EngineOptions(device, layout)
+        Installed.options = options
         if before is None:
             _Patches.apply()
         return Installation(before)

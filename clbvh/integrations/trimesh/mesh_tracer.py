@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from functools import cached_property
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,14 +17,20 @@ from numpy.typing import NDArray
 
 from ...builders.build import build
 from ...bvh import Bvh
+from ...bvh.sah_cost import sah_cost
 from ...device.info import DeviceInfo
 from ...device.owner_process import check_process, is_inherited
-from ...errors import QueryError
+from ...errors import ConfigError, DeviceError, MeshError, QueryError
 from ...geometry import Mesh
 from ...geometry.vertex_faces import VertexFaces, find_vertex_faces
 from ...trace import ClosestPoints, Tracer
+from ...trace.device_tree import check_layout
 from ...trace.points.facing import choose_facing
 from ...trace.points.nearest_vertex import find_nearest_vertices
+
+# A tree whose SAH cost has grown by more than this factor is built again: rays through a mesh that bends then take
+# about twice as long as through a new tree, see docs/tree.md.
+_LARGEST_SAH_GROWTH = 2.0
 
 
 class EngineOptions(NamedTuple):
@@ -40,20 +47,48 @@ class EngineOptions(NamedTuple):
     layout: str = "auto"
 
 
-class _FollowedTree:
-    """The tree of a mesh as it was when it had this content."""
+def read_options(device: Any, layout: Any) -> EngineOptions:
+    """Return the options of an engine, or raise `ConfigError`; which devices there are is seen by the first query."""
+    if not (device is None or isinstance(device, (DeviceInfo, str, Integral))):
+        raise ConfigError(f"device must be a clbvh.DeviceInfo, a number, a name or None, not {device!r}")
+    check_layout(layout)
+    return EngineOptions(device, layout)
 
-    def __init__(self, content: int, bvh: Bvh) -> None:
+
+class _FollowedTree:
+    """The tree of a mesh as it was when it had this content.
+
+    Parameters
+    ----------
+    content : int
+    built : Bvh
+        As it was built, perhaps around other vertices.
+    mesh : Mesh
+        As it is now, with the same faces.
+    """
+
+    def __init__(self, content: int, built: Bvh, mesh: Mesh) -> None:
         self.content = content
-        self.bvh = bvh
+        self.built = built
+        self.mesh = mesh
+
+    @cached_property
+    def bvh(self) -> Bvh:
+        """The tree around the vertices as they are now; a tracer that was updated does not need it."""
+        return self.built if self.mesh is self.built.mesh else self.built.refit(self.mesh.vertices)
+
+    @cached_property
+    def sah_growth(self) -> float:
+        """The SAH cost of the tree now, divided by its cost when it was built."""
+        return 1.0 if self.bvh is self.built else sah_cost(self.bvh) / sah_cost(self.built)
 
     @cached_property
     def vertex_faces(self) -> VertexFaces:
-        return find_vertex_faces(self.bvh.mesh)
+        return find_vertex_faces(self.mesh)
 
 
 class MeshTracer:
-    """A tree and a tracer of one mesh: built when first needed, refitted or built again when the mesh has changed.
+    """A tree and a tracer of one mesh: built when first needed, updated or built again when the mesh has changed.
 
     Any number of threads may use one object, as long as none changes the mesh meanwhile.
 
@@ -61,7 +96,7 @@ class MeshTracer:
     ----------
     options : EngineOptions
     on_open : function
-        Called with this object, under no lock, after a tree has gone to the device.
+        Called with this object, under no lock, after it has taken more of the device's memory.
 
     Attributes
     ----------
@@ -76,6 +111,9 @@ class MeshTracer:
         self._lock = threading.RLock()
         self._tree: _FollowedTree | None = None
         self._tracer: Tracer | None = None
+        # Of the tree that the tracer was opened with, which may have been refitted before.
+        self._growth_at_open = 1.0
+        self._announced_bytes = 0
 
     def cast(self, mesh: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a ray query of the tracer; rays that it refuses hit nothing."""
@@ -94,7 +132,7 @@ class MeshTracer:
 
         def find(tracer: Tracer, tree: _FollowedTree) -> ClosestPoints:
             closest = tracer.closest_point(points)
-            choose_facing(points, tree.bvh.mesh, tree.vertex_faces, tolerance, closest)
+            choose_facing(points, tree.mesh, tree.vertex_faces, tolerance, closest)
             return closest
 
         return self._ask(mesh, find)
@@ -152,30 +190,58 @@ class MeshTracer:
         with self._lock:
             tree = self._follow(mesh)
             tracer = self._tracer
-            is_new = tracer is None
             if tracer is None:
                 device, layout = self.options
                 tracer = self._tracer = Tracer(tree.bvh, device=device, layout=layout)
-        if is_new:
+                self._growth_at_open, self._announced_bytes = tree.sah_growth, 0
+            byte_count = tracer.memory_bytes
+            has_grown = byte_count > self._announced_bytes
+            self._announced_bytes = byte_count
+        if has_grown:
             self._on_open(self)
         return tracer, tree
 
     def _follow(self, mesh: Any) -> _FollowedTree:
-        """Return the tree of the mesh as it is now; a tracer of another one is closed."""
+        """Return the tree of the mesh as it is now; the tracer, if it is still open, has the same one."""
         with self._lock:
             content = hash(mesh)
             known = self._tree
             if known is not None and known.content == content:
                 return known
             vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+            if known is not None and _has_faces(known.mesh, vertices, faces):
+                # Ctrl-C leaves the tracer with either mesh: no tree is known until it has the new one.
+                self._tree = None
+                try:
+                    self._tree = tree = self._move(content, known.built, vertices)
+                except MeshError:
+                    self._tree = known
+                    raise
+                if tree is not None:
+                    return tree
             self._give_back()
-            if known is not None and _has_faces(known.bvh.mesh, vertices, faces):
-                bvh = known.bvh.refit(vertices)
-            else:
-                self._tree = None  # no two trees at once
-                bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
-            tree = self._tree = _FollowedTree(content, bvh)
+            self._tree = known = None  # no two trees at once
+            bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
+            tree = self._tree = _FollowedTree(content, bvh, bvh.mesh)
             return tree
+
+    def _move(self, content: int, built: Bvh, vertices: NDArray[Any]) -> _FollowedTree | None:
+        """Return a tree around vertices that have moved, and update the tracer; None if a new one would be faster.
+
+        A tracer that cannot be updated is closed: another thread did so, or the device has no room for a second copy
+        of the tree, and perhaps for the first one.
+        """
+        tracer = self._tracer
+        if tracer is not None:
+            try:
+                tracer.update(vertices)
+            except (DeviceError, QueryError):
+                self._give_back()
+            else:
+                is_worn = self._growth_at_open * tracer.sah_growth > _LARGEST_SAH_GROWTH
+                return None if is_worn else _FollowedTree(content, built, tracer.mesh)
+        tree = _FollowedTree(content, built, built.mesh.with_vertices(vertices))
+        return None if tree.sah_growth > _LARGEST_SAH_GROWTH else tree
 
     def _give_back(self) -> None:
         with self._lock:

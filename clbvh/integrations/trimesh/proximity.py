@@ -18,7 +18,7 @@ from ...device.info import DeviceInfo
 from ...errors import QueryError
 from ...trace import ClosestPoints
 from .current_options import options_for
-from .mesh_tracer import EngineOptions, MeshTracer
+from .mesh_tracer import EngineOptions, MeshTracer, read_options
 from .ray import RayMeshIntersector
 from .tracers import find_tracer, read_mesh
 
@@ -39,6 +39,8 @@ class ProximityQuery:
     ------
     MeshError
         The argument is not a mesh.
+    ConfigError
+        An unknown layout, or a device of another type.
 
     Notes
     -----
@@ -56,7 +58,7 @@ class ProximityQuery:
 
     def __init__(self, mesh: Any, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
         self._mesh = read_mesh(mesh)
-        self._options = EngineOptions(device, layout)
+        self._options = read_options(device, layout)
 
     def on_surface(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         """Return the closest point of the surface for each point; see `closest_point`.

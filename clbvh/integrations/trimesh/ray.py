@@ -15,7 +15,7 @@ from ...device.select import choose_device
 from ...device.settings import find_settings
 from ...errors import DeviceError, MeshError, QueryError
 from ...trace.points.inside import GENERIC_DIRECTIONS
-from .mesh_tracer import EngineOptions
+from .mesh_tracer import EngineOptions, read_options
 from .tracers import find_tracer, read_mesh
 
 # Most hits of a ray, unless the caller says otherwise: trimesh's default.
@@ -50,6 +50,8 @@ class RayMeshIntersector:
     ------
     MeshError
         The geometry is not a mesh.
+    ConfigError
+        An unknown layout, or a device of another type.
 
     Examples
     --------
@@ -71,7 +73,7 @@ class RayMeshIntersector:
     ) -> None:
         self.mesh = read_mesh(geometry)
         self._scale_to_box = scale_to_box
-        self._options = EngineOptions(device, layout)
+        self._options = read_options(device, layout)
         self._tracer = find_tracer(self.mesh, self._options, keep=False)
 
     def intersects_location(
@@ -296,5 +298,5 @@ def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any],
     if rays[0].shape != rays[1].shape:
         raise QueryError("Ray origin and direction don't match!")
     if rays[0].ndim == 1 and rays[0].size:
-        raise QueryError(f"ray_origins and ray_directions must be (n,3), not {rays[0].shape}")
+        raise QueryError(f"ray_origins and ray_directions must be (n,3), not of shape {rays[0].shape}")
     return rays
