@@ -52,7 +52,7 @@ def read_options(device: Any, layout: Any) -> EngineOptions:
     if not (device is None or isinstance(device, (DeviceInfo, str, Integral))):
         raise ConfigError(f"device must be a clbvh.DeviceInfo, a number, a name or None, not {device!r}")
     check_layout(layout)
-    return EngineOptions(device, layout)
+    return EngineOptions(int(device) if isinstance(device, Integral) else device, layout)
 
 
 class _FollowedTree:
