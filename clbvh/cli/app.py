@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import ClbvhError, DeviceError
-from . import devices, doctor, fetch, render, stats, tune
+from . import devices, doctor, fetch, render, stats, study, tune
 from .streams import flush_output
 
 EXIT_FAILED = 1
@@ -30,6 +30,7 @@ app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)
 app.command(name="doctor")(doctor.doctor)
 app.command(name="tune")(tune.tune)
+app.command(name="study")(study.study)
 
 
 def _print_version(wanted: bool) -> None:

@@ -37,7 +37,7 @@ _decorating = threading.Lock()
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 # Rooms without compiled functions; an edit of them keeps the machine code. A test holds them to it.
-INTERPRETED_ROOMS = ("cli", "device", "integrations", "rendering")
+INTERPRETED_ROOMS = ("cli", "device", "integrations", "rendering", "study")
 
 _DIGITS = 16
 

@@ -1,0 +1,58 @@
+"""The report's three pictures, made here."""
+
+from __future__ import annotations
+
+from ...support.host_threads import usable_cores
+from ..bench import Bench
+from ..case import Case, Experiment, Sample
+from ..frames import draw_frame
+from ..page.parts import Part, Picture, Table
+from ..results import Results
+from ..scale import Scale
+
+_PICTURE = (800, 450)
+_SHADINGS = {"drill": "lambert", "bunny": "lambert+shadow", "dragon": "lambert+shadow"}
+
+
+def _cases(scale: Scale) -> list[Case]:
+    meshes = {scale.mesh(name): shading for name, shading in _SHADINGS.items()}
+    return [{"mesh": mesh, "shading": shading} for mesh, shading in meshes.items()]
+
+
+def _measure(bench: Bench, case: Case) -> Sample:
+    mesh, shading = str(case["mesh"]), str(case["shading"])
+    bvh = bench.tree(mesh)
+    frame = draw_frame(bench, mesh, bvh, bench.scale.picture(*_PICTURE), shading=shading)
+    name = bench.keep_picture(f"picture-{mesh}", frame.rgb)
+    values = {"kernel_ms": frame.times_ms["kernel"], "triangles": bvh.mesh.face_count}
+    return Sample(values, {"picture": frame.digest, "file": name})
+
+
+def _present(results: Results) -> list[Part]:
+    pictures: list[Part] = [
+        Picture(f"{case['mesh']}, {case['shading']}.", (results.pictures / name).read_bytes())
+        for case in results.cases
+        if (name := results.fact(case, "file")) is not None and (results.pictures / name).is_file()
+    ]
+    table = Table(
+        f"Pictures of 800 x 450; trees by {usable_cores()} workers.",
+        ("mesh", "shading", "triangles", "kernel, ms"),
+        [
+            (case["mesh"], case["shading"], int(results.median(case, "triangles") or 0),
+             results.summary(case, "kernel_ms"))
+            for case in results.cases
+        ],
+    )  # fmt: skip
+    return [table, *pictures]
+
+
+EXPERIMENT = Experiment(
+    name="gallery",
+    title="Gallery",
+    question="The report's three pictures, made by this machine.",
+    method="The heat maps stand under Divergence.",
+    cases=_cases,
+    measure=_measure,
+    present=_present,
+    weight=1,
+)
