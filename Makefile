@@ -9,9 +9,10 @@ OUT := out
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
+INSTALLED_STUDY := $(VENV)/.installed-study
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh lint bench clean
+.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh lint bench study clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -57,6 +58,11 @@ lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 bench: $(INSTALLED_PEERS) ## measure, beside the peers (installs Open3D and embreex)
 	$(BIN)/python -m pytest bench tests/peers -q -s
 
+# `make study QUICK=1` takes four minutes; `make study ONLY="ladder scaling"` runs two experiments. A run goes on where the
+# one before was interrupted.
+study: $(INSTALLED_STUDY) ## repeat the report's experiments, and write out/study/index.html (installs the peers)
+	$(BIN)/clbvh study -o $(OUT)/study $(if $(QUICK),--quick) $(ONLY)
+
 clean: ## remove what make made, but not downloads
 	rm -rf $(VENV) $(OUT) dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
@@ -76,3 +82,7 @@ $(INSTALLED_DEV): pyproject.toml | $(BIN)/python
 $(INSTALLED_PEERS): $(INSTALLED_DEV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,peers]'
 	@touch $@
+
+$(INSTALLED_STUDY): pyproject.toml | $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[study,peers]'
+	@touch $@ $(INSTALLED)

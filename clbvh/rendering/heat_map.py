@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
 from ..errors import ConfigError
+from ..support.host_threads import HostThreads
 from ..trace.oracle.visits import HostTraversal, Visits
 from .camera import Camera
 
@@ -21,7 +22,7 @@ QUANTITIES = {"nodes": "NODE STEPS", "triangles": "TRIANGLE TESTS"}
 
 # Evenly spaced stops of the scale, in sRGB. Their lightness (CIE L*) rises by equal steps from 10 to 95.
 _STOPS = np.array(
-    [(18, 22, 62), (30, 54, 108), (25, 91, 126), (28, 128, 126), (72, 162, 107), (150, 189, 82), (252, 240, 150)],
+    [(19, 23, 63), (31, 55, 109), (32, 96, 130), (46, 138, 136), (103, 178, 132), (184, 210, 138), (253, 243, 169)],
     np.float64,
 )
 
@@ -70,9 +71,20 @@ def check_quantity(quantity: str) -> None:
 
 
 def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
-    """Count the steps of the rays of a picture on the host; each count is (height * width,) int32."""
+    """Count the steps of the rays of a picture on the host, on all cores; each count is (height * width,) int32."""
     origins, directions = camera.rays(width, height)
-    return HostTraversal(bvh).count_visits(np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3))
+    with HostThreads() as threads:
+        return HostTraversal(bvh).count_visits(
+            np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
+        )
+
+
+def draw_heat_map_of(bvh: Bvh, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
+    """Return the heat map of a picture of this size; see `draw_heat_map`."""
+    visits = count_picture(bvh, camera, width, height)
+    counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
+    check_quantity(quantity)
+    return draw_heat_map(counts[quantity].reshape(height, width), quantity)
 
 
 def draw_heat_map(counts: ArrayLike, quantity: str) -> NDArray[np.uint8]:

@@ -27,6 +27,8 @@ PICTURES_NAME = "pictures"
 
 NO_FIGURES = "matplotlib is not installed, so the page has tables and no figures: run 'pip install clbvh[study]'"
 
+_NOISY = f"{100 * NOISY_SPREAD:.0f} %"
+
 # Load averages above the number of cores and this share of them: something else was running.
 _BUSY_SHARE = 1.5
 
@@ -156,9 +158,9 @@ def make_page(
         "compare shapes and ratios, not milliseconds.",
         f"How it is measured: one warm-up of each case that does not count, then {warm} in which the cases of a group "
         "take turns, forwards and backwards; median, with the smallest and the largest sample below it. Ratios are "
-        f"medians of the ratios of each round. Figures whose samples lie more than {NOISY_SPREAD:.0%} apart are "
-        "marked by their colour, and counted as noisy. "
-        "Wall time and the device's own event time are never mixed in one figure without saying so.",
+        f"medians of the ratios of each round. Figures whose samples lie more than {_NOISY} apart are marked by their "
+        "colour, and counted as noisy. Wall time and the device's own event time are never mixed in one figure "
+        "without saying so.",
         f"Size of this study: {scale.name}. Raw samples: {FILE_NAME} and {TABLE_NAME} beside this page.",
         *notes,
     ]
@@ -187,9 +189,7 @@ def _note_noise(experiment: Experiment, results: Results, machine: Machine) -> l
     noisy = sum(summary.is_noisy for summary in summaries)
     notes = []
     if noisy:
-        notes.append(
-            f"Noise: {noisy} of {len(summaries)} measured times have samples more than {NOISY_SPREAD:.0%} apart."
-        )
+        notes.append(f"Noise: {noisy} of {len(summaries)} measured times have samples more than {_NOISY} apart.")
     cores, load = int(machine.facts["cores"]), results.highest_load
     if load is not None and load > _BUSY_SHARE * cores + 1:
         notes.append(f"The machine was busy: the load average reached {load:g} on {cores} cores.")

@@ -38,6 +38,8 @@ class Scale:
         Larger meshes are replaced by procedural ones of this size.
     shrink : int
         Divisor of the sides of pictures.
+    most_meshes : int
+        Meshes of a contest of many.
     is_full : bool
         Whether experiments use their whole tables of cases.
     """
@@ -49,6 +51,7 @@ class Scale:
     idle_gap_s: float
     most_triangles: int = 10_000_000
     shrink: int = 1
+    most_meshes: int = 100
     is_full: bool = False
     _found: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
 
@@ -59,6 +62,10 @@ class Scale:
     def picture(self, width: int, height: int) -> tuple[int, int]:
         """Return the size of a picture at this scale."""
         return max(32, width // self.shrink), max(18, height // self.shrink)
+
+    def size_of(self, width: int, height: int) -> str:
+        """Return the size of a picture at this scale as text."""
+        return " x ".join(map(str, self.picture(width, height)))
 
     def mesh(self, name: str) -> str:
         """Return the name of a scan, or of the procedural mesh of its size if the scan is missing or too large."""
@@ -88,4 +95,5 @@ class Scale:
 FULL = Scale("full", rounds=9, least_rounds=3, group_s=60, idle_gap_s=0.5, is_full=True)
 QUICK = Scale("quick", rounds=5, least_rounds=2, group_s=4, idle_gap_s=0.1)
 # For tests: all experiments within seconds.
-TINY = Scale("tiny", rounds=2, least_rounds=2, group_s=0, idle_gap_s=0.0, most_triangles=1_500, shrink=16)
+TINY = Scale("tiny", rounds=2, least_rounds=2, group_s=0, idle_gap_s=0.0, most_triangles=1_500, shrink=16,
+             most_meshes=1)  # fmt: skip

@@ -56,7 +56,8 @@ def _present(results: Results) -> list[Part]:
     series.append(Series("the report", range(len(_FRAME)), [report_ms[phase] for phase in _FRAME], is_published=True))
     return [
         Table(
-            f"One frame of {', '.join(results.distinct('mesh'))} at 3840 x 2160. The frame is the sum without loading. "
+            f"One frame of {', '.join(results.distinct('mesh'))} at "
+            f"{results.scale.size_of(*_PICTURE)}. The frame is the sum without loading. "
             f"The report: {source_of('breakdown')}.",
             ("phase", *(f"builder {name}" for name in cases), "the report"),
             rows,

@@ -71,7 +71,8 @@ def _present(results: Results) -> list[Part]:
     series = [Series(query, range(len(names)), of_query) for query, of_query in speeds.items()]
     return [
         Table(
-            f"{', '.join(results.distinct('mesh'))}, rays of a picture of 1280 x 720: million rays per second, by the "
+            f"{', '.join(results.distinct('mesh'))}, rays of a picture of "
+            f"{results.scale.size_of(*_PICTURE)}: million rays per second, by the "
             "kernel's event time. Shuffled rays are sorted on the host before, which is not in this time.",
             ("device", "layout", *(f"{query}, Mray/s" for query in _QUERIES)),
             rows,

@@ -75,7 +75,7 @@ def _present(results: Results) -> list[Part]:
     ]
     return [
         Table(
-            "Steps per ray, binary tree.",
+            f"Steps per ray of a picture of {results.scale.size_of(*_PICTURE)}, binary tree.",
             ("mesh", "builder", "node steps, mean", "most", "triangle tests, mean", "most"),
             [
                 (case["mesh"], case["builder"], results.median(case, "nodes_mean"),

@@ -32,8 +32,7 @@ def _measure(bench: Bench, case: Case) -> Sample:
 
 
 def _present(results: Results) -> list[Part]:
-    builds, kernels = curve("frontier.build_ms"), curve("frontier.kernel_ms")
-    totals = {frontier: builds[frontier] + kernels[frontier] for frontier in builds}
+    builds, kernels, totals = (curve(f"frontier.{quantity}") for quantity in ("build_ms", "kernel_ms", "total_ms"))
     quantities = ("build_ms", "kernel_ms", "total_ms")
     rows = []
     for case in results.cases:
@@ -45,7 +44,8 @@ def _present(results: Results) -> list[Part]:
     measured = {int(case["frontier"]): total for case in results.cases if (total := results.summary(case, "total_ms"))}
     parts: list[Part] = [
         Table(
-            f"{', '.join(results.distinct('mesh'))}, {usable_cores()} workers, layout bvh2, a picture of 800 x 450. "
+            f"{', '.join(results.distinct('mesh'))}, {usable_cores()} workers, layout bvh2, a picture of "
+            f"{results.scale.size_of(*_PICTURE)}. "
             f"The report: {source_of('frontier')}, at 3840 x 2160.",
             ("F", "build, ms", "kernel, ms", "total, ms", "report: build", "kernel", "total"),
             rows,

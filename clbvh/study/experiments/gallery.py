@@ -35,7 +35,7 @@ def _present(results: Results) -> list[Part]:
         if (name := results.fact(case, "file")) is not None and (results.pictures / name).is_file()
     ]
     table = Table(
-        f"Pictures of 800 x 450; trees by {usable_cores()} workers.",
+        f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {usable_cores()} workers.",
         ("mesh", "shading", "triangles", "kernel, ms"),
         [
             (case["mesh"], case["shading"], int(results.median(case, "triangles") or 0),

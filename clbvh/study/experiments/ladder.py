@@ -67,8 +67,9 @@ def _present(results: Results) -> list[Part]:
             ))  # fmt: skip
         parts.append(
             Table(
-                f"{mesh}, {usable_cores()} workers. Speed-up: over the variant before; of `flatten` over `bin`, of "
-                f"`{_DEFAULT}` over `flat`. The report: {source_of('ladder')}.",
+                f"{mesh}, {usable_cores()} workers, a picture of "
+                f"{results.scale.size_of(*_PICTURE)}. Speed-up: over the variant before; of flatten and flat over "
+                f"bin, of frontier and {_DEFAULT} over flat. The report: {source_of('ladder')}.",
                 ("variant", "build, ms", "speed-up", "report's speed-up", "kernel, ms", "same picture", "report"),
                 rows,
             )
@@ -88,8 +89,8 @@ EXPERIMENT = Experiment(
     name="ladder",
     title="The ladder of builders",
     question="What does each idea of the report gain, from the sequential baseline to the final design?",
-    method="Wall time of the whole build, the phase 'convert' excepted; kernel: event time of one picture of 800 x 450 "
-    "with lambert shading, in the layout bvh2. All variants take turns.",
+    method="Wall time of the whole build, the phase 'convert' excepted; kernel: event time of one "
+    "picture with lambert shading, in the layout bvh2. All variants take turns.",
     cases=_cases,
     measure=_measure,
     present=_present,

@@ -93,7 +93,8 @@ def _present(results: Results) -> list[Part]:
             builders,
         ),
         Table(
-            "Layouts of the default tree: kernel of a picture of 800 x 450, size on the device with the triangles, and "
+            f"Layouts of the default tree: kernel of a picture of "
+            f"{results.scale.size_of(*_PICTURE)}, size on the device with the triangles, and "
             "means per ray.",
             ("mesh", "layout", "kernel, ms", "bytes a triangle", "node visits", "leaf visits", "triangle tests",
              "same picture"),

@@ -89,7 +89,7 @@ def _list_phases(results: Results) -> list[Part]:
         phases = results.quantities(cases[0], PHASE)
         rows = [(int(case["workers"]), *(results.summary(case, PHASE + phase) for phase in phases)) for case in cases]
         columns = ("workers", *(f"{phase.removesuffix('_ms')}, ms" for phase in phases))
-        parts.append(Table(f"Phases of {builder}.", columns, rows))
+        parts.append(Table(f"Phases of {builder}. The phase convert is not counted, see the ladder.", columns, rows))
     return parts
 
 

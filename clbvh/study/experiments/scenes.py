@@ -99,7 +99,8 @@ def _present_growth(results: Results) -> list[Part]:
         ]
     return [
         Table(
-            "Procedural meshes: build with all workers, and the kernel of one picture.",
+            "Procedural meshes: build with all workers, and the kernel of a picture of "
+            f"{results.scale.size_of(*_PICTURE)}.",
             ("mesh", "triangles", "build, ms", "kernel, ms"),
             rows,  # type: ignore[arg-type]
         ),
@@ -119,7 +120,7 @@ EXPERIMENT = Experiment(
     name="scenes",
     title="Scenes and growth",
     question="How does the gain of more workers depend on the scene, and how do build and trace grow with it?",
-    method="Wall time of builds; event time of the kernel for one picture of 800 x 450.",
+    method="Wall time of builds; event time of the kernel for one picture.",
     cases=_cases,
     measure=_measure,
     present=_present,

@@ -29,7 +29,7 @@ _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 1)))
 
 # At 6.4 inches the figure fills the page's column; at half of that, text of 11 points is still read.
 _SIZE_INCHES = (6.4, 3.6)
-_BAR_INCHES = 0.42
+_BAR_INCHES = 0.36
 _BAR_MARGIN_INCHES = 0.95
 _STYLE: Any = {
     "font.family": "sans-serif",

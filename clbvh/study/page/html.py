@@ -27,9 +27,9 @@ body { margin: 0 auto; max-width: 52rem; padding: 1.2rem; background: var(--grou
 h1 { font-size: 1.7rem; line-height: 1.2; margin: .5rem 0; }
 h2 { font-size: 1.3rem; margin: 2.6rem 0 .3rem; padding-top: .8rem; border-top: 1px solid var(--line); }
 p { margin: .5rem 0; } .muted, caption, figcaption, .range { color: var(--muted); } .warn { color: var(--warn); }
-nav ul { columns: 11rem; padding-left: 1.2rem; margin: .4rem 0; } a { color: inherit; }
+nav ul { columns: 14rem; padding-left: 1.2rem; margin: .4rem 0; } a { color: inherit; }
 .scroll { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; min-width: 60%; }
+table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; width: 100%; }
 caption { text-align: left; padding-bottom: .3rem; }
 th, td { text-align: right; vertical-align: top; padding: .25rem .6rem; border-bottom: 1px solid var(--line); }
 th { font-weight: 600; vertical-align: bottom; background: var(--shade); }
@@ -143,7 +143,7 @@ def _write_cell(cell: Cell, is_text: bool) -> str:
     if isinstance(cell, Summary):
         spread = format_range(cell)
         shown = f'<span class="range">{spread}</span>' if spread else ""
-        noisy = f' class="number warn" title="the samples lie more than {NOISY_SPREAD:.0%} apart"'
+        noisy = f' class="number warn" title="the samples lie more than {100 * NOISY_SPREAD:.0f} % apart"'
         return f"<td{noisy if cell.is_noisy else ' class=number'}>{format_number(cell.median)}{shown}</td>"
     text = MISSING if cell is None else format_cell(cell)
     return f"<td class={'text' if is_text else 'number'}>{escape(text)}</td>"
