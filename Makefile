@@ -12,7 +12,7 @@ INSTALLED_PEERS := $(VENV)/.installed-peers
 INSTALLED_STUDY := $(VENV)/.installed-study
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh lint bench study clean
+.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh lint bench study results clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -62,6 +62,9 @@ bench: $(INSTALLED_PEERS) ## measure, beside the peers (installs Open3D and embr
 # one before was interrupted.
 study: $(INSTALLED_STUDY) ## repeat the report's experiments, and write out/study/index.html (installs the peers)
 	$(BIN)/clbvh study -o $(OUT)/study $(if $(QUICK),--quick) $(ONLY)
+
+results: $(INSTALLED_STUDY) ## write docs/results.md and the README's table from the study in out/study
+	$(BIN)/python -m clbvh.study.publish $(OUT)/study
 
 clean: ## remove what make made, but not downloads
 	rm -rf $(VENV) $(OUT) dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

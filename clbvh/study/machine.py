@@ -58,15 +58,6 @@ class Machine:
         """A short text that is equal for equal facts."""
         return hashlib.sha256(json.dumps(self.facts, sort_keys=True).encode()).hexdigest()[:_DIGITS]
 
-    @property
-    def sentence(self) -> str:
-        """The machine in one line."""
-        device = "no OpenCL device" if self.device is None else f"{self.device.name} ({self.device.platform})"
-        return (
-            f"{self.facts['cores']} cores of {self.facts['processor']}, {self.facts['system']}, "
-            f"Python {self.facts['python']}, {device}"
-        )
-
 
 def describe_machine(device: str | None = None) -> Machine:
     """Return the facts of this machine.
@@ -100,6 +91,7 @@ def describe_machine(device: str | None = None) -> Machine:
         **{name: version for name in _MEASURED if (version := find_version(name)) is not None},
         "sources": _digest_sources(),
         "device": "none" if chosen is None else _describe(chosen),
+        "device kind": "missing" if chosen is None else chosen.kind,
         **{f"device {info.number}": _describe(info) for info in devices},
     }
     return Machine(facts, devices, chosen, problem)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from .case import Case, key_of
-from .machine import Machine
 from .sample_file import SampleFile
 from .scale import Scale
 from .statistics import Summary
@@ -22,15 +21,22 @@ class Results:
     samples : SampleFile
     scale : Scale
         Cases of other scales in the same file are left out.
-    machine : Machine
-    cases : list of Case
-        The cases of the scale, in the order of the table.
+    machine : dict of str to str
+        The facts of the machine on which the samples were taken.
+    cases : list of Case, optional
+        The cases of the scale, in the order of the table; without it all that have samples, in the order of these.
     pictures : Path
         The folder of the pictures.
     """
 
     def __init__(
-        self, experiment: str, samples: SampleFile, scale: Scale, machine: Machine, cases: list[Case], pictures: Path
+        self,
+        experiment: str,
+        samples: SampleFile,
+        scale: Scale,
+        machine: dict[str, str],
+        cases: list[Case] | None,
+        pictures: Path,
     ) -> None:
         self.scale = scale
         self.machine = machine
@@ -38,6 +44,9 @@ class Results:
         self._records: dict[str, list[dict[str, Any]]] = {}
         for record in samples.samples(experiment):
             self._records.setdefault(key_of(record["case"]), []).append(record)
+        if cases is None:
+            cases = [record["case"] for record in [*samples.samples(experiment), *samples.failures(experiment)]]
+            cases = list({key_of(case): case for case in cases}.values())
         self.cases = [case for case in cases if key_of(case) in self._records]
         wanted = {key_of(case) for case in cases}
         self.failures: list[tuple[Case, str]] = [
@@ -45,6 +54,11 @@ class Results:
             for record in samples.failures(experiment)
             if key_of(record["case"]) in wanted
         ]
+
+    @property
+    def cores(self) -> int:
+        """The number of processors, and so of workers where nothing else is said."""
+        return int(self.machine["cores"])
 
     def find(self, **keys: str | int | float) -> list[Case]:
         """Return the measured cases that have these values."""

@@ -148,9 +148,9 @@ def make_page(
     sections = []
     for experiment in experiments:
         if samples.samples(experiment.name) or samples.failures(experiment.name):
-            results = Results(experiment.name, samples, scale, machine, experiment.cases(scale), pictures)
+            results = Results(experiment.name, samples, scale, machine.facts, experiment.cases(scale), pictures)
             if results.cases or results.failures:
-                sections.append(_make_section(experiment, results, machine))
+                sections.append(_make_section(experiment, results))
     warm = f"{scale.least_rounds} to {scale.rounds} rounds" if scale.rounds > scale.least_rounds else "all rounds"
     introduction = [
         f"The experiments of the report “{TITLE}” (course project, 2026), repeated with clbvh on this machine, and a "
@@ -168,15 +168,15 @@ def make_page(
     return write_page("The clbvh study", introduction, facts, sections)
 
 
-def _make_section(experiment: Experiment, results: Results, machine: Machine) -> Section:
+def _make_section(experiment: Experiment, results: Results) -> Section:
     return Section(
         experiment.name, experiment.title, experiment.question, experiment.method,
         experiment.present(results) if results.cases else (),
-        [*_note_noise(experiment, results, machine), *_note_failures(results.failures)],
+        [*note_noise(experiment, results), *note_failures(results.failures)],
     )  # fmt: skip
 
 
-def _note_noise(experiment: Experiment, results: Results, machine: Machine) -> list[str]:
+def note_noise(experiment: Experiment, results: Results) -> list[str]:
     """Say how many figures are noisy, and whether the machine was busy with something else."""
     if experiment.counts or not results.cases:
         return []
@@ -190,13 +190,13 @@ def _note_noise(experiment: Experiment, results: Results, machine: Machine) -> l
     notes = []
     if noisy:
         notes.append(f"Noise: {noisy} of {len(summaries)} measured times have samples more than {_NOISY} apart.")
-    cores, load = int(machine.facts["cores"]), results.highest_load
+    cores, load = results.cores, results.highest_load
     if load is not None and load > _BUSY_SHARE * cores + 1:
         notes.append(f"The machine was busy: the load average reached {load:g} on {cores} cores.")
     return notes
 
 
-def _note_failures(failures: Sequence[tuple[Case, str]]) -> list[str]:
+def note_failures(failures: Sequence[tuple[Case, str]]) -> list[str]:
     """Say what was not measured, cases of one reason together."""
     by_reason: dict[str, list[Case]] = {}
     for case, reason in failures:

@@ -60,6 +60,10 @@ class SampleFile:
         """Whether `add_done` was called for this group and scale."""
         return any(record["group"] == group and record["scale"] == scale for record in self._of(_DONE, experiment))
 
+    def scales(self, experiment: str) -> set[str]:
+        """Return the scales for which groups of an experiment are done."""
+        return {str(record["scale"]) for record in self._of(_DONE, experiment)}
+
     def samples(self, experiment: str) -> list[dict[str, Any]]:
         """Return the samples of an experiment as they stand in the file, in the order in which they were taken."""
         return self._of(_SAMPLE, experiment)

@@ -19,6 +19,10 @@ _Choice = TypeVar("_Choice")
 SCANS = {"drill": 1_288, "bunny": 69_451, "dragon": 871_306}
 
 
+# The procedural mesh in place of a scan.
+_STAND_IN = "knot"
+
+
 @dataclass(frozen=True)
 class Scale:
     """The size of a study.
@@ -89,7 +93,13 @@ class Scale:
                 pass
             else:
                 return name
-        return self.shape("knot", SCANS[name])
+        return self.shape(_STAND_IN, SCANS[name])
+
+
+def scan_of(mesh: str) -> str:
+    """Return the scan that a mesh is, or stands for; any other name as it is."""
+    stand_ins = {f"{_STAND_IN}-{triangles}": name for name, triangles in SCANS.items()}
+    return stand_ins.get(mesh, mesh)
 
 
 FULL = Scale("full", rounds=9, least_rounds=3, group_s=60, idle_gap_s=0.5, is_full=True)

@@ -13,6 +13,9 @@ from ..report import published, source_of
 from ..results import Results
 from ..scale import Scale
 
+# The fact that says why there are no hardware counters.
+_PROBLEM = "no_counters"
+
 # Named after the quantities of `LadderWork`.
 _WORK = {
     "comparisons": "comparisons",
@@ -32,9 +35,10 @@ def _measure(bench: Bench, case: Case) -> Sample:
     name, builder = str(case["mesh"]), str(case["builder"])
     work = count_ladder_work(bench.mesh(name), builder)
     values = {quantity: float(getattr(work, quantity)) for quantity in _WORK}
-    if not find_problem():
-        values |= count_build(name, builder)
-    return Sample(values)
+    problem = find_problem()
+    if problem:
+        return Sample(values, {_PROBLEM: problem})
+    return Sample(values | count_build(name, builder))
 
 
 def _present(results: Results) -> list[Part]:
@@ -50,8 +54,9 @@ def _present(results: Results) -> list[Part]:
     else:
         parts.append(
             Paragraph(
-                f"No hardware counters here: {find_problem()}. The table below is counted work, not what a processor "
-                "counts: how often the variants' own code compares, looks up, computes, moves and allocates."
+                f"No hardware counters here: {results.fact(results.cases[0], _PROBLEM)}. The table below is counted "
+                "work, not what a processor counts: how often the variants' own code compares, looks up, computes, "
+                "moves and allocates."
             )
         )
     parts.append(Table(f"Counted work of one build of {mesh}.", ("variant", *_WORK.values()), rows))

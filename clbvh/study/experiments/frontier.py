@@ -44,7 +44,7 @@ def _present(results: Results) -> list[Part]:
     measured = {int(case["frontier"]): total for case in results.cases if (total := results.summary(case, "total_ms"))}
     parts: list[Part] = [
         Table(
-            f"{', '.join(results.distinct('mesh'))}, {usable_cores()} workers, layout bvh2, a picture of "
+            f"{', '.join(results.distinct('mesh'))}, {results.cores} workers, layout bvh2, a picture of "
             f"{results.scale.size_of(*_PICTURE)}. "
             f"The report: {source_of('frontier')}, at 3840 x 2160.",
             ("F", "build, ms", "kernel, ms", "total, ms", "report: build", "kernel", "total"),

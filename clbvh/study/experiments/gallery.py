@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ...support.host_threads import usable_cores
 from ..bench import Bench
 from ..case import Case, Experiment, Sample
 from ..frames import draw_frame
@@ -35,7 +34,7 @@ def _present(results: Results) -> list[Part]:
         if (name := results.fact(case, "file")) is not None and (results.pictures / name).is_file()
     ]
     table = Table(
-        f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {usable_cores()} workers.",
+        f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {results.cores} workers.",
         ("mesh", "shading", "triangles", "kernel, ms"),
         [
             (case["mesh"], case["shading"], int(results.median(case, "triangles") or 0),

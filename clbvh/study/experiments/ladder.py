@@ -67,7 +67,7 @@ def _present(results: Results) -> list[Part]:
             ))  # fmt: skip
         parts.append(
             Table(
-                f"{mesh}, {usable_cores()} workers, a picture of "
+                f"{mesh}, {results.cores} workers, a picture of "
                 f"{results.scale.size_of(*_PICTURE)}. Speed-up: over the variant before; of flatten and flat over "
                 f"bin, of frontier and {_DEFAULT} over flat. The report: {source_of('ladder')}.",
                 ("variant", "build, ms", "speed-up", "report's speed-up", "kernel, ms", "same picture", "report"),

@@ -87,7 +87,7 @@ def _present(results: Results) -> list[Part]:
     kernels = [results.summary(case, "kernel_ms") or 0.0 for case in results.find(part="layout")]
     return [
         Table(
-            f"A separate pass that flattens, against writing the flat array at once; {usable_cores()} workers. "
+            f"A separate pass that flattens, against writing the flat array at once; {results.cores} workers. "
             f"The report: {source_of('ladder')}.",
             ("mesh", "variant", "build, ms", "last pass, ms", "speed-up over flatten", "report"),
             builders,

@@ -34,7 +34,7 @@ _QUICK_POINTS = 20_000
 _QUICK_SHARE = 8
 _SEED = 1
 
-_QUERIES = {
+QUERIES = {
     "build": "build, ms",
     "coherent": "closest hit, coherent",
     "shuffled": "closest hit, shuffled",
@@ -51,7 +51,7 @@ def _cases(scale: Scale) -> list[Case]:
     return [
         {"mesh": mesh, "query": query, "engine": engine}
         for mesh in list(dict.fromkeys(meshes))[: scale.most_meshes]
-        for query in _QUERIES
+        for query in QUERIES
         for engine in ENGINES
     ]
 
@@ -125,7 +125,7 @@ def _present(results: Results) -> list[Part]:
     size = results.scale.size_of(*results.scale.pick(_PICTURE, _QUICK_PICTURE))
     count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
     parts: list[Part] = [
-        _list_engines(),
+        _list_engines(results),
         Paragraph(
             f"Coherent rays are those of a picture of {size}; shuffled ones are the same in random order; scattered "
             f"ones come from all around the mesh, in no order. any hit and all hits get the coherent rays. {count:,} "
@@ -137,13 +137,11 @@ def _present(results: Results) -> list[Part]:
     for mesh in results.distinct("mesh"):
         rows = []
         answers = []
-        for query, title in _QUERIES.items():
+        for query, title in QUERIES.items():
             cases = {str(case["engine"]): case for case in results.find(mesh=mesh, query=query)}
             if not cases:
                 continue
-            rows.append(
-                (title, *(_figure_of(results, cases.get(name), query) for name in names), _lead(results, cases))
-            )
+            rows.append((title, *(figure_of(results, cases.get(name), query) for name in names), _lead(results, cases)))
             counts = {name: results.median(case, "answers") for name, case in cases.items()}
             items = {name: int(results.median(case, "items") or 0) for name, case in cases.items()}
             answers.append((title, *(_describe_answers(counts.get(name), items.get(name)) for name in names)))
@@ -160,16 +158,16 @@ def _present(results: Results) -> list[Part]:
     return parts
 
 
-def _list_engines() -> Table:
+def _list_engines(results: Results) -> Table:
     rows = []
     for name, engine in ENGINES.items():
         packages = engine.packages or ("clbvh",)
-        versions = [f"{package} {find_version(package) or 'not installed'}" for package in packages]
+        versions = [f"{package} {results.machine.get(package, 'not installed')}" for package in packages]
         rows.append((name, ", ".join(versions), engine.threads))
     return Table("The engines.", ("engine", "version", "threads of a query"), rows)
 
 
-def _figure_of(results: Results, case: Case | None, query: str) -> Summary | None:
+def figure_of(results: Results, case: Case | None, query: str) -> Summary | None:
     """Return milliseconds of a build, millions of items per second of a query."""
     summary = None if case is None else results.summary(case, "wall_ms")
     if case is None or summary is None or query == "build":
@@ -204,7 +202,7 @@ def _draw(results: Results, names: list[str]) -> Part:
     series = []
     for name in names:
         found = [
-            (index, _figure_of(results, cases[0], "coherent"))
+            (index, figure_of(results, cases[0], "coherent"))
             for index, mesh in enumerate(meshes)
             if (cases := results.find(mesh=mesh, query="coherent", engine=name))
         ]

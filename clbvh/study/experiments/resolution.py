@@ -83,18 +83,17 @@ def _present(results: Results) -> list[Part]:
                         published("resolution.traversal_speedup") if is_reports else None,
                     ))  # fmt: skip
     bars = [Series(name, range(len(summaries)), summaries) for name, summaries in totals.items()]
-    device = results.machine.device
-    kind = "a CPU: the same processor, with its vector units" if device and device.kind == "cpu" else "a graphics card"
+    kind = results.machine.get("device kind", "missing")
+    device = {"cpu": "the same processor, with its vector units", "gpu": "a graphics card"}.get(kind, kind)
     return [
         Paragraph(
             "The host traversal is the compiled one by which clbvh counts node steps (`clbvh.trace.oracle.visits`): "
             "one ray at a time through the binary tree, near child first, step for step the device's layout bvh2, "
-            "without vector instructions. It also counts, which costs a few per cent. The device here is "
-            + (kind if device else "missing")
-            + "."
+            "without vector instructions. It also counts, which takes a little time. The device here is "
+            f"{device}."
         ),
         Table(
-            f"{', '.join(results.distinct('mesh'))}: build with {usable_cores()} workers, and traversal. On the "
+            f"{', '.join(results.distinct('mesh'))}: build with {results.cores} workers, and traversal. On the "
             "device, traversal is upload, kernel and download by its own clock.",
             ("picture", "traversal", "rays", "build, ms", "traversal, ms", "total, ms"),
             rows,

@@ -12,7 +12,7 @@ from ..page.drawing import Axis, Series, draw_curves
 from ..page.parts import Figure, Part, Table
 from ..report import published, source_of
 from ..results import Results
-from ..scale import SCANS, Scale
+from ..scale import SCANS, Scale, scan_of
 from ..statistics import Summary, growth_exponent
 
 _BUILDERS = ("sah", "flat")
@@ -53,19 +53,18 @@ def _measure(bench: Bench, case: Case) -> Sample:
 
 def _present(results: Results) -> list[Part]:
     said = published("scenes.says")
-    of_mesh = {results.scale.mesh(name): name for name in SCANS}
     scans = [
         (
             case["mesh"], case["builder"], int(results.median(case, "triangles") or 0),
             results.summary(case, "one_worker_ms"), results.summary(case, "all_workers_ms"), _speedup(results, case),
-            said[of_mesh[str(case["mesh"])]] if case["mesh"] in of_mesh else None,
+            said.get(scan_of(str(case["mesh"]))),
         )
         for case in results.find(part=_SCAN)
     ]  # fmt: skip
     return [
         Table(
-            f"Build with 1 and with {usable_cores()} workers. The report: {source_of('scenes')}.",
-            ("mesh", "builder", "triangles", "1 worker, ms", f"{usable_cores()} workers, ms", "speed-up", "report"),
+            f"Build with 1 and with {results.cores} workers. The report: {source_of('scenes')}.",
+            ("mesh", "builder", "triangles", "1 worker, ms", f"{results.cores} workers, ms", "speed-up", "report"),
             scans,
         ),
         *_present_growth(results),

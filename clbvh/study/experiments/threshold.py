@@ -55,7 +55,7 @@ def _present(results: Results) -> list[Part]:
     ticks = sorted({*_THRESHOLDS[::2], *results.distinct("threshold")} if results.cases else _THRESHOLDS)
     return [
         Table(
-            f"Build on {', '.join(results.distinct('mesh'))} with {usable_cores()} workers, and relative to the best "
+            f"Build on {', '.join(results.distinct('mesh'))} with {results.cores} workers, and relative to the best "
             f"threshold of the builder. The report: {source_of('threshold')}.",
             ("builder", "task threshold", "build, ms", "relative", "report's relative"),
             rows,
