@@ -52,12 +52,17 @@ def study(
 
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
-    with Bar(*columns, console=console, transient=True) as shown:
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
         bar = shown.add_task("", total=1.0, left="")
+        begun: set[str] = set()
 
         def follow(progress: Progress) -> None:
             left = f", {_describe_time(progress.remaining_s)} left" if progress.remaining_s is not None else ""
             shown.update(bar, description=progress.experiment, completed=progress.share, left=left)
+            if not console.is_terminal and progress.experiment not in begun:
+                # A line for each experiment is enough for a log.
+                begun.add(progress.experiment)
+                note(f"{progress.experiment} begins at {100 * progress.share:.0f} %{left}")
 
         def note(text: str) -> None:
             shown.console.print(f"clbvh: {text}", markup=False, highlight=False, soft_wrap=True)
@@ -78,14 +83,8 @@ def _describe_time(seconds: float) -> str:
 
 
 def _print_list() -> None:
-    from rich.table import Table
-
     from ..study.registry import EXPERIMENTS
-    from .tables import print_tables
 
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column()
-    table.add_column(style="dim")
+    longest = max(map(len, EXPERIMENTS))
     for experiment in EXPERIMENTS.values():
-        table.add_row(experiment.name, experiment.question)
-    print_tables(table)
+        print(f"{experiment.name:{longest}}  {experiment.question}")

@@ -66,14 +66,16 @@ def _present(results: Results) -> list[Part]:
         for number, title in enumerate(_WORK.values()) if title in ("comparisons", "boxes computed", "record moves")
     ]  # fmt: skip
     parts.append(Figure("Counted work.", draw_bars(Axis("times in one build", is_log=True), list(cases), series)))
-    ratios = ", ".join(f"{published(f'counters.{quantity}')} times fewer {event}" for event, quantity in EVENTS.items())
+    ratios = ", ".join(
+        f"{published(f'counters.{quantity}')} times fewer {event.replace('-', ' ')}"
+        for event, quantity in EVENTS.items()
+    )
     more = ", ".join(
-        f"{published(f'counters.atomic.{quantity}')} times the {event}" for event, quantity in EVENTS.items()
+        f"{published(f'counters.atomic.{quantity}')} times the {event.replace('-', ' ')}"
+        for event, quantity in EVENTS.items()
     )
     parts.append(
-        Paragraph(
-            f"The report ({source_of('counters')}): `bin` has {ratios} than `sequential`; `atomic` has {more} of `bin`."
-        )
+        Paragraph(f"The report ({source_of('counters')}): bin has {ratios} than sequential; atomic has {more} of bin.")
     )
     return parts
 
@@ -102,7 +104,7 @@ EXPERIMENT = Experiment(
     name="counters",
     title="Counters",
     question="How much less work does each variant of the ladder make?",
-    method="Hardware counters: `perf stat` around a process that builds one tree, and around one that builds three; "
+    method="Hardware counters: perf stat around a process that builds one tree, and around one that builds three; "
     "half the difference. Counted work: the variants' own compiled steps, run on arrays that count.",
     cases=_cases,
     measure=_measure,

@@ -87,7 +87,7 @@ def _present(results: Results) -> list[Part]:
     device = {"cpu": "the same processor, with its vector units", "gpu": "a graphics card"}.get(kind, kind)
     return [
         Paragraph(
-            "The host traversal is the compiled one by which clbvh counts node steps (`clbvh.trace.oracle.visits`): "
+            "The host traversal is the compiled one by which clbvh counts node steps (clbvh.trace.oracle.visits): "
             "one ray at a time through the binary tree, near child first, step for step the device's layout bvh2, "
             "without vector instructions. It also counts, which takes a little time. The device here is "
             f"{device}."

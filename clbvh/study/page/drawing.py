@@ -31,6 +31,7 @@ _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 1)))
 _SIZE_INCHES = (6.4, 3.6)
 _BAR_INCHES = 0.36
 _BAR_MARGIN_INCHES = 0.95
+_LEGEND_COLUMNS = 4
 _STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 11,
@@ -110,8 +111,6 @@ def draw_curves(x: Axis, y: Axis, series: Sequence[Series]) -> str:
         number = 0
         for one in shown:
             medians = [_median(value) for value in one.y]
-            errors = [[m - _low(v) for m, v in zip(medians, one.y, strict=True)],
-                      [_high(v) - m for m, v in zip(medians, one.y, strict=True)]]  # fmt: skip
             if one.is_published:
                 style: dict[str, Any] = {"color": _PUBLISHED, "marker": "o", "markerfacecolor": "none",
                                          "linestyle": (0, (1, 1.5))}  # fmt: skip
@@ -119,13 +118,15 @@ def draw_curves(x: Axis, y: Axis, series: Sequence[Series]) -> str:
                 style = {"color": _SERIES[number % len(_SERIES)], "marker": _MARKERS[number % len(_MARKERS)],
                          "linestyle": _LINES[number % len(_LINES)]}  # fmt: skip
                 number += 1
-            axes.errorbar(one.x, medians, yerr=errors, label=one.name, capsize=3, linewidth=1.8, markersize=6, **style)
+            axes.errorbar(
+                one.x, medians, yerr=_errors(one), label=one.name, capsize=3, linewidth=1.8, markersize=6, **style
+            )
         _label(axes.xaxis, x)
         _label(axes.yaxis, y)
         if not y.is_log:
             axes.set_ylim(bottom=0)
         axes.grid(**_GRID)
-        axes.legend(loc="best")
+        _add_legend(figure, len(shown))
         return _as_svg(figure)
 
 
@@ -151,18 +152,16 @@ def draw_bars(value: Axis, names: Sequence[str], series: Sequence[Series]) -> st
         for row, one in enumerate(shown):
             positions = [index - 0.4 + thickness * (row + 0.5) for index in one.x]
             medians = [_median(value) for value in one.y]
-            errors = [[m - _low(v) for m, v in zip(medians, one.y, strict=True)],
-                      [_high(v) - m for m, v in zip(medians, one.y, strict=True)]]  # fmt: skip
             colour = _PUBLISHED if one.is_published else _SERIES[number % len(_SERIES)]
             number += not one.is_published
-            axes.barh(positions, medians, thickness * 0.9, xerr=errors, label=one.name, color=colour,
+            axes.barh(positions, medians, thickness * 0.9, xerr=_errors(one), label=one.name, color=colour,
                       error_kw={"ecolor": _INK, "capsize": 2, "linewidth": 1})  # fmt: skip
         axes.set_yticks(range(len(names)), names)
         axes.invert_yaxis()
         _label(axes.xaxis, value)
         axes.grid(axis="x", **_GRID)
         if len(shown) > 1:
-            axes.legend(loc="best")
+            _add_legend(figure, len(shown))
         return _as_svg(figure)
 
 
@@ -196,6 +195,11 @@ def _figure(inches: tuple[float, float]) -> Iterator[tuple[Figure, Any]]:
         axes.patch.set_alpha(0)
         axes.set_axisbelow(True)
         yield figure, axes
+
+
+def _add_legend(figure: Figure, count: int) -> None:
+    """Name the series above the axes, where they cover nothing."""
+    figure.legend(loc="outside upper left", ncols=min(count, _LEGEND_COLUMNS), borderaxespad=0.2)
 
 
 def _label(axis: Any, wanted: Axis) -> None:
@@ -240,13 +244,11 @@ def _as_svg(figure: Figure) -> str:
     return re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
 
 
+def _errors(series: Series) -> list[list[float]] | None:
+    """Return the distances from the medians to the smallest and the largest samples, None where there are none."""
+    pairs = [(value.median - value.low, value.high - value.median) for value in series.y if isinstance(value, Summary)]
+    return [list(side) for side in zip(*pairs, strict=True)] if len(pairs) == len(series.y) else None
+
+
 def _median(value: Summary | float) -> float:
     return value.median if isinstance(value, Summary) else value
-
-
-def _low(value: Summary | float) -> float:
-    return value.low if isinstance(value, Summary) else value
-
-
-def _high(value: Summary | float) -> float:
-    return value.high if isinstance(value, Summary) else value

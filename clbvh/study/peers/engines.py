@@ -183,7 +183,7 @@ class Trimesh(Engine):
     queries = ("build", "coherent", "shuffled", "scattered", "any", "all", "points")
     threads = "1"
     most_triangles = 100_000
-    most_items = 1_000
+    most_items = 200
 
     def open(self, vertices: Array, faces: Array) -> None:
         import trimesh

@@ -141,7 +141,8 @@ def test_a_missing_peer_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(engines.ENGINES, "ghost", type("Ghost", (engines.Engine,), {
         "name": "ghost", "packages": ("no_such_package",), "queries": ("build",),
     }))  # fmt: skip
-    monkeypatch.delitem(engines.ENGINES, "clbvh")
+    for name in ("clbvh", "Open3D", "embreex", "trimesh"):
+        monkeypatch.delitem(engines.ENGINES, name)
     study = run_study(tmp_path, ["peers"], scale=TINY)
     assert "Missing peer: ghost (no_such_package is not installed)." in study.notes
     assert "no_such_package is not installed: run" in study.page.read_text()
