@@ -67,7 +67,7 @@ def _present(results: Results) -> list[Part]:
                 "Total relative to the best F. The report's picture is larger and its device faster, so only the "
                 "shapes compare.",
                 draw_curves(
-                    Axis("F, triangles in a leaf", is_log=True, ticks=[*measured]),
+                    Axis("F, triangles in a leaf", is_log=True, ticks=sorted({*measured, *list(totals)[::2]})),
                     Axis("relative total", is_log=True),
                     [
                         Series("clbvh", list(measured), ours),

@@ -32,6 +32,8 @@ _SIZE_INCHES = (6.4, 3.6)
 _BAR_INCHES = 0.36
 _BAR_MARGIN_INCHES = 0.95
 _LEGEND_COLUMNS = 4
+# Ranges below this ratio get more numbers on a logarithmic axis.
+_FEW_DECADES = 50
 _STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 11,
@@ -203,7 +205,7 @@ def _add_legend(figure: Figure, count: int) -> None:
 
 
 def _label(axis: Any, wanted: Axis) -> None:
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
     from .numbers import format_number
 
@@ -211,16 +213,14 @@ def _label(axis: Any, wanted: Axis) -> None:
     if wanted.is_log:
         axis._set_axes_scale("log")
         axis.set_minor_formatter(NullFormatter())
+        low, high = axis.get_view_interval()
+        if high < _FEW_DECADES * low:
+            # Powers of ten alone would leave one number or none.
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     if wanted.ticks:
         axis.set_ticks(list(wanted.ticks))
-        axis.set_minor_locator(_no_ticks())
+        axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: _shorten(value, format_number)))
-
-
-def _no_ticks() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
 
 
 def _shorten(value: float, format_number: Any) -> str:

@@ -26,11 +26,11 @@ body { margin: 0 auto; max-width: 52rem; padding: 1.2rem; background: var(--grou
   font: 1rem/1.5 system-ui, sans-serif; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: .5rem 0; }
 h2 { font-size: 1.3rem; margin: 2.6rem 0 .3rem; padding-top: .8rem; border-top: 1px solid var(--line); }
-p { margin: .5rem 0; } .muted, caption, figcaption, .range { color: var(--muted); } .warn { color: var(--warn); }
+p { margin: .5rem 0; } .muted, .caption, figcaption, .range { color: var(--muted); } .warn { color: var(--warn); }
 nav ul { columns: 14rem; padding-left: 1.2rem; margin: .4rem 0; } a { color: inherit; }
-.scroll { overflow-x: auto; margin: 1rem 0; }
+.scroll { overflow-x: auto; margin: 0 0 1rem; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; width: 100%; }
-caption { text-align: left; padding-bottom: .3rem; }
+.caption { font-size: .9rem; margin: 1rem 0 .3rem; }
 th, td { text-align: right; vertical-align: top; padding: .25rem .6rem; border-bottom: 1px solid var(--line); }
 th { font-weight: 600; vertical-align: bottom; background: var(--shade); }
 th:first-child, td:first-child, td.text, th.text { text-align: left; } td.number { white-space: nowrap; }
@@ -42,7 +42,7 @@ figcaption { font-size: .9rem; margin-top: .3rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .9rem; }
 dt { color: var(--muted); } dd { margin: 0; overflow-wrap: anywhere; }
 @media (max-width: 30rem) { body { padding: .8rem; } dl { grid-template-columns: 1fr; } dd { margin: 0 0 .4rem; }
-  figure svg { min-width: 26rem; } figure { overflow-x: auto; } }
+  th:first-child, td:first-child { position: sticky; left: 0; background: var(--ground); } }
 """
 
 
@@ -109,7 +109,7 @@ def _write_part(part: Part, name: str, title: str) -> str:
     if isinstance(part, Paragraph):
         return f"<p>{escape(part.text)}</p>"
     if isinstance(part, Table):
-        return _write_table(part)
+        return _write_table(part, f"{name}-caption")
     caption = f"<figcaption>{escape(part.caption)}</figcaption>"
     label = escape(f"{title}: {part.caption}", quote=True)
     if isinstance(part, Picture):
@@ -121,7 +121,7 @@ def _write_part(part: Part, name: str, title: str) -> str:
     return f"<figure>{drawing}{caption}</figure>"
 
 
-def _write_table(table: Table) -> str:
+def _write_table(table: Table, caption_id: str) -> str:
     is_text = [all(isinstance(row[column], str) or row[column] is None for row in table.rows)
                and any(isinstance(row[column], str) for row in table.rows)
                for column in range(len(table.columns))]  # fmt: skip
@@ -134,7 +134,9 @@ def _write_table(table: Table) -> str:
         for row in table.rows
     )
     return (
-        f'<div class="scroll"><table><caption>{escape(table.caption)}</caption>\n'
+        # Outside of the table, whose width it would take on a phone.
+        f'<p class="caption" id="{caption_id}">{escape(table.caption)}</p>\n'
+        f'<div class="scroll"><table aria-labelledby="{caption_id}">\n'
         f"<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>"
     )
 
