@@ -12,7 +12,7 @@ INSTALLED_PEERS := $(VENV)/.installed-peers
 INSTALLED_STUDY := $(VENV)/.installed-study
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh lint bench study results clean
+.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh platforms lint bench study results clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,9 @@ conformance: $(INSTALLED) ## compare the answers of every OpenCL runtime here wi
 
 conformance-refresh: $(INSTALLED) ## store the answers of the default device anew, where they change on purpose
 	$(BIN)/python -m clbvh.conformance.refresh
+
+platforms: $(INSTALLED_DEV) ## see whether all packages have wheels for each platform and Python (downloads 2 GB)
+	$(BIN)/python .ci/check_platforms.py
 
 lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 	$(BIN)/ruff check .

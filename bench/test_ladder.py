@@ -10,7 +10,7 @@ import pytest
 
 import clbvh
 from clbvh.builders.ladder import LADDER
-from clbvh.rendering.camera import frame_mesh
+from clbvh.rendering.framing import frame_mesh
 
 RUNS = 9
 WORKERS = (1, 2)

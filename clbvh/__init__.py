@@ -34,16 +34,22 @@ if TYPE_CHECKING:
         ValidationError,
     )
     from .geometry import Mesh, MeshLike, load_mesh, make_shape
+    from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera, Vector
+    from .rendering.lens import Lens
     from .rendering.picture import Picture
-    from .rendering.render import RenderOptions, render
+    from .rendering.render import render
+    from .rendering.render_options import RenderOptions
+    from .rendering.renderer import Renderer
     from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
     from .stats import TreeStats, measure_tree
+    from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
+    "__version__": "support.version",
     "Mesh": "geometry",
     "MeshLike": "geometry",
     "load_mesh": "geometry",
@@ -65,11 +71,14 @@ _HOME_OF = {
     "Progress": "trace",
     "Tracer": "trace",
     "Camera": "rendering.camera",
+    "Lens": "rendering.lens",
     "Light": "rendering.scene",
     "MeshSource": "rendering.scene",
     "Picture": "rendering.picture",
-    "RenderOptions": "rendering.render",
+    "RenderOptions": "rendering.render_options",
+    "Renderer": "rendering.renderer",
     "Scene": "rendering.scene",
+    "SceneLike": "rendering.as_scene",
     "Transform": "rendering.scene",
     "Vector": "rendering.camera",
     "open_scene": "rendering.scene_file",
@@ -112,11 +121,14 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Progress",
     "Tracer",
     "Camera",
+    "Lens",
     "Light",
     "MeshSource",
     "Picture",
     "RenderOptions",
+    "Renderer",
     "Scene",
+    "SceneLike",
     "Transform",
     "Vector",
     "open_scene",

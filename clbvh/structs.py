@@ -154,11 +154,14 @@ HIT_PRIM_ID = _lane(HIT, "prim_id")
 VIEW = np.dtype(
     [
         # A pixel's ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
-        # from -1 to 1. `forward` is a unit vector; `right` and `up` are half the picture's size at distance 1.
+        # from -1 to 1. `forward` points to the middle of the picture's plane at distance 1 from the eye; `right` and
+        # `up` are half its size. They are at right angles unless the lens is off centre or has skew.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),
         ("right", np.float32, 3),
         ("up", np.float32, 3),
+        # The unit vector along which depth is measured.
+        ("optical_axis", np.float32, 3),
         # Directed light, with a unit vector towards it, and ambient light from the sky and the ground.
         ("to_light", np.float32, 3),
         ("light_colour", np.float32, 3),
@@ -168,7 +171,7 @@ VIEW = np.dtype(
         ("surface_colour", np.float32, 3),
         ("background_top", np.float32, 3),
         ("background_bottom", np.float32, 3),
-        # Distances along `forward` that a depth picture shows as white and as black.
+        # Distances along `optical_axis` that a depth picture shows as white and as black.
         ("depth_near", np.float32),
         ("depth_far", np.float32),
         ("width", np.int32),

@@ -1,8 +1,8 @@
-"""The share of the sky that each vertex of a mesh sees: any-hit rays over the hemisphere above it.
+"""The share of the sky that each face of a mesh sees: any-hit rays over the hemisphere above its middle.
 
     python examples/ambient_occlusion.py [MESH] [-o occlusion.ply] [--rays 64]
 
-Writes a PLY file with the share of open sky as grey vertex colours.
+Writes a PLY file with the share of open sky as grey face colours.
 """
 
 from __future__ import annotations
@@ -14,28 +14,25 @@ import trimesh
 
 import clbvh
 
-
-def vertex_normals(mesh: clbvh.Mesh) -> np.ndarray:
-    """Return (V, 3) unit normals: the mean of the faces around each vertex, weighted by area."""
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
-    normals = np.zeros((len(mesh.vertices), 3))
-    for corner in range(3):
-        np.add.at(normals, mesh.faces[:, corner], np.cross(b - a, c - a))
-    return normals / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+# Rays of each face that are cast together.
+TOGETHER = 8
 
 
 def open_sky(tracer: clbvh.Tracer, mesh: clbvh.Mesh, rays: int, seed: int = 0) -> np.ndarray:
-    """Return the cosine-weighted share of directions without a hit, (V,), for each vertex."""
-    normals = vertex_normals(mesh)
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    origins = mesh.vertices + 1e-4 * size * normals
+    """Return the cosine-weighted share of directions without a hit, (F,), for the middle of each face."""
+    third = np.full(mesh.face_count, 1 / 3)
+    middles = clbvh.Hits(0 * third, third, third, np.arange(mesh.face_count, dtype=np.int32), mesh)
+    normals = middles.normals
+    origins = middles.offset_origins(towards=normals)
     generator = np.random.default_rng(seed)
-    seen = np.zeros(len(origins))
-    for _ in range(rays):
+    seen = np.zeros(mesh.face_count)
+    for first in range(0, rays, TOGETHER):
         # Directions to random points on the unit sphere around the tip of the normal are cosine-weighted.
-        offset = generator.normal(size=origins.shape)
-        offset /= np.linalg.norm(offset, axis=1)[:, None]
-        seen += ~tracer.any_hit(origins, normals + 0.999 * offset)
+        directions = generator.normal(size=(min(TOGETHER, rays - first), mesh.face_count, 3))
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        directions += normals
+        # Origins (F, 3) are broadcast against directions (rays, F, 3).
+        seen += (~tracer.any_hit(origins, directions)).sum(axis=0)
     return seen / rays
 
 
@@ -50,8 +47,8 @@ def main() -> None:
         sky = open_sky(tracer, mesh, options.rays)
     grey = np.round(255 * sky).astype(np.uint8)
     colours = np.stack([grey, grey, grey, np.full_like(grey, 255)], axis=1)
-    trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colours, process=False).export(options.output)
-    print(f"{options.output}: vertices see {sky.mean():.0%} of the sky, from {sky.min():.0%} to {sky.max():.0%}")
+    trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colours, process=False).export(options.output)
+    print(f"{options.output}: faces see {sky.mean():.0%} of the sky, from {sky.min():.0%} to {sky.max():.0%}")
 
 
 if __name__ == "__main__":

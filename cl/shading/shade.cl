@@ -51,7 +51,7 @@ INLINED float3 shade_lambert(const global view_t *view, const float3 normal, con
 // White at depth_near, black at depth_far, and linear between them, so that grey values can be read as distances.
 INLINED float3 shade_depth(const global view_t *view, const float3 position)
 {
-    const float depth = dot_product(position - load3(view->eye), load3(view->forward));
+    const float depth = dot_product(position - load3(view->eye), load3(view->optical_axis));
     const float fraction = (depth - view->depth_near) / (view->depth_far - view->depth_near);
     return (float3)(1.0f - clamp(fraction, 0.0f, 1.0f));
 }

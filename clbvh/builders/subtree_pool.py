@@ -22,7 +22,7 @@ class SubtreePool(WorkerPool):
     Raises
     ------
     ConfigError
-        A number of workers below 1, or a timeout that is not above 0.
+        A number of workers below 1 or above 1024, or a timeout that is not above 0.
     PoolError
         From `wait_ready` and from any use: the workers did not start, one of them failed or died. The pool is
         closed then, and cannot be used again. From the end of a `with` block, when the script has no guard (see

@@ -11,13 +11,13 @@ import hashlib
 import json
 import os
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
 from ..support.cache_folder import find_cache
+from ..support.version import __version__
 from .options import BuildOptions
 
 SUFFIX = ".tree"
@@ -54,7 +54,7 @@ def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) ->
     The name identifies the mesh, by its fingerprint, and everything that determines the tree: the builder, its options
     without the task threshold, and the version of clbvh.
     """
-    recipe = dataclasses.asdict(options) | {"builder": builder, "version": version("clbvh")}
+    recipe = dataclasses.asdict(options) | {"builder": builder, "version": __version__}
     del recipe["task_threshold"]
     digest = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
     return folder / f"{mesh.fingerprint.hex()[:_MESH_DIGITS]}-{digest[:_RECIPE_DIGITS]}{SUFFIX}"

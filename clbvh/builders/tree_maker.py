@@ -21,6 +21,7 @@ from .options import BuildOptions
 from .registry import BUILDERS, DEFAULT_BUILDER, check_builder
 from .subtree_pool import SubtreePool
 from .tree_cache import cache_path, keep_tree, make_folder, take_tree
+from .workers.pool import MAX_WORKERS
 
 # Starting workers takes about half a second, which pays only for large meshes. From the start of two workers to the
 # tree, against one process, on two cores with warm caches, medians of 3: 1.38 s against 1.22 s for 2,000,000 triangles,
@@ -53,8 +54,8 @@ class TreeOptions:
 
     def __post_init__(self) -> None:
         check_builder(self.builder, self.build, self.allowed_builders)
-        if self.workers is not None and (not isinstance(self.workers, Integral) or self.workers < 1):
-            raise ConfigError(f"workers must be at least 1, not {self.workers!r}")
+        if self.workers is not None and not (isinstance(self.workers, Integral) and 1 <= self.workers <= MAX_WORKERS):
+            raise ConfigError(f"workers must be 1 to {MAX_WORKERS}, not {self.workers!r}")
         if self.cache is not None and not isinstance(self.cache, Path):
             raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
 

@@ -1,4 +1,7 @@
-"""The smallest input that takes a builder through all its steps: it loads compiled code before time is taken."""
+"""The smallest input that takes a builder through all its steps: it loads compiled code before time is taken.
+
+Here and in the workers, whose time for it counts as time of this process, which waits for them.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,10 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..structs import BOX_LANES
+from ..support.code_times import LoadingCode, read_code_times
 from .prim_refs import Bounds
 from .sah.exhaustive_split import MAX_EXHAUSTIVE
+from .workers.executor import Arrays, Executor, Step
 
 # The fewest from which the default builder makes more than one range.
 _TRIANGLES = MAX_EXHAUSTIVE + 1
@@ -34,3 +39,16 @@ def make_small_arrays() -> dict[str, NDArray[Any]]:
         "prim_refs": np.zeros((2, _TRIANGLES, BOX_LANES), np.float32),
         "prim_ids": np.zeros(_TRIANGLES, np.int32),
     }
+
+
+def prepare_workers(executor: Executor, prepare: Step, *task: Any) -> None:
+    """Let every worker run a step that compiles or loads what the others need."""
+    with LoadingCode() as loading:
+        loading.is_compiled = any(executor.run_on_each(_prepare, prepare, task))
+
+
+def _prepare(arrays: Arrays, prepare: Step, task: tuple[Any, ...]) -> bool:
+    """Run a step, and return whether something was compiled in it; a step."""
+    before = read_code_times()
+    prepare(arrays, *task)
+    return read_code_times().since(before).compiled_count > 0

@@ -51,7 +51,8 @@ class Bvh:
     @cached_property
     def depth(self) -> int:
         """Number of edges from the root to the deepest leaf; 0 for a tree that is one leaf."""
-        return measure_depth(self.nodes["first"], self.nodes["count"])
+        # Fields of a single node are contiguous arrays, for which the function would be compiled once more.
+        return 0 if self.node_count == 1 else int(measure_depth(self.nodes["first"], self.nodes["count"]))
 
     def refit(self, vertices: ArrayLike) -> Bvh:
         """Return a tree of the same topology around vertices that have moved.

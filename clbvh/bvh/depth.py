@@ -26,4 +26,8 @@ def find_depths(first, count):
 @compiled
 def measure_depth(first, count):
     """Return the number of edges from the root to the deepest leaf; the parameters are those of `find_depths`."""
-    return find_depths(first, count).max()
+    # Not numpy's `max`, which takes a second to compile.
+    deepest = 0
+    for depth in find_depths(first, count):
+        deepest = max(deepest, depth)
+    return deepest

@@ -9,7 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import ClbvhError, DeviceError
-from . import devices, doctor, fetch, render, stats, study, tune
+from ..support.code_times import on_first_compilation
+from . import devices, doctor, fetch, render, stats, study, tune, warmup
+from .first_run import say_first_run
 from .streams import flush_output
 
 EXIT_FAILED = 1
@@ -31,13 +33,14 @@ app.command(name="devices")(devices.devices)
 app.command(name="doctor")(doctor.doctor)
 app.command(name="tune")(tune.tune)
 app.command(name="study")(study.study)
+app.command(name="warmup")(warmup.warmup)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from ..support.version import __version__
 
-        print(f"clbvh {version('clbvh')}")
+        print(f"clbvh {__version__}")
         raise typer.Exit
 
 
@@ -74,6 +77,7 @@ def run(arguments: list[str] | None = None) -> None:
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
     code: Any = EXIT_FAILED
+    on_first_compilation(say_first_run)
     try:
         try:
             app(words)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +14,7 @@ from .tables import print_tables
 if TYPE_CHECKING:
     from ..conformance.check import Conformance
     from ..device.doctor.diagnose import Diagnosis
+    from ..device.doctor.register import Step
 
 _MARKS = {"ok": "[green]ok[/green]     ", "note": "[yellow]note[/yellow]   ", "problem": "[red]problem[/red]"}
 _INDENT = " " * 8
@@ -36,6 +38,13 @@ def doctor(
         bool,
         typer.Option("--conformance", help="Compare one device's answers with the stored ones, byte by byte, instead."),
     ] = False,
+    fix: Annotated[
+        bool,
+        typer.Option(
+            "--fix", help="Try the drivers that no driver file names, and register those that work, in your own folder."
+        ),
+    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="With --fix: say what would be written, only.")] = False,
     device: Annotated[
         str | None, typer.Option(help="With --conformance: a number, a part of a name, gpu or cpu.")
     ] = None,
@@ -48,18 +57,46 @@ def doctor(
     from ..device.doctor.diagnose import diagnose
     from ..errors import ConfigError, DeviceError
 
+    if dry_run and not fix:
+        raise ConfigError("--dry-run needs --fix: without it `clbvh doctor` writes nothing")
+    if conformance and fix:
+        raise ConfigError("--conformance compares answers, and --fix registers drivers: give one of them")
     if conformance:
         _check_conformance(device, mesh or [], as_json)
         return
     if device is not None or mesh:
         raise ConfigError("--device and --mesh need --conformance: without it `clbvh doctor` checks all devices")
+    steps = _register(timeout_s, dry_run, as_json) if fix else []
     diagnosis = diagnose(timeout_s)
     if as_json:
-        print(json.dumps(_as_dict(diagnosis), indent=2))
+        report = _as_dict(diagnosis)
+        if fix:
+            report |= {"dry_run": dry_run, "steps": [step.as_dict() for step in steps]}
+        print(json.dumps(report, indent=2))
     else:
         _print_findings(diagnosis)
     if not diagnosis.works:
         raise DeviceError("no OpenCL device works: the findings of `clbvh doctor` say what to do")
+
+
+def _register(timeout_s: float, dry_run: bool, quiet: bool) -> list[Step]:
+    """Register the drivers that work, and say what is written."""
+    from ..device.doctor.register import carry_out, plan_registrations
+
+    steps = plan_registrations(timeout_s)
+    words = {"write": "would write" if dry_run else "writing", "remove": "would remove" if dry_run else "removing"}
+    if not quiet and not steps:
+        print("nothing to fix: every driver that was found is registered\n")
+    if not quiet and steps:
+        for step in steps:
+            what = f"{words.get(step.action, 'left alone:')} {step.path if step.action != 'leave' else step.library}"
+            print(f"{what} ({step.library}: {step.reason})" if step.action != "leave" else f"{what} ({step.reason})")
+            if step.action == "write":
+                print(f"{_INDENT}to undo it: rm {shlex.quote(str(step.path))}")
+        print()
+    if not dry_run:
+        carry_out(steps)
+    return steps
 
 
 def _as_dict(diagnosis: Diagnosis) -> dict[str, object]:

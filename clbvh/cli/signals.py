@@ -41,7 +41,8 @@ def end_on_signals() -> None:
     A signal that is ignored, as Ctrl-C is for a job in the background and SIGHUP under `nohup`, stays ignored.
     """
     read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
+    if hasattr(os, "set_blocking"):  # on Windows from Python 3.12 on
+        os.set_blocking(write_end, False)
     # The number of every signal that has a handler is written there, also while native code runs.
     signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
     for number in _WORDS:

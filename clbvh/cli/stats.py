@@ -78,6 +78,7 @@ def stats(
         "build": made.timings_ms["build"],
         "measure": watch.laps_ms["measure"],
         **({"rays": watch.laps_ms["rays"]} if rays else {}),
+        **watch.code_ms,
     }
     timings_ms = add_total(phases_ms, watch.total_ms, overlapping=("pool_start",))
     if plot is not None:
@@ -184,6 +185,8 @@ def _make_time_table(build: dict[str, Any]) -> Any:
         "build": f"builder {build['builder']}, {describe_workers(build['workers'])}; of this:",
         "measure": "the measures above",
         "rays": "cast on the host, step for step as layout bvh2",
+        "compile": "compile functions for this machine, in a first run",
+        "load_code": "load compiled functions",
         "other": "between the phases",
         "total": "wall time",
     }

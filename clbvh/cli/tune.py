@@ -25,20 +25,38 @@ def tune(
             help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
         ),
     ] = None,
+    every: Annotated[
+        bool,
+        typer.Option("--all", help="All devices, so that the fastest driver of a processor is taken from then on."),
+    ] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Measure layouts, work-group sizes and tiles on a device, and keep the fastest for later runs."""
+    from ..device.select import choose_device, list_devices
     from ..device.settings import keep_settings
+    from ..errors import ConfigError
     from ..rendering.tune import tune as measure
 
-    info, settings, trials = measure(device)
-    path = keep_settings(info, settings)
-    if as_json:
+    if every and device is not None:
+        raise ConfigError("--all measures all devices, and --device one: give one of them")
+    usable: list[DeviceInfo | str | None] = [device]
+    if every:
+        # Without any device, the choice of one says so.
+        found = [other for other in list_devices() if other.is_available and not other.is_emulated]
+        usable = [*found] or [choose_device()]
+    reports = []
+    for each in usable:
+        info, settings, trials = measure(each)
+        path = keep_settings(info, settings)
+        if not as_json:
+            _print_trials(info, settings, trials, path)
         facts = {"device": info.name, "driver": info.driver_version, "kept_in": str(path)}
         measured = [asdict(trial) for trial in trials]
-        print(json.dumps(facts | {"settings": asdict(settings), "trials": measured}, indent=2))
-    else:
-        _print_trials(info, settings, trials, path)
+        reports.append(facts | {"settings": asdict(settings), "trials": measured})
+    if as_json:
+        print(json.dumps({"devices": reports} if every else reports[0], indent=2))
+    elif every:
+        print("the devices from now on: " + "; ".join(map(str, list_devices())))
 
 
 def _print_trials(info: DeviceInfo, settings: Settings, trials: list[Trial], path: Path) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..geometry.shapes.icosphere import make_icosphere
-from ..trace.rays.batch import RayBatch
+from ..trace.rays.ray_rows import RayRows
 
 # Rays or points of each kind, see `make_rays` and `make_points`.
 _AROUND, _AT_VERTICES, _AT_EDGES, _INSIDE, _LIMITED = 72, 60, 48, 30, 30
@@ -43,7 +43,7 @@ class Case:
     name : str
     vertices : (V, 3) float64
     faces : (F, 3) int64
-    rays : RayBatch
+    rays : RayRows
         Contiguous, with limits for each ray.
     points : (n, 3) float64
     is_closed : bool
@@ -53,7 +53,7 @@ class Case:
     name: str
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    rays: RayBatch
+    rays: RayRows
     points: NDArray[np.float64]
     is_closed: bool
 
@@ -83,7 +83,7 @@ def make_cases() -> list[Case]:
     return cases
 
 
-def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> RayBatch:
+def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator: np.random.Generator) -> RayRows:
     """Return rays of five kinds, one after the other.
 
     From all around at points of the box; along the axes, exactly through vertices; from outside at the middles of
@@ -109,7 +109,7 @@ def make_rays(vertices: NDArray[np.float64], faces: NDArray[np.int64], generator
     )
     t_min, t_max = np.zeros(len(origins)), np.full(len(origins), np.inf)
     t_min[-_LIMITED:], t_max[-_LIMITED:] = generator.random(_LIMITED), 1.0 + generator.random(_LIMITED)
-    return RayBatch(origins, directions, t_min, t_max)
+    return RayRows(origins, directions, t_min, t_max)
 
 
 def make_points(

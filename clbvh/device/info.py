@@ -60,6 +60,14 @@ class DeviceInfo:
         return self.platform == "Oclgrind"
 
     @property
+    def is_emulated(self) -> bool:
+        """Whether there is no such hardware: a simulator, or Intel's emulator of FPGA boards.
+
+        That one calls itself an accelerator, and is slower than the CPU that it runs on.
+        """
+        return self.is_simulator or "emulation" in self.name.lower()
+
+    @property
     def layout(self) -> str:
         """The tree layout that suits this kind of device; a session uses the measured one, if there is one."""
         return _LAYOUT_OF_KIND.get(self.kind, _LAYOUT_OF_ANY)

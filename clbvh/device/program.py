@@ -17,6 +17,7 @@ from typing import Any
 from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
 from ..support.resources import find_folder
+from .getting_kernel import GettingKernel
 from .kernel import Kernel
 from .owner_process import check_process
 from .session import DeviceSession
@@ -132,7 +133,8 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
         with warnings.catch_warnings():
             # PoCL says something about every build, good or bad.
             warnings.simplefilter("ignore", cl.CompilerWarning)
-            program.build(list(options), devices=[session.info.cl_device])
+            with GettingKernel(announces=True):
+                program.build(list(options), devices=[session.info.cl_device])
     except cl.Error as error:
         _never_release(program)
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error

@@ -1,27 +1,26 @@
 """The OpenCL devices of this machine, and the choice among them.
 
-Asks every platform for its devices and picks one. Must not know why a device is missing: that is
-`doctor/diagnose.py`. `pyopencl` is imported on first use, so that a machine without a working OpenCL loader gets a
-`DeviceError` instead of a traceback.
+Asks every platform for its devices and picks one, in the order of `preference.py` and by the rules of `match.py`. Must
+not know why a device is missing: that is `doctor/diagnose.py`. `pyopencl` is imported on first use, so that a machine
+without a working OpenCL loader gets a `DeviceError` instead of a traceback.
 """
 
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from ..errors import DeviceError
 from .driver_caches import prepare
 from .info import DeviceInfo
+from .match import pick_device
 from .owner_process import claim_opencl
+from .preference import number_devices
+from .registered_drivers import note_loader_call, registered_drivers
+from .settings import find_measured_ms
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
-
-# The kinds that can be asked for, in the order of preference.
-KINDS = ("gpu", "accelerator", "cpu")
 
 # The error code of an OpenCL loader without a registered driver (extension cl_khr_icd).
 _PLATFORM_NOT_FOUND = -1001
@@ -53,7 +52,8 @@ def import_pyopencl() -> Any:
     """
     prepare()
     try:
-        import pyopencl
+        with registered_drivers():
+            import pyopencl
     except (ImportError, OSError) as error:
         raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for advice") from error
     return pyopencl
@@ -75,11 +75,13 @@ def survey_devices() -> DeviceSurvey:
     problems: list[str] = []
 
     try:
-        platforms = cl.get_platforms()
+        with registered_drivers():
+            platforms = cl.get_platforms()
     except cl.Error as error:
         if error.code != _PLATFORM_NOT_FOUND:
             problems.append(f"the OpenCL loader fails: {error}")
         platforms = []
+    note_loader_call()
 
     for number, platform in enumerate(platforms):
         try:
@@ -96,7 +98,7 @@ def survey_devices() -> DeviceSurvey:
             except cl.Error as error:
                 problems.append(f"a device of the platform '{platform_name}' cannot be described: {error}")
 
-    return DeviceSurvey(number_devices(devices), tuple(problems))
+    return DeviceSurvey(number_devices(devices, find_measured_ms), tuple(problems))
 
 
 def list_devices() -> list[DeviceInfo]:
@@ -118,9 +120,11 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
     Parameters
     ----------
     spec : str or int, optional
-        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; or a part of the name of a device or its
-        platform, in upper or lower case. Without it the environment variable ``CLBVH_DEVICE`` decides, and without
-        that the best device is taken: a GPU, else an accelerator, else a CPU.
+        A number of `list_devices`; ``"gpu"``, ``"accelerator"`` or ``"cpu"``; a part of the name of a device or its
+        platform, in upper or lower case; or both, as in ``"intel gpu"``. The maker of a processor, as in ``"intel"``,
+        means that maker's driver or graphics card, not the processor under another driver. Without it the environment
+        variable ``CLBVH_DEVICE`` decides, and without that the best device is taken: a GPU, else an accelerator, else a
+        CPU; of one kind the fastest that `clbvh tune` measured.
 
     Raises
     ------
@@ -137,60 +141,6 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
         raise DeviceError(f"no OpenCL device was found{reason}: run `clbvh doctor` to find the cause")
     return pick_device(survey.devices, spec, asked_by)
-
-
-def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by: str = "") -> DeviceInfo:
-    """Return the device that `spec` asks for; the choice behind `choose_device`.
-
-    Parameters
-    ----------
-    devices : sequence of DeviceInfo
-        At least one, in the order of preference, numbered in this order.
-    spec : str or int, optional
-        As for `choose_device`, without the environment variable.
-    asked_by : str
-        The origin of `spec`, for error messages.
-
-    Raises
-    ------
-    DeviceError
-        None matches, or different ones match.
-    """
-    if spec is None:
-        return devices[0]
-    there_are = "there are " + "; ".join(str(device) for device in devices)
-
-    word = str(spec).strip().lower()
-    if isinstance(spec, int) or word.isdecimal():
-        number = int(word)
-        if 0 <= number < len(devices):
-            return devices[number]
-        # "4090" is not a number of a device here, but may be a part of a name.
-        if isinstance(spec, int):
-            raise DeviceError(f"there is no device {number}{asked_by}: {there_are}")
-
-    if word in KINDS:
-        matches = [device for device in devices if device.kind == word]
-    else:
-        # A full name beats a part of a longer one: "Tesla T4" must not be ambiguous beside "Tesla T4G".
-        matches = [device for device in devices if device.name.lower() == word]
-        matches = matches or [device for device in devices if word in _searchable_text(device)]
-    if not matches:
-        raise DeviceError(f"no device matches '{spec}'{asked_by}: {there_are}")
-    if word not in KINDS and not all(_is_same_hardware(matches[0], other) for other in matches[1:]):
-        listed = "; ".join(str(device) for device in matches)
-        raise DeviceError(f"'{spec}'{asked_by} matches several devices, give a number or a longer name: {listed}")
-    return matches[0]
-
-
-def number_devices(devices: Sequence[DeviceInfo]) -> tuple[DeviceInfo, ...]:
-    """Sort the devices by preference and number them.
-
-    The order of the platforms is the order of files in a folder, which differs between machines and installations; so
-    it decides only between devices that are equal in everything else.
-    """
-    ordered = sorted(devices, key=_preference)
-    return tuple(replace(device, number=number) for number, device in enumerate(ordered))
 
 
 def _describe(cl: Any, platform: Any, cl_device: Any) -> DeviceInfo:
@@ -236,39 +186,3 @@ def _name_kind(cl: Any, type_bits: int) -> str:
 def _tidy(text: str) -> str:
     """Return a driver's text on one line, without the padding and the final zero of some drivers."""
     return " ".join(text.replace("\0", " ").split())
-
-
-def _preference(device: DeviceInfo) -> tuple[Any, ...]:
-    """Return a sorting key, lowest for the preferred device."""
-    rank = KINDS.index(device.kind) if device.kind in KINDS else len(KINDS)
-    # Intel's emulator of FPGA boards calls itself an accelerator, and is slower than the CPU that it runs on.
-    if "emulation" in device.name.lower():
-        rank = len(KINDS)
-    is_gpu = device.kind == "gpu"
-    return (
-        not device.is_available,
-        rank,
-        # A graphics card before a GPU inside the CPU, which may report all of the host's memory.
-        is_gpu and device.has_unified_memory,
-        -device.memory_bytes if is_gpu else 0,
-        device.platform,
-        # The newer one of two installed versions of a driver.
-        tuple(-int(digits) for digits in re.findall(r"\d+", device.driver_version)),
-        device.name,
-    )
-
-
-def _searchable_text(device: DeviceInfo) -> str:
-    # With the version, which alone has PoCL's short name. Without the vendor, which PoCL takes from the CPU
-    # ("AuthenticAMD"): `--device amd` should mean the graphics card.
-    return f"{device.name}\n{device.platform}\n{device.platform_version}".lower()
-
-
-def _is_same_hardware(one: DeviceInfo, other: DeviceInfo) -> bool:
-    """Return whether two devices are interchangeable for the user.
-
-    Two drivers for the CPU drive the same CPU; two cards of one name are equally good.
-    """
-    if one.kind != other.kind:
-        return False
-    return one.kind == "cpu" or one.name == other.name

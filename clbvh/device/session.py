@@ -77,7 +77,7 @@ class DeviceSession(ContextManager):
         DeviceError
             The driver refuses.
         """
-        session = DeviceSession.__new__(DeviceSession)
+        session = type(self).__new__(type(self))
         # Not whatever context the device has by now: the buffers of this session are in its own.
         session._open(self.info, self.settings, self.times, self.shared)
         return session

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from ..structs import LAYOUT_WIDTHS
 from ..support.atomic_file import write_atomically
 from ..support.cache_folder import find_cache
 from ..support.say_once import say_once
+from ..support.version import __version__
 from .info import DeviceInfo
 
 # GPUs run at least one whole warp or wavefront. On CPUs the rays of a work-group share an entry point, see
@@ -53,12 +54,16 @@ class Settings:
         Width and height of a work-group in pixels, for pictures and arrays of a picture's rays.
     is_measured : bool
         Whether `clbvh tune` measured them.
+    measured_ms : float or None
+        The time of the kernels of `clbvh tune` with these settings, the same work on every device; orders the drivers
+        of one processor.
     """
 
     layout: str
     work_group_size: int = _WORK_GROUP_SIZE
     tile: tuple[int, int] = _TILE
     is_measured: bool = False
+    measured_ms: float | None = None
 
 
 def default_settings(info: DeviceInfo) -> Settings:
@@ -84,6 +89,11 @@ def find_settings(info: DeviceInfo) -> Settings:
         with suppress(OSError):
             path.unlink()
         return default_settings(info)
+
+
+def find_measured_ms(info: DeviceInfo) -> float | None:
+    """Return the time that `clbvh tune` kept for the device; None without it."""
+    return find_settings(info).measured_ms
 
 
 def keep_settings(info: DeviceInfo, settings: Settings) -> Path:
@@ -117,19 +127,22 @@ def _identity(info: DeviceInfo) -> dict[str, Any]:
         "platform": info.platform,
         "platform_version": info.platform_version,
         "driver_version": info.driver_version,
-        "clbvh": version("clbvh"),
+        "clbvh": __version__,
     }
 
 
 def _check(kept: dict[str, Any]) -> Settings:
     """Return the settings of a file; raise `ValueError` if they are invalid."""
     columns, rows = map(int, kept["tile"])
-    settings = Settings(str(kept["layout"]), int(kept["work_group_size"]), (columns, rows), is_measured=True)
+    # Files of earlier versions have no time.
+    ms = None if kept.get("measured_ms") is None else float(kept["measured_ms"])
+    settings = Settings(str(kept["layout"]), int(kept["work_group_size"]), (columns, rows), True, ms)
     is_valid = (
         settings.layout in LAYOUT_WIDTHS
         and 1 <= settings.work_group_size <= _LARGEST_WORK_GROUP
         and min(settings.tile) >= 1
         and columns * rows <= _LARGEST_WORK_GROUP
+        and (ms is None or 0 < ms < math.inf)
     )
     if not is_valid:
         raise ValueError(f"invalid settings: {settings}")

@@ -139,6 +139,12 @@ class Mesh:
         return len(self.faces)
 
     @cached_property
+    def local_box(self) -> NDArray[np.float32]:
+        """(2, 3) float32: the least and the greatest local coordinates of the vertices."""
+        lower, upper = self.local_vertices.min(axis=0), self.local_vertices.max(axis=0)
+        return np.stack((lower, upper))
+
+    @cached_property
     def degenerate_faces(self) -> NDArray[np.bool_]:
         """(F,) bool: true for triangles whose corners lie on one line or in one point, in local coordinates.
 

@@ -1,92 +1,316 @@
-"""The camera of a picture: its position and direction, its rays, and the automatic view of a mesh."""
+"""The camera of a picture: its position, direction and lens, and its rays."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from ..geometry import Mesh
+from .lens import Lens, Window, check_size, window_of
+from .pose import make_pose, read_pose, rotate_about_axis
 
 Vector = tuple[float, float, float]
 
 DEFAULT_FOV = 35.0
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
 
-# The automatic view: from the front, a little from the right and from above, with a margin around the mesh.
-_AZIMUTH_DEGREES = 30.0
-_ELEVATION_DEGREES = 18.0
-_MARGIN = 0.06
-
-# A mesh without extent still needs a distance; in local units.
-_SMALLEST_DISTANCE = 1e-6
-
-# Vertices per step when the mesh is framed: 10 MB at a time.
-_CHUNK_VERTICES = 2**17
-
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera.
+    """A pinhole camera: a value that never changes, in the coordinates of the scene or the mesh.
+
+    Made from an eye, a point to look at and a field of view, or by `from_intrinsics` from a calibrated camera.
 
     Attributes
     ----------
     eye, look_at : (3,) float, the scene's coordinates
+        For a camera with a lens, `look_at` is some point of its optical axis.
     up : (3,) float
         The direction that is up in the picture; any length, not parallel to the line of sight.
     fov : float
-        Vertical field of view in degrees, above 0 and below 180.
+        Vertical field of view in degrees, above 0 and below 180. For a camera with a lens it follows from the lens.
+    lens : Lens or None
+        Intrinsics in pixels, for a picture of one size. None: square pixels, the optical axis in the middle of the
+        picture, and any size.
 
     Raises
     ------
     SceneError
         A vector is not three finite numbers, `eye` equals `look_at`, `up` is parallel to the line of sight, or the
-        field of view is out of range.
+        field of view is out of range or not that of the lens.
+
+    Notes
+    -----
+    Row 0 of a picture is its top. The pixel in row i and column j covers the rows i to i + 1 and the columns j to
+    j + 1, and its ray goes through its centre, (j + 0.5, i + 0.5).
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90)
+    >>> origins, directions = camera.rays(width=3, height=3)
+    >>> directions.shape
+    (3, 3, 3)
+    >>> directions[1, 1].tolist()
+    [0.0, 0.0, -1.0]
     """
 
     eye: Vector
     look_at: Vector
     up: Vector = DEFAULT_UP
     fov: float = DEFAULT_FOV
+    lens: Lens | None = None
 
     def __post_init__(self) -> None:
-        check_fov(self.fov)
         for name in ("eye", "look_at", "up"):
             check_vector(f"the camera's {name}", getattr(self, name))
+            # A tuple of Python's numbers, whatever was given: cameras can be compared and hashed.
+            object.__setattr__(self, name, as_vector(getattr(self, name)))
+        if self.lens is not None:
+            if not isinstance(self.lens, Lens):
+                raise SceneError(f"the camera's lens must be a Lens or None, not {self.lens!r}")
+            if self.fov not in (DEFAULT_FOV, self.lens.fov):
+                raise SceneError(
+                    f"the camera's fov follows from its lens, {self.lens.fov:.6g} degrees, and cannot be {self.fov}"
+                )
+            object.__setattr__(self, "fov", self.lens.fov)
+        check_fov(self.fov)
         self.axes()
+
+    @classmethod
+    def from_intrinsics(
+        cls,
+        K: ArrayLike,  # noqa: N803 - the field's name of this matrix
+        camera_to_world: ArrayLike,
+        size: tuple[int, int],
+        convention: str = "opencv",
+        *,
+        pixel_centres: str = "half",
+    ) -> Camera:
+        """Return the camera of an intrinsic matrix and a pose.
+
+        Parameters
+        ----------
+        K : (3, 3) float, pixels
+            ``[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]``, with image coordinates to the right and downwards from the
+            upper left corner, in both conventions. fx and fy may differ, the principal point (cx, cy) may be anywhere.
+        camera_to_world : (4, 4) float
+            The pose: a rotation and the eye, in the scene's coordinates. The inverse of the extrinsic matrix of OpenCV,
+            Open3D and COLMAP. An error of 1e-4, as of rounded files, is mended to the nearest rotation.
+        size : (width, height), pixels
+            Of the picture that `K` is for. A picture of another size and the same shape shows the same; another shape
+            is refused.
+        convention : str
+            The axes of the pose. ``"opencv"``: x right, y down, z forward, as in OpenCV, COLMAP and Open3D.
+            ``"opengl"``: x right, y up, z backward, as in OpenGL, Blender, glTF, NeRF, pyrender and trimesh.
+        pixel_centres : str
+            Where `K` has the centre of the pixel in row i and column j. ``"half"``: at (j + 0.5, i + 0.5), as in
+            OpenGL, COLMAP, Open3D and pyrender; a lens without shift has ``cx = width / 2``. ``"integer"``: at (j, i),
+            as in OpenCV's calibration; it has ``cx = (width - 1) / 2``.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        SceneError
+            `K` is no intrinsic matrix, the pose is not rigid or mirrors, the size is no size, or an unknown convention.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> K = [[500, 0, 310], [0, 510, 250], [0, 0, 1]]
+        >>> pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -5], [0, 0, 0, 1]]
+        >>> camera = clbvh.Camera.from_intrinsics(K, pose, size=(640, 480))
+        >>> camera.eye
+        (0.0, 0.0, -5.0)
+        >>> origins, directions = camera.rays()
+        >>> directions.shape
+        (480, 640, 3)
+        """
+        lens = Lens.from_matrix(K, size, pixel_centres)
+        up, forward, eye = read_pose(camera_to_world, convention)
+        # Far enough that the point's rounding does not turn the line of sight.
+        exponent = max(0, math.frexp(float(np.abs(eye).max()))[1])
+        with np.errstate(over="ignore", invalid="ignore"):  # refused by the constructor
+            look_at = eye + np.ldexp(1.0, exponent) * forward
+        return cls(as_vector(eye), as_vector(look_at), as_vector(up), lens.fov, lens)
 
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the unit vectors right, up and forward of the picture, each (3,) float64."""
         return make_axes(np.subtract(self.look_at, self.eye), np.asarray(self.up, np.float64))
 
+    def intrinsics(
+        self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half"
+    ) -> NDArray[np.float64]:
+        """Return the intrinsic matrix for a picture of this size, (3, 3) float64; see `from_intrinsics`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90).intrinsics(640, 480).round(6).tolist()
+        [[240.0, 0.0, 320.0], [0.0, 240.0, 240.0], [0.0, 0.0, 1.0]]
+        """
+        return self._lens_for(*self.size_for(width, height)).matrix(pixel_centres)
+
+    def camera_to_world(self, convention: str = "opencv") -> NDArray[np.float64]:
+        """Return the pose, (4, 4) float64; see `from_intrinsics`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0)).camera_to_world("opengl").tolist()
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]]
+        """
+        return make_pose(*self.axes(), np.asarray(self.eye, np.float64), convention)
+
     def rays(
-        self, width: int, height: int, rows: range | None = None
+        self, width: int | None = None, height: int | None = None, rows: range | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the rays of a picture of this size, one through the centre of each pixel.
 
         Parameters
         ----------
         width, height : int
+            A camera with a lens has a size of its own, which may be left out, or be given by one of them.
         rows : range, optional
             Only these rows of the picture.
 
         Returns
         -------
         origins, directions : (height, width, 3) float64
-            In the scene's coordinates; directions of length 1. Row 0 is the top.
+            In the scene's coordinates; directions of length 1, so that the t of a hit is its distance from the eye.
+            Row 0 is the top. The origins are one point, seen as an array that cannot be written to.
+
+        Raises
+        ------
+        SceneError
+            No size, or one of another shape than the lens's.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0))
+        >>> with clbvh.Tracer(clbvh.build(clbvh.make_shape("icosphere", triangles=320))) as tracer:
+        ...     hits = tracer.closest_hit(*camera.rays(64, 48))
+        >>> hits.t.shape
+        (48, 64)
         """
+        width, height = self.size_for(width, height)
         right, up, forward = self.axes()
-        half_height = math.tan(math.radians(self.fov) / 2)
-        half_width = half_height * width / height
+        window = find_window(self, width, height)
         x = (2 * np.arange(width) + 1) / width - 1
         y = 1 - (2 * np.asarray(rows or range(height)) + 1) / height
-        directions = forward + (x * half_width)[None, :, None] * right + (y * half_height)[:, None, None] * up
+        upwards = window.centre_y + y * window.half_height
+        across = (window.centre_x + x * window.half_width)[None, :]
+        if window.shear:
+            across = across + (window.shear * upwards)[:, None]
+        directions = forward + across[..., None] * right + upwards[:, None, None] * up
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.broadcast_to(np.asarray(self.eye, np.float64), directions.shape), directions
+
+    def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
+        """Return the cosine between each pixel's ray and the optical axis: depth is t times this.
+
+        Parameters
+        ----------
+        width, height : int
+            See `rays`.
+
+        Returns
+        -------
+        (height, width) float64
+            Above 0. Depth, the z of depth cameras and of OpenCV, is the distance along the optical axis; t is the
+            distance from the eye.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90)
+        >>> camera.cosines(3, 3).round(3)[1].tolist()
+        [0.832, 1.0, 0.832]
+        """
+        return self.rays(width, height)[1] @ self.axes()[2]
+
+    def orbit(self, degrees: float, *, about: Vector | None = None, axis: Vector | None = None) -> Camera:
+        """Return the camera after a turn around a point: it goes on looking at it from the same distance.
+
+        Parameters
+        ----------
+        degrees : float
+            Counterclockwise as seen from the end of the axis: the object seems to turn clockwise.
+        about : (3,) float, optional
+            By default `look_at`; a camera with a lens looks at no point, and needs one.
+        axis : (3,) float, optional
+            By default `up`.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        SceneError
+            A value is not finite, the axis is zero, or a camera with a lens gets no point.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0))
+        >>> [round(part, 6) for part in camera.orbit(90).eye]
+        [5.0, 0.0, 0.0]
+        """
+        if isinstance(degrees, bool) or not isinstance(degrees, Real) or not math.isfinite(degrees):
+            raise SceneError(f"a camera orbits by a finite number of degrees, not {degrees!r}")
+        if about is None and self.lens is not None:
+            raise SceneError("a camera with a lens looks at no point: say what it orbits by `about`")
+        centre, direction = self.look_at if about is None else about, self.up if axis is None else axis
+        check_vector("the point that a camera orbits", centre)
+        check_vector("the axis that a camera orbits around", direction)
+        if not any(direction):
+            raise SceneError("the axis that a camera orbits around must not be zero")
+        rotation = rotate_about_axis(np.asarray(direction, np.float64), math.radians(float(degrees)))
+
+        def turn(point: Vector) -> Vector:
+            return as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
+
+        # The point it looks at stays exactly, where it is the one that the camera turns around.
+        look_at = self.look_at if centre == self.look_at else turn(self.look_at)
+        return replace(self, eye=turn(self.eye), look_at=look_at, up=as_vector(rotation @ np.asarray(self.up)))
+
+    def size_for(self, width: int | None, height: int | None) -> tuple[int, int]:
+        """Return the size of a picture: what is given, and from the lens what is not.
+
+        Raises
+        ------
+        SceneError
+            A side is missing and there is no lens, or the size has another shape than the lens.
+        """
+        if self.lens is not None:
+            return self.lens.complete_size(width, height)
+        if width is None or height is None:
+            raise SceneError("a camera without a lens has no size: give the width and the height of the picture")
+        check_size(width, height)
+        return width, height
+
+    def _lens_for(self, width: int, height: int) -> Lens:
+        """Return the intrinsics of a picture of this size."""
+        if self.lens is not None:
+            return self.lens.resized(width, height)
+        return Lens.from_fov(self.fov, width, height)
+
+
+def find_window(camera: Camera, width: int, height: int) -> Window:
+    """Return the place of a camera's picture of this size in the plane at distance 1 from the eye."""
+    if camera.lens is not None:
+        return window_of(camera.lens.resized(width, height))
+    half_height = math.tan(math.radians(camera.fov) / 2)
+    return Window(0.0, 0.0, half_height * width / height, half_height, 0.0)
 
 
 def check_fov(fov: float) -> None:
@@ -95,14 +319,18 @@ def check_fov(fov: float) -> None:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
 
 
-def check_vector(name: str, value: object) -> None:
-    """Raise `SceneError` unless a value is three finite numbers."""
+def is_vector(value: object) -> bool:
+    """Return whether a value is three finite numbers."""
     try:
         array = np.asarray(value)
-        is_vector = array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
     except ValueError:  # rows of different lengths
-        is_vector = False
-    if not is_vector:
+        return False
+    return array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
+
+
+def check_vector(name: str, value: object) -> None:
+    """Raise `SceneError` unless a value is three finite numbers."""
+    if not is_vector(value):
         raise SceneError(f"{name} must be three finite numbers, not {value!r}")
 
 
@@ -124,79 +352,6 @@ def make_axes(
     return right, np.cross(right, forward), forward
 
 
-def frame_mesh(
-    mesh: Mesh,
-    *,
-    aspect: float,
-    up: Vector = DEFAULT_UP,
-    fov: float = DEFAULT_FOV,
-    eye: Vector | None = None,
-) -> Camera:
-    """Return a camera that sees all of a mesh from a three-quarter view, as close as possible.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    aspect : float
-        Width of the picture divided by its height.
-    up : (3,) float
-        The direction that is up in the picture.
-    fov : float
-        Vertical field of view in degrees.
-    eye : (3,) float, optional
-        A fixed position; the camera looks at the middle of the mesh's box.
-
-    Notes
-    -----
-    The nearest position for the direction of view is exact: a point at (x, y, z) along right, up and forward is inside
-    the picture if abs(x - eye_x) <= (z - eye_z) tan(fov / 2), and likewise for y; the tightest of these bounds over all
-    points give eye_x, eye_y and eye_z in closed form.
-    """
-    check_fov(fov)
-    if eye is not None:
-        return Camera(eye, _as_vector(mesh.origin), up, fov)
-    right, upward, forward = make_axes(-_three_quarter_direction(up), np.asarray(up, np.float64))
-    tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - _MARGIN)
-
-    # The planes of the view's four sides, moved inwards until they touch the points. In local coordinates.
-    highest = np.full(2, -np.inf)
-    lowest = np.full(2, np.inf)
-    nearest, farthest = np.inf, -np.inf
-    across = np.stack([right, upward], axis=1)
-    for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
-        chunk = mesh.local_vertices[begin : begin + _CHUNK_VERTICES].astype(np.float64)
-        depth = chunk @ forward
-        offset = chunk @ across
-        highest = np.maximum(highest, (offset - depth[:, None] * tangents).max(axis=0))
-        lowest = np.minimum(lowest, (offset + depth[:, None] * tangents).min(axis=0))
-        nearest, farthest = min(nearest, depth.min()), max(farthest, depth.max())
-
-    distance = float(((highest - lowest) / (2 * tangents)).max())
-    size = max(farthest - nearest, float((highest - lowest).max()), _SMALLEST_DISTANCE)
-    # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
-    distance = max(distance, -nearest + 1e-3 * size)
-    centre = (highest + lowest) / 2
-    local_eye = across @ centre - distance * forward
-    local_target = local_eye + forward * (distance + (nearest + farthest) / 2)
-    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
-    return Camera(_as_vector(eye_point), _as_vector(look_at), up, fov)
-
-
-def _three_quarter_direction(up: Vector) -> NDArray[np.float64]:
-    """Return the unit vector from the mesh towards the camera."""
-    upward = np.asarray(up, np.float64)
-    if not np.isfinite(upward).all() or not np.linalg.norm(upward) > 0:
-        raise SceneError(f"the camera's up must be a finite direction of length above 0, not {up}")
-    upward = upward / np.linalg.norm(upward)
-    # The front is +z if y is up, and -y if z is up, as in modelling programs.
-    front = np.array([0.0, 0.0, 1.0]) if abs(upward[2]) < abs(upward[1]) else np.array([0.0, -1.0, 0.0])
-    front = front - upward * (front @ upward)
-    front /= np.linalg.norm(front)
-    side = np.cross(upward, front)
-    azimuth, elevation = math.radians(_AZIMUTH_DEGREES), math.radians(_ELEVATION_DEGREES)
-    level = math.cos(azimuth) * front + math.sin(azimuth) * side
-    return math.cos(elevation) * level + math.sin(elevation) * upward
-
-
-def _as_vector(values: NDArray[np.float64]) -> Vector:
+def as_vector(values: NDArray[np.float64]) -> Vector:
+    """Return three numbers of Python's."""
     return float(values[0]), float(values[1]), float(values[2])

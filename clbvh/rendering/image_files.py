@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -29,19 +30,40 @@ def check_hits_path(path: Path) -> None:
     check_target(path)
 
 
-def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
+def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     """Write a picture as PPM (P6) or PNG, by the suffix of the name.
 
     Parameters
     ----------
-    path : Path
+    path : str or path
     rgb : (height, width, 3) uint8
+
+    Raises
+    ------
+    ConfigError
+        Another suffix, or a file that cannot be written.
     """
+    if not isinstance(path, str | os.PathLike) or not isinstance(os.fspath(path), str):
+        raise ConfigError(f"the file of a picture is a path, not {path!r}")
+    path = Path(path)
     check_picture_path(path)
+    encoded = encode_picture(rgb, path.suffix.lower())
+    write_atomically(path, lambda file: file.write(encoded))
+
+
+def encode_picture(rgb: NDArray[np.uint8], suffix: str) -> bytes:
+    """Return the bytes of a picture file.
+
+    Parameters
+    ----------
+    rgb : (height, width, 3) uint8
+    suffix : str
+        One of `PICTURE_SUFFIXES`.
+    """
     # Imported here: it takes 0.1 s, which a failed run should not spend.
     from imageio import v3 as imageio
 
-    write_atomically(path, lambda file: imageio.imwrite(file, rgb, extension=path.suffix.lower(), plugin="pillow"))
+    return imageio.imwrite("<bytes>", rgb, extension=suffix, plugin="pillow")
 
 
 def write_hits(path: Path, hits: Hits) -> None:

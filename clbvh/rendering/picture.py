@@ -6,7 +6,8 @@ are first asked for: a picture that is only looked at does not pay for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import os
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,46 +20,59 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
-from ..trace.hits.refine import refine_closest
-from ..trace.rays.batch import RayBatch
+from ..trace.hits.refine import RefinedHits, refine_closest
+from ..trace.rays.batch import RayBatch, read_rays
 from .camera import Camera
+from .image_files import encode_picture, write_picture
 
 # Pixels whose rays are in memory at a time: 48 MiB of origins and directions.
 _CHUNK_PIXELS = 1 << 20
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Picture:
-    """A rendered scene.
+    """A rendered scene. A notebook shows it.
 
     Attributes
     ----------
     rgb : (height, width, 3) uint8
+        The pixels; row 0 is the top.
     found : (height, width) `structs.HIT`
         The device's hits, in float32; t in local units.
     camera : Camera
         The camera of the picture.
     mesh : Mesh
+        In the scene's coordinates.
     bvh : Bvh or None
         None without a tree.
     device : DeviceInfo
     layout : str
     workers : int
-        Processes that built the tree; 0 when it came from the cache.
+        Processes that built the tree; 0 when it came from the cache or was given.
     timings : dict of str to float
-        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, compile
-        (open the device, compile the kernels), layout (arrange the tree for the device), upload, kernel, download (the
-        device's own times), other (between these phases), and total: the wall time, the sum of all but pool_start.
+        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, open (the
+        device), layout (arrange the tree for the device), compile (functions and kernels, which are kept for the next
+        run), load_code (those that were kept), upload, kernel, download (the device's own times), other (between these
+        phases), and total: the wall time, the sum of all but pool_start. No other phase includes compile or load_code,
+        which are those of all threads. In a picture of a `Renderer`, the time of what `Renderer.timings` has is 0.
     tree_from_cache : bool
         Whether the tree came from the cache.
     notes : tuple of str
         Facts that a user should know but that are no errors.
     validated_pixels : int
         The number of pixels that were compared with the reference.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
+    >>> picture.save("sphere.png")  # doctest: +SKIP
+    >>> picture
+    Picture(64 x 48 of 'icosphere', 1,565 pixels hit)
     """
 
     rgb: NDArray[np.uint8]
-    found: NDArray[np.void] = field(repr=False)
+    found: NDArray[np.void]
     camera: Camera
     mesh: Mesh
     bvh: Bvh | None
@@ -70,6 +84,24 @@ class Picture:
     notes: tuple[str, ...] = ()
     validated_pixels: int = 0
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the picture to a file, ``.ppm`` or ``.png`` by its name: completely or not at all.
+
+        Raises
+        ------
+        ConfigError
+            Another name, or a file that cannot be written.
+        """
+        write_picture(path, self.rgb)
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture as PNG, for notebooks."""
+        return encode_picture(self.rgb, ".png")
+
+    def __repr__(self) -> str:
+        height, width = self.found.shape
+        return f"Picture({width} x {height} of {self.mesh.name!r}, {self._hit_count:,} pixels hit)"
+
     @cached_property
     def hits(self) -> Hits:
         """Hits of (height, width): t in the scene's unit from the eye, prim_id in the face order of the mesh's file.
@@ -77,6 +109,19 @@ class Picture:
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
         return refine_pixels(self.mesh, self.camera, self.found)
+
+    @cached_property
+    def depth(self) -> NDArray[np.float64]:
+        """(height, width) float64: the distance of each hit along the optical axis, infinite on a miss.
+
+        What depth cameras call z, where the t of `hits` is the distance from the eye; see `Camera.cosines`.
+        """
+        height, width = self.found.shape
+        return self.hits.t * self.camera.cosines(width, height)
+
+    @property
+    def _hit_count(self) -> int:
+        return int(np.count_nonzero(self.found["prim_id"] != NO_PRIM))
 
     def report(self) -> dict[str, Any]:
         """Return the numbers of the run, for a table or for JSON."""
@@ -95,7 +140,7 @@ class Picture:
             "width": self.rgb.shape[1],
             "height": self.rgb.shape[0],
             "rays": rays,
-            "hits": int(np.count_nonzero(self.found["prim_id"] != NO_PRIM)),
+            "hits": self._hit_count,
             "mrays_per_s": rays / 1e3 / self.timings["kernel"],
             "validated_pixels": self.validated_pixels,
             "timings_ms": dict(self.timings),
@@ -117,29 +162,25 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    t, u, v = (np.empty(height * width) for _ in range(3))
-    prim_id = np.empty(height * width, np.int32)
-    no_limits = np.zeros(1), np.full(1, np.inf)
+    refined, prim_id = RefinedHits.make(height * width), np.empty(height * width, np.int32)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
             last_row = min(first_row + row_count, height)
-            origins, directions = camera.rays(width, height, range(first_row, last_row))
-            batch = RayBatch(origins.reshape(-1, 3), directions.reshape(-1, 3), *no_limits)
+            rays, _ = read_rays(*camera.rays(width, height, range(first_row, last_row)), 0.0, np.inf)
             of_rows = found[first_row:last_row].reshape(-1)
 
             def refine(
                 begin: int,
                 end: int,
                 first: int = first_row * width,
-                batch: RayBatch = batch,
+                batch: RayBatch = rays,
                 of_rows: NDArray[np.void] = of_rows,
             ) -> None:
-                pixels = slice(first + begin, first + end)
+                pixels = first + begin, first + end
                 refine_closest(
-                    batch.part(begin, end), mesh, of_rows[begin:end], t[pixels], u[pixels], v[pixels], prim_id[pixels]
+                    batch.part(begin, end), mesh, of_rows[begin:end], refined.part(*pixels), prim_id[slice(*pixels)]
                 )
 
             threads.for_ranges(len(of_rows), refine)
-    t, u, v = (values.reshape(height, width) for values in (t, u, v))
-    return Hits(t, u, v, prim_id.reshape(height, width), mesh)
+    return refined.as_hits(prim_id, mesh, (height, width))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
@@ -17,10 +18,12 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh, load_mesh
+from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, frame_mesh
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, is_vector
+from .framing import frame_mesh
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -66,7 +69,7 @@ class Light:
 
 @dataclass(frozen=True)
 class MeshSource:
-    """The source of a scene's mesh: exactly one of `path`, `name` and `shape`.
+    """The source of a scene's mesh: exactly one of `path`, `name`, `shape` and `mesh`.
 
     Attributes
     ----------
@@ -76,11 +79,13 @@ class MeshSource:
         A known mesh, such as ``bunny``.
     shape : str
         A procedural shape, with `triangles`, `seed` and the shape's own `options`.
+    mesh : Mesh
+        A mesh in memory.
 
     Raises
     ------
     SceneError
-        None of the three is given, or several.
+        None of the four is given, or several.
     """
 
     path: str | None = None
@@ -89,13 +94,16 @@ class MeshSource:
     triangles: int = 100_000
     seed: int = 0
     options: dict[str, float] = field(default_factory=dict)
+    mesh: Mesh | None = None
 
     def __post_init__(self) -> None:
-        if sum(value is not None for value in (self.path, self.name, self.shape)) != 1:
-            raise SceneError("the mesh needs exactly one of path, name and shape")
+        if sum(value is not None for value in (self.path, self.name, self.shape, self.mesh)) != 1:
+            raise SceneError("the mesh needs exactly one of path, name and shape, or a Mesh")
 
     def load(self) -> Mesh:
         """Return the mesh; raise `MeshError` or `ConfigError` if there is none."""
+        if self.mesh is not None:
+            return self.mesh
         if self.shape is not None:
             return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
         return load_mesh(self.file())
@@ -106,6 +114,8 @@ class MeshSource:
 
     def estimate_face_count(self) -> int:
         """Return the approximate number of triangles without reading them; 0 if the file is missing."""
+        if self.mesh is not None:
+            return self.mesh.face_count
         if self.shape is not None:
             return self.triangles
         file = self.file()
@@ -163,6 +173,7 @@ class Scene:
     Attributes
     ----------
     mesh : MeshSource
+        Made from a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)`` where one of these is given.
     transform : Transform
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh is visible.
@@ -176,7 +187,7 @@ class Scene:
     surface : (3,) float
         Linear colour of the mesh.
     background : pair of (3,) float
-        Linear colours at the top and at the bottom of the picture.
+        Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int
         Pixels.
 
@@ -200,10 +211,12 @@ class Scene:
     height: int = DEFAULT_HEIGHT
 
     def __post_init__(self) -> None:
-        if self.shading not in SHADINGS:
+        if not isinstance(self.mesh, MeshSource):
+            object.__setattr__(self, "mesh", _make_source(self.mesh))
+        if not isinstance(self.shading, str) or self.shading not in SHADINGS:
             raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
         for name, side in (("width", self.width), ("height", self.height)):
-            if not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
+            if isinstance(side, bool) or not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
                 raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
         check_fov(self.fov)
         if self.look_at is not None and self.eye is None:
@@ -212,8 +225,10 @@ class Scene:
             if getattr(self, name) is not None:
                 check_vector(f"the camera's {name}", getattr(self, name))
         check_vector("the surface colour", self.surface)
+        if is_vector(self.background):
+            object.__setattr__(self, "background", (self.background, self.background))
         if not isinstance(self.background, tuple | list) or len(self.background) != 2:
-            raise SceneError(f"the background must be two colours, top and bottom, not {self.background!r}")
+            raise SceneError(f"the background must be a colour, or two: top and bottom, not {self.background!r}")
         for colour in self.background:
             check_vector("a background colour", colour)
 
@@ -226,6 +241,13 @@ class Scene:
     def with_changes(self, **changes: Any) -> Scene:
         """Return a copy with those changes that are not None."""
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
+
+
+def _make_source(mesh: MeshLike) -> MeshSource:
+    """Return the source of a mesh that is given itself; a file is read later."""
+    if isinstance(mesh, str | os.PathLike):
+        return MeshSource(path=os.fspath(mesh))
+    return MeshSource(mesh=as_mesh(mesh))
 
 
 def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:

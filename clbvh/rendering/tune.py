@@ -22,8 +22,9 @@ from ..trace.device_tree import DeviceTree
 from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from ..trace.rays.pack import pack_rays
-from .camera import Camera, frame_mesh
+from .camera import Camera
 from .frame import FrameRenderer
+from .framing import frame_mesh
 from .scene import MeshSource, Scene
 from .view import make_view
 
@@ -140,7 +141,9 @@ def tune(
             tile: _renders(FrameRenderer(session, tree, tile), view) for tile in _TILES if tile[0] * tile[1] <= largest
         }
         tile = _choose(trials, "tile", _measure(session, tasks), chosen.tile)
-        chosen = Settings(layout, work_group_size, tile, is_measured=True)
+        # Rays with the best work-groups, and the picture with the best tiles.
+        ms = sum(trial.ms for trial in trials if trial.is_best and trial.what != "layout")
+        chosen = Settings(layout, work_group_size, tile, is_measured=True, measured_ms=ms)
         return session.info, chosen, trials
 
 
@@ -148,7 +151,7 @@ def _make_rays(camera: Camera, bvh: Bvh, size: tuple[int, int]) -> list[NDArray[
     """Return the rays of a picture, in its order and shuffled."""
     batch, _ = read_rays(*camera.rays(*size), 0.0, np.inf)
     rays = np.empty(batch.ray_count, PACKED_RAY)
-    pack_rays(batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
+    pack_rays(batch, batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
     return [rays, np.random.default_rng(0).permutation(rays)]
 
 

@@ -7,10 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SceneError
 from ..geometry import Mesh
 from ..structs import SHADINGS, VIEW
-from .camera import Camera
+from .camera import Camera, find_window
 from .scene import Scene
+
+# Sizes of the mesh from it to the eye: well within float32.
+_MOST_DISTANCE = 1e30
 
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
@@ -25,19 +29,24 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     camera : Camera
         In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
+
+    Raises
+    ------
+    SceneError
+        The eye is farther away than float32 can say, or the camera has a lens for a picture of another shape.
     """
     view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
-    half_height = math.tan(math.radians(camera.fov) / 2)
-    eye = mesh.to_local(camera.eye)
+    eye = _locate_eye(camera, mesh)
     view["eye"] = eye
-    view["forward"] = forward
-    view["right"] = right * half_height * scene.width / scene.height
-    view["up"] = up * half_height
+    view["optical_axis"] = forward
+    view["forward"], view["right"], view["up"] = _span_picture(camera, scene.width, scene.height)
 
     view["to_light"] = _light_direction(scene, right, up, forward)
     view["light_colour"] = scene.light.colour
-    view["to_sky"] = np.asarray(camera.up) / np.linalg.norm(camera.up)
+    # A camera with a lens knows the picture's up and not the world's.
+    to_sky = np.asarray(camera.up if camera.lens is None else scene.up)
+    view["to_sky"] = to_sky / np.linalg.norm(to_sky)
     view["sky_colour"] = scene.light.sky
     view["ground_colour"] = scene.light.ground
     view["surface_colour"] = scene.surface
@@ -47,6 +56,35 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
     return view
+
+
+def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
+    """Return the eye in local coordinates."""
+    with np.errstate(over="ignore"):
+        eye = mesh.to_local(camera.eye)
+        distance = np.abs(eye).max()
+    if not distance < _MOST_DISTANCE:
+        raise SceneError(
+            f"the camera's eye {camera.eye} is {distance:.0e} sizes of the mesh away from it, and a picture has room "
+            f"for {_MOST_DISTANCE:.0e}: move it closer"
+        )
+    return eye
+
+
+def _span_picture(
+    camera: Camera, width: int, height: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the middle of the picture in the plane at distance 1 from the eye, and its halves right and up."""
+    right, up, forward = camera.axes()
+    if camera.lens is None:
+        half_height = math.tan(math.radians(camera.fov) / 2)
+        # The order of these products determines the last bits of pictures.
+        return forward, right * half_height * width / height, up * half_height
+    window = find_window(camera, width, height)
+    # What one unit upwards is: with skew also to the side.
+    upwards = up + window.shear * right
+    middle = forward + window.centre_x * right + window.centre_y * upwards
+    return middle, window.half_width * right, window.half_height * upwards
 
 
 def _light_direction(
@@ -62,8 +100,7 @@ def _light_direction(
 
 def _depth_range(mesh: Mesh, eye: NDArray[np.float64], forward: NDArray[np.float64]) -> tuple[float, float]:
     """Return the nearest and the farthest distance of the mesh's box along the line of sight, in local units."""
-    vertices = mesh.local_vertices
-    lower, upper = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+    lower, upper = mesh.local_box.astype(np.float64)
     nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
     farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
     nearest = max(nearest, 0.0)

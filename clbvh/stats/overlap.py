@@ -121,7 +121,9 @@ def _sum_overlaps(vertices, faces, prim_ids, slots, nodes, node_ints, costs, dep
     overlap, total_area = 0.0, 0.0
     for slot in slots:
         for corner in range(3):
-            polygon[corner] = vertices[faces[prim_ids[slot], corner]]
+            vertex = faces[prim_ids[slot], corner]
+            for axis in range(3):
+                polygon[corner, axis] = vertices[vertex, axis]
         area = _measure_area(polygon, 3)
         total_area += area
         if area == 0:
@@ -135,12 +137,12 @@ def _sum_overlaps(vertices, faces, prim_ids, slots, nodes, node_ints, costs, dep
             continue  # the root is the only node, and holds every triangle
 
         stack_nodes[0], stack_sizes[0] = 0, 3
-        stack_polygons[0] = polygon
+        _copy(polygon, 3, stack_polygons[0])
         stack_size = 1
         while stack_size > 0:
             stack_size -= 1
             size = stack_sizes[stack_size]
-            polygon[:size] = stack_polygons[stack_size, :size]
+            _copy(stack_polygons[stack_size], size, polygon)
             first = node_ints[stack_nodes[stack_size], NODE_FIRST]
             for node in range(first, first + 2):
                 if held_leaf[node] == leaf:
@@ -154,9 +156,17 @@ def _sum_overlaps(vertices, faces, prim_ids, slots, nodes, node_ints, costs, dep
                     overlap += costs[node] * area
                 if node_ints[node, NODE_COUNT] == 0:
                     stack_nodes[stack_size], stack_sizes[stack_size] = node, part_size
-                    stack_polygons[stack_size, :part_size] = part[:part_size]
+                    _copy(part, part_size, stack_polygons[stack_size])
                     stack_size += 1
     return overlap, total_area
+
+
+@compiled
+def _copy(polygon, size, target):
+    """Copy the first `size` vertices. As loops: numba takes seconds to compile an assignment to a slice."""
+    for corner in range(size):
+        for axis in range(3):
+            target[corner, axis] = polygon[corner, axis]
 
 
 @compiled
@@ -171,7 +181,8 @@ def _find_owners(node_ints):
         first, count = node_ints[node, NODE_FIRST], node_ints[node, NODE_COUNT]
         if count == 0:
             parents[first] = parents[first + 1] = node
-        owners[first : first + count] = node
+        for slot in range(first, first + count):
+            owners[slot] = node
     return parents, owners
 
 
@@ -219,7 +230,7 @@ def _clip(polygon, size, nodes, node, clipped):
         if low > nodes[node, NODE_MAX + axis] or high < nodes[node, axis]:
             return 0, 0
     side = 0
-    clipped[0, :size] = polygon[:size]
+    _copy(polygon, size, clipped[0])
     for axis in range(3):
         for is_upper in range(2):
             # Inside is where sign * coordinate <= sign * plane.

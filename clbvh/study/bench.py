@@ -21,7 +21,8 @@ from ..device.info import DeviceInfo
 from ..geometry import Mesh, load_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
-from ..rendering.camera import Camera, frame_mesh
+from ..rendering.camera import Camera
+from ..rendering.framing import frame_mesh
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads, usable_cores
 from .case import NotMeasuredError

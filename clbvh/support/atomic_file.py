@@ -91,6 +91,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
             file.flush()
             if path.is_file():
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
+            if os.name == "nt":
+                file.close()  # Windows renames no open file; its lock is needed no longer
             temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

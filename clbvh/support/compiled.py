@@ -4,6 +4,8 @@ numba caches machine code per function and checks only the function's own file f
 was inlined from another file, or of a constant from there, would go unnoticed, and old code would run. Therefore the
 folder is named after a digest of all source files that compiled functions can depend on: any change of them starts a
 new folder.
+
+The time of compiling goes to `code_times`.
 """
 
 from __future__ import annotations
@@ -21,9 +23,12 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types
+from numba.core import event
 
 from . import unfinished
 from .cache_folder import find_cache, is_writable, say_unusable
+from .code_times import CompilingCode
 from .machine_code_cache import MachineCodeCache
 from .orphans import remove_orphans
 
@@ -36,8 +41,11 @@ _decorating = threading.Lock()
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
+# Functions of all modules by their identity, in the order of import.
+_dispatchers: dict[int, Any] = {}
+
 # Rooms without compiled functions; an edit of them keeps the machine code. A test holds them to it.
-INTERPRETED_ROOMS = ("cli", "device", "integrations", "rendering", "study")
+INTERPRETED_ROOMS = ("cli", "device", "integrations", "rendering", "study", "warmup")
 
 _DIGITS = 16
 
@@ -59,6 +67,8 @@ def compiled(function: Callable[..., Any] | None = None, *, error_model: str = "
     if function is None:
         return lambda decorated: compiled(decorated, error_model=error_model)
     dispatcher = _njit(nogil=True, error_model=error_model)(function)
+    dispatcher.get_call_template = partial(_find_general_version, dispatcher.get_call_template)
+    _dispatchers[id(dispatcher)] = dispatcher
     if (folder := find_compiled_cache()) is not None:
         # numba reads the setting when it gives a function its cache. It is restored for other packages.
         with _decorating:
@@ -69,6 +79,45 @@ def compiled(function: Callable[..., Any] | None = None, *, error_model: str = "
             finally:
                 _settings.CACHE_DIR = others
     return dispatcher
+
+
+def list_compiled() -> list[Any]:
+    """Return the functions that are compiled, of all modules imported so far."""
+    return list(_dispatchers.values())
+
+
+def _find_general_version(find: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+    """Let all calls of a compiled function from others share one version for each list of types.
+
+    numba would compile another one for each number that is written out in a call, such as ``f(x, 3)``. LLVM knows the
+    number where it puts the function in line.
+    """
+    return find(
+        tuple(types.unliteral(argument) for argument in arguments),
+        {name: types.unliteral(argument) for name, argument in named.items()},
+    )
+
+
+class _CompilationListener(event.Listener):
+    """Passes on when a function of this package is compiled, with all that it needs."""
+
+    def on_start(self, event: Any) -> None:
+        if _is_ours(event):
+            _COMPILING.__enter__()
+
+    def on_end(self, event: Any) -> None:
+        if _is_ours(event):
+            _COMPILING.__exit__(None, None, None)
+
+
+_COMPILING = CompilingCode()
+
+
+def _is_ours(event: Any) -> bool:
+    return id(event.data["dispatcher"]) in _dispatchers
+
+
+event.register("numba:compile", _CompilationListener())
 
 
 @cache

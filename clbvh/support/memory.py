@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,9 +24,11 @@ def free_memory_bytes() -> int:
 
 
 def _system_bytes() -> int:
-    """Return what the whole machine has left; all of its memory where it does not say that."""
+    """Return what the whole machine has left; all of its memory where it does not say that, no limit on Windows."""
     if found := re.search(r"^MemAvailable:\s*(\d+) kB", _read(_PROC / "meminfo"), re.MULTILINE):
         return int(found[1]) * _KIB
+    if not hasattr(os, "sysconf"):
+        return sys.maxsize
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 

@@ -181,9 +181,7 @@ class Call(MemoryLoan):
             most_rays=most_rays, progress=progress,
         )  # fmt: skip
 
-    def pack_rays(
-        self, batch: RayBatch, piece: RayPiece, shape: tuple[int, ...] = (), *, in_ray_order: bool = True
-    ) -> Batch:
+    def pack_rays(self, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
         """Put the rays of a piece on the device.
 
         Parameters
@@ -191,8 +189,6 @@ class Call(MemoryLoan):
         batch : RayBatch
         piece : RayPiece
             Of the batch.
-        shape : tuple of int
-            Leading shape of the user's arrays, for messages.
         in_ray_order : bool
             Whether the results are to be in the order of the chunk's rays, whatever the order of the piece; then the
             piece is the whole chunk.
@@ -203,10 +199,10 @@ class Call(MemoryLoan):
         def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
             if chunk is None or piece.order is None:
                 begin = piece.begin + first
-                pack_rays(batch.part(begin, piece.begin + last), self.box, packed, first_ray=begin, shape=shape)
+                pack_rays(batch, batch.part(begin, piece.begin + last), self.box, packed, first_ray=begin)
             else:
                 order = piece.order[first:last]
-                pack_rays(chunk, self.box, packed, order=order, first_ray=piece.begin, shape=shape)
+                pack_rays(batch, chunk, self.box, packed, order=order, first_ray=piece.begin)
 
         rays = self._fill("packed", PACKED_RAY, count, pack)
         order = None

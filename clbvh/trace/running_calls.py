@@ -51,6 +51,11 @@ class CallMemory:
         """Bytes of all buffers."""
         return sum(buffer.size for buffer in self._buffers.values())
 
+    def release_buffers(self) -> None:
+        """Give all buffers back; they are allocated again where they are needed."""
+        for buffer in self._buffers.values():
+            buffer.release()
+
     def release(self) -> None:
         """Give all buffers back; the memory cannot be used again."""
         self.session.close()
@@ -72,6 +77,8 @@ class RunningCalls:
     ----------
     tree_session : DeviceSession
         Closed with the calls.
+    owner : str
+        What a user closes, for messages.
 
     Attributes
     ----------
@@ -79,8 +86,9 @@ class RunningCalls:
         Whether new calls are refused.
     """
 
-    def __init__(self, tree_session: DeviceSession) -> None:
+    def __init__(self, tree_session: DeviceSession, owner: str = "tracer") -> None:
         self._tree_session = tree_session
+        self._owner = owner
         # Reentrant: `end` releases everything while it holds the lock.
         self._lock = threading.RLock()
         self.is_closed = False
@@ -101,7 +109,7 @@ class RunningCalls:
         check_process()
         with self._lock:
             if self.is_closed or self._tree_session.is_closed:
-                raise QueryError("the tracer is closed: its tree is no longer on the device")
+                raise QueryError(f"the {self._owner} is closed: its tree is no longer on the device")
             self._drop_lost_loans()
             loan = _Loan(ref(call), threading.get_ident(), self._idle.pop() if self._idle else None)
             self._loans[id(call)] = loan

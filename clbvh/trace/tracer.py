@@ -25,7 +25,7 @@ from .launch import NO_LIMIT, Caster
 from .points.closest_point import find_closest_points
 from .points.inside import find_inside
 from .points.refine import ClosestPoints
-from .rays.batch import TreeBox, read_rays, read_vectors
+from .rays.batch import TreeBox, read_points, read_rays
 from .rays.pieces import Progress
 
 
@@ -90,24 +90,28 @@ class Tracer(ContextManager):
 
         Parameters
         ----------
-        origins : (..., n, 3) float, the file's coordinates
+        origins : (..., 3) float, the file's coordinates
             Of any leading shape. Rays of shape (height, width, 3) are those of a picture, which are cast tile by tile.
-        directions : the same shape, any length above 0
-        t_min, t_max : float or (..., n) float, lengths of the direction
-            Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is at least 0.
+        directions : (..., 3) float, any length above 0
+            Broadcast against the origins, without copies: one origin (3,) for many directions (n, 3), or (n, 1, 3) with
+            (m, 3) for all pairs.
+        t_min, t_max : float or (...,) float, lengths of the direction
+            Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is
+            at least 0.
         progress : function, optional
             Called with the number of rays that are done, and of all rays, after each piece of the work.
 
         Returns
         -------
         Hits
-            In the leading shape of the rays, in float64. At equal distance the smaller face number wins.
+            In the leading shape that the rays are broadcast to, () for a single ray; in float64. At equal distance the
+            smaller face number wins.
 
         Raises
         ------
         QueryError
-            Wrong shape, a value that is not finite, a direction of length zero, a negative t_min: the message names
-            the first bad ray. Or the tracer is closed.
+            Shapes that are wrong or do not broadcast, a value that is not finite, a direction of length zero, a
+            negative t_min: the message names the first bad ray. Or the tracer is closed.
         """
         batch, shape = read_rays(origins, directions, t_min, t_max)
         return find_closest_hits(self._caster, self._mesh, batch, shape, progress)
@@ -121,7 +125,7 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
-        """Return (..., n) int32: the face that `closest_hit` finds, -1 on a miss; it costs less on the host.
+        """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; it costs less on the host.
 
         Takes and raises the same as `closest_hit`.
         """
@@ -137,7 +141,7 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
-        """Return (..., n) bool: whether each ray hits anything, which takes less time than the closest hit.
+        """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
 
         Takes and raises the same as `closest_hit`.
         """
@@ -154,7 +158,7 @@ class Tracer(ContextManager):
         max_hits: int | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
-        """Return (..., n) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
+        """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
 
         Takes and raises the same as `closest_hit`, and stops counting at `max_hits`, at least 1.
         """
@@ -223,7 +227,7 @@ class Tracer(ContextManager):
 
         Parameters
         ----------
-        points : (..., n, 3) float, the file's coordinates
+        points : (..., 3) float, the file's coordinates
         progress : function, optional
             Called with the number of points that are done, and of all points, after each piece of the work.
 
@@ -238,10 +242,10 @@ class Tracer(ContextManager):
         QueryError
             Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
         """
-        return find_closest_points(self._caster, self._mesh, read_vectors(points, "points"), progress)
+        return find_closest_points(self._caster, self._mesh, read_points(points), progress)
 
     def contains(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.bool_]:
-        """Return (..., n) bool: whether a closed mesh contains each point.
+        """Return (...,) bool: whether a closed mesh contains each point.
 
         A point is inside if a ray from it crosses the surface an odd number of times. So the orientation of triangles
         does not matter, and a point inside two nested shells is outside. On the surface, as far as float32 can tell,
@@ -253,16 +257,16 @@ class Tracer(ContextManager):
             Once for each tracer, if the mesh is not closed (`Mesh.is_watertight`): the answer is not defined.
         """
         self._warn_if_open("contains")
-        return find_inside(self._caster, read_vectors(points, "points"), progress)
+        return find_inside(self._caster, read_points(points), progress)
 
     def signed_distance(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.float64]:
-        """Return (..., n) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
+        """Return (...,) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
 
         The distance is that of `closest_point`, the sign that of `contains`, which also warns. Takes and raises the
         same as `closest_point`.
         """
         self._warn_if_open("signed_distance")
-        vectors = read_vectors(points, "points")
+        vectors = read_points(points)
         distance = find_closest_points(self._caster, self._mesh, vectors, progress).distance
         return np.where(find_inside(self._caster, vectors), distance, -distance)
 

@@ -22,17 +22,24 @@ _DEVICE_VARIABLES = ("CLBVH_DEVICE", "OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
 # to new processes.
 _DRIVER_PREFIXES = ("OCL_", "OPENCL_", "POCL_", "PYTHON")
 
+# How the line about a first run begins.
+FIRST_RUN = "clbvh: compiling for this machine"
+
 # The same as the installed script.
 _SCRIPT = "from clbvh.cli import main; main()"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Exit code and output of a command."""
+    """Exit code and output of a command.
+
+    Whether something is compiled depends on the tests before: the line about it is apart.
+    """
 
     returncode: int
     stdout: str
     stderr: str
+    compiled: bool = False
 
 
 def run_clbvh(*arguments: object, **environment: str) -> Answer:
@@ -57,7 +64,15 @@ def run_clbvh(*arguments: object, **environment: str) -> Answer:
             patch.setenv(name, value)
         with pytest.raises(SystemExit) as ended:
             run([str(argument) for argument in arguments])
-    return Answer(ended.value.code or 0, output.getvalue(), errors.getvalue())
+    return make_answer(ended.value.code or 0, output.getvalue(), errors.getvalue())
+
+
+def make_answer(returncode: int, stdout: str, stderr: str) -> Answer:
+    """Return the answer of a command, with the line about a first run taken out of stderr."""
+    lines = stderr.splitlines(keepends=True)
+    others = [line for line in lines if not line.startswith(FIRST_RUN)]
+    assert len(lines) - len(others) <= 1
+    return Answer(returncode, stdout, "".join(others), compiled=len(others) < len(lines))
 
 
 def make_environment(**environment: str) -> dict[str, str]:
@@ -75,7 +90,7 @@ def run_process(*arguments: object, **environment: str) -> Answer:
         env=make_environment(**environment),
         check=False,
     )
-    return Answer(process.returncode, process.stdout, process.stderr)
+    return make_answer(process.returncode, process.stdout, process.stderr)
 
 
 def refuses(answer: Answer, code: int, *words: str) -> None:

@@ -9,6 +9,8 @@ import pytest
 
 from clbvh.conformance import check
 from clbvh.conformance.expected import load_expected
+from clbvh.device.doctor import drivers
+from clbvh.device.icd_files import find_bundled_folder
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
@@ -146,3 +148,55 @@ def test_other_answers_are_exit_code_1_and_named(monkeypatch):
 )
 def test_options_of_the_check_without_sense_are_exit_code_2(arguments, words):
     refuses(run_doctor(*arguments), 2, words)
+
+
+@pytest.fixture
+def loose_driver(monkeypatch):
+    """A machine on which PoCL is found that no driver file names; returns the path of its library."""
+    pocl = next(iter(find_bundled_folder().glob("libpocl*")), None)
+    if pocl is None:
+        pytest.skip("this pyopencl has no PoCL beside it that could be found again")
+    driver = next(known for known in drivers.KNOWN_DRIVERS if known.vendor == "PoCL")
+    monkeypatch.setattr(drivers, "find_libraries", lambda *_: [drivers.FoundLibrary(driver, pocl)])
+    return pocl
+
+
+def test_fix_says_what_it_would_write_writes_it_and_has_nothing_to_do_then(loose_driver, tmp_path):
+    path = tmp_path / "own/pocl.icd"
+    answer = run_doctor("--fix", "--dry-run", CLBVH_DRIVERS=str(path.parent))
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.startswith(f"would write {path} ({loose_driver}: ")
+    assert not path.parent.exists()
+
+    answer = run_doctor("--fix", CLBVH_DRIVERS=str(path.parent))
+    assert answer.stdout.startswith(f"writing {path} ({loose_driver}: ")
+    assert f"to undo it: rm {path}" in answer.stdout
+    assert path.read_text() == f"{loose_driver}\n"
+    # The diagnosis that follows has it already.
+    assert f"{path} names {loose_driver}" in answer.stdout
+
+    answer = run_doctor("--fix", CLBVH_DRIVERS=str(path.parent))
+    assert answer.stdout.startswith("nothing to fix")
+
+
+def test_fix_touches_nothing_but_its_own_folder(loose_driver, tmp_path):
+    own, home = tmp_path / "own", tmp_path / "home"
+    home.mkdir()
+    report = json.loads(run_doctor("--fix", "--json", HOME=str(home), CLBVH_DRIVERS=str(own)).stdout)
+    assert report["dry_run"] is False
+    assert [step["action"] for step in report["steps"]] == ["write"]
+    # Drivers keep compiled kernels in the user's cache, whoever runs them.
+    made = [path for path in tmp_path.rglob("*") if path.is_file() and ".cache" not in path.parts]
+    assert made == [own / "pocl.icd"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["--dry-run"], "--dry-run needs --fix"), (["--fix", "--conformance"], "give one of them")],
+)
+def test_options_of_the_fix_without_sense_are_exit_code_2(arguments, words):
+    refuses(run_doctor(*arguments), 2, words)
+
+
+def test_fix_under_a_variable_that_names_the_drivers_is_exit_code_2(tmp_path):
+    refuses(run_doctor("--fix", OCL_ICD_VENDORS=str(tmp_path)), 2, "OCL_ICD_VENDORS is set", "unset it")

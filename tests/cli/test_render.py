@@ -35,8 +35,8 @@ REPORT_KEYS = {
     "rays", "hits", "mrays_per_s", "timings_ms",
 }  # fmt: skip
 TIMING_KEYS = {
-    "load", "pool_start", "cache", "build", "compile", "layout", "upload", "kernel", "download", "other", "total",
-    "write",
+    "load", "pool_start", "cache", "build", "open", "layout", "compile", "load_code", "upload", "kernel", "download",
+    "other", "total", "write",
 }  # fmt: skip
 
 

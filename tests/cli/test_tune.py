@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from clbvh.device.select import list_devices
 from clbvh.rendering import tune as tune_module
 from clbvh.rendering.tune import Trial, _choose, tune
 from clbvh.structs import LAYOUT_WIDTHS
 
-from .command import run_clbvh
+from .command import refuses, run_clbvh
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +75,19 @@ def test_a_gain_within_the_noise_changes_nothing():
     assert [(trial.choice, trial.is_best) for trial in trials] == [
         ("8 x 8", True), ("4 x 4", False), ("8 x 8", False), ("4 x 4", True)
     ]  # fmt: skip
+
+
+def test_all_devices_are_measured_and_then_listed(measured, monkeypatch, tmp_path):
+    asked = []
+
+    def measure(info):
+        asked.append(info)
+        return info, *measured[1:]
+
+    monkeypatch.setattr(tune_module, "tune", measure)
+    answer = run_clbvh("tune", "--all", CLBVH_CACHE=str(tmp_path))
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert asked == [device for device in list_devices() if not device.is_emulated]
+    assert answer.stdout.splitlines()[-1].startswith("the devices from now on: 0: ")
+    assert len(list(tmp_path.rglob("*.json"))) == len(asked)
+    refuses(run_clbvh("tune", "--all", "--device", "0"), 2, "give one of them")

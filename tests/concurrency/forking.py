@@ -48,6 +48,8 @@ class Parent:
         """Open a tracer, and start threads and workers."""
         self.tracer = clbvh.Tracer(self.bvh)
         self.closed = clbvh.Tracer(self.bvh)
+        self.renderer = clbvh.Renderer(self.scene)
+        self.picture = self.renderer.render()
         self.hits = self.tracer.closest_hit(*np.random.default_rng(0).normal(size=(2, MANY, 3)))
         self.hits.locations.sum()
         self.box.intersects_any([[0, 0, 5]], [[0, 0, -1]])
@@ -58,12 +60,12 @@ class Parent:
 
     def forget(self):
         """Drop all that holds the driver's handles."""
-        del self.tracer, self.closed, self.box, self.hits
+        del self.tracer, self.closed, self.renderer, self.picture, self.box, self.hits
         gc.collect()
 
     def close(self):
         """Close everything."""
-        with self.tracer:
+        with self.tracer, self.renderer:
             self.box.close()
             self.pool.close()
             self.threads.close()
@@ -150,6 +152,8 @@ def main():
         "times": lambda: parent.tracer.timings_ms,
         "devices": lambda: [str(device) for device in clbvh.list_devices()],
         "render": lambda: clbvh.render(parent.scene).hits.count,
+        "renderer": lambda: parent.renderer.render().hits.count,
+        "picture of before": lambda: [parent.picture.hits.count, len(parent.picture._repr_png_()) > 0],
         "trimesh": lambda: parent.box.intersects_any([[0, 0, 5]], [[0, 0, -1]]).tolist(),
         "pool": lambda: clbvh.build(parent.mesh, pool=parent.pool, task_threshold=100).node_count,
         "close": parent.close,

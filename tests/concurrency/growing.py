@@ -31,6 +31,7 @@ class Work:
         self.rays = np.random.default_rng(0).normal(size=(2, 10, 3))
         self.scene = clbvh.Scene(MeshSource(shape="icosphere", triangles=80), width=32, height=32)
         self.tracer = None
+        self.renderer = None
 
     def tracers(self):
         """Open a tracer, ask it, and close it."""
@@ -54,6 +55,15 @@ class Work:
     def pictures(self):
         """Render a picture."""
         clbvh.render(self.scene)
+
+    def frames(self):
+        """Render a picture with a renderer that stays."""
+        self.renderer = self.renderer or clbvh.Renderer(self.scene)
+        self.renderer.render(width=16)
+
+    def renderers(self):
+        """Open a renderer, render, and forget it."""
+        clbvh.Renderer(self.scene).render()
 
     def pools(self):
         """Start workers, build, and stop them."""

@@ -21,6 +21,7 @@ ENDS_ITSELF = [
     "times",
     "devices",
     "render",
+    "renderer",
     "trimesh",
     "sys.exit",
 ]
@@ -70,6 +71,12 @@ def test_a_child_of_multiprocessing_ends(children):
 
 def test_work_on_the_host_goes_on(children):
     assert json.loads(children["host"]) == [30_000, True, [3, 6, 9]]
+
+
+def test_a_picture_is_read_and_encoded(children):
+    hits, is_encoded = json.loads(children["picture of before"])
+    assert hits > 0
+    assert is_encoded
 
 
 def test_the_parent_goes_on(children):

@@ -13,7 +13,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..cli.command import make_environment
+from ..cli.command import make_answer, make_environment
 from ..processes import list_session, wait_until
 
 TIMEOUT_S = 120
@@ -99,7 +99,8 @@ class Place:
                 os.kill(number, signal.SIGKILL)
             process.communicate()
             raise
-        return process.returncode, output or "", errors
+        # Whether something is compiled depends on the tests before.
+        return process.returncode, output or "", make_answer(process.returncode, "", errors).stderr
 
     def run(self, *words: object, **options) -> Outcome:
         """Run a command to its end."""

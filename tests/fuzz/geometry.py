@@ -24,7 +24,7 @@ from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hit
 from clbvh.trace.launch import Caster
 from clbvh.trace.oracle.reference import find_differences, find_wrong_crossings
 from clbvh.trace.points.closest_point import find_closest_points
-from clbvh.trace.rays.batch import TreeBox, read_rays
+from clbvh.trace.rays.batch import TreeBox, read_points, read_rays
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
 from ..kernel.casting import STACK_SIZE
@@ -113,7 +113,7 @@ def _ask(caster: Caster, mesh: Mesh, rays: Rays, points: NDArray[np.float64], li
         "count_hits": count_hits(caster, limited, shape, None, None),
         "all_hits": find_all_hits(caster, mesh, free, shape, None, None),
         "all_hits, few": find_all_hits(caster, mesh, limited, shape, _FEW_HITS, None),
-        "closest_point": find_closest_points(caster, mesh, points),
+        "closest_point": find_closest_points(caster, mesh, read_points(points)),
     }
 
 

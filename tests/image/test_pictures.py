@@ -9,7 +9,7 @@ import clbvh
 from clbvh.errors import ConfigError, ValidationError
 from clbvh.rendering import frame as frame_module
 from clbvh.rendering import picture as picture_module
-from clbvh.rendering import render as pipeline
+from clbvh.rendering import renderer as pipeline
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
 from clbvh.structs import SHADINGS
@@ -55,8 +55,8 @@ def test_every_pixel_of_a_small_picture_is_validated():
 
 
 def test_a_wrong_pixel_is_found(monkeypatch):
-    def render_wrongly(self, view):
-        colours, hits = render_rightly(self, view)
+    def render_wrongly(self, view, times=None):
+        colours, hits = render_rightly(self, view, times)
         hits["prim_id"][10, 16] = (hits["prim_id"][10, 16] + 100) % 320
         return colours, hits
 
@@ -185,7 +185,8 @@ def test_the_report_adds_up(knot_picture):
     assert report["hits"] == (knot_picture.hits.prim_id >= 0).sum()
     times = report["timings_ms"]
     assert list(times) == [
-        "load", "pool_start", "cache", "build", "compile", "layout", "upload", "kernel", "download", "other", "total"
+        "load", "pool_start", "cache", "build", "open", "layout", "compile", "load_code", "upload", "kernel",
+        "download", "other", "total",
     ]  # fmt: skip
     parts = sum(times[name] for name in times if name not in ("pool_start", "total"))
     assert parts == pytest.approx(times["total"])

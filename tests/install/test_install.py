@@ -8,11 +8,15 @@ install is found.
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import venv
 import zipfile
+from email import message_from_bytes
+from email.message import Message
 from pathlib import Path
 
 import pytest
@@ -156,3 +160,95 @@ def test_the_wheel_finds_kernels_and_scenes_in_itself(installed_wheel, tmp_path)
 def test_the_editable_install_finds_kernels_and_scenes_in_the_repository(installed_editable, tmp_path):
     folders = call(installed_editable, "-c", FIND_FOLDERS, folder=tmp_path).split()
     assert folders == [str(REPOSITORY / "cl"), str(REPOSITORY / "scenes")]
+
+
+def test_the_version_is_that_of_the_metadata_and_costs_nothing_until_asked_for(installed_wheel, wheel, tmp_path):
+    # Without `site`, which may import anything for a `.pth` file.
+    packages = call(installed_wheel, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
+    code = f"""
+import sys
+sys.path.append({packages!r})
+import clbvh
+print("importlib.metadata" in sys.modules, clbvh.__version__)
+"""
+    is_loaded, version = call(installed_wheel, "-S", "-c", code, folder=tmp_path).split()
+    assert is_loaded == "False"
+    assert wheel.name.startswith(f"clbvh-{version}-")
+    assert call(installed_wheel.with_name("clbvh"), "--version", folder=tmp_path) == f"clbvh {version}\n"
+
+
+TYPED = """
+import clbvh
+
+mesh = clbvh.make_shape("icosphere", triangles=80)
+reveal_type(clbvh.build(mesh).nodes)
+reveal_type(clbvh.__version__)
+clbvh.build(mesh, builder=3)
+"""
+
+
+def test_a_type_checker_sees_the_types_of_the_installed_package(installed_wheel, tmp_path):
+    (tmp_path / "program.py").write_text(TYPED)
+    command = [sys.executable, "-m", "mypy", "--python-executable", installed_wheel, "--no-incremental", "program.py"]
+    process = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    nodes, version, error = process.stdout.splitlines()[:3]
+    assert "ndarray" in nodes, process.stdout
+    assert 'Revealed type is "str"' in version or 'Revealed type is "builtins.str"' in version
+    assert "arg-type" in error
+
+
+def read_metadata(wheel: Path) -> Message:
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return message_from_bytes(archive.read(name))
+
+
+def test_the_wheel_has_its_license_and_no_dead_link(wheel):
+    metadata = read_metadata(wheel)
+    assert metadata["License-Expression"] == "MIT"
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith("licenses/LICENSE"))
+        assert b"the clbvh developers" in archive.read(name)
+    # Nobody has published the project yet, so there is no address, and nothing in the README may lead to one.
+    assert metadata.get_all("Project-URL") is None
+    text = metadata.get_payload(decode=True).decode()
+    assert text.startswith("# clbvh")
+    assert [address for address in re.findall(r"\]\(([^)]+)\)", text) if not address.startswith("https://")] == []
+
+
+def test_with_the_address_of_a_repository_links_and_pictures_are_absolute(tmp_path, monkeypatch):
+    monkeypatch.setitem(ENVIRONMENT, "CLBVH_PROJECT_URL", "https://example.org/clbvh/")
+    run_pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", tmp_path, REPOSITORY)
+    metadata = read_metadata(next(tmp_path.glob("*.whl")))
+    urls = dict(entry.split(", ", 1) for entry in metadata.get_all("Project-URL"))
+    assert urls["Homepage"] == "https://example.org/clbvh"
+    assert set(urls) == {"Homepage", "Documentation", "Changelog", "Issues"}
+    text = metadata.get_payload(decode=True).decode()
+    addresses = re.findall(r"\]\(([^)]+)\)", text)
+    assert all(address.startswith("https://") for address in addresses)
+    own = [address.partition("/main/")[2] for address in addresses if address.startswith(urls["Homepage"])]
+    assert own
+    assert [path for path in own if not (REPOSITORY / path.partition("#")[0]).exists()] == []
+
+
+def test_the_source_distribution_has_what_a_build_and_the_tests_need(tmp_path):
+    # hatchling itself builds it: pip makes no source distribution.
+    call(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", tmp_path, folder=REPOSITORY)
+    (path,) = tmp_path.glob("clbvh-*.tar.gz")
+    with tarfile.open(path) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+        archive.extractall(tmp_path / "unpacked", filter="data")
+    for part in ("clbvh", "cl", "scenes", "tests", "docs", "examples", ".ci", "bench"):
+        assert {f"{name}" for name in files_of(REPOSITORY, part)} <= names
+    assert {"README.md", "LICENSE", "CHANGELOG.md", "Makefile", "Dockerfile", "hatch_build.py"} <= names
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    run_pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", tmp_path, unpacked)
+    assert list(tmp_path.glob("*.whl"))
+
+
+def test_the_three_lines_of_the_readme_work_from_another_folder(installed_editable, tmp_path):
+    text = (REPOSITORY / "README.md").read_text()
+    code = re.search(r"Three lines of Python.*?```python\n(.*?)```", text, re.DOTALL)[1]
+    assert sum(map(bool, code.splitlines())) == 3
+    printed = call(installed_editable, "-c", code, folder=tmp_path).strip("[]\n ")
+    assert float(printed) == pytest.approx(4, abs=0.05)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh.rendering.camera import Camera
+from clbvh import Camera, Mesh, Scene
+from clbvh.rendering.view import make_view as clbvh_view
 from clbvh.structs import VIEW
 
 WIDTH, HEIGHT = 203, 117
@@ -72,6 +73,30 @@ def test_rays_are_those_of_the_host_camera(take):
     expected_origins, expected = camera.rays(WIDTH, HEIGHT)
     np.testing.assert_array_equal(origins, expected_origins.reshape(-1, 3))
     np.testing.assert_allclose(directions, expected.reshape(-1, 3), rtol=0, atol=DIRECTION_ROUNDINGS * ROUNDING)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rays_of_a_lens_are_those_of_the_host_camera(take, seed):
+    generator = np.random.default_rng([72, seed])
+    focal = generator.uniform(20, 2000, 2)
+    k = np.array([[focal[0], generator.normal() * 20, 0], [0, focal[1], 0], [0, 0, 1]])
+    k[:2, 2] = generator.normal(size=2) * 300 + 100
+    rotation, _ = np.linalg.qr(generator.normal(size=(3, 3)))
+    pose = np.eye(4)
+    pose[:3, :3] = rotation * np.sign(np.linalg.det(rotation))
+    pose[:3, 3] = generator.integers(-4, 4, 3)
+    camera = Camera.from_intrinsics(k, pose, (WIDTH, HEIGHT))
+    mesh = Mesh.from_arrays([[-1, -1, -1], [1, 1, 1], [1, -1, 0]], [[0, 1, 2]])
+    assert mesh.scale == 0.5
+    scene = Scene(mesh, width=WIDTH, height=HEIGHT)
+    view = clbvh_view(scene, camera, mesh)
+    _, origins, directions, _ = take(view, all_pixels())
+    expected_origins, expected = camera.rays()
+    np.testing.assert_array_equal(origins, 0.5 * expected_origins.reshape(-1, 3))
+    spanned = sum(np.abs(view[name][0].astype(float)) for name in ("forward", "right", "up")).max()
+    # Every direction reaches depth 1 before it is normalized.
+    slack = DIRECTION_ROUNDINGS * ROUNDING * (1 + spanned)
+    np.testing.assert_allclose(directions, expected.reshape(-1, 3), rtol=0, atol=slack)
 
 
 def test_row_0_is_the_top_and_column_0_is_left(take):

@@ -28,7 +28,7 @@ def view():
     """A view with distinct colours and unit directions."""
     generator = np.random.default_rng(71)
     view = np.zeros(1, VIEW)
-    for name in ("to_light", "to_sky", "forward"):
+    for name in ("to_light", "to_sky", "forward", "optical_axis"):
         direction = generator.normal(size=3)
         view[name] = direction / np.linalg.norm(direction)
     for name in (
@@ -105,7 +105,7 @@ def test_depth_is_linear_between_near_and_far(shade, view):
     generator = np.random.default_rng(73)
     positions = (of(view, "eye") + generator.uniform(-3, 3, (5000, 3))).astype(np.float32)
     _, _, _, depths, _ = shade(positions, "depth")
-    depth = (positions.astype(np.float64) - of(view, "eye")) @ of(view, "forward")
+    depth = (positions.astype(np.float64) - of(view, "eye")) @ of(view, "optical_axis")
     expected = 1 - np.clip((depth - 0.5) / 2.0, 0, 1)
     np.testing.assert_allclose(depths, np.stack([expected] * 3, axis=1), rtol=0, atol=2e-6)
     assert {0.0, 1.0} < set(depths[:, 0].tolist())

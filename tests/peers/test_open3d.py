@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Tracer, build, load_mesh
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.camera import frame_mesh
+from clbvh.rendering.framing import frame_mesh
 from clbvh.trace.oracle.reference import find_differences
 
 from ..rays import as_float32, centred, random_rays

@@ -23,7 +23,7 @@ from ..prim_refs import BOUNDS_CENTROIDS, MeshSlice
 from ..sah.build_sah import SMALL_MESH
 from ..sah.rule import Rule, make_rule
 from ..subtree_pool import SubtreePool
-from ..warm_up import make_small_mesh
+from ..warm_up import make_small_mesh, prepare_workers
 from ..workers.executor import CallingProcess, Executor, open_executor
 from . import steps
 from .box_tree import build_box_tree
@@ -61,7 +61,7 @@ def build_hlbvh(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> 
     if mesh.face_count < SMALL_MESH and options.task_threshold is None:
         pool = None
     with open_executor(pool) as executor:
-        executor.run_on_each(steps.warm_up)
+        prepare_workers(executor, steps.warm_up)
         return _build(mesh, executor, options)
 
 

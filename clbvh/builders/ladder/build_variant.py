@@ -20,7 +20,7 @@ from ...support.stopwatch import Stopwatch
 from ..depth_first import place_top
 from ..options import BuildOptions
 from ..subtree_pool import SubtreePool
-from ..warm_up import make_small_mesh
+from ..warm_up import make_small_mesh, prepare_workers
 from ..workers.executor import Arrays, CallingProcess, Executor, open_executor
 from . import steps
 from .divide import Rule
@@ -67,7 +67,7 @@ def build_variant(variant: Variant, mesh: Mesh, pool: SubtreePool | None, option
     # Compiled code is loaded before time is taken.
     _warm_up(variant.name)
     with open_executor(pool if variant.parallel else None) as executor:
-        executor.run_on_each(prepare, variant.name)
+        prepare_workers(executor, prepare, variant.name)
         return _build(variant, mesh, executor, options)
 
 

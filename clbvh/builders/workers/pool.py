@@ -1,24 +1,18 @@
 """Worker processes that outlive builds.
 
-Owns the processes and their pipes: start, hand out steps, collect results, notice death and silence. Knows nothing
-of meshes and trees: a step is any function, and a module that workers need in memory is given by its name.
+Hands out steps, collects results, notices death and silence; `start.py` starts the processes. Knows nothing of meshes
+and trees: a step is any function, and a module that workers need in memory is given by its name.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
-import socket
-import struct
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
-from multiprocessing.util import get_temp_dir
 from numbers import Integral
 from types import TracebackType
 from typing import Any, cast
@@ -26,21 +20,16 @@ from typing import Any, cast
 from ...errors import ConfigError, PoolError
 from ...support.context_manager import ContextManager
 from ...support.host_threads import HostThreads, usable_cores
-from ...support.run_folder import get_run_folder
 from .arena import ArrayHandle
-from .worker import ATTACH, RUN, STOP, serve
+from .start import prepare_context, start_worker
+from .worker import ATTACH, RUN, STOP
 from .workspace import Workspace
-
-_WORKER_NAME = "clbvh-worker-"
 
 # Exit code of a worker that finds itself creating a pool while it imports the main script.
 _UNGUARDED = 73
 
-# The process that imported this module, which a forked child did not.
-_IMPORTED_IN = os.getpid()
-
-# Held while a process starts: several pools may start at once.
-_hiding = threading.Lock()
+# A slip of the keyboard must not start a hundred thousand processes.
+MAX_WORKERS = 1024
 
 # A worker that needs longer than this for one step is taken for dead.
 DEFAULT_TIMEOUT_S = 600.0
@@ -58,27 +47,11 @@ class WorkerPool(ContextManager):
 
     Parameters
     ----------
-    workers : int, optional
-        Number of processes; the number of usable processors without it.
-    timeout_s : float, optional
-        Seconds, above 0, after which a worker that does not answer counts as dead.
+    workers, timeout_s : optional
+        See `SubtreePool`, which also says what is raised.
     preload : str, optional
         The name of a module that every worker imports before it counts as ready. The fork server imports it once, and
         all workers inherit it.
-
-    Raises
-    ------
-    ConfigError
-        A number of workers below 1, or a timeout that is not above 0.
-    PoolError
-        From `wait_ready` and from any use: the workers did not start, one of them failed or died. The pool is
-        closed then, and cannot be used again. From the end of a `with` block, when the script has no guard (see
-        below) and nothing in the block has told.
-
-    Notes
-    -----
-    Workers import the main script, as all of `multiprocessing` does, so a script that creates a pool must do it
-    under ``if __name__ == "__main__":``.
     """
 
     def __init__(
@@ -86,8 +59,8 @@ class WorkerPool(ContextManager):
     ) -> None:
         if workers is not None and (isinstance(workers, bool) or not isinstance(workers, Integral)):
             raise ConfigError(f"workers must be a whole number, not {workers!r}")
-        if workers is not None and workers < 1:
-            raise ConfigError(f"workers must be at least 1, not {workers}")
+        if workers is not None and not 1 <= workers <= MAX_WORKERS:
+            raise ConfigError(f"workers must be 1 to {MAX_WORKERS}, not {workers}")
         # Written so that NaN fails.
         if not 0 < timeout_s < float("inf"):
             raise ConfigError(f"timeout_s must be a finite number above 0, not {timeout_s}")
@@ -222,35 +195,16 @@ class WorkerPool(ContextManager):
         """Start all workers and wait until each says that it is ready; keep an error for `wait_ready`."""
         begin = time.perf_counter()
         try:
-            # Windows has no fork server, and a forked child only one that is not its own.
-            if sys.platform == "win32" or os.getpid() != _IMPORTED_IN:
-                context: Any = multiprocessing.get_context("spawn")
-                folder = None
-            else:
-                context = multiprocessing.get_context("forkserver")
-                context.set_forkserver_preload([self._preload] if self._preload else [])
-                # Ctrl-C reaches the whole process group, and would interrupt the fork server while it imports. What
-                # this thread blocks, the processes that it starts inherit; other threads are not concerned. The
-                # tracker of resources comes first: starting it lifts the block.
-                resource_tracker.ensure_running()
-                signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-                folder = _choose_socket_folder()
+            context, folder = prepare_context(self._preload)
             for number in range(self.workers):
-                ours, theirs = context.Pipe()
-                _limit_transfer(ours, self._timeout_s)
-                process = context.Process(
-                    target=serve, args=(theirs, folder, self._preload), name=f"{_WORKER_NAME}{number}", daemon=True
-                )
-                with _hidden_name_of_no_script():
-                    process.start()
-                theirs.close()
+                process, connection = start_worker(context, number, folder, self._preload, self._timeout_s)
                 if self._closed:
                     # The fork server hung, and nobody waits any more.
                     process.kill()
                     process.join()
                     return
                 self._processes.append(process)
-                self._connections.append(ours)
+                self._connections.append(connection)
             self._wait_for_all()
         except PoolError as error:
             self._start_error = self._start_error or error
@@ -333,54 +287,6 @@ class WorkerPool(ContextManager):
             f"worker {worker} died (exit code {process.exitcode}); a negative code is the signal that killed it, "
             "and -9 often means that the system ran out of memory"
         )
-
-
-def _disown_workers() -> None:
-    """Let a forked child that ends leave its parent's workers alone: multiprocessing would stop them."""
-    global _hiding
-    _hiding = threading.Lock()  # a thread that the child does not have may hold the parent's
-    # What multiprocessing does itself in the children that it forks.
-    children: set[Any] = getattr(multiprocessing.process, "_children", set())
-    children.difference_update([process for process in children if process.name.startswith(_WORKER_NAME)])
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_disown_workers)
-
-
-def _choose_socket_folder() -> str:
-    """Return the folder for the fork server's socket: this process's own, unless `multiprocessing` has one already."""
-    settings = multiprocessing.current_process()._config  # type: ignore[attr-defined] # as `get_temp_dir` itself does
-    if settings.get("tempdir") is None:
-        settings["tempdir"] = str(get_run_folder())
-    return get_temp_dir()
-
-
-@contextmanager
-def _hidden_name_of_no_script() -> Iterator[None]:
-    """Hide the main module's file while it is called <stdin>: a worker would look for that file, and die."""
-    main = sys.modules["__main__"]
-    with _hiding:
-        name = getattr(main, "__file__", None)
-        if name is None or not name.startswith("<"):
-            yield
-            return
-        del main.__file__
-        try:
-            yield
-        finally:
-            main.__file__ = name
-
-
-def _limit_transfer(connection: Connection, timeout_s: float) -> None:
-    """Let a message that is stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
-    if sys.platform == "win32":
-        return  # a pipe there has no such limit
-    seconds, fraction = divmod(timeout_s, 1)
-    limit = struct.pack("ll", int(seconds), max(1, int(fraction * 1e6)))
-    with socket.socket(fileno=os.dup(connection.fileno())) as end:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
 
 
 class _ClosedOnError:

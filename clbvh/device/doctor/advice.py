@@ -6,22 +6,21 @@ a driver.
 
 from __future__ import annotations
 
-import platform
 import re
 import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..icd_files import SYSTEM_VENDORS, IcdFile, LoaderRule
 from ..info import DeviceInfo
-from .drivers import SYSTEM_VENDORS, DeviceFile, FoundLibrary, IcdFile, LoaderRule
+from .drivers import DeviceFile, FoundLibrary
+from .platforms import find_commands
 
 Advice = tuple[str, ...]
 
 # Major version of PoCL in the last release of the PyPI package `pocl-binary-distribution`.
 _PYPI_POCL_MAJOR = 3
-
-_USER_VENDORS = "~/.config/OpenCL/vendors"
 
 ADVICE_FOR_LISTING: Advice = (
     "one of the drivers causes this: try them one at a time to find it",
@@ -60,16 +59,13 @@ def advise_pyopencl(failure: str, has_bundled_loader: bool) -> Advice:
 
 
 def advise_icd(library: FoundLibrary) -> Advice:
-    """Return the commands that register a driver, for an administrator and for anyone."""
+    """Return the commands that register a driver, for anyone and for an administrator."""
     quoted = shlex.quote(str(library.path))
-    name = library.driver.icd_name
     return (
-        "register it for everyone:",
-        f"$ sudo mkdir -p {SYSTEM_VENDORS} && echo {quoted} | sudo tee {SYSTEM_VENDORS}/{name}",
-        "or for yourself (the folder replaces the system's, so its files are copied first):",
-        f"$ mkdir -p {_USER_VENDORS} && cp -n {SYSTEM_VENDORS}/*.icd {_USER_VENDORS}/ 2>/dev/null;"
-        f" echo {quoted} > {_USER_VENDORS}/{name}",
-        f"$ export OCL_ICD_VENDORS={_USER_VENDORS}",
+        "try it, and register it for clbvh, in your own folder:",
+        "$ clbvh doctor --fix",
+        "or for all programs of this machine:",
+        f"$ sudo mkdir -p {SYSTEM_VENDORS} && echo {quoted} | sudo tee {SYSTEM_VENDORS}/{library.driver.icd_name}",
     )
 
 
@@ -134,15 +130,13 @@ def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
 
 
 def advise_cpu_driver(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> Advice:
-    """Return advice that gives any machine a device: PoCL, which needs only a CPU."""
+    """Return advice that gives any machine a device: a driver that needs only a CPU."""
     if any("pocl" in f"{icd.path.name} {icd.library}".lower() for icd in icd_files):
         return ("PoCL, which needs no GPU, is registered: see above for its problem",)
     if rule.single and rule.bundled is not None and (rule.bundled / "pocl.icd").is_file():
         return (f"{rule.variable} hides the PoCL that is installed:", f"$ unset {rule.variable}")
-    advice: Advice = ("PoCL runs on the CPU and needs no GPU:",)
-    if sys.platform == "linux" and platform.machine() == "x86_64":
-        return (*advice, "$ pip install --force-reinstall pocl-binary-distribution")
-    return (*advice, "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl")
+    commands = [f"$ {command}" for command in find_commands()]
+    return ("a driver for the CPU needs no GPU; any of these brings one:", *commands)
 
 
 def advise_unloadable(icd: IcdFile) -> Advice:

@@ -14,8 +14,11 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 from ...errors import DeviceError
+from ..icd_files import SYSTEM_VENDORS, IcdFile, LoaderRule, find_icd_files
 from ..info import DeviceInfo
-from ..select import DEVICE_VARIABLE, pick_device
+from ..match import pick_device
+from ..registered_drivers import find_registered_folder, read_rule
+from ..select import DEVICE_VARIABLE
 from . import drivers
 from .advice import (
     ADVICE_FOR_GPU,
@@ -27,8 +30,9 @@ from .advice import (
     advise_pyopencl,
     advise_unloadable,
 )
-from .drivers import DeviceFile, FoundLibrary, IcdFile, LoaderRule
+from .drivers import DeviceFile, FoundLibrary
 from .probe import ProbeResult, run_probe
+from .register import find_unregistered
 
 Severity = Literal["ok", "note", "problem"]
 
@@ -101,13 +105,13 @@ def diagnose(timeout_s: float = PROBE_TIMEOUT_S) -> Diagnosis:
     timeout_s : float
         Time limit for each answer of a driver.
     """
-    rule = drivers.read_loader_rule(os.environ, drivers.find_bundled_folder())
+    rule = read_rule()
     listing = run_probe("list", timeout_s=timeout_s)
     findings = check_pyopencl(listing, rule)
 
     # Driver files matter only where the loader works with files.
     on_linux = sys.platform == "linux"
-    icd_files = drivers.find_icd_files(rule) if on_linux else []
+    icd_files = find_icd_files(rule) if on_linux else []
     if on_linux:
         findings += check_loader_rule(rule, icd_files)
         loaded = [run_probe("load", icd.loadable_name(rule), timeout_s=timeout_s) for icd in icd_files]
@@ -163,17 +167,12 @@ def check_loader_rule(rule: LoaderRule, icd_files: Sequence[IcdFile]) -> list[Fi
     findings = [Finding("loader", "ok", f"the loader looks for *.icd files in {where}{because}")]
     if not icd_files:
         findings.append(Finding("driver file", "problem", "no driver is registered: there is no *.icd file there"))
-    if rule.variable and drivers.SYSTEM_VENDORS not in rule.folders:
-        hidden = [path.name for path in sorted(drivers.SYSTEM_VENDORS.glob("*.icd"))]
-        if hidden:
-            findings.append(
-                Finding(
-                    "loader",
-                    "note",
-                    f"{rule.variable} hides the drivers of {drivers.SYSTEM_VENDORS}: {', '.join(hidden)}",
-                    ("if that is not intended:", f"$ unset {rule.variable}"),
-                )
-            )
+    for folder in (SYSTEM_VENDORS, find_registered_folder()):
+        hidden = [path.name for path in sorted(folder.glob("*.icd"))]
+        if rule.variable and hidden and folder not in rule.folders:
+            message = f"{rule.variable} hides the drivers of {folder}: {', '.join(hidden)}"
+            advice = ("if that is not intended:", f"$ unset {rule.variable}")
+            findings.append(Finding("loader", "note", message, advice))
     return findings
 
 
@@ -202,11 +201,8 @@ def check_icd_files(icd_files: Sequence[IcdFile], loaded: Sequence[ProbeResult])
 
 def check_libraries(libraries: Sequence[FoundLibrary], icd_files: Sequence[IcdFile]) -> list[Finding]:
     """Find drivers that are installed but that no `.icd` file names, as happens in containers."""
-    named = {driver.stem for icd in icd_files if (driver := drivers.match_driver(icd.library)) is not None}
     findings = []
-    for library in libraries:
-        if library.driver.stem in named:
-            continue
+    for library in find_unregistered(libraries, icd_files):
         message = f"{library.path} is a driver ({library.driver.vendor}) that no *.icd file names"
         # A driver for the CPU, or Mesa's beside the vendor's own, is often left out on purpose.
         severity: Severity = "problem" if library.driver.vendor in drivers.GPU_VENDORS.values() else "note"

@@ -16,6 +16,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,8 +64,8 @@ class ProbeResult:
     wall_s: float
 
 
-def run_probe(*arguments: str, timeout_s: float) -> ProbeResult:
-    """Run `python -m clbvh.device.doctor.probe` with these arguments and wait for its answer."""
+def run_probe(*arguments: str, timeout_s: float, environment: Mapping[str, str] | None = None) -> ProbeResult:
+    """Run `python -m clbvh.device.doctor.probe` with these arguments and more variables, and wait for its answer."""
     started = time.perf_counter()
     # "-W ignore": a library's warning is not a driver's failure, whatever PYTHONWARNINGS says.
     process = subprocess.Popen(
@@ -72,7 +73,7 @@ def run_probe(*arguments: str, timeout_s: float) -> ProbeResult:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        env=os.environ | _WITHOUT_CACHES,
+        env={**os.environ, **_WITHOUT_CACHES, **(environment or {})},
         text=True,
         errors="replace",
     )
@@ -145,7 +146,8 @@ def _try(number: int) -> dict[str, Any]:
     """Compile and run a small kernel on one device."""
     import numpy as np
 
-    from ..select import import_pyopencl, pick_device, survey_devices
+    from ..match import pick_device
+    from ..select import import_pyopencl, survey_devices
 
     cl = import_pyopencl()
     device = pick_device(survey_devices().devices, number)

@@ -17,6 +17,7 @@ from .text_lines import join_polygons, read_coordinates, read_table
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
 OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:ST)?C?N?OFF\b")
+_BINARY = re.compile(rb"[ \t]+BINARY\b")
 
 
 def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
@@ -24,6 +25,8 @@ def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
     keyword = OFF_KEYWORD.match(data)
     if keyword is None:
         raise MeshError("not an OFF file: it does not begin with the word 'OFF'")
+    if _BINARY.match(data, keyword.end()):
+        raise MeshError("the file is a binary OFF file, and only text is read: save it as text, or as PLY")
     text = re.sub(rb"#[^\r\n]*", b"", data[keyword.end() :])
     counts, *lines = [line for line in text.splitlines() if line.strip()] or [b""]
     vertex_count, face_count = (int(word) for word in counts.split()[:2])

@@ -1,6 +1,6 @@
 """The PLY format: ASCII, binary little-endian and big-endian, with any properties and any polygons.
 
-Owns the header and the rows; numpy and pyminiply read the numbers. No array is larger than the file allows.
+Owns the header and the rows; numpy reads the numbers. No array is larger than the file allows.
 
 Greg Turk, "The PLY Polygon File Format", 1994.
 """
@@ -29,9 +29,6 @@ _TYPES = {
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _NEWLINE = ord("\n")
 _CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
-# float32 loses two bits or more, before the origin is subtracted, where a mesh is farther from zero than twice its
-# width.
-_MAX_REACH = 2
 
 
 class _Property(NamedTuple):
@@ -62,7 +59,7 @@ def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.in
     byte_order, elements, begin = _read_header(data)
     read_rows = _read_rows
     if byte_order == "=":
-        if (mesh := _read_plain_text(data, begin, elements, file)) is not None:
+        if (mesh := _read_plain_text(data, begin, elements)) is not None:
             return mesh
         data = b"".join(line + b"\n" for line in data[begin:].splitlines() if line.strip())
         begin = 0
@@ -123,20 +120,20 @@ def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _read_plain_text(
-    data: bytes, begin: int, elements: list[_Element], file: Path
+    data: bytes, begin: int, elements: list[_Element]
 ) -> tuple[NDArray[np.number], NDArray[np.integer]] | None:
     """Return the mesh of an ASCII file of float vertices and triangles, None for any other file.
 
-    pyminiply reads decimal numbers four times as fast as numpy, but reads words as 0, leaves out what a line has too
-    much, fills polygons of more than four corners with random values, and trusts the lengths of lists. So it is called
-    only after the vertices have been found to be numbers, and its faces are not used.
+    Twice as fast as the general reader, whose results it has: the lines need no copy without empty ones, and no walk.
     """
     if [element.name for element in elements] != ["vertex", "face"]:
         return None
     (_, vertex_count, vertex_properties), (_, face_count, face_properties) = elements
     scalars = {prop.name: prop.dtype for prop in vertex_properties if prop.length_dtype is None}
     lists = [prop.name for prop in face_properties if prop.length_dtype is not None]
-    is_float = len(scalars) == len(vertex_properties) and all(scalars.get(axis) == np.float32 for axis in "xyz")
+    is_float = len(scalars) == len(vertex_properties) and all(
+        scalars.get(axis, np.dtype(int)).kind == "f" for axis in "xyz"
+    )
     if not is_float or len(face_properties) != 1 or not set(lists) & set(_FACE_LISTS):
         return None
     end = _find_line_end(data, begin, vertex_count)
@@ -145,17 +142,14 @@ def _read_plain_text(
     if end < begin or not are_number_lines(np.frombuffer(data, np.uint8, end - begin, begin), len(vertex_properties)):
         return None
     try:
-        import pyminiply
-
         rows = np.fromstring(data[end:], np.int64, sep=" ").reshape(face_count, 4)
-        vertices = pyminiply.read(file, read_normals=False, read_uv=False, read_color=False)[0]
-        lower, upper = vertices.min(axis=0), vertices.max(axis=0)
-    except Exception:  # the general reader names the fault, or reads the file without pyminiply
+        columns = np.fromstring(data[begin:end], np.float64, sep=" ").reshape(vertex_count, len(vertex_properties))
+    except (ValueError, DeprecationWarning):  # the general reader names the fault
         return None
-    # Written so that NaN and infinity fail it.
-    is_near = max(-lower.min(), upper.max()) <= _MAX_REACH * (upper - lower).max() < np.inf
-    is_whole = len(vertices) == vertex_count and (rows[:, 0] == 3).all()
-    return (vertices, rows[:, 1:]) if is_near and is_whole else None
+    if not (rows[:, 0] == 3).all():
+        return None
+    names = list(scalars)
+    return columns[:, [names.index(axis) for axis in "xyz"]], rows[:, 1:]
 
 
 def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:

@@ -36,7 +36,7 @@ def find_all_hits(
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     prim_id = np.empty(total, np.int32)
-    refined = RefinedHits(np.empty(total), np.empty(total), np.empty(total))
+    refined = RefinedHits.make(total)
     locations = np.empty((total, 3)) if with_locations else None
     ranges = _cut_evenly(caster.threads, offsets)
     next_slots = _make_counters(len(ranges), 1)
@@ -48,7 +48,10 @@ def find_all_hits(
         )
 
     caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
-    return AllHits(*refined, prim_id, mesh, offsets=offsets, known_locations=locations)
+    return AllHits(
+        refined.t, refined.u, refined.v, prim_id, mesh,
+        is_front=refined.is_front, offsets=offsets, known_locations=locations,
+    )  # fmt: skip
 
 
 def find_hits_by_depth(

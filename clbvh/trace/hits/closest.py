@@ -14,7 +14,7 @@ from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
 from .hits import Hits
-from .refine import refine_closest
+from .refine import RefinedHits, refine_closest
 
 Shape = tuple[int, ...]
 
@@ -23,16 +23,15 @@ Shape = tuple[int, ...]
 def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count = batch.ray_count
-    t, u, v, prim_id = np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.int32)
+    refined, prim_id = RefinedHits.make(count), np.empty(count, np.int32)
     for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
 
         def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
-            rays = slice(begin + first, begin + last)
-            part = batch.part(rays.start, rays.stop)
-            refine_closest(part, mesh, found[first:last], t[rays], u[rays], v[rays], prim_id[rays])
+            rays = begin + first, begin + last
+            refine_closest(batch.part(*rays), mesh, found[first:last], refined.part(*rays), prim_id[slice(*rays)])
 
         caster.threads.for_ranges(len(found), refine)
-    return Hits(t.reshape(shape), u.reshape(shape), v.reshape(shape), prim_id.reshape(shape), mesh)
+    return refined.as_hits(prim_id, mesh, shape)
 
 
 @cut_smaller_when_full
@@ -78,5 +77,5 @@ def _cast_rays(
     """
     with caster.open_call() as call:
         for piece in call.cut_rays(batch, shape, progress=progress):
-            with call.cast(query, call.pack_rays(batch, piece, shape), **arguments) as found:
+            with call.cast(query, call.pack_rays(batch, piece), **arguments) as found:
                 yield piece.begin, found

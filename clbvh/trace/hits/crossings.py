@@ -110,7 +110,7 @@ def _search_round(
     most_rays = max(1, call.fit(HIT, MOST_SLOTS) // wanted)
     crowded = [np.empty(0, np.int64)]
     for piece in call.cut_rays(batch, shape, most_rays=most_rays, progress=search.progress):
-        packed = call.pack_rays(batch, piece, shape, in_ray_order=False)
+        packed = call.pack_rays(batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
             crowded += _compact_piece(search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, _HIT_WORDS))
     return np.concatenate(crowded)

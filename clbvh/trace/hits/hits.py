@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ConfigError
+from ...errors import ConfigError, QueryError
 from ...geometry import Mesh
 from ...structs import NO_PRIM
+from ..rays.batch import read_vectors
 from .locations import find_locations, find_normals
+from .offsets import find_offset_points, find_sides
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
     """One crossing per ray, at ``(1 - u - v) a + u b + v c`` of the triangle with the corners a, b and c.
+
+    Every array has the leading shape of the rays; for a single ray, (3,), that is ``()``. Indexing by anything that
+    indexes this shape gives the hits of some rays: ``hits[hits.is_hit]`` are those that hit.
 
     Attributes
     ----------
@@ -27,6 +34,22 @@ class Hits:
         Face of the mesh; -1 on a miss.
     mesh : Mesh or None
         What was hit.
+    is_front : (...,) bool or None
+        Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
+
+    Examples
+    --------
+    Which points that a camera sees are in the light:
+
+    >>> import clbvh, numpy as np
+    >>> mesh = clbvh.make_shape("knot", triangles=2000)
+    >>> light = np.array([0.0, 0.0, 9.0])
+    >>> with clbvh.Tracer(clbvh.build(mesh)) as tracer:
+    ...     hits = tracer.closest_hit([0, 0, 5], np.random.default_rng(0).normal(size=(64, 48, 3)) - [0, 0, 5])
+    ...     seen = hits[hits.is_hit]
+    ...     in_light = ~tracer.any_hit(seen.offset_origins(), light - seen.locations, t_max=1.0)
+    >>> bool(in_light.any()), bool(in_light.all())
+    (True, False)
     """
 
     t: NDArray[np.floating]
@@ -34,11 +57,17 @@ class Hits:
     v: NDArray[np.floating]
     prim_id: NDArray[np.int32]
     mesh: Mesh | None = field(default=None, repr=False)
+    is_front: NDArray[np.bool_] | None = field(default=None, repr=False, kw_only=True)
 
     @classmethod
     def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
         """Take an array of `structs.HIT` apart; the fields are views of it."""
         return cls(hits["t"], hits["u"], hits["v"], hits["prim_id"], mesh)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading shape of the rays."""
+        return self.prim_id.shape
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:
@@ -59,17 +88,93 @@ class Hits:
     def normals(self) -> NDArray[np.float64]:
         """(..., 3) float64: the triangle's normal of length 1, on the side from which a, b, c run anticlockwise.
 
-        NaN on a miss. The ray may come from either side.
+        NaN on a miss. The ray may come from either side, see `is_front`. A triangle thinner than about 2^-31 of its
+        length has no reliable normal even in float64, and gets a vector across its longest edge.
         """
         return find_normals(self._known_mesh(), self.prim_id)
 
+    def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Return where rays that leave the surface begin: just above it, where they cannot meet what they leave.
+
+        Parameters
+        ----------
+        towards : (..., 3) float, optional
+            Directions of the rays that will be cast, of any length above 0; their leading shape broadcasts against that
+            of the hits. Each start point is on the side of the triangle to which its direction leads: for rays through
+            the surface, such as refracted ones, or for those whose side is not known. Without it, all start points are
+            on the side from which the ray came: for shadow rays, reflections and ambient occlusion. A ray from there to
+            a light behind the triangle is blocked by the triangle, as it should be.
+
+        Returns
+        -------
+        (..., 3) float64, the file's coordinates
+            NaN on a miss, which no query takes: select the hits first, as in the example.
+
+        Raises
+        ------
+        ConfigError
+            These hits do not know their mesh or, without `towards`, the side from which the rays came.
+        QueryError
+            `towards` has a shape that does not broadcast.
+
+        Notes
+        -----
+        A ray from there into the half space above the triangle, or along its plane, meets neither that triangle nor any
+        other one below the plane: of a convex mesh, none at all. The half space is that of `normals`, on the side
+        chosen. The distance is derived from the roundings on the way, and is at most 1e-5 of the largest side of the
+        mesh's box; there is no constant to choose.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> with clbvh.Tracer(clbvh.build(mesh)) as tracer:
+        ...     hits = tracer.closest_hit([0.25, 0.25, 1], [0, 0, -1])
+        ...     above, below = hits.offset_origins(), hits.offset_origins(towards=[0, 0, -1])
+        ...     print(tracer.any_hit(above, [0, 0, 1]), tracer.any_hit(above, [0, 0, -1]))
+        ...     print(tracer.any_hit(below, [0, 0, -1]), 0 < above[2] < 1e-5, below[2] == -above[2])
+        False True
+        False True True
+        """
+        mesh = self._known_mesh()
+        if towards is None:
+            if self.is_front is None:
+                raise ConfigError(
+                    "these hits do not know from which side the rays came: call offset_origins(towards=directions)"
+                )
+            return find_offset_points(mesh, self.prim_id, self.locations, self.is_front)
+        directions = read_vectors(towards, "towards")
+        try:
+            shape = np.broadcast_shapes(self.shape, directions.shape[:-1])
+        except ValueError:
+            raise QueryError(
+                f"towards must have a shape that broadcasts against that of the hits, {self.shape}, and 3 coordinates, "
+                f"not {directions.shape}"
+            ) from None
+        locations, sides = self.locations, np.broadcast_to(find_sides(mesh, self.prim_id, directions), shape)
+        front = find_offset_points(mesh, self.prim_id, locations, np.ones(self.shape, np.bool_))
+        back = find_offset_points(mesh, self.prim_id, locations, np.zeros(self.shape, np.bool_))
+        return np.where(sides[..., None], front, back)
+
     def take(self, rays: NDArray[np.int64]) -> Hits:
         """Return the hits of some rays, by their numbers in C order."""
-        t, u, v = (field.reshape(-1)[rays] for field in (self.t, self.u, self.v))
-        return Hits(t, u, v, self.prim_id.reshape(-1)[rays], self.mesh)
+        return self._map(lambda values: values.reshape(-1)[rays])
+
+    def __getitem__(self, index: Any) -> Hits:
+        return self._map(lambda values: np.asarray(values[index]))
 
     def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("the hits of a single ray have no length: ask for hits.is_hit")
         return len(self.prim_id)
+
+    def __iter__(self) -> Iterator[Hits]:
+        return (self[index] for index in range(len(self)))
+
+    def _map(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Hits:
+        is_front = None if self.is_front is None else change(self.is_front)
+        t, u, v, prim_id = (change(values) for values in (self.t, self.u, self.v, self.prim_id))
+        return Hits(t, u, v, prim_id, self.mesh, is_front=is_front)
 
     def _known_mesh(self) -> Mesh:
         if self.mesh is None:

@@ -20,8 +20,10 @@ from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, times_power_of_two
 from ...support.prefetch import prefetch
 from ..rays.batch import RayBatch
+from ..rays.ray_rows import RayRows, row_step
 from ..triangles import triangles_of
 from .crossings import Crossings, source_index
+from .hits import Hits
 
 # Hits of a block.
 _BLOCK = 128
@@ -41,11 +43,27 @@ _DIRECTION, _CORNER, _AB, _AC, _TUV = range(5)
 
 
 class RefinedHits(NamedTuple):
-    """Where refined hits go, one element for each hit."""
+    """Where refined hits go, one element for each hit; see `Hits`."""
 
     t: NDArray[np.float64]
     u: NDArray[np.float64]
     v: NDArray[np.float64]
+    is_front: NDArray[np.bool_]
+
+    @classmethod
+    def make(cls, count: int) -> RefinedHits:
+        """Return arrays for hits, not yet written."""
+        return cls(np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.bool_))
+
+    def part(self, begin: int, end: int) -> RefinedHits:
+        """Return views for some of the hits."""
+        part = slice(begin, end)
+        return RefinedHits(self.t[part], self.u[part], self.v[part], self.is_front[part])
+
+    def as_hits(self, prim_id: NDArray[np.int32], mesh: Mesh, shape: tuple[int, ...]) -> Hits:
+        """Return the hits of rays of a leading shape."""
+        t, u, v = (values.reshape(shape) for values in (self.t, self.u, self.v))
+        return Hits(t, u, v, prim_id.reshape(shape), mesh, is_front=self.is_front.reshape(shape))
 
 
 class _Block(NamedTuple):
@@ -54,6 +72,8 @@ class _Block(NamedTuple):
     Attributes
     ----------
     vectors : (5, 3, 128) float64
+    volumes : (128,) float64
+        Of the parallelepiped of each triangle's edges and the ray's direction: above 0 if the ray meets the front.
     exponents : (128,) int64
         The t of each hit is the user's times this power of two.
     rays, sources, targets : (128,) int64
@@ -61,6 +81,7 @@ class _Block(NamedTuple):
     """
 
     vectors: NDArray[np.float64]
+    volumes: NDArray[np.float64]
     exponents: NDArray[np.int64]
     rays: NDArray[np.int64]
     sources: NDArray[np.int64]
@@ -68,29 +89,28 @@ class _Block(NamedTuple):
 
 
 def refine_closest(
-    batch: RayBatch,
+    rays: RayRows,
     mesh: Mesh,
     found: NDArray[np.void],
-    t: NDArray[np.float64],
-    u: NDArray[np.float64],
-    v: NDArray[np.float64],
+    hits: RefinedHits,
     prim_id: NDArray[np.int32],
 ) -> None:
     """Write one hit for each ray in float64.
 
     Parameters
     ----------
-    batch : RayBatch
-        The rays that were cast, as the user gave them; contiguous.
+    rays : RayRows
+        The rays that were cast, as the user gave them.
     mesh : Mesh
     found : (n,) `structs.HIT`
         What the device found.
-    t, u, v, prim_id : (n,) arrays, written
-        Where float64 sees the ray pass beside the triangle, by less than float32 resolves, they are those of the
+    hits : RefinedHits of (n,) arrays, written
+    prim_id : (n,) int32, written
+        Where float64 sees the ray pass beside the triangle, by less than float32 resolves, t, u and v are those of the
         triangle's point that is nearest to the ray.
     """
     lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, HIT_LANES)
-    _refine_closest(batch, triangles_of(mesh), lanes, lanes.view(np.int32), RefinedHits(t, u, v), prim_id)
+    _refine_closest(rays, triangles_of(mesh), lanes, lanes.view(np.int32), hits, prim_id)
 
 
 def refine_crossings(
@@ -143,34 +163,34 @@ def refine_crossings(
 
 @compiled
 def _make_block():
-    vectors, exponents = np.empty((_TUV + 1, 3, _BLOCK)), np.empty(_BLOCK, np.int64)
+    vectors, volumes, exponents = np.empty((_TUV + 1, 3, _BLOCK)), np.empty(_BLOCK), np.empty(_BLOCK, np.int64)
     rays, sources, targets = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
-    return _Block(vectors, exponents, rays, sources, targets)
+    return _Block(vectors, volumes, exponents, rays, sources, targets)
 
 
 @compiled(error_model="numpy")
-def _refine_closest(batch, triangles, found, found_ints, hits, prim_id):
+def _refine_closest(rays, triangles, found, found_ints, hits, prim_id):
     block = _make_block()
-    t, u, v = hits.t, hits.u, hits.v
+    t, u, v, is_front = hits.t, hits.u, hits.v, hits.is_front
     count = 0
     for ray in range(len(found)):
         prim = found_ints[ray, HIT_PRIM_ID]
         prim_id[ray] = prim
         if prim == NO_PRIM:
-            t[ray], u[ray], v[ray] = np.inf, 0.0, 0.0
+            t[ray], u[ray], v[ray], is_front[ray] = np.inf, 0.0, 0.0, False
         else:
             block.rays[count] = block.sources[count] = block.targets[count] = ray
             count += 1
         if count == _BLOCK or ray == len(found) - 1:
-            _gather(batch, triangles, found_ints, block, count)
-            _intersect_planes(block.vectors, count)
+            _gather(rays, triangles, found_ints, block, count)
+            _intersect_planes(block.vectors, block.volumes, count)
             _settle(block, count)
-            _store_hits(batch, block, count, hits)
+            _store_hits(rays, block, count, hits)
             count = 0
 
 
 @compiled(error_model="numpy")
-def _refine_crossings(batch, triangles, crossings, found_ints, first_ray, next_slots, prim_id, hits, ray_id, locations):
+def _refine_crossings(rays, triangles, crossings, found_ints, first_ray, next_slots, prim_id, hits, ray_id, locations):
     block = _make_block()
     counts, sources, segment_begins = crossings.counts, crossings.sources, crossings.segment_begins
     found = crossings.found
@@ -199,11 +219,11 @@ def _refine_crossings(batch, triangles, crossings, found_ints, first_ray, next_s
 
         # Refine what is wanted of them.
         if hits is not None or locations is not None:
-            _gather(batch, triangles, found_ints, block, count)
-            _intersect_planes(block.vectors, count)
+            _gather(rays, triangles, found_ints, block, count)
+            _intersect_planes(block.vectors, block.volumes, count)
             _settle(block, count)
         if hits is not None:
-            _store_hits(batch, block, count, hits)
+            _store_hits(rays, block, count, hits)
         if locations is not None:
             _store_locations(triangles, found_ints, block, count, locations)
 
@@ -220,20 +240,22 @@ def _keep_order(counts, first_slot, t):
 
 
 @compiled
-def _gather(batch, triangles, found_ints, block, count):
+def _gather(rays, triangles, found_ints, block, count):
     """Write the rays and the triangles of some hits into a block."""
-    origins, directions = batch.origins, batch.directions
+    origins, directions = rays.origins, rays.directions
+    origin_step, direction_step = row_step(origins), row_step(directions)
     vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
-    vectors, exponents, rays, sources = block.vectors, block.exponents, block.rays, block.sources
+    vectors, exponents, sources = block.vectors, block.exponents, block.sources
     exponent_of_scale = exponent_of(scale)
     for hit in range(count):
         prefetch(faces, 3 * found_ints[sources[hit], HIT_PRIM_ID])
     for hit in range(count):
-        ray, prim = rays[hit], found_ints[sources[hit], HIT_PRIM_ID]
+        start, way = block.rays[hit] * origin_step, block.rays[hit] * direction_step
+        prim = found_ints[sources[hit], HIT_PRIM_ID]
         coming = found_ints[sources[min(hit + _PREFETCH_HITS, count - 1)], HIT_PRIM_ID]
         for corner in range(3):
             prefetch(vertices, 3 * faces[coming, corner])
-        dx, dy, dz = np.float64(directions[ray, 0]), np.float64(directions[ray, 1]), np.float64(directions[ray, 2])
+        dx, dy, dz = np.float64(directions[way, 0]), np.float64(directions[way, 1]), np.float64(directions[way, 2])
         exponent = exponent_of(max(abs(dx), abs(dy), abs(dz)))
         vectors[_DIRECTION, 0, hit] = times_power_of_two(dx, -exponent)
         vectors[_DIRECTION, 1, hit] = times_power_of_two(dy, -exponent)
@@ -242,14 +264,14 @@ def _gather(batch, triangles, found_ints, block, count):
         ia, ib, ic = faces[prim, 0], faces[prim, 1], faces[prim, 2]
         for axis in range(3):
             a = vertices[ia, axis]
-            vectors[_CORNER, axis, hit] = (a - origins[ray, axis]) * scale
+            vectors[_CORNER, axis, hit] = (a - origins[start, axis]) * scale
             vectors[_AB, axis, hit] = (vertices[ib, axis] - a) * scale
             vectors[_AC, axis, hit] = (vertices[ic, axis] - a) * scale
 
 
 @compiled(error_model="numpy")
-def _intersect_planes(vectors, count):
-    """Write (t, u, v) of each ray of a block in the plane of its triangle.
+def _intersect_planes(vectors, volumes, count):
+    """Write (t, u, v) of each ray of a block in the plane of its triangle, and the volume whose sign is its side.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """
@@ -261,6 +283,7 @@ def _intersect_planes(vectors, count):
         px, py, pz = dy * acz - dz * acy, dz * acx - dx * acz, dx * acy - dy * acx
         qx, qy, qz = ty * abz - tz * aby, tz * abx - tx * abz, tx * aby - ty * abx
         volume = abx * px + aby * py + abz * pz
+        volumes[hit] = volume
         vectors[_TUV, 0, hit] = -(acx * qx + acy * qy + acz * qz) / volume
         vectors[_TUV, 1, hit] = -(tx * px + ty * py + tz * pz) / volume
         vectors[_TUV, 2, hit] = -(dx * qx + dy * qy + dz * qz) / volume
@@ -306,16 +329,16 @@ def _move_onto_edge(vectors, hit):
 
 
 @compiled
-def _store_hits(batch, block, count, hits):
-    """Write t, within the ray's limits, u and v of a block's hits to their targets."""
-    t_mins, t_maxs, tuv = batch.t_min, batch.t_max, block.vectors[_TUV]
-    t, u, v, rays, targets = hits.t, hits.u, hits.v, block.rays, block.targets
+def _store_hits(rays, block, count, hits):
+    """Write t, within the ray's limits, u, v and side of a block's hits to their targets."""
+    t_mins, t_maxs, tuv, volumes = rays.t_min, rays.t_max, block.vectors[_TUV], block.volumes
+    t, u, v, is_front, targets = hits.t, hits.u, hits.v, hits.is_front, block.targets
     for hit in range(count):
-        ray, target = rays[hit], targets[hit]
+        ray, target = block.rays[hit], targets[hit]
         t_min = t_mins[ray] if len(t_mins) > 1 else t_mins[0]
         t_max = t_maxs[ray] if len(t_maxs) > 1 else t_maxs[0]
         t[target] = min(max(tuv[0, hit], t_min), t_max, _MOST_T)
-        u[target], v[target] = tuv[1, hit], tuv[2, hit]
+        u[target], v[target], is_front[target] = tuv[1, hit], tuv[2, hit], volumes[hit] > 0.0
 
 
 @compiled

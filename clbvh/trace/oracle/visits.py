@@ -49,6 +49,8 @@ _MIN_SLOPE = np.float32(2.0**-30)
 # Rays that a thread takes at a time: rays of one picture differ much in their steps, so threads take many small shares.
 _CHUNK_RAYS = 1 << 14
 
+_FIELDS = 4
+
 _ZERO, _ONE, _TWO, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(np.inf)
 
 
@@ -173,19 +175,19 @@ class HostTraversal:
         """
         batch, _ = read_rays(origins, directions, t_min, t_max)
         rays = np.empty(batch.ray_count, PACKED_RAY)
-        counts = np.zeros((4, batch.ray_count), np.int32)
+        counts = np.zeros((batch.ray_count, _FIELDS), np.int32)
 
         def cast(begin: int, end: int) -> None:
             part = rays[begin:end]
-            pack_rays(batch.part(begin, end), self._box, part)
+            pack_rays(batch, batch.part(begin, end), self._box, part)
             packed = _Rays(part["origin"], part["direction"], part["t_min"], part["t_max"])
-            _walk(self._tree, packed, any_hit, counts[:, begin:end])
+            _walk(self._tree, packed, any_hit, counts[begin:end])
 
         if threads is None:
             cast(0, batch.ray_count)
         else:
             threads.run(cast, cut_range(0, batch.ray_count, -(-batch.ray_count // _CHUNK_RAYS)))
-        return Visits(*counts)
+        return Visits(*np.ascontiguousarray(counts.T))
 
 
 class _Tree(NamedTuple):
@@ -209,7 +211,7 @@ class _Rays(NamedTuple):
 
 @compiled(error_model="numpy")
 def _walk(tree, rays, any_hit, counts):
-    """Traverse the tree with every ray; `counts` holds the fields of `Visits`."""
+    """Traverse the tree with every ray; `counts`, (n, 4), holds the fields of `Visits` of each."""
     nodes, node_ints, triangles, triangle_ints = tree.nodes, tree.node_ints, tree.triangles, tree.triangle_ints
     stack = np.empty(tree.stack_size, np.int64)
     near_origin = np.empty(3, np.float32)
@@ -263,8 +265,8 @@ def _walk(tree, rays, any_hit, counts):
                 stack_size -= 1
                 child = stack[stack_size]
             node = node_ints[child >> 1, BVH2_FIRST + (child & 1)]
-        counts[0, ray], counts[1, ray], counts[2, ray] = node_steps, leaf_visits, triangle_tests
-        counts[3, ray] = nearest_prim
+        counts[ray, 0], counts[ray, 1], counts[ray, 2] = node_steps, leaf_visits, triangle_tests
+        counts[ray, 3] = nearest_prim
 
 
 @compiled(error_model="numpy")

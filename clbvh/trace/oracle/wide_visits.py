@@ -53,7 +53,7 @@ def count_wide_visits(bvh: Bvh, width: int, origins: ArrayLike, directions: Arra
     """
     batch, _ = read_rays(origins, directions, 0.0, np.inf)
     rays = np.empty(batch.ray_count, PACKED_RAY)
-    pack_rays(batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
+    pack_rays(batch, batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
     wide = widen(bvh, width)
     lanes = wide.nodes.view(np.float32).reshape(len(wide.nodes), -1)
     every_face = np.arange(bvh.mesh.face_count, dtype=np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,24 +11,23 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ..launch import CLOSEST_POINT, Call, Caster
 from ..less_memory import cut_smaller_when_full
+from ..rays.broadcast import Broadcast
 from ..rays.pieces import Progress
 from .order import find_point_order
-from .pack import check_points, pack_points
+from .pack import pack_points, take_points
 from .refine import ClosestPoints, refine_points
 
 
 @cut_smaller_when_full
 def find_closest_points(
-    caster: Caster, mesh: Mesh, points: NDArray[Any], progress: Progress | None = None
+    caster: Caster, mesh: Mesh, points: Broadcast, progress: Progress | None = None
 ) -> ClosestPoints:
     """Return the closest points of the surface; see `Tracer.closest_point`."""
-    shape, flat = points.shape[:-1], points.reshape(-1, 3)
-    count = len(flat)
+    shape, count = points.shape, math.prod(points.shape)
     found = ClosestPoints(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32))
     with caster.open_call() as call:
         for begin, end in call.cut_points(count, progress):
-            chunk = np.ascontiguousarray(flat[begin:end])
-            check_points(chunk, call.box, begin, shape)
+            chunk = take_points(points, begin, end, call.box)
             part = ClosestPoints(found.distance[begin:end], found.point[begin:end], found.prim_id[begin:end])
             _find_chunk(call, mesh, chunk, part)
     return ClosestPoints(found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,25 +10,23 @@ from numpy.typing import NDArray
 from ..hits.closest import count_hits
 from ..launch import Caster
 from ..rays.batch import read_rays
+from ..rays.broadcast import Broadcast
 from ..rays.pieces import Progress, cut_points
-from .pack import check_points
+from .pack import take_points
 
 # Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
 # modelled along meets few edges exactly, where the traversal has the most to do.
 GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
 
-def find_inside(caster: Caster, points: NDArray[Any], progress: Progress | None = None) -> NDArray[np.bool_]:
+def find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
-    shape, flat, box = points.shape[:-1], points.reshape(-1, 3), caster.box
-    is_inside = np.zeros(len(flat), np.bool_)
+    box, is_inside = caster.box, np.zeros(math.prod(points.shape), np.bool_)
     with caster.open_call():  # refuses a closed tracer, even without points
         pass
-    for begin, end in cut_points(len(flat), progress=progress):
-        chunk = np.ascontiguousarray(flat[begin:end])
-        check_points(chunk, box, begin, shape)
+    for begin, end in cut_points(len(is_inside), progress=progress):
+        chunk = take_points(points, begin, end, box)
         in_box = np.flatnonzero((np.abs((chunk - box.centre) * box.scale) <= box.half).all(axis=1))
-        directions = np.broadcast_to(GENERIC_DIRECTIONS[0], (len(in_box), 3))
-        rays, ray_shape = read_rays(chunk[in_box], directions, 0.0, np.inf)
+        rays, ray_shape = read_rays(chunk[in_box], GENERIC_DIRECTIONS[0], 0.0, np.inf)
         is_inside[begin + in_box] = count_hits(caster, rays, ray_shape, None, None) % 2 == 1
-    return is_inside.reshape(shape)
+    return is_inside.reshape(points.shape)

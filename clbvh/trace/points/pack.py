@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ...errors import QueryError
 from ...structs import PACKED_POINT_LANES
 from ...support.compiled import compiled
-from ..rays.batch import TreeBox, index_text, too_far
+from ..rays.batch import TreeBox, too_far
+from ..rays.broadcast import Broadcast
 
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
@@ -20,24 +21,25 @@ _FAR_SHARE = 512.0
 _ALL_GOOD = -1
 
 
-def check_points(points: NDArray[Any], box: TreeBox, first: int, shape: tuple[int, ...]) -> None:
-    """Raise `QueryError` for the first point that is not finite, or whose local coordinates are not.
+def take_points(points: Broadcast, begin: int, end: int, box: TreeBox) -> NDArray[Any]:
+    """Return points `begin` to `end`, counted in C order, as compiled functions take them: (n, 3), contiguous.
 
-    Parameters
-    ----------
-    points : (n, 3) float, contiguous
-    box : TreeBox
-    first : int
-        Index of the first one among the user's.
-    shape : tuple of int
-        Leading shape of the user's array.
+    Raises
+    ------
+    QueryError
+        A point is not finite, or its local coordinates are not; the message names the first bad one.
     """
-    bad = _find_bad(points, box.centre, box.scale)
+    part = points.part(begin, end, points.items.dtype)
+    if len(part) < end - begin:  # all points are one
+        part = np.broadcast_to(part, (end - begin, 3)).copy()
+        part.flags.writeable = False
+    bad = _find_bad(part, box.centre, box.scale)
     if bad != _ALL_GOOD:
-        index, point = index_text(first + bad, shape), points[bad]
+        subject, point = points.subject("points", begin + bad), part[bad]
         if not np.isfinite(point).all():
-            raise QueryError(f"points[{index}] is not finite: {point}")
-        raise too_far("points", index, point)
+            raise QueryError(f"{subject} is not finite: {point}")
+        raise too_far(subject, point)
+    return part
 
 
 def pack_points(points: NDArray[Any], box: TreeBox, order: NDArray[np.int32], packed: NDArray[np.void]) -> None:

@@ -84,10 +84,7 @@ def _refine(points, order, box, far, triangles, found, closest):
             a[axis] = (vertices[first, axis] - point) * scale
             b[axis] = (vertices[second, axis] - point) * scale
             c[axis] = (vertices[third, axis] - point) * scale
-        squared = _closest_on_edge(a, b, 0, 1, weights, np.inf)
-        squared = _closest_on_edge(b, c, 1, 2, weights, squared)
-        squared = _closest_on_edge(c, a, 2, 0, weights, squared)
-        squared = _closest_inside(a, b, c, weights, squared)
+        squared = closest_on_triangle(a, b, c, weights)
         for axis in range(3):
             corner = vertices[first, axis]
             to_second, to_third = vertices[second, axis] - corner, vertices[third, axis] - corner
@@ -96,6 +93,15 @@ def _refine(points, order, box, far, triangles, found, closest):
             away[axis] = (nearest[index, axis] - points[index, axis]) * scale / size if is_far else 0.0
         local = size * np.sqrt((away * away).sum()) if is_far else np.sqrt(squared)
         distance[index] = local / scale
+
+
+@compiled(error_model="numpy")
+def closest_on_triangle(a, b, c, weights):
+    """Write the weights of the corners at the point closest to zero; return its squared distance from there."""
+    squared = _closest_on_edge(a, b, 0, 1, weights, np.inf)
+    squared = _closest_on_edge(b, c, 1, 2, weights, squared)
+    squared = _closest_on_edge(c, a, 2, 0, weights, squared)
+    return _closest_inside(a, b, c, weights, squared)
 
 
 @compiled(error_model="numpy")

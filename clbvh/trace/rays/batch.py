@@ -10,46 +10,53 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...errors import QueryError
+from .broadcast import Broadcast
+from .ray_rows import RayRows
+
+_FLOAT64 = np.dtype(np.float64)
 
 
 class RayBatch(NamedTuple):
-    """Rays in the file's coordinates.
+    """Rays as the user gave them.
 
     Attributes
     ----------
-    origins, directions : (n, 3) float32 or float64
-    t_min, t_max : (n,) or (1,) float64
-        Limits, in lengths of the direction; one for all rays, or one for each.
+    origins, directions : Broadcast of float32 or float64 vectors, the file's coordinates
+    t_min, t_max : Broadcast of float64, lengths of the direction
     """
 
-    origins: NDArray[Any]
-    directions: NDArray[Any]
-    t_min: NDArray[np.float64]
-    t_max: NDArray[np.float64]
+    origins: Broadcast
+    directions: Broadcast
+    t_min: Broadcast
+    t_max: Broadcast
 
     @property
     def ray_count(self) -> int:
         """Number of rays."""
-        return len(self.origins)
+        return math.prod(self.origins.shape)
+
+    @property
+    def is_contiguous(self) -> bool:
+        """Whether the rows of parts are no copies."""
+        return self.origins.is_contiguous and self.directions.is_contiguous
 
     def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
-        """Return some of the rays, by their indices."""
-        return RayBatch(
-            self.origins[ray_ids],
-            self.directions[ray_ids],
-            self.t_min if len(self.t_min) == 1 else self.t_min[ray_ids],
-            self.t_max if len(self.t_max) == 1 else self.t_max[ray_ids],
+        """Return some of the rays, by their indices in C order."""
+        return RayBatch(*(values.take(ray_ids) for values in self))
+
+    def part(self, begin: int, end: int) -> RayRows:
+        """Return rays `begin` to `end`, counted in C order."""
+        origins, directions = self.vectors(begin, end)
+        return RayRows(
+            origins, directions, self.t_min.part(begin, end, _FLOAT64), self.t_max.part(begin, end, _FLOAT64)
         )
 
-    def part(self, begin: int, end: int) -> RayBatch:
-        """Return rays `begin` to `end` in contiguous arrays of one dtype, as compiled functions take them."""
-        dtype = np.result_type(self.origins, self.directions)
-        return RayBatch(
-            np.ascontiguousarray(self.origins[begin:end], dtype),
-            np.ascontiguousarray(self.directions[begin:end], dtype),
-            self.t_min if len(self.t_min) == 1 else self.t_min[begin:end],
-            self.t_max if len(self.t_max) == 1 else self.t_max[begin:end],
-        )
+    def vectors(self, begin: int, end: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the origins and directions of rays `begin` to `end`, as in `RayRows`."""
+        dtype = self.origins.items.dtype
+        if dtype != self.directions.items.dtype:
+            dtype = _FLOAT64
+        return self.origins.part(begin, end, dtype), self.directions.part(begin, end, dtype)
 
 
 class TreeBox(NamedTuple):
@@ -80,19 +87,26 @@ class TreeBox(NamedTuple):
 def read_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[RayBatch, tuple[int, ...]]:
-    """Return rays of any leading shape as a batch, without a copy where possible, and that shape.
+    """Return rays as a batch, without a copy where possible, and the leading shape that they are broadcast to.
 
     Raises
     ------
     QueryError
-        A wrong shape, or a limit that is a wrong number.
+        Shapes that are wrong or do not fit each other, or a limit that is a wrong number.
     """
     origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
-    if origins.shape != directions.shape:
-        raise QueryError(f"origins and directions must have one shape, not {origins.shape} and {directions.shape}")
-    shape = origins.shape[:-1]
+    if origins.shape == directions.shape:
+        shape = origins.shape[:-1]
+    else:
+        try:
+            shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1])
+        except ValueError:
+            raise QueryError(
+                f"origins and directions must have shapes that broadcast against each other, "
+                f"not {origins.shape} and {directions.shape}"
+            ) from None
     limits = _read_limits(t_min, "t_min", shape), _read_limits(t_max, "t_max", shape)
-    return RayBatch(origins.reshape(-1, 3), directions.reshape(-1, 3), *limits), shape
+    return RayBatch(Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape), *limits), shape
 
 
 def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
@@ -101,11 +115,17 @@ def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
     if vectors.dtype not in (np.float32, np.float64):
         with np.errstate(over="ignore"):  # of a wider dtype; what is not finite is refused later, by its index
             vectors = vectors.astype(np.float64)
-    if vectors.size == 0 and vectors.ndim < 2:
+    if vectors.shape == (0,):  # an empty list
         vectors = vectors.reshape(0, 3)
-    if vectors.ndim < 2 or vectors.shape[-1] != 3:
-        raise QueryError(f"{name} must have shape (n, 3) or (..., n, 3), not {vectors.shape}")
+    if vectors.ndim == 0 or vectors.shape[-1] != 3:
+        raise QueryError(f"{name} must have shape (3,), (n, 3) or (..., 3), not {vectors.shape}")
     return vectors
+
+
+def read_points(points: ArrayLike) -> Broadcast:
+    """Return points of any leading shape, without a copy where possible."""
+    vectors = read_vectors(points, "points")
+    return Broadcast.to_shape(vectors, 1, vectors.shape[:-1])
 
 
 def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
@@ -121,29 +141,34 @@ def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     return numbers
 
 
-def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return one limit as (1,), or one for each ray as (n,); infinity is allowed."""
-    limits = _read_numbers(values, name).astype(np.float64, copy=False)
-    if limits.shape not in ((), shape):
-        raise QueryError(f"{name} must be a number or have shape {shape}, not {limits.shape}")
+def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
+    """Return a limit of rays of this leading shape; infinity is allowed."""
     least = 0.0 if name == "t_min" else -np.inf
-    # Written so that NaN is bad. One number is compared without numpy, which matters for a single ray.
-    is_good = limits.item() >= least if limits.ndim == 0 else bool((limits >= least).all())
-    if not is_good:
-        index = int(np.argmin(limits >= least))
-        subject = f"{name}[{index_text(index, shape)}]" if limits.shape else name
+    if type(values) is float and values >= least:  # in a tenth of the time, which matters for a single ray
+        return Broadcast.of_one(np.array([values]), shape)
+    limits = _read_numbers(values, name).astype(np.float64, copy=False)
+    if limits.shape and limits.shape != shape and not _fits(limits.shape, shape):
+        raise QueryError(
+            f"{name} must be a number or have a shape that broadcasts to that of the rays, {shape}, not {limits.shape}"
+        )
+    # Written so that NaN is bad.
+    if not (limits >= least).all():
+        wrong = limits.flat[np.argmin(limits >= least)]
+        index = np.unravel_index(np.argmin(limits >= least), limits.shape)
+        subject = f"{name}[{', '.join(map(str, index))}]" if limits.shape else name
         wanted = "a number" if least == -np.inf else f"a number from {least:g}"
-        raise QueryError(f"{subject} must be {wanted}, not {limits.flat[index]}")
-    return limits.reshape(-1)
+        raise QueryError(f"{subject} must be {wanted}, not {wrong}")
+    return Broadcast.to_shape(limits, 0, shape)
 
 
-def too_far(name: str, index: str, value: NDArray[Any]) -> QueryError:
+def _fits(given: tuple[int, ...], shape: tuple[int, ...]) -> bool:
+    """Say whether an array of one shape can be broadcast to the other."""
+    lengths = zip(given[::-1], shape[::-1], strict=False)
+    return len(given) <= len(shape) and all(length in (1, wanted) for length, wanted in lengths)
+
+
+def too_far(subject: str, value: NDArray[Any]) -> QueryError:
     """Return the error for an origin or a point whose local coordinates are beyond float64."""
     return QueryError(
-        f"{name}[{index}] is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: {value}"
+        f"{subject} is too far from the mesh: float64 cannot hold the distance in sizes of the mesh: {value}"
     )
-
-
-def index_text(index: int, shape: tuple[int, ...]) -> str:
-    """Return how a user would index an element of an array of this shape, given its number in C order."""
-    return ", ".join(map(str, np.unravel_index(index, shape))) if math.prod(shape) > index else str(index)

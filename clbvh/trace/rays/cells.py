@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...support.compiled import compiled
 from .batch import TreeBox
+from .ray_rows import row_step
 
 # Cells along each axis of the box: 4 bits of a key.
 CELLS_PER_AXIS = 16
@@ -75,7 +76,7 @@ def meets_box(block, ray):
 
 
 @compiled(error_model="numpy")
-def find_cells(batch, grid, first, count, block):
+def find_cells(rays, grid, first, count, block):
     """Write the cells where the interval of each ray in the box begins and ends, for rays `first` to `first + count`.
 
     In float32: cells of rays from very far, or with directions of a length beyond float32, are wrong, which costs
@@ -84,7 +85,7 @@ def find_cells(batch, grid, first, count, block):
 
     Parameters
     ----------
-    batch : RayBatch
+    rays : RayRows
     grid : Grid
     first, count : int
         At most `BLOCK` rays.
@@ -92,16 +93,26 @@ def find_cells(batch, grid, first, count, block):
     """
     lanes, cells, half, cells_per_unit = block.lanes, block.cells, grid.half, grid.cells_per_unit
     # Twice as fast as with the lanes in a loop.
-    starts, along = batch.origins[first : first + count], batch.directions[first : first + count]
+    origin_step, direction_step = row_step(rays.origins), row_step(rays.directions)
+    starts, along = rays.origins[first * origin_step :], rays.directions[first * direction_step :]
     centre_x, centre_y, centre_z, scale = grid.centre[0], grid.centre[1], grid.centre[2], grid.scale
     x, y, z = lanes[_ORIGIN], lanes[_ORIGIN + 1], lanes[_ORIGIN + 2]
     dx, dy, dz = lanes[_DIRECTION], lanes[_DIRECTION + 1], lanes[_DIRECTION + 2]
-    for ray in range(count):
-        x[ray] = (starts[ray, 0] - centre_x) * scale
-        y[ray] = (starts[ray, 1] - centre_y) * scale
-        z[ray] = (starts[ray, 2] - centre_z) * scale
-        dx[ray], dy[ray], dz[ray] = along[ray, 0], along[ray, 1], along[ray, 2]
-    for limits, lane in ((batch.t_min, lanes[_T_NEAR]), (batch.t_max, lanes[_T_FAR])):
+    if origin_step == 0:
+        x[:] = (starts[0, 0] - centre_x) * scale
+        y[:] = (starts[0, 1] - centre_y) * scale
+        z[:] = (starts[0, 2] - centre_z) * scale
+    else:
+        for ray in range(count):
+            x[ray] = (starts[ray, 0] - centre_x) * scale
+            y[ray] = (starts[ray, 1] - centre_y) * scale
+            z[ray] = (starts[ray, 2] - centre_z) * scale
+    if direction_step == 0:
+        dx[:], dy[:], dz[:] = along[0, 0], along[0, 1], along[0, 2]
+    else:
+        for ray in range(count):
+            dx[ray], dy[ray], dz[ray] = along[ray, 0], along[ray, 1], along[ray, 2]
+    for limits, lane in ((rays.t_min, lanes[_T_NEAR]), (rays.t_max, lanes[_T_FAR])):
         if len(limits) > 1:
             for ray in range(count):
                 lane[ray] = limits[first + ray] * scale

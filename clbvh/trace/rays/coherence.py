@@ -22,19 +22,18 @@ def is_scattered(batch: RayBatch, begin: int, end: int, box: TreeBox) -> bool:
     """Say whether rays `begin` to `end` take different ways; the rays need not be valid."""
     firsts = begin + (np.arange(_SAMPLES) * _GOLDEN % 1.0 * (end - begin - 1)).astype(np.int64)
     pairs = batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).part(0, 2 * _SAMPLES)
-    entries, exits, far_entries = _measure_apart(pairs, make_grid(box), make_block())
+    entries, exits, far_entries = _measure_apart(pairs, 2 * _SAMPLES, make_grid(box), make_block())
     # Rays that leave a surface in all directions, point after point, share the nodes around it: sorting them gains
     # nothing. Rays from one eye inside the box all enter it in one cell, in any order.
     return bool(entries >= _SCATTERED_SHARE or (exits >= _SCATTERED_SHARE and far_entries < _SCATTERED_SHARE))
 
 
 @compiled(error_model="numpy")
-def _measure_apart(pairs, grid, block):
+def _measure_apart(pairs, ray_count, grid, block):
     """Return shares of the pairs of rays that are more than a cell apart, of those that meet the box.
 
     Where the rays of a pair enter it, where they leave it, and where rays of different pairs enter it.
     """
-    ray_count = len(pairs.origins)
     cells, meets = np.empty((ray_count, CELLS_PER_RAY), np.int32), np.empty(ray_count, np.bool_)
     for first in range(0, ray_count, BLOCK):
         find_cells(pairs, grid, first, BLOCK, block)

@@ -21,7 +21,8 @@ from ...structs import PACKED_RAY_DIRECTION, PACKED_RAY_LANES, PACKED_RAY_T_MAX,
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
 from ...support.prefetch import prefetch
-from .batch import RayBatch, TreeBox, index_text, too_far
+from .batch import RayBatch, TreeBox, too_far
+from .ray_rows import RayRows, row_step
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.
 _MOST_FAST_EXPONENT = 400
@@ -65,27 +66,27 @@ class _Ray(NamedTuple):
 
 def pack_rays(
     batch: RayBatch,
+    rays: RayRows,
     box: TreeBox,
     packed: NDArray[np.void],
     *,
     order: NDArray[np.int32] | None = None,
     first_ray: int = 0,
-    shape: tuple[int, ...] = (),
 ) -> None:
     """Write rays as the device takes them. They are scaled, and some are advanced: their t is not the user's.
 
     Parameters
     ----------
     batch : RayBatch
-        Contiguous, from `RayBatch.part`.
+        For messages: the rays as the user gave them.
+    rays : RayRows
+        A part of the batch.
     box : TreeBox
     packed : (n,) `structs.PACKED_RAY`, written
     order : (n,) int32, optional
-        Rays to write, by their indices in the batch; all in their own order without it.
+        Rays to write, by their indices in the part; all in their own order without it.
     first_ray : int, optional
-        Index of the batch's first ray among the user's, for messages.
-    shape : tuple of int, optional
-        Leading shape of the user's arrays, for messages.
+        Index of the part's first ray in the batch.
 
     Raises
     ------
@@ -94,22 +95,25 @@ def pack_rays(
         float64; the message names the first bad ray.
     """
     lanes = packed.view(np.float32).reshape(-1, PACKED_RAY_LANES)
-    bad = _pack(batch, box, order, lanes)
+    bad = _pack(rays, box, order, lanes)
     if bad != _ALL_GOOD and order is not None:
         # In another order, it need not be the first bad one.
-        bad = _pack(batch, box, None, np.empty((batch.ray_count, PACKED_RAY_LANES), np.float32))
+        bad = _pack(rays, box, None, np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32))
     if bad != _ALL_GOOD:
-        raise _explain(batch, bad, index_text(first_ray + bad, shape))
+        raise _explain(batch, first_ray + bad)
 
 
-def _explain(batch: RayBatch, ray_id: int, index: str) -> QueryError:
+def _explain(batch: RayBatch, ray_id: int) -> QueryError:
     """Return the error for a bad ray."""
-    for name, values in (("origins", batch.origins), ("directions", batch.directions)):
-        if not np.isfinite(values[ray_id]).all():
-            return QueryError(f"{name}[{index}] is not finite: {values[ray_id]}")
-    if batch.directions[ray_id].any():
-        return too_far("origins", index, batch.origins[ray_id])
-    return QueryError(f"directions[{index}] has length zero")
+    rays = batch.part(ray_id, ray_id + 1)
+    origin, direction = rays.origins[0], rays.directions[0]
+    subjects = batch.origins.subject("origins", ray_id), batch.directions.subject("directions", ray_id)
+    for subject, values in zip(subjects, (origin, direction), strict=True):
+        if not np.isfinite(values).all():
+            return QueryError(f"{subject} is not finite: {values}")
+    if direction.any():
+        return too_far(subjects[0], origin)
+    return QueryError(f"{subjects[1]} has length zero")
 
 
 @compiled
@@ -121,7 +125,8 @@ def _pack(batch, box, order, packed):
     near = _NEAR_SHARE * size
     centre_x, centre_y, centre_z = box.centre[0], box.centre[1], box.centre[2]
     each_t_min, each_t_max = len(t_mins) > 1, len(t_maxs) > 1
-    if len(origins) > 0:
+    origin_step, direction_step = row_step(origins), row_step(directions)
+    if len(packed) > 0:
         t_min, t_max = t_mins[0], t_maxs[0]
     for slot in range(len(packed)):
         ray = slot
@@ -129,13 +134,14 @@ def _pack(batch, box, order, packed):
             ray = np.int64(order[slot])
             # Both ends of the row: it may cross a cache line.
             coming = 3 * np.int64(order[min(slot + _PREFETCH_RAYS, len(packed) - 1)])
-            prefetch(origins, coming)
-            prefetch(origins, coming + 2)
-            prefetch(directions, coming)
-            prefetch(directions, coming + 2)
-        x, y, z = origins[ray, 0] - centre_x, origins[ray, 1] - centre_y, origins[ray, 2] - centre_z
+            prefetch(origins, coming * origin_step)
+            prefetch(origins, coming * origin_step + 2)
+            prefetch(directions, coming * direction_step)
+            prefetch(directions, coming * direction_step + 2)
+        start, way = ray * origin_step, ray * direction_step
+        x, y, z = origins[start, 0] - centre_x, origins[start, 1] - centre_y, origins[start, 2] - centre_z
         x, y, z = x * scale, y * scale, z * scale
-        dx, dy, dz = np.float64(directions[ray, 0]), np.float64(directions[ray, 1]), np.float64(directions[ray, 2])
+        dx, dy, dz = np.float64(directions[way, 0]), np.float64(directions[way, 1]), np.float64(directions[way, 2])
         longest = max(abs(dx), abs(dy), abs(dz))
         if each_t_min:
             t_min = t_mins[ray]

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...support.compiled import compiled
 from .batch import RayBatch
+from .ray_rows import row_step
 
 # Shorter rows, or fewer of them, are hardly larger than a tile.
 _LEAST_ROW_LENGTH = 32
@@ -26,6 +27,9 @@ _NEAR_STEPS = 8
 # Rows sampled; this many must have a nearby next row. At the poles of a scan all around, rows are short.
 _SAMPLES = 32
 _LEAST_GOOD_SAMPLES = 24
+
+# Rays that are searched where parts of the batch have to be copied.
+_MOST_COPIED = 1 << 20
 
 _NONE = 0
 
@@ -45,39 +49,43 @@ def find_row_length(batch: RayBatch) -> int | None:
     """
     if batch.ray_count < _LEAST_ROW_LENGTH * _LEAST_ROWS:
         return None
-    origins, directions = batch.origins, batch.directions
-    row_length = _find_return(origins, directions)
-    return row_length if row_length != _NONE and _are_rows_near(origins, directions, row_length) else None
+    ray_count = batch.ray_count if batch.is_contiguous else min(batch.ray_count, _MOST_COPIED)
+    vectors = batch.vectors(0, ray_count)
+    row_length = _find_return(vectors, ray_count)
+    return row_length if row_length != _NONE and _are_rows_near(vectors, ray_count, row_length) else None
 
 
 @compiled
-def _distance(origins, directions, one, other):
+def _distance(vectors, one, other):
+    origins, directions = vectors
+    start, other_start = one * row_step(origins), other * row_step(origins)
+    way, other_way = one * row_step(directions), other * row_step(directions)
     squares = 0.0
     for axis in range(3):
-        squares += (np.float64(origins[one, axis]) - np.float64(origins[other, axis])) ** 2
-        squares += (np.float64(directions[one, axis]) - np.float64(directions[other, axis])) ** 2
+        squares += (np.float64(origins[start, axis]) - np.float64(origins[other_start, axis])) ** 2
+        squares += (np.float64(directions[way, axis]) - np.float64(directions[other_way, axis])) ** 2
     return math.sqrt(squares)
 
 
 @compiled
-def _find_return(origins, directions):
+def _find_return(vectors, ray_count):
     """Return the number of rays after which a walk from the middle of the batch comes back to its beginning."""
-    begin = len(origins) // 2
+    begin = ray_count // 2
     travelled = 0.0
     was_away = False
-    for row_length in range(1, min(len(origins) // _LEAST_ROWS, _MOST_ROW_LENGTH) + 1):
-        travelled += _distance(origins, directions, begin + row_length - 1, begin + row_length)
+    for row_length in range(1, min(ray_count // _LEAST_ROWS, _MOST_ROW_LENGTH) + 1):
+        travelled += _distance(vectors, begin + row_length - 1, begin + row_length)
         near = _NEAR_STEPS * travelled / row_length
-        is_near = _distance(origins, directions, begin, begin + row_length) <= near
+        is_near = _distance(vectors, begin, begin + row_length) <= near
         if was_away and is_near:
-            return _find_nearest_row(origins, directions, row_length) if row_length >= _LEAST_ROW_LENGTH else _NONE
+            return _find_nearest_row(vectors, ray_count, row_length) if row_length >= _LEAST_ROW_LENGTH else _NONE
         # Written so that NaN is not away.
-        was_away = was_away or _distance(origins, directions, begin, begin + row_length) > near
+        was_away = was_away or _distance(vectors, begin, begin + row_length) > near
     return _NONE
 
 
 @compiled
-def _find_nearest_row(origins, directions, row_length):
+def _find_nearest_row(vectors, ray_count, row_length):
     """Return the length, of this one and the next ones, for which the next row is nearest."""
     nearest, least = row_length, np.inf
     # The jump at the end of a row makes mean steps look twice as long, so "near" may reach twice as far, before the
@@ -85,28 +93,25 @@ def _find_nearest_row(origins, directions, row_length):
     for candidate in range(row_length, row_length + 4 * _NEAR_STEPS + 1):
         total = 0.0
         for sample in range(_SAMPLES):
-            ray = sample * (len(origins) - 1 - candidate) // _SAMPLES
-            total += _distance(origins, directions, ray, ray + candidate)
+            ray = sample * (ray_count - 1 - candidate) // _SAMPLES
+            total += _distance(vectors, ray, ray + candidate)
         if total < least:
             nearest, least = candidate, total
     return nearest
 
 
 @compiled
-def _are_rows_near(origins, directions, row_length):
+def _are_rows_near(vectors, ray_count, row_length):
     """Say whether the next row is near for enough samples, and the middle of a row far from its beginning."""
-    row_count = len(origins) // row_length
+    row_count = ray_count // row_length
     good = 0
     for sample in range(_SAMPLES):
         begin = sample * (row_count - 1) // _SAMPLES * row_length
         half = row_length // 2
         travelled = 0.0
         for ray in range(begin, begin + half):
-            travelled += _distance(origins, directions, ray, ray + 1)
+            travelled += _distance(vectors, ray, ray + 1)
         near = _NEAR_STEPS * travelled / half
         ray = begin + half * sample // _SAMPLES
-        good += (
-            _distance(origins, directions, begin, begin + half) > near
-            and _distance(origins, directions, ray, ray + row_length) <= near
-        )
+        good += _distance(vectors, begin, begin + half) > near and _distance(vectors, ray, ray + row_length) <= near
     return good >= _LEAST_GOOD_SAMPLES

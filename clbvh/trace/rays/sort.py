@@ -27,12 +27,12 @@ def sort_rays(batch: RayBatch, begin: int, end: int, box: TreeBox, threads: Host
 
 
 @compiled(error_model="numpy")
-def _make_keys(batch, grid, block, keys):
+def _make_keys(rays, grid, block, keys):
     """Write the keys of rays: a Morton code of six cell numbers, and the last key for rays that miss the box."""
     cells = block.cells
     for first in range(0, len(keys), BLOCK):
         count = min(BLOCK, len(keys) - first)
-        find_cells(batch, grid, first, count, block)
+        find_cells(rays, grid, first, count, block)
         for ray in range(BLOCK):
             key = np.int32(0)
             for axis in range(CELLS_PER_RAY):

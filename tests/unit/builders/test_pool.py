@@ -166,9 +166,9 @@ def test_the_default_is_every_usable_processor():
         assert pool.workers == usable_cores()
 
 
-@pytest.mark.parametrize("workers", [0, -1])
-def test_no_workers_are_refused(workers):
-    with pytest.raises(ConfigError, match=f"workers must be at least 1, not {workers}"):
+@pytest.mark.parametrize("workers", [0, -1, 1025, 10**9])
+def test_too_few_and_too_many_workers_are_refused(workers):
+    with pytest.raises(ConfigError, match=f"workers must be 1 to 1024, not {workers}"):
         SubtreePool(workers=workers)
 
 

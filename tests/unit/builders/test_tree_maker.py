@@ -232,9 +232,9 @@ def test_options_are_checked():
     for kind in (TreeOptions, RenderOptions):
         with pytest.raises(ConfigError, match="not 'magic'"):
             kind(builder="magic")
-        with pytest.raises(ConfigError, match="workers must be at least 1, not 0"):
+        with pytest.raises(ConfigError, match="workers must be 1 to 1024, not 0"):
             kind(workers=0)
-        with pytest.raises(ConfigError, match="workers must be at least 1, not 'two'"):
+        with pytest.raises(ConfigError, match="workers must be 1 to 1024, not 'two'"):
             kind(workers="two")
         with pytest.raises(ConfigError, match=r"cache must be a pathlib\.Path or None"):
             kind(cache="folder")

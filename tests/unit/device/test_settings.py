@@ -7,10 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from clbvh.device.settings import Settings, default_settings, find_settings, keep_settings, settings_path
+from clbvh.device.settings import (
+    Settings,
+    default_settings,
+    find_measured_ms,
+    find_settings,
+    keep_settings,
+    settings_path,
+)
 from clbvh.errors import ConfigError
 
-MEASURED = Settings("bvh4", 128, (16, 4), is_measured=True)
+MEASURED = Settings("bvh4", 128, (16, 4), is_measured=True, measured_ms=12.5)
 
 
 @pytest.fixture(autouse=True)
@@ -41,6 +48,15 @@ def test_what_is_kept_is_found(info, cache):
     assert (facts["device"], facts["driver_version"]) == (info.name, info.driver_version)
 
 
+def test_a_time_orders_the_drivers_and_a_file_of_an_earlier_version_has_none(info):
+    assert find_measured_ms(info) is None
+    path = keep_settings(info, MEASURED)
+    assert find_measured_ms(info) == MEASURED.measured_ms
+    path.write_text('{"layout": "bvh4", "work_group_size": 128, "tile": [16, 4]}')
+    assert find_measured_ms(info) is None
+    assert find_settings(info) == dataclasses.replace(MEASURED, measured_ms=None)
+
+
 def test_the_layout_of_a_description_is_that_of_its_kind(info, monkeypatch):
     keep_settings(info, MEASURED)
     monkeypatch.setattr(Path, "open", lambda *_, **__: pytest.fail("a file is read"))
@@ -68,6 +84,10 @@ def test_another_device_or_driver_knows_nothing_of_it(info, field):
         '{"layout": "bvh8", "work_group_size": 1e400, "tile": [8, 8]}',
         '{"layout": "bvh8", "work_group_size": 64, "tile": [8, -1e400]}',
         '{"layout": "bvh8", "work_group_size": NaN, "tile": [8, 8]}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": 0}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": Infinity}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": NaN}',
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": "fast"}',
         "[" * 60_000, '{"tile":' * 5_000, "\x00", "9" * 10_000,
     ],
 )  # fmt: skip

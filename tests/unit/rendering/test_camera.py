@@ -7,7 +7,8 @@ import pytest
 
 from clbvh import Mesh
 from clbvh.errors import SceneError
-from clbvh.rendering.camera import Camera, frame_mesh
+from clbvh.rendering.camera import Camera
+from clbvh.rendering.framing import frame_mesh, frame_turn
 
 
 def mesh_of(points):
@@ -108,3 +109,32 @@ def test_an_eye_of_ones_own_looks_at_the_middle():
 def test_a_camera_that_cannot_see_is_refused(arguments, message):
     with pytest.raises(SceneError, match=message):
         Camera(**arguments)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("aspect", [16 / 9, 0.5])
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 3), (0.2, 1, -0.4)])
+@pytest.mark.parametrize("extents", [(3, 1, 0.2), (0.5, 4, 5)])
+def test_a_turn_sees_every_point_from_all_sides_and_wastes_no_room(seed, aspect, up, extents):
+    points = np.random.default_rng(seed).normal(size=(60, 3)) * extents + [7, 8, 9]
+    first = frame_turn(mesh_of(points), aspect=aspect, up=up)
+    seen = [project(first.orbit(angle), points, aspect) for angle in np.arange(360)]
+    assert min(depth.min() for _, depth in seen) > 0
+    places = np.concatenate([places for places, _ in seen])
+    # Along one direction the points reach the margin on both sides.
+    tight = np.argmax(np.ptp(places, axis=0))
+    assert np.abs(places).max() < 0.9401
+    assert places[:, tight].max() > 0.935
+    assert places[:, tight].min() < -0.935
+    # The pictures stay where they are: the line of sight goes through the axis.
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    axis = np.asarray(up) / np.linalg.norm(up)
+    assert np.linalg.norm(np.cross(np.subtract(first.look_at, centre), axis)) < 1e-6
+
+
+@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.array([[0, 0, 0], [0, 1, 0.0]]), np.eye(3)])
+def test_points_without_extent_are_framed_for_a_turn(points):
+    camera = frame_turn(mesh_of(points), aspect=1)
+    places, depth = project(camera.orbit(77), points, 1)
+    assert np.isfinite(places).all()
+    assert (depth > 0).all()

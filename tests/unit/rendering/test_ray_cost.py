@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, make_shape
-from clbvh.rendering.camera import Camera, frame_mesh
+from clbvh.rendering.camera import Camera
+from clbvh.rendering.framing import frame_mesh
 from clbvh.rendering.ray_cost import measure_rays
 
 

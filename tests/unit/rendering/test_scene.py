@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import clbvh
-from clbvh.errors import SceneError
+from clbvh.errors import MeshError, SceneError
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
 from clbvh.rendering.scene_file import open_scene
 
@@ -21,10 +21,12 @@ BUNNY = MeshSource(name="bunny")
         ({"up": (0, float("nan"), 0)}, "up must be three finite numbers"),
         ({"fov": "wide"}, "fov must be above 0"),
         ({"surface": 0.5}, "the surface colour must be three"),
-        ({"background": (0.1, 0.2, 0.3)}, "two colours"),
+        ({"background": 0.5}, "a colour, or two"),
         ({"background": ((0, 0, 0), (1, 1))}, "a background colour must be three"),
         ({"width": 10.5}, "width must be 1 to 65535"),
         ({"height": "10"}, "height must be 1 to 65535"),
+        ({"width": True}, "width must be 1 to 65535"),
+        ({"shading": ["normal"]}, "shading must be one of"),
     ],
 )
 def test_a_value_that_cannot_be_drawn_is_refused(values, message):
@@ -53,10 +55,27 @@ def test_a_mesh_has_exactly_one_source(values):
 def test_something_that_names_no_scene_is_refused():
     with pytest.raises(SceneError, match="not 5"):
         open_scene(5)
-    with pytest.raises(SceneError, match="not None"):
+    with pytest.raises(MeshError, match=r"a clbvh\.Scene, the path or name of one, .*, not NoneType"):
         clbvh.render(None)
 
 
 def test_something_that_names_no_file_is_a_mesh_error():
     with pytest.raises(clbvh.errors.MeshError, match="not by 5"):
         clbvh.load_mesh(5)
+
+
+def test_one_colour_is_both_of_the_background():
+    assert Scene(MeshSource(name="bunny"), background=(1, 0.5, 0)).background == ((1, 0.5, 0), (1, 0.5, 0))
+
+
+def test_a_mesh_of_any_form_is_a_source(tmp_path):
+    triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+    mesh = clbvh.Mesh.from_arrays(*triangle)
+    assert Scene(mesh).mesh == MeshSource(mesh=mesh)
+    assert Scene(mesh).mesh.load() is mesh
+    assert Scene(mesh).mesh.estimate_face_count() == 1
+    assert Scene(triangle).mesh.load().face_count == 1
+    # A file is read when it is needed.
+    assert Scene(tmp_path / "part.stl").mesh == MeshSource(path=str(tmp_path / "part.stl"))
+    with pytest.raises(MeshError, match="not NoneType"):
+        Scene(None)

@@ -31,6 +31,24 @@ def test_the_axes_span_the_picture():
     assert np.allclose(view["right"][0], [2, 0, 0])
 
 
+def test_a_lens_off_centre_leans_the_middle_and_not_the_optical_axis():
+    pose = CAMERA.camera_to_world()
+    lens = Camera.from_intrinsics([[50, 10, 40], [0, 25, 75], [0, 0, 1]], pose, (200, 100))
+    view = make_view(SCENE, lens, MESH)
+    assert np.allclose(view["optical_axis"][0], [0, 0, -1])
+    assert np.allclose(view["right"][0], [2, 0, 0])
+    assert np.allclose(view["up"][0], [2 * 10 / 50, 2, 0])
+    # The middle is 60 columns to the right of the principal point and 25 rows above it.
+    assert np.allclose(view["forward"][0], [60 / 50 + 1 * 10 / 50, 1, -1])
+
+
+def test_the_sky_of_a_lens_is_the_scenes_and_of_a_camera_its_own():
+    scene = dataclasses.replace(SCENE, up=(0, 0, 2))
+    lens = Camera.from_intrinsics([[50, 0, 100], [0, 50, 50], [0, 0, 1]], CAMERA.camera_to_world(), (200, 100))
+    assert np.allclose(make_view(scene, lens, MESH)["to_sky"][0], [0, 0, 1])
+    assert np.allclose(make_view(scene, CAMERA, MESH)["to_sky"][0], [0, 1, 0])
+
+
 def test_the_automatic_light_comes_from_the_viewers_left_and_above():
     to_light = make_view(SCENE, CAMERA, MESH)["to_light"][0]
     assert np.linalg.norm(to_light) == pytest.approx(1)
@@ -63,3 +81,10 @@ def test_depth_of_a_flat_mesh_is_a_range_all_the_same():
 def test_the_shading_travels_as_its_number(shading):
     scene = dataclasses.replace(SCENE, shading=shading)
     assert make_view(scene, CAMERA, MESH)["shading"][0] == SHADINGS[shading]
+
+
+@pytest.mark.parametrize("distance", [1e35, 1e200, 1.7e308])
+def test_an_eye_beyond_float32_is_refused(distance):
+    with pytest.raises(SceneError, match="sizes of the mesh away"):
+        make_view(SCENE, Camera((distance, 0, 0), (0, 0, 0)), MESH)
+    assert np.isfinite(make_view(SCENE, Camera((1e28, 0, 0), (0, 0, 0)), MESH)["eye"]).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import subprocess
 import sys
 import threading
@@ -111,6 +112,42 @@ def test_an_edit_of_an_imported_compiled_file_is_seen(tmp_path):
     assert answers == [12, 12, 75]
 
 
+COUNTING = """
+import json
+from clbvh.support.code_times import read_code_times
+from clbvh.support.compiled import compiled, list_compiled
+
+@compiled
+def add(a, b):
+    return a + b
+
+@compiled
+def add_numbers(a):
+    return add(a, 1) + add(a, 2) + add(3, a)
+
+assert add_numbers(5) == 21
+times = read_code_times()
+versions = {one.__name__: len(one.signatures) for one in list_compiled()}
+print(json.dumps([times.compiled_count, times.loaded_count, times.compile_ms, times.load_ms, versions]))
+"""
+
+
+def test_numbers_in_calls_make_no_versions_and_the_time_of_a_second_process_is_for_loading(tmp_path):
+    (tmp_path / "counting.py").write_text(COUNTING)
+    environment = {"PATH": "", "PYTHONPATH": f"{tmp_path}:{PACKAGE.parent}", "HOME": str(tmp_path)}
+    answers = []
+    for _ in range(2):
+        command = [sys.executable, "-c", "import counting"]
+        output = subprocess.run(command, env=environment, capture_output=True, check=True).stdout
+        answers.append(json.loads(output))
+    cold, warm = answers
+    assert cold[:2] == [2, 0]
+    assert warm[:2] == [0, 1]
+    assert cold[2] > 0 < warm[3]
+    assert warm[2] == 0
+    assert cold[4] == {"add": 1, "add_numbers": 1}
+
+
 def test_the_folder_is_in_use():
     assert find_depths(np.array([1, 0, 1]), np.array([0, 1, 1])).tolist() == [0, 1, 1]
     assert any(find_compiled_cache().rglob("depth.find_depths-*.nbi"))
@@ -123,8 +160,9 @@ def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
     def open_slowly(function):
         time.sleep(0.02)
 
-    monkeypatch.setattr(home, "_njit", lambda **options: lambda function: SimpleNamespace())
+    monkeypatch.setattr(home, "_njit", lambda **options: lambda function: SimpleNamespace(get_call_template=None))
     monkeypatch.setattr(home, "MachineCodeCache", open_slowly)
+    monkeypatch.setattr(home, "_dispatchers", {})
     threads = [threading.Thread(target=home.compiled, args=(abs,)) for _ in range(4)]
     for delay, thread in enumerate(threads):
         thread.start()

@@ -8,7 +8,7 @@ from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import Caster
 from clbvh.trace.points.closest_point import find_closest_points
-from clbvh.trace.rays.batch import TreeBox
+from clbvh.trace.rays.batch import TreeBox, read_points
 
 # The device chooses the triangle in float32, after about sixteen roundings.
 CHOICE = 16 * 2.0**-24
@@ -30,7 +30,7 @@ def check_tree_and_brute_agree(session, mesh, points, **options):
     trees = [DeviceTree(session, mesh, None), *(DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
     casters = [Caster(session, tree, TreeBox.around(bvh)) for tree in trees]
     try:
-        expected, *found = (find_closest_points(caster, mesh, points, None) for caster in casters)
+        expected, *found = (find_closest_points(caster, mesh, read_points(points), None) for caster in casters)
     finally:
         for caster in casters:
             caster.release()

@@ -129,7 +129,7 @@ def test_a_far_origin_advances_by_whole_steps(step):
     origins = targets - 1_000_003 * direction
     packed = np.zeros(len(origins), PACKED_RAY)
     rays, _ = read_rays(origins, np.tile(direction, (len(origins), 1)), 0.0, np.inf)
-    pack_rays(rays.part(0, len(origins)), TreeBox.around(bvh), packed)
+    pack_rays(rays, rays.part(0, len(origins)), TreeBox.around(bvh), packed)
     advanced = packed["t_max"] > 0
     assert advanced.mean() > 0.9
     left = (targets[advanced] - packed["origin"][advanced] / bvh.mesh.scale) / direction

@@ -95,10 +95,12 @@ def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
         view = make_view(scene, scene.camera(mesh), mesh)
         renderer = FrameRenderer(opened, tree)
         expected = renderer.render(view)
+        renderer = FrameRenderer(opened, tree)  # without the other one's memory
         limit(10_000)  # a row of hits takes 1 KB
         for found, wanted in zip(renderer.render(view), expected, strict=True):
             np.testing.assert_array_equal(found, wanted)
         assert limit.refused
+        renderer = FrameRenderer(opened, tree)
         limit(500)
         with pytest.raises(DeviceMemoryError, match="cannot hold a buffer"):
             renderer.render(view)

@@ -196,7 +196,9 @@ class TestBatches:
         points[[7, 4], 1] = np.nan
         with pytest.raises(ValueError, match=r"^points\[4\] is not finite: "):
             getattr(tracer, query)(points)
-        with pytest.raises(ValueError, match=r"^points must have shape \(n, 3\) or \(\.\.\., n, 3\), not \(4, 2\)$"):
+        with pytest.raises(
+            ValueError, match=r"^points must have shape \(3,\), \(n, 3\) or \(\.\.\., 3\), not \(4, 2\)$"
+        ):
             getattr(tracer, query)(np.zeros((4, 2)))
 
     def test_a_closed_tracer_says_so(self, session):

@@ -6,7 +6,7 @@ import pytest
 from clbvh import Tracer, build
 from clbvh.device.session import DeviceSession
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.camera import frame_mesh
+from clbvh.rendering.framing import frame_mesh
 from clbvh.trace.rays import pieces
 
 WIDTH, HEIGHT = 150, 97  # no multiples of a tile's

@@ -21,6 +21,8 @@ from ...rays import aim, hard_rays, random_rays
 COUNTS = [0, 1, 2, 63, 64, 65, 1023, 1024, 1025]
 FIELDS = ("t", "u", "v", "prim_id")
 
+WRONG_LIMIT_SHAPE = "must be a number or have a shape that broadcasts to that of the rays, (9,), not"
+
 
 def resolution(mesh, rays, hits):
     """How far float32 may be off in t: sixteen roundings along the ray, and across it on a slanted plane."""
@@ -201,18 +203,22 @@ class TestInput:
     @pytest.mark.parametrize(
         ("origins", "directions", "message"),
         [
-            (np.zeros((4, 2)), np.ones((4, 2)), "origins must have shape (n, 3) or (..., n, 3), not (4, 2)"),
-            (np.zeros(3), np.ones((1, 3)), "origins must have shape (n, 3) or (..., n, 3), not (3,)"),
+            (np.zeros((4, 2)), np.ones((4, 2)), "origins must have shape (3,), (n, 3) or (..., 3), not (4, 2)"),
+            (np.zeros(2), np.ones((1, 3)), "origins must have shape (3,), (n, 3) or (..., 3), not (2,)"),
+            (np.zeros(3), 1.0, "directions must have shape (3,), (n, 3) or (..., 3), not ()"),
+            (np.zeros((0, 2)), np.ones((0, 3)), "origins must have shape (3,), (n, 3) or (..., 3), not (0, 2)"),
             (
-                np.zeros((1, 3)),
-                np.ones((1, 1, 3)),
-                "origins and directions must have one shape, not (1, 3) and (1, 1, 3)",
+                np.zeros((4, 3)),
+                np.ones((5, 3)),
+                "origins and directions must have shapes that broadcast against each other, not (4, 3) and (5, 3)",
             ),
-            (np.zeros((0, 2)), np.ones((0, 3)), "origins must have shape (n, 3) or (..., n, 3), not (0, 2)"),
-            (np.zeros((4, 3)), np.ones((5, 3)), "origins and directions must have one shape, not (4, 3) and (5, 3)"),
-            (np.zeros((1, 3)), np.ones((5, 3)), "origins and directions must have one shape, not (1, 3) and (5, 3)"),
+            (
+                np.zeros((2, 4, 3)),
+                np.ones((2, 3)),
+                "origins and directions must have shapes that broadcast against each other, not (2, 4, 3) and (2, 3)",
+            ),
         ],
-        ids=["two-columns", "one-ray", "three-axes", "empty", "lengths", "broadcast"],
+        ids=["two-columns", "two-numbers", "number", "empty", "lengths", "axes"],
     )
     def test_wrong_shapes(self, tracer, origins, directions, message):
         for cast in (tracer.closest_hit, tracer.any_hit):
@@ -268,8 +274,14 @@ class TestInput:
     @pytest.mark.parametrize(
         ("limits", "message"),
         [
-            ({"t_min": np.zeros(8)}, "t_min must be a number or have shape (9,), not (8,)"),
-            ({"t_max": np.ones((9, 1))}, "t_max must be a number or have shape (9,), not (9, 1)"),
+            (
+                {"t_min": np.zeros(8)},
+                "t_min must be a number or have a shape that broadcasts to that of the rays, (9,), not (8,)",
+            ),
+            (
+                {"t_max": np.ones((9, 1))},
+                "t_max must be a number or have a shape that broadcasts to that of the rays, (9,), not (9, 1)",
+            ),
             ({"t_min": np.nan}, "t_min must be a number from 0, not nan"),
             ({"t_max": np.nan}, "t_max must be a number, not nan"),
             ({"t_max": [1, 2, np.nan, 1, np.nan, 1, 1, 1, 1]}, "t_max[2] must be a number, not nan"),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
+import clbvh
 from clbvh.errors import MeshError
-from clbvh.integrations import trimesh as engine_module
-from clbvh.integrations.trimesh import RayMeshIntersector
+from clbvh.integrations.trimesh import RayMeshIntersector, mesh_tracer
 from clbvh.trace.points.inside import GENERIC_DIRECTIONS
 
 # Declared by the embree engine of trimesh 5.
@@ -257,7 +257,7 @@ class TestChanges:
     def test_a_mesh_that_moves_is_refitted(self, box, monkeypatch):
         ray = [[0.1, 0.2, 5]], [[0, 0, -1]]
         assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(0.5)
-        monkeypatch.setattr(engine_module, "build", None)
+        monkeypatch.setattr(mesh_tracer, "build", None)
         for lift in (1.0, -0.25):
             box.apply_translation([0, 0, lift])
             assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(box.bounds[1, 2])
@@ -273,19 +273,11 @@ class TestChanges:
         assert len(box.ray.intersects_id(*rays)[0]) == 1
 
     def test_nothing_is_done_twice(self, box, monkeypatch):
-        built = []
-        monkeypatch.setattr(engine_module, "Tracer", lambda *a, **k: built.append(a) or Opened())
-
-        class Opened:
-            def any_hit(self, *rays):
-                return np.zeros(len(rays[0]), bool)
-
-            def close(self):
-                pass
-
+        opened, tracer_class = [], mesh_tracer.Tracer
+        monkeypatch.setattr(mesh_tracer, "Tracer", lambda *a, **k: opened.append(a) or tracer_class(*a, **k))
         for _ in range(3):
             box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])
-        assert len(built) == 1
+        assert len(opened) == 1
 
     def test_a_mesh_without_faces_is_an_error(self, session):
         with pytest.raises(MeshError):
@@ -295,6 +287,37 @@ class TestChanges:
         for _ in range(2):
             assert box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])[0]
             box.ray.close()
+
+
+class TestOtherMeshes:
+    @pytest.mark.parametrize("form", ["mesh", "arrays", "path", "text"])
+    def test_what_people_have(self, session, tmp_path, form):
+        box = trimesh.creation.box()
+        arrays = np.array(box.vertices), np.array(box.faces)
+        path = tmp_path / "box.ply"
+        box.export(path)
+        thing = {"mesh": clbvh.Mesh.from_arrays(*arrays), "arrays": arrays, "path": path, "text": str(path)}[form]
+        engine = RayMeshIntersector(thing)
+        index_tri, index_ray, locations = engine.intersects_id([[0.1, 0.2, 5]], [[0, 0, -2]], return_locations=True)
+        assert index_ray.tolist() == [0, 0]
+        np.testing.assert_allclose(locations, [[0.1, 0.2, 0.5], [0.1, 0.2, -0.5]], atol=1e-7)
+        np.testing.assert_allclose(engine.mesh.face_normals[index_tri][:, 2], [1, -1])
+        assert engine.contains_points([[0, 0, 0], [2, 0, 0]]).tolist() == [True, False]
+        engine.close()
+
+    def test_faces_keep_their_numbers(self, session):
+        vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+        engine = RayMeshIntersector((vertices, [[0, 1, 2], [0, 0, 1], [4, 5, 6]]))
+        assert engine.intersects_first([[0.2, 0.2, 5], [0.2, 0.2, -5]], [[0, 0, -1], [0, 0, 1]]).tolist() == [2, 0]
+
+    @pytest.mark.parametrize("wrong", [None, 7, [], (1, 2, 3), np.zeros((3, 3))])
+    def test_what_is_no_mesh(self, wrong):
+        with pytest.raises(MeshError):
+            RayMeshIntersector(wrong)
+
+    def test_no_faces_contain_nothing(self):
+        with pytest.raises(MeshError, match="a mesh without faces contains no points"):
+            RayMeshIntersector(trimesh.Trimesh()).contains_points([[0, 0, 0]])
 
 
 class TestCopies:

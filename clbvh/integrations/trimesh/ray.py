@@ -5,21 +5,18 @@ Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pye
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..builders.build import build
-from ..bvh import Bvh
-from ..device.owner_process import check_process, is_inherited
-from ..device.select import choose_device
-from ..device.settings import find_settings
-from ..errors import DeviceError, QueryError
-from ..geometry import Mesh
-from ..trace import Tracer
-from ..trace.points.inside import GENERIC_DIRECTIONS
+from ...device.info import DeviceInfo
+from ...device.select import choose_device
+from ...device.settings import find_settings
+from ...errors import DeviceError, MeshError, QueryError
+from ...trace.points.inside import GENERIC_DIRECTIONS
+from .mesh_tracer import EngineOptions
+from .tracers import find_tracer, read_mesh
 
 # Most hits of a ray, unless the caller says otherwise: trimesh's default.
 _MAX_HITS = 100
@@ -30,12 +27,13 @@ class RayMeshIntersector:
 
     Parameters
     ----------
-    geometry : trimesh.Trimesh
-        May change later: the tree is built when first needed, refitted when only vertices have moved, and built again
-        when faces have changed.
+    geometry : trimesh.Trimesh, or Mesh, str, path or (vertices, faces)
+        A `trimesh.Trimesh` may change later: the tree is built when first needed, refitted when only vertices have
+        moved, and built again when faces have changed. Of anything else that is a mesh, `mesh` is a new
+        `trimesh.Trimesh` with the same vertices and faces, in their order.
     scale_to_box : bool
         Taken for trimesh's sake. Any scale is exact as it is.
-    device : str, int or None
+    device : DeviceInfo, str, int or None
         See `clbvh.Tracer`.
     layout : str
         See `clbvh.Tracer`.
@@ -45,7 +43,13 @@ class RayMeshIntersector:
     One hit per surface crossing, whatever the triangles that meet there; hits are found by one traversal, never by
     casting again from where the last one was. Rays without direction, or that are not finite, hit nothing.
 
-    Any number of threads may use one object, as long as none changes the mesh meanwhile.
+    Any number of threads may use one object, as long as none changes the mesh meanwhile. All engines of one mesh with
+    the same options share one tree; the device's memory goes back with the last engine, or by `close`.
+
+    Raises
+    ------
+    MeshError
+        The geometry is no mesh.
 
     Examples
     --------
@@ -58,14 +62,17 @@ class RayMeshIntersector:
     """
 
     def __init__(
-        self, geometry: Any, scale_to_box: bool = True, *, device: str | int | None = None, layout: str = "auto"
+        self,
+        geometry: Any,
+        scale_to_box: bool = True,
+        *,
+        device: DeviceInfo | str | int | None = None,
+        layout: str = "auto",
     ) -> None:
-        self.mesh = geometry
+        self.mesh = read_mesh(geometry)
         self._scale_to_box = scale_to_box
-        self._device = device
-        self._layout = layout
-        self._lock = threading.RLock()
-        self._forget()
+        self._options = EngineOptions(device, layout)
+        self._tracer = find_tracer(self.mesh, self._options, keep=False)
 
     def intersects_location(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True
@@ -171,7 +178,9 @@ class RayMeshIntersector:
         """
         points = np.asarray(points, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
-            raise QueryError("points must be (n,3)")
+            raise QueryError(f"points must be (n,3), not of shape {points.shape}")
+        if self.mesh.bounds is None:
+            raise MeshError("a mesh without faces contains no points: give the mesh faces first")
         contains = np.zeros(len(points), np.bool_)
         undecided = np.flatnonzero(((points > self.mesh.bounds[0]) & (points < self.mesh.bounds[1])).all(axis=1))
         for direction in GENERIC_DIRECTIONS:
@@ -186,103 +195,48 @@ class RayMeshIntersector:
             undecided = undecided[~agree & (there > 0) & (back > 0)]
         return contains
 
+    @property
+    def options(self) -> EngineOptions:
+        """The device and the layout that were asked for."""
+        return self._options
+
     def close(self) -> None:
         """Give the device's memory back, after the queries of other threads; the next query takes it again."""
-        if is_inherited():
-            return
-        with self._lock:
-            tracer = self._tracer
-            self._forget()
-        if tracer is not None:
-            tracer.close()
-
-    def _forget(self) -> None:
-        self._tracer: Tracer | None = None
-        self._bvh: Bvh | None = None
-        self._content: int | None = None
+        self._tracer.close()
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a query of the tracer; rays that it refuses hit nothing."""
-        while True:
-            tracer = self._open_tracer()
-            try:
-                return _cast_any_rays(tracer, query, rays, **more)
-            except QueryError:
-                # Another thread may have closed it meanwhile; then there will be another one.
-                if not tracer.is_closed:
-                    raise
-
-    def _open_tracer(self) -> Tracer:
-        """Return a tracer of the mesh as it is now."""
-        check_process()
-        with self._lock:
-            content = hash(self.mesh)
-            if self._tracer is not None and content == self._content:
-                return self._tracer
-            vertices, faces = np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces)
-            known = self._bvh
-            same_faces = (
-                known is not None
-                and len(known.mesh.vertices) == len(vertices)
-                and np.array_equal(known.mesh.faces, faces)
-            )
-            self.close()
-            if known is not None and same_faces:
-                bvh = known.refit(vertices)
-            else:
-                bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
-            tracer = self._tracer = Tracer(bvh, device=self._device, layout=self._layout)
-            self._bvh, self._content = bvh, content
-            return tracer
+        return self._tracer.cast(self.mesh, query, rays, **more)
 
     def __repr__(self) -> str:
-        tracer = self._tracer
+        tracer = self._tracer.open_tracer
         if tracer is not None:
             device, layout = tracer.device.name, tracer.layout
         else:
+            given, layout = self._options
             try:
-                info = choose_device(self._device)
+                info = given if isinstance(given, DeviceInfo) else choose_device(given)
             except DeviceError:
-                device, layout = "none", self._layout
+                device = "none"
             else:
                 device = info.name
-                layout = find_settings(info).layout if self._layout == "auto" else self._layout
+                layout = find_settings(info).layout if layout == "auto" else layout
         return f"clbvh.RayMeshIntersector({self.mesh!r}, device={device!r}, layout={layout!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "mesh": self.mesh,
-            "_scale_to_box": self._scale_to_box,
-            "_device": self._device,
-            "_layout": self._layout,
-        }
+        return {"mesh": self.mesh, "_scale_to_box": self._scale_to_box, "_options": self._options}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._lock = threading.RLock()
-        self._forget()
+        self._tracer = find_tracer(self.mesh, self._options, keep=False)
 
     def __copy__(self) -> RayMeshIntersector:
-        return type(self)(self.mesh, self._scale_to_box, device=self._device, layout=self._layout)
+        device, layout = self._options
+        return type(self)(self.mesh, self._scale_to_box, device=device, layout=layout)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> RayMeshIntersector:
         # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
         return self.__copy__()
-
-
-def _cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
-    """Run a query of a tracer; rays that it refuses hit nothing."""
-    try:
-        return getattr(tracer, query)(*rays, **more)
-    except QueryError:
-        if rays[0].ndim != 2:
-            raise
-        origins, directions = (np.array(values, np.float64) for values in rays)
-        bad = ~(np.isfinite(origins) & np.isfinite(directions)).all(axis=1) | (directions == 0).all(axis=1)
-        if not bad.any():
-            raise
-        origins[bad], directions[bad] = 0.0, 1.0
-        return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
 
 
 def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -290,4 +244,6 @@ def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any],
     rays = np.asarray(origins), np.asarray(directions)
     if rays[0].shape != rays[1].shape:
         raise QueryError("Ray origin and direction don't match!")
+    if rays[0].ndim == 1 and rays[0].size:
+        raise QueryError(f"ray_origins and ray_directions must be (n,3), not {rays[0].shape}")
     return rays

@@ -1,0 +1,239 @@
+"""The engine for every mesh of the process: what `install` changes in trimesh, and how `uninstall` changes it back.
+
+A mesh keeps the engines that trimesh gave it. While the engine is installed, `Trimesh.ray` and `Trimesh.nearest` are
+properties that stand in front of them; so it does not matter when a mesh was made, and nothing is left in any mesh.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, ClassVar, Self
+from weakref import WeakSet, WeakValueDictionary
+
+import trimesh
+from trimesh import proximity as trimesh_proximity
+from trimesh import ray as trimesh_ray
+
+from ...device.info import DeviceInfo
+from ...trace.device_tree import check_layout
+from . import proximity, thickness
+from .current_options import Installed
+from .mesh_tracer import EngineOptions
+from .proximity import ProximityQuery
+from .ray import RayMeshIntersector
+from .tracers import find_tracer, forget_kept
+
+# Functions of `trimesh.proximity`, which its own classes and other modules of trimesh look up there when called.
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "closest_point": proximity.closest_point,
+    "signed_distance": proximity.signed_distance,
+    "longest_ray": thickness.longest_ray,
+    "max_tangent_sphere": thickness.max_tangent_sphere,
+    "thickness": thickness.thickness,
+}
+
+
+class Installation:
+    """What `install` returns; as a context manager it puts back what was installed before, at the end of its block."""
+
+    def __init__(self, before: EngineOptions | None) -> None:
+        self._before = before
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with _Patches.lock:
+            if self._before is None:
+                uninstall()
+            else:
+                install(device=self._before.device, layout=self._before.layout)
+
+
+def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> Installation:
+    """Make clbvh the ray and proximity engine of every mesh in this process, whenever it is or was made.
+
+    Parameters
+    ----------
+    device : DeviceInfo, str, int or None
+    layout : str
+        See `clbvh.Tracer`. The device is opened by the first query: a process may fork before that.
+
+    Returns
+    -------
+    Installation
+        A context manager, for those who want the engine in a block only.
+
+    Raises
+    ------
+    ConfigError
+        An unknown layout.
+
+    Notes
+    -----
+    ``mesh.ray`` and ``mesh.nearest`` are ours, unless something else was assigned to them by hand; so are the functions
+    of `trimesh.proximity`. Copies of a mesh, meshes that are loaded, and primitives are meshes like any other. Another
+    `install` changes the options. What trimesh does with rays or nearest points then uses clbvh: docs/trimesh.md has a
+    table. Pickled meshes hold nothing of it: a process that is spawned calls `install` itself.
+
+    For the whole process, from any thread.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import RayMeshIntersector, install
+    >>> mesh = trimesh.creation.box()
+    >>> with install():
+    ...     isinstance(mesh.copy().ray, RayMeshIntersector)
+    True
+    >>> isinstance(mesh.ray, RayMeshIntersector)
+    False
+    """
+    check_layout(layout)
+    with _Patches.lock:
+        before = Installed.options
+        Installed.options = EngineOptions(device, layout)
+        if before is None:
+            _Patches.apply()
+        return Installation(before)
+
+
+def uninstall() -> None:
+    """Give trimesh its own engines back, and the device's memory where no engine was assigned by hand.
+
+    Without an engine that is installed it does nothing. Functions of `trimesh.proximity` that somebody else has
+    replaced since stay as they are.
+
+    Examples
+    --------
+    >>> from clbvh.integrations.trimesh import is_installed, uninstall
+    >>> uninstall()
+    >>> is_installed()
+    False
+    """
+    with _Patches.lock:
+        if Installed.options is not None:
+            Installed.options = None
+            _Patches.revert()
+            forget_kept()
+
+
+def is_installed() -> bool:
+    """Return whether clbvh is the engine of every mesh in this process.
+
+    Examples
+    --------
+    >>> from clbvh.integrations.trimesh import install, is_installed
+    >>> with install():
+    ...     is_installed()
+    True
+    """
+    return Installed.options is not None
+
+
+class _EngineProperty:
+    """Stands in front of an attribute that trimesh's constructor sets, and gives our engine instead of trimesh's.
+
+    The attribute itself stays in the mesh's own dictionary, as if this were not here.
+
+    Parameters
+    ----------
+    name : str
+    find_defaults : function
+        Returns the classes of trimesh's own engines.
+    make_engine : function
+        Returns our engine for a mesh and options.
+    """
+
+    def __init__(
+        self, name: str, find_defaults: Callable[[], tuple[type, ...]], make_engine: Callable[[Any, EngineOptions], Any]
+    ) -> None:
+        self.name = name
+        self._find_defaults = find_defaults
+        self._make_engine = make_engine
+        # Engines of trimesh that were assigned by hand while this stood here.
+        self._chosen: WeakSet[Any] = WeakSet()
+        # An engine refers to its mesh, so it must not live as long as the mesh does.
+        self._engines: WeakValueDictionary[tuple[int, EngineOptions], Any] = WeakValueDictionary()
+
+    def __get__(self, mesh: Any, owner: type | None = None) -> Any:
+        if mesh is None:
+            return self
+        try:
+            own = mesh.__dict__[self.name]
+        except KeyError:
+            raise AttributeError(f"'{type(mesh).__name__}' object has no attribute '{self.name}'") from None
+        options = Installed.options
+        if options is None or type(own) not in self._find_defaults() or own in self._chosen:
+            return own
+        with _Patches.lock:
+            engine = self._engines.get((id(mesh), options))
+            if engine is None:
+                engine = self._engines[id(mesh), options] = self._make_engine(mesh, options)
+        return engine
+
+    def __set__(self, mesh: Any, engine: Any) -> None:
+        # The constructor sets it once: whatever comes later is meant.
+        if self.name in mesh.__dict__ and type(engine) in self._find_defaults():
+            self._chosen.add(engine)
+        mesh.__dict__[self.name] = engine
+
+    def __delete__(self, mesh: Any) -> None:
+        try:
+            del mesh.__dict__[self.name]
+        except KeyError:
+            raise AttributeError(f"'{type(mesh).__name__}' object has no attribute '{self.name}'") from None
+
+
+def _find_ray_classes() -> tuple[type, ...]:
+    classes: list[type] = [trimesh_ray.ray_triangle.RayMeshIntersector]
+    if trimesh_ray.has_embree:
+        classes.append(trimesh_ray.ray_pyembree.RayMeshIntersector)
+    return tuple(classes)
+
+
+def _find_proximity_classes() -> tuple[type, ...]:
+    return (trimesh_proximity.ProximityQuery,)
+
+
+def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
+    find_tracer(mesh, options, keep=True)
+    return RayMeshIntersector(mesh, device=options.device, layout=options.layout)
+
+
+def _make_proximity_query(mesh: Any, options: EngineOptions) -> ProximityQuery:
+    # It finds its options: the ray engine may have been assigned by hand.
+    return ProximityQuery(mesh)
+
+
+class _Patches:
+    """What is changed in trimesh."""
+
+    # Reentrant: a context manager holds it while it installs or uninstalls.
+    lock = threading.RLock()
+    originals: ClassVar[dict[str, Callable[..., Any]]] = {}
+
+    @classmethod
+    def apply(cls) -> None:
+        for name, function in _FUNCTIONS.items():
+            cls.originals[name] = getattr(trimesh_proximity, name)
+            setattr(trimesh_proximity, name, function)
+        for stand_in in (
+            _EngineProperty("ray", _find_ray_classes, _make_ray_engine),
+            _EngineProperty("nearest", _find_proximity_classes, _make_proximity_query),
+        ):
+            setattr(trimesh.Trimesh, stand_in.name, stand_in)
+
+    @classmethod
+    def revert(cls) -> None:
+        for name, function in _FUNCTIONS.items():
+            if getattr(trimesh_proximity, name) is function:
+                setattr(trimesh_proximity, name, cls.originals[name])
+        cls.originals.clear()
+        for name in ("ray", "nearest"):
+            if isinstance(trimesh.Trimesh.__dict__.get(name), _EngineProperty):
+                delattr(trimesh.Trimesh, name)

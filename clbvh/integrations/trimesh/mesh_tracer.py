@@ -1,0 +1,204 @@
+"""A tracer that follows a mesh of trimesh, which may change between two queries.
+
+Knows nothing of who asks, nor of which meshes there are: that is `tracers.py`.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...builders.build import build
+from ...bvh import Bvh
+from ...device.info import DeviceInfo
+from ...device.owner_process import check_process, is_inherited
+from ...errors import QueryError
+from ...geometry import Mesh
+from ...geometry.vertex_faces import VertexFaces, find_vertex_faces
+from ...trace import ClosestPoints, Tracer
+from ...trace.points.facing import choose_facing
+from ...trace.points.nearest_vertex import find_nearest_vertices
+
+
+class EngineOptions(NamedTuple):
+    """What an engine is made with.
+
+    Attributes
+    ----------
+    device : DeviceInfo, str, int or None
+    layout : str
+        Both as `clbvh.Tracer` takes them.
+    """
+
+    device: DeviceInfo | str | int | None = None
+    layout: str = "auto"
+
+
+class _FollowedTree:
+    """The tree of a mesh as it was when it had this content."""
+
+    def __init__(self, content: int, bvh: Bvh) -> None:
+        self.content = content
+        self.bvh = bvh
+
+    @cached_property
+    def vertex_faces(self) -> VertexFaces:
+        return find_vertex_faces(self.bvh.mesh)
+
+
+class MeshTracer:
+    """A tree and a tracer of one mesh: built when first needed, refitted or built again when the mesh has changed.
+
+    Any number of threads may use one object, as long as none changes the mesh meanwhile.
+
+    Parameters
+    ----------
+    options : EngineOptions
+    on_open : function
+        Called with this object, under no lock, after a tree has gone to the device.
+
+    Attributes
+    ----------
+    last_use : float
+        Seconds on a clock of its own.
+    """
+
+    def __init__(self, options: EngineOptions, on_open: Callable[[MeshTracer], None]) -> None:
+        self.options = options
+        self.last_use = 0.0
+        self._on_open = on_open
+        self._lock = threading.RLock()
+        self._tree: _FollowedTree | None = None
+        self._tracer: Tracer | None = None
+
+    def cast(self, mesh: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
+        """Run a ray query of the tracer; rays that it refuses hit nothing."""
+        return self._ask(mesh, lambda tracer, tree: _cast_any_rays(tracer, query, rays, **more))
+
+    def closest_point(self, mesh: Any, points: NDArray[np.float64], tolerance: float) -> ClosestPoints:
+        """Return the closest points of the surface; of faces that are equally near, the one that faces the point.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+        points : (n, 3) float64
+        tolerance : float, the mesh's unit squared
+            Squared distances that differ by less are equal.
+        """
+
+        def find(tracer: Tracer, tree: _FollowedTree) -> ClosestPoints:
+            closest = tracer.closest_point(points)
+            choose_facing(points, tree.bvh.mesh, tree.vertex_faces, tolerance, closest)
+            return closest
+
+        return self._ask(mesh, find)
+
+    def nearest_vertex(self, mesh: Any, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the distance to the nearest vertex, and its index; this works on the host."""
+        self.last_use = time.monotonic()
+        return find_nearest_vertices(self._follow(mesh).bvh, points)
+
+    def close(self) -> None:
+        """Give the device's and the host's memory back, after the queries of other threads."""
+        if is_inherited():
+            return
+        with self._lock:
+            self._tree = None
+        self._give_back()
+
+    def give_way(self) -> bool:
+        """Give the device's memory back, unless a thread is about to use it; the tree stays on the host.
+
+        Returns
+        -------
+        bool
+            Whether it did.
+        """
+        if is_inherited() or not self._lock.acquire(blocking=False):
+            return False
+        try:
+            tracer, self._tracer = self._tracer, None
+        finally:
+            self._lock.release()
+        if tracer is not None:
+            tracer.close()
+        return tracer is not None
+
+    @property
+    def open_tracer(self) -> Tracer | None:
+        """The tracer, if there is one now."""
+        return self._tracer
+
+    def _ask(self, mesh: Any, query: Callable[[Tracer, _FollowedTree], Any]) -> Any:
+        self.last_use = time.monotonic()
+        while True:
+            tracer, tree = self._open(mesh)
+            try:
+                return query(tracer, tree)
+            except QueryError:
+                # Another thread may have closed it meanwhile; then there will be another one.
+                if not tracer.is_closed:
+                    raise
+
+    def _open(self, mesh: Any) -> tuple[Tracer, _FollowedTree]:
+        """Return a tracer of the mesh as it is now, and its tree."""
+        check_process()
+        with self._lock:
+            tree = self._follow(mesh)
+            tracer = self._tracer
+            is_new = tracer is None
+            if tracer is None:
+                device, layout = self.options
+                tracer = self._tracer = Tracer(tree.bvh, device=device, layout=layout)
+        if is_new:
+            self._on_open(self)
+        return tracer, tree
+
+    def _follow(self, mesh: Any) -> _FollowedTree:
+        """Return the tree of the mesh as it is now; a tracer of another one is closed."""
+        with self._lock:
+            content = hash(mesh)
+            known = self._tree
+            if known is not None and known.content == content:
+                return known
+            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+            self._give_back()
+            if known is not None and _has_faces(known.bvh.mesh, vertices, faces):
+                bvh = known.bvh.refit(vertices)
+            else:
+                self._tree = None  # no two trees at once
+                bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
+            tree = self._tree = _FollowedTree(content, bvh)
+            return tree
+
+    def _give_back(self) -> None:
+        with self._lock:
+            tracer, self._tracer = self._tracer, None
+        if tracer is not None:
+            tracer.close()
+
+
+def _has_faces(mesh: Mesh, vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Return whether a mesh differs from these arrays in nothing but the vertices' places."""
+    return len(mesh.vertices) == len(vertices) and np.array_equal(mesh.faces, faces)
+
+
+def _cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
+    """Run a query of a tracer; rays that it refuses hit nothing."""
+    try:
+        return getattr(tracer, query)(*rays, **more)
+    except QueryError:
+        if rays[0].ndim != 2:
+            raise
+        origins, directions = (np.array(values, np.float64) for values in rays)
+        bad = ~(np.isfinite(origins) & np.isfinite(directions)).all(axis=1) | (directions == 0).all(axis=1)
+        if not bad.any():
+            raise
+        origins[bad], directions[bad] = 0.0, 1.0
+        return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)

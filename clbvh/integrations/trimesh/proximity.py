@@ -1,0 +1,245 @@
+"""Distances from points to a mesh: `trimesh.proximity` without rtree, scipy or embree.
+
+Names, arguments, defaults, dtypes and signs are those of trimesh 5. How they differ: no points give empty arrays, where
+trimesh fails; and at equal distance all faces around the closest point are considered, where trimesh looks at two.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+from trimesh.constants import tol
+
+from ...device.info import DeviceInfo
+from ...errors import QueryError
+from ...trace import ClosestPoints
+from .current_options import options_for
+from .mesh_tracer import EngineOptions, MeshTracer
+from .ray import RayMeshIntersector
+from .tracers import find_tracer, read_mesh
+
+
+class ProximityQuery:
+    """Proximity queries of a mesh on an OpenCL device: assign it to ``mesh.nearest``.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh, or Mesh, str, path or (vertices, faces)
+        A `trimesh.Trimesh` may change later, see `RayMeshIntersector`, with which it shares the tree.
+    device : DeviceInfo, str, int or None
+    layout : str
+        As for `clbvh.Tracer`. Without either, those of ``mesh.ray`` if that is a `RayMeshIntersector`, then those of
+        `install`.
+
+    Raises
+    ------
+    MeshError
+        It is no mesh.
+
+    Notes
+    -----
+    The tree stays on the device until the mesh is collected, or `close`.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import ProximityQuery
+    >>> mesh = trimesh.creation.box()
+    >>> mesh.nearest = ProximityQuery(mesh)
+    >>> mesh.nearest.signed_distance([[0, 0, 0.4], [0, 0, 2]]).round(6)
+    array([ 0.1, -1.5])
+    """
+
+    def __init__(self, mesh: Any, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
+        self._mesh = read_mesh(mesh)
+        self._options = EngineOptions(device, layout)
+
+    def on_surface(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        """Return the closest point of the surface for each point; see `closest_point`."""
+        closest = _closest_point(self._mesh, self._found_options(), points)
+        return closest.point, closest.distance, closest.prim_id.astype(np.int64)
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return (n,) float64: the distance to the surface, positive inside; see the function of this name."""
+        return _signed_distance(self._mesh, self._found_options(), points)
+
+    def vertex(self, points: ArrayLike) -> tuple[Any, Any]:
+        """Return the nearest vertex of the mesh for each point, without scipy.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+
+        Returns
+        -------
+        distance : (...,) float64, or float for one point
+        vertex_id : (...,) int64, or int for one point
+            Index of ``mesh.vertices``, those of no face included; at equal distance the smallest.
+
+        Raises
+        ------
+        QueryError
+            Wrong shape, or a point that is not finite.
+
+        Notes
+        -----
+        On the host, by a traversal of the tree, exact in float64.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> distance, vertex_id = ProximityQuery(trimesh.creation.box()).vertex([[0.5, 0.5, 2.5]])
+        >>> distance
+        array([2.])
+        """
+        given = np.asanyarray(points, dtype=np.float64)
+        if given.shape[-1:] != (3,):
+            raise QueryError(f"points must be (..., 3), not of shape {given.shape}")
+        flat = _check_finite(given.reshape(-1, 3))
+        if len(self._mesh.faces):
+            tracer = _kept_tracer(self._mesh, self._found_options())
+            distance, vertex_id = tracer.nearest_vertex(self._mesh, flat)
+        else:
+            distance, vertex_id = _nearest_of_few(np.asarray(self._mesh.vertices), flat)
+        if given.ndim == 1:
+            return float(distance[0]), int(vertex_id[0])
+        return distance.reshape(given.shape[:-1]), vertex_id.reshape(given.shape[:-1])
+
+    def close(self) -> None:
+        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        _kept_tracer(self._mesh, self._found_options()).close()
+
+    def _found_options(self) -> EngineOptions:
+        return options_for(self._mesh) if self._options == EngineOptions() else self._options
+
+    def __repr__(self) -> str:
+        device, layout = self._found_options()
+        return f"clbvh.ProximityQuery({self._mesh!r}, device={device!r}, layout={layout!r})"
+
+
+def closest_point(mesh: Any, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the closest point of a mesh's surface for each point.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh, or Mesh, str, path or (vertices, faces)
+    points : (n, 3) float
+
+    Returns
+    -------
+    closest : (n, 3) float64
+    distance : (n,) float64
+    triangle_id : (n,) int64
+        Of several faces at the same distance, as far as ``trimesh.tol.merge`` tells, the one whose normal points to
+        the point most directly. Degenerate faces have no closest point.
+
+    Raises
+    ------
+    QueryError
+        Points of another shape, or that are not finite.
+    MeshError
+        It is no mesh, or one without faces.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import closest_point
+    >>> closest, distance, triangle_id = closest_point(trimesh.creation.box(), [[0.1, 0.2, 1.5]])
+    >>> closest.round(6), distance.round(6)
+    (array([[0.1, 0.2, 0.5]]), array([1.]))
+    """
+    return ProximityQuery(mesh).on_surface(points)
+
+
+def signed_distance(mesh: Any, points: ArrayLike) -> NDArray[np.float64]:
+    """Return (n,) float64: the distance to a mesh's surface, positive inside, negative outside.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh, or Mesh, str, path or (vertices, faces)
+    points : (n, 3) float
+
+    Raises
+    ------
+    QueryError
+        Points of another shape, or that are not finite.
+    MeshError
+        It is no mesh, or one without faces.
+
+    Notes
+    -----
+    As in trimesh, a point above or below the interior of its closest face is outside if that face's normal points
+    towards it, so the side is defined near open meshes, too. The sign of the others is that of
+    `RayMeshIntersector.contains_points`. Up to ``trimesh.tol.merge`` from the surface the distance is positive.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import signed_distance
+    >>> signed_distance(trimesh.creation.box(), [[0, 0, 0.4], [0, 0, 2]]).round(6)
+    array([ 0.1, -1.5])
+    """
+    return ProximityQuery(mesh).signed_distance(points)
+
+
+def read_points(points: ArrayLike) -> NDArray[np.float64]:
+    """Return (n, 3) float64, C-contiguous, or raise `QueryError`; the name in the message is trimesh's."""
+    array = np.ascontiguousarray(np.asarray(points, dtype=np.float64))
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise QueryError(f"points must be (n,3), not of shape {array.shape}")
+    return array
+
+
+def _closest_point(mesh: Any, options: EngineOptions, points: ArrayLike) -> ClosestPoints:
+    return _kept_tracer(mesh, options).closest_point(mesh, read_points(points), tol.merge)
+
+
+def _signed_distance(mesh: Any, options: EngineOptions, points: ArrayLike) -> NDArray[np.float64]:
+    vectors = read_points(points)
+    closest = _closest_point(mesh, options, vectors)
+    distance = closest.distance.copy()
+    away = np.flatnonzero(distance > tol.merge)
+
+    # Points over the interior of their closest face: on the side of its normal.
+    prim_id = closest.prim_id[away]
+    normals = mesh.face_normals[prim_id]
+    with np.errstate(over="ignore", invalid="ignore"):  # of points so far away that their squares overflow
+        height = ((vectors[away] - closest.point[away]) * normals).sum(axis=1)
+        feet = vectors[away] - normals * height[:, None]
+        weights = trimesh.triangles.points_to_barycentric(mesh.triangles[prim_id], feet)
+    is_over = ((weights >= -tol.merge) & (weights <= 1 + tol.merge)).all(axis=1)
+    distance[away[is_over]] *= -np.sign(height[is_over])
+
+    # The others are nearest to an edge or a vertex.
+    beside = away[~is_over]
+    if len(beside):
+        device, layout = options
+        engine = RayMeshIntersector(mesh, device=device, layout=layout)
+        distance[beside] *= np.where(engine.contains_points(vectors[beside]), 1.0, -1.0)
+    return distance
+
+
+def _kept_tracer(mesh: Any, options: EngineOptions) -> MeshTracer:
+    return find_tracer(mesh, options, keep=True)
+
+
+def _check_finite(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise QueryError(f"points[{bad[0]}] is not finite: {points[bad[0]]}")
+    return points
+
+
+def _nearest_of_few(vertices: NDArray[Any], points: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the nearest vertices of a mesh that has no faces, and so no tree."""
+    if len(vertices) == 0:
+        raise QueryError("a mesh without vertices has no nearest one: give the mesh vertices first")
+    distance, vertex_id = np.empty(len(points)), np.empty(len(points), np.int64)
+    for index, point in enumerate(points):
+        lengths = np.linalg.norm(vertices - point, axis=1)
+        vertex_id[index] = lengths.argmin()
+        distance[index] = lengths[vertex_id[index]]
+    return distance, vertex_id

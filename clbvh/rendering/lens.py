@@ -1,0 +1,220 @@
+"""The intrinsics of a camera: where its pixels lie in the plane at distance 1 from the eye.
+
+Knows nothing of where the camera is; see `camera.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SceneError
+
+# What the coordinates of pixel centres end in: 0.5 if a pixel with the index j covers the columns j to j + 1, as in
+# OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.
+PIXEL_CENTRES = {"half": 0.5, "integer": 0.0}
+
+# Bounds on focal lengths, in picture sizes, and on the distance of the principal point: a lens beyond has a field of
+# view that float32 cannot tell from 0 or from 180 degrees.
+_MOST = 1e9
+
+# A picture of another size has the lens's shape if one side is within this many pixels of the other side's share:
+# halves of odd sizes have.
+_SHAPE_SLACK_PIXELS = 1.0
+
+
+class Window(NamedTuple):
+    """The picture in the plane at distance 1: x to the right and y up from the optical axis.
+
+    A pixel at (a, b), each from -1 to 1 and b upwards, is at ``y = centre_y + b * half_height`` and
+    ``x = centre_x + a * half_width + shear * y``.
+    """
+
+    centre_x: float
+    centre_y: float
+    half_width: float
+    half_height: float
+    shear: float
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The intrinsics of a pinhole camera for a picture of one size, in pixels.
+
+    Attributes
+    ----------
+    fx, fy : float
+        Focal lengths.
+    cx, cy : float
+        Principal point, from the left and upper sides of the picture: the centre of the pixel in row i and column j is
+        at (j + 0.5, i + 0.5).
+    skew : float
+        Entry (0, 1) of the matrix; 0 if rows and columns are at right angles.
+    width, height : int
+        Size of the picture.
+
+    Raises
+    ------
+    SceneError
+        A focal length is not above 0, or a value is beyond what a lens can have.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    skew: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        for name, value in (("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy), ("skew", self.skew)):
+            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+                raise SceneError(f"the camera's {name} must be a finite number of pixels, not {value!r}")
+        for name, value, side in (("fx", self.fx, self.width), ("fy", self.fy, self.height)):
+            if not value > 0:
+                raise SceneError(
+                    f"the camera's {name} must be above 0, not {value:g}: the matrix looks along +z of the image, and "
+                    f"`convention` says which axes the pose has"
+                )
+            if not 1 / _MOST <= value / side <= _MOST:
+                raise SceneError(f"the camera's {name} of {value:g} pixels is no focal length for a side of {side}")
+        offset = max(abs(self.cx / self.width), abs(self.cy / self.height), abs(self.skew) / self.fx)
+        if offset > _MOST:
+            raise SceneError(
+                f"the camera's principal point ({self.cx:g}, {self.cy:g}) and skew {self.skew:g} are too far from a "
+                f"picture of {self.width} x {self.height}"
+            )
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike, size: tuple[int, int], pixel_centres: str = "half") -> Lens:
+        """Return the lens of an intrinsic matrix, see `Camera.from_intrinsics`."""
+        try:
+            width, height = size
+        except (TypeError, ValueError) as error:
+            raise SceneError(f"the camera's size must be (width, height) in pixels, not {size!r}") from error
+        centre = _find_centre(pixel_centres)
+        k = read_matrix("the camera's intrinsic matrix", matrix, (3, 3))
+        if k[1, 0] or k[2, 0] or k[2, 1] or k[2, 2] != 1:
+            raise SceneError(
+                f"the camera's intrinsic matrix must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], not {show_matrix(k)}"
+            )
+        shift = 0.5 - centre
+        fx, skew, fy = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
+        return cls(fx, fy, float(k[0, 2]) + shift, float(k[1, 2]) + shift, skew, width, height)
+
+    @classmethod
+    def from_fov(cls, fov: float, width: int, height: int) -> Lens:
+        """Return the lens with this vertical field of view in degrees, square pixels and a centred principal point."""
+        check_size(width, height)
+        focal = height / 2 / math.tan(math.radians(fov) / 2)
+        return cls(focal, focal, width / 2, height / 2, 0.0, width, height)
+
+    def matrix(self, pixel_centres: str = "half") -> NDArray[np.float64]:
+        """Return the intrinsic matrix, (3, 3) float64, pixels."""
+        shift = 0.5 - _find_centre(pixel_centres)
+        return np.array([[self.fx, self.skew, self.cx - shift], [0.0, self.fy, self.cy - shift], [0.0, 0.0, 1.0]])
+
+    def resized(self, width: int, height: int) -> Lens:
+        """Return the same lens for a picture of another size: it shows the same.
+
+        Raises
+        ------
+        SceneError
+            The other size has another shape.
+        """
+        if (width, height) == (self.width, self.height):
+            return self
+        check_size(width, height)
+        off_width = abs(width - height * self.width / self.height)
+        off_height = abs(height - width * self.height / self.width)
+        if min(off_width, off_height) > _SHAPE_SLACK_PIXELS:
+            raise SceneError(
+                f"the camera's intrinsics are those of a picture of {self.width} x {self.height}, and {width} x "
+                f"{height} has another shape: give a size of the same shape, or make the camera for that size"
+            )
+        across, down = width / self.width, height / self.height
+        return Lens(
+            self.fx * across, self.fy * down, self.cx * across, self.cy * down, self.skew * across, width, height
+        )
+
+    def complete_size(self, width: int | None, height: int | None) -> tuple[int, int]:
+        """Return the size of a picture with the lens's shape, of which a side or both may be left out.
+
+        Raises
+        ------
+        SceneError
+            A side is no number of pixels, or the size has another shape.
+        """
+        if width is None:
+            check_size(1, height if height is not None else 1)
+            width = self.width if height is None else max(1, round(height * self.width / self.height))
+        check_size(width, height if height is not None else 1)
+        if height is None:
+            height = max(1, round(width * self.height / self.width))
+        self.resized(width, height)
+        return width, height
+
+    @property
+    def fov(self) -> float:
+        """The angle from the upper to the lower side of the picture at the principal point's column, in degrees."""
+        above, below = self.cy / self.fy, (self.height - self.cy) / self.fy
+        # The sum of both arc tangents, without cancellation where the principal point is far outside the picture.
+        return math.degrees(math.atan2(above + below, 1 - above * below))
+
+
+def window_of(lens: Lens) -> Window:
+    """Return the lens's picture in the plane at distance 1."""
+    return Window(
+        centre_x=(lens.width / 2 - lens.cx) / lens.fx,
+        centre_y=(lens.cy - lens.height / 2) / lens.fy,
+        half_width=lens.width / 2 / lens.fx,
+        half_height=lens.height / 2 / lens.fy,
+        shear=lens.skew / lens.fx,
+    )
+
+
+def check_size(width: object, height: object) -> None:
+    """Raise `SceneError` unless these are the sides of a picture in pixels."""
+    for name, side in (("width", width), ("height", height)):
+        if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
+            raise SceneError(f"the {name} of a camera's picture must be a whole number of pixels, not {side!r}")
+
+
+def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Return a finite float64 matrix; raise `SceneError` with the name if it is none of this shape."""
+    try:
+        matrix = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        matrix = np.empty(0)
+    if matrix.shape != shape or matrix.dtype.kind not in "iuf":
+        raise SceneError(f"{name} must be {shape[0]} x {shape[1]} numbers, not {_describe(values)}")
+    matrix = matrix.astype(np.float64)
+    if not np.isfinite(matrix).all():
+        raise SceneError(f"{name} must be finite, not {show_matrix(matrix)}")
+    return matrix
+
+
+def show_matrix(matrix: NDArray[np.float64]) -> str:
+    """Return a small matrix on one line."""
+    return "[" + ", ".join("[" + ", ".join(f"{value:g}" for value in row) + "]" for row in matrix) + "]"
+
+
+def _describe(values: object) -> str:
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        return "rows of different lengths"
+    return f"{array.dtype} of shape {array.shape}" if array.ndim else repr(values)[:60]
+
+
+def _find_centre(pixel_centres: str) -> float:
+    if not isinstance(pixel_centres, str) or pixel_centres not in PIXEL_CENTRES:
+        raise SceneError(f"pixel_centres must be one of {', '.join(PIXEL_CENTRES)}, not {pixel_centres!r}")
+    return PIXEL_CENTRES[pixel_centres]

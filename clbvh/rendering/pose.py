@@ -1,0 +1,75 @@
+"""Poses: where a camera is and which way its axes point, as matrices in the conventions of other programs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SceneError
+from .lens import read_matrix, show_matrix
+
+# The signs of right, up and forward in the first three columns of a pose.
+CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}
+
+# Most that an entry of R^T R may differ from the identity: poses in text files have four digits and more.
+_RIGID_SLACK = 1e-4
+
+_Vector = NDArray[np.float64]
+
+
+def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Vector, _Vector]:
+    """Return up, forward and the eye of a pose, each (3,) float64.
+
+    Raises
+    ------
+    SceneError
+        The matrix is not a rotation and a translation, or an unknown convention.
+    """
+    signs = _find_signs(convention)
+    pose = read_matrix("the camera's pose (camera_to_world)", camera_to_world, (4, 4))
+    if not np.array_equal(pose[3], [0, 0, 0, 1]):
+        raise SceneError(
+            f"the camera's pose (camera_to_world) must have the last row [0, 0, 0, 1], not {show_matrix(pose[3:])}"
+        )
+    rotation = pose[:3, :3]
+    with np.errstate(over="ignore"):
+        off = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if not off <= _RIGID_SLACK:
+        raise SceneError(
+            "the camera's pose (camera_to_world) must be rigid, a rotation and a translation, and its axes are not at "
+            f"right angles or not of length 1: {show_matrix(rotation)}; take its scale out first"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise SceneError(
+            "the camera's pose (camera_to_world) mirrors: its axes are left-handed, and a camera's are right-handed; "
+            f"turn one axis around, and see `convention`: {show_matrix(rotation)}"
+        )
+    # The nearest rotation: Higham, "Computing the polar decomposition", 1986.
+    left, _, rows = np.linalg.svd(rotation)
+    _, up, forward = (left @ rows * signs).T
+    return up, forward, pose[:3, 3].copy()
+
+
+def make_pose(right: _Vector, up: _Vector, forward: _Vector, eye: _Vector, convention: str) -> NDArray[np.float64]:
+    """Return the pose of a camera with these axes, (4, 4) float64."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack((right, up, forward), axis=1) * _find_signs(convention)
+    pose[:3, 3] = eye
+    return pose + 0.0  # no negative zeros
+
+
+def rotate_about_axis(axis: _Vector, angle: float) -> NDArray[np.float64]:
+    """Return the right-handed rotation about an axis of any length above 0, (3, 3) float64; the angle in radians."""
+    axis = axis / np.abs(axis).max()
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Rodrigues' formula.
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
+
+
+def _find_signs(convention: str) -> NDArray[np.float64]:
+    if not isinstance(convention, str) or convention not in CONVENTIONS:
+        raise SceneError(f"the convention must be one of {', '.join(CONVENTIONS)}, not {convention!r}")
+    return np.array(CONVENTIONS[convention])

@@ -1,0 +1,348 @@
+"""The public class for pictures: one scene and its tree on one device, and any number of pictures of it.
+
+Owns the order of the steps from a scene to a picture, and their timings; each step is another file's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..builders.options import MAX_DEPTH
+from ..builders.registry import leaf_limit
+from ..builders.tree_maker import MadeTree, TreeMaker
+from ..bvh import Bvh, validate_tree
+from ..device.info import DeviceInfo
+from ..device.session import DeviceSession
+from ..device.timing import EventTimes
+from ..errors import ConfigError, SceneError
+from ..geometry import Mesh
+from ..support.context_manager import ContextManager
+from ..support.stopwatch import Stopwatch, add_total
+from ..trace.device_tree import BRUTE, DeviceTree
+from .as_scene import SceneLike, as_scene
+from .camera import Camera, Vector
+from .check_pixels import check_pixels
+from .frame import FrameRenderer
+from .framing import frame_turn
+from .picture import Picture
+from .render_options import RenderOptions
+from .scene import Light, Scene
+from .view import make_view
+
+# Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
+BRUTE_LIMIT = 100_000
+
+# Runs alongside other phases.
+_OVERLAPPING = ("pool_start",)
+
+
+class Renderer(ContextManager):
+    """Renders pictures of one scene on one device; a context manager.
+
+    The mesh, its tree and the kernels are made once: a picture costs its kernel and the way back from the device. Any
+    number of threads may use one renderer. A child that was forked cannot: its pictures raise `DeviceError`, and
+    closing the renderer there changes nothing.
+
+    Parameters
+    ----------
+    source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
+        A scene; the path or name of one, or the path of a mesh file; a finished tree, which is not built again; or a
+        mesh.
+    options : RenderOptions, optional
+    on_phase : function, optional
+        Called with the name of each phase as it begins.
+
+    Raises
+    ------
+    SceneError, MeshError, ConfigError
+        The input cannot be used.
+    DeviceError, KernelBuildError, PoolError
+        The machine cannot do it.
+    ValidationError
+        The tree is wrong.
+
+    Attributes
+    ----------
+    scene : Scene
+        What a picture shows unless it is asked for something else.
+    mesh : Mesh
+        In the scene's coordinates.
+    bvh : Bvh or None
+        None without a tree.
+    timings : dict of str to float
+        Milliseconds from the scene to the tree on the device, as in `Picture.timings`.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+    ...     front = renderer.render(width=64, height=48)
+    ...     side = renderer.render(width=64, height=48, camera=front.camera.orbit(90), shading="normal")
+    >>> side.rgb.shape
+    (48, 64, 3)
+    """
+
+    def __init__(
+        self,
+        source: SceneLike,
+        options: RenderOptions | None = None,
+        *,
+        on_phase: Callable[[str], None] = lambda phase: None,
+    ) -> None:
+        options = options or RenderOptions()
+        if not isinstance(options, RenderOptions):
+            raise ConfigError(f"the options must be a clbvh.RenderOptions or None, not {options!r}")
+        watch = Stopwatch()
+        with ExitStack() as stack:
+            self.scene = as_scene(source)
+            maker = None
+            if options.builder != BRUTE and not isinstance(source, Bvh):
+                maker = stack.enter_context(TreeMaker(options, self.scene.mesh.estimate_face_count()))
+
+            on_phase("load")
+            self.mesh = self.scene.transform.apply(self.scene.mesh.load())
+            self._framed = _frame(self.scene, self.mesh)
+            watch.lap("load")
+
+            on_phase("build")
+            made: MadeTree | None = None
+            self.bvh: Bvh | None = None
+            if maker is not None:
+                made = maker.make(self.mesh)
+                self.bvh = made.bvh
+            elif options.builder != BRUTE and isinstance(source, Bvh):
+                self.bvh = source
+            elif self.mesh.face_count > BRUTE_LIMIT:
+                raise ConfigError(
+                    f"the brute builder tests every triangle for every ray: {self.mesh.face_count:,} triangles are "
+                    f"more than its limit of {BRUTE_LIMIT:,}"
+                )
+            watch.lap("build")
+
+            on_phase("open the device")
+            session = DeviceSession(options.device)
+            # Closed if a step fails, and not at the end of this block.
+            on_failure = stack.enter_context(ExitStack())
+            on_failure.push(session)
+            watch.lap("open")
+            tree = DeviceTree(session, self.mesh, self.bvh, options.chosen_layout)
+            watch.lap("layout")
+            upload_ms = session.times.sums_ms()["upload"]
+            self._frames = FrameRenderer(session, tree)
+            watch.lap("compile")
+            self.timings = _list_set_up(watch, made, upload_ms)
+
+            if options.validate and self.bvh is not None:
+                on_phase("validate")
+                leaf_size = None if made is None else leaf_limit(options.builder, options.build)
+                validate_tree(self.bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
+            on_failure.pop_all()
+        self._options = options
+        self._made = made
+        self._session = session
+        self._tree = tree
+
+    def render(
+        self,
+        *,
+        camera: Camera | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        shading: str | None = None,
+        light: Light | Vector | None = None,
+        surface: Vector | None = None,
+        background: Vector | tuple[Vector, Vector] | None = None,
+        on_phase: Callable[[str], None] = lambda phase: None,
+    ) -> Picture:
+        """Render a picture; what is not given is the scene's.
+
+        Parameters
+        ----------
+        camera : Camera, optional
+            By default the scene's, which sees the whole mesh unless the scene has an eye.
+        width, height : int, pixels
+            A camera with a lens brings its own.
+        shading : str
+            ``"lambert"``, ``"lambert+shadow"``, ``"normal"`` or ``"depth"``.
+        light : Light, or (3,) float
+            A light, or only the direction towards it.
+        surface : (3,) float
+            Linear colour of the mesh.
+        background : (3,) float, or a pair of them
+            Linear colour, or the colours at the top and at the bottom.
+        on_phase : function, optional
+            Called with the name of each phase as it begins.
+
+        Returns
+        -------
+        Picture
+            Its timings are those of this picture alone.
+
+        Raises
+        ------
+        SceneError
+            A value is out of range, or the size has another shape than the camera's lens.
+        QueryError
+            The renderer is closed.
+        DeviceError
+            The device fails, or this process was forked from one that has used OpenCL.
+        ValidationError
+            The options ask for a check, and a pixel is wrong.
+        """
+        if camera is not None and not isinstance(camera, Camera):
+            raise SceneError(f"the camera must be a clbvh.Camera, not {camera!r}")
+        watch = Stopwatch()
+        on_phase("render")
+        if camera is not None and camera.lens is not None:
+            width, height = camera.size_for(width, height)
+        scene = self.scene.with_changes(
+            width=width,
+            height=height,
+            shading=shading,
+            light=light if light is None or isinstance(light, Light) else self.scene.light.with_direction(light),
+            surface=surface,
+            background=background,
+        )
+        camera = camera or self._find_camera(scene)
+        times = EventTimes()
+        colours, found = self._frames.render(make_view(scene, camera, self.mesh), times)
+        rgb = _take_rgb(colours)
+        made = self._made
+        picture = Picture(
+            rgb=rgb,
+            found=found,
+            camera=camera,
+            mesh=self.mesh,
+            bvh=self.bvh,
+            device=self.device,
+            layout=self.layout,
+            workers=made.workers if made is not None else int(self.bvh is None),
+            timings=_list_picture(self.timings, times, watch),
+            tree_from_cache=made is not None and made.from_cache,
+            notes=() if made is None else made.notes,
+        )
+        if not self._options.validate:
+            return picture
+        on_phase("validate")
+        return check_pixels(picture)
+
+    @property
+    def camera(self) -> Camera:
+        """The scene's camera, in a picture of the scene's size."""
+        return self._find_camera(self.scene)
+
+    def turntable(
+        self, count: int, *, width: int | None = None, height: int | None = None, up: Vector | None = None
+    ) -> list[Camera]:
+        """Return the cameras of a full turn, which all see the whole mesh from the same distance.
+
+        Parameters
+        ----------
+        count : int
+            Cameras, at equal angles; the last one is one step before the first.
+        width, height : int, pixels
+            Of the pictures; by default the scene's.
+        up : (3,) float
+            The axis of the turn, through the middle of the mesh's box; by default the scene's `up`.
+
+        Raises
+        ------
+        SceneError
+            A value is out of range.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     pictures = [renderer.render(camera=camera) for camera in renderer.turntable(4)]
+        >>> len(pictures)
+        4
+        """
+        if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
+            raise SceneError(f"a turn has at least one camera, not {count!r}")
+        scene = self.scene.with_changes(width=width, height=height, up=up)
+        first = frame_turn(self.mesh, aspect=scene.width / scene.height, up=scene.up, fov=scene.fov)
+        return [first.orbit(360.0 * number / count) for number in range(count)]
+
+    @property
+    def device(self) -> DeviceInfo:
+        """The device that the tree is on."""
+        return self._session.info
+
+    @property
+    def layout(self) -> str:
+        """The layout that the tree has on the device."""
+        return self._tree.layout
+
+    @property
+    def memory_bytes(self) -> int:
+        """Device memory that the tree and the triangles take."""
+        return self._tree.memory_bytes
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the renderer makes no more pictures."""
+        return self._frames.calls.is_closed
+
+    def close(self) -> None:
+        """Give the device's memory back. Closing twice is allowed.
+
+        Pictures that other threads are rendering are finished first; later calls raise `QueryError`.
+        """
+        self._frames.close()
+
+    def __repr__(self) -> str:
+        return f"Renderer({self.mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
+
+    def _find_camera(self, scene: Scene) -> Camera:
+        """Return the camera of a scene of this mesh: the last one is kept, since framing looks at all vertices."""
+        framed_scene, camera = self._framed
+        if _framing_of(scene) != _framing_of(framed_scene):
+            self._framed = framed_scene, camera = _frame(scene, self.mesh)
+        return camera
+
+
+def _list_set_up(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> dict[str, float]:
+    """Return the timings of a `Renderer`."""
+    code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
+    phases_ms = {
+        "load": laps_ms["load"],
+        **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
+        "open": laps_ms["open"],
+        # The tree is uploaded as it is arranged; the upload has a row of its own.
+        "layout": max(laps_ms["layout"] - upload_ms, 0.0),
+        **code_ms,
+        "upload": upload_ms,
+        "kernel": 0.0,
+        "download": 0.0,
+    }
+    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
+
+
+def _list_picture(set_up_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
+    """Return the timings of a `Picture`: the phases of a set-up, which it did not need, and its own."""
+    own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
+    phases_ms = {phase: own_ms.get(phase, 0.0) for phase in set_up_ms if phase not in ("other", "total")}
+    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
+
+
+def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the first three of four channels: channel by channel, 14 times as fast as ``colours[..., :3].copy()``."""
+    rgb = np.empty((*colours.shape[:2], 3), np.uint8)
+    for channel in range(3):
+        rgb[..., channel] = colours[..., channel]
+    return rgb
+
+
+def _frame(scene: Scene, mesh: Mesh) -> tuple[Scene, Camera]:
+    return scene, scene.camera(mesh)
+
+
+def _framing_of(scene: Scene) -> tuple[object, ...]:
+    """Return what the camera of a scene depends on, beside the mesh."""
+    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.fov

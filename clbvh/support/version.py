@@ -1,0 +1,11 @@
+"""The version of the installed package; read from its metadata when first asked for, which takes milliseconds."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+# A folder on the path that was never installed has no metadata.
+UNKNOWN = "0+unknown"
+
+try:
+    __version__ = version("clbvh")
+except PackageNotFoundError:
+    __version__ = UNKNOWN

@@ -1,0 +1,106 @@
+"""Work on the host that needs every compiled function of it: trees of all builders, files, measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ..builders.build import build
+from ..builders.ladder import LADDER
+from ..builders.options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, MAX_DEPTH
+from ..bvh import Bvh, validate_tree
+from ..geometry import Mesh, load_mesh
+from ..geometry.shapes.make_shape import make_shape
+from ..layouts.device_arrays import make_device_arrays
+from ..rendering.framing import frame_mesh
+from ..rendering.ray_cost import measure_rays
+from ..stats import measure_tree
+from ..structs import LAYOUT_WIDTHS
+
+# Enough for a top with several subtrees.
+TRIANGLES = 3_000
+_THRESHOLD = 500
+
+# More triangles than a block of any layout has.
+_LARGE_LEAF = 64
+
+_QUALITIES = (DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY)
+
+
+def make_mesh() -> Mesh:
+    """Return the mesh of a warm-up: closed, so that all queries have answers."""
+    return make_shape("knot", triangles=TRIANGLES)
+
+
+def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
+    """Return names and functions; `quick` leaves out what only studies need: the report's builders, and references."""
+    mesh = make_mesh()
+    work: list[tuple[str, Callable[[], object]]] = [
+        ("mesh files", _load_files),
+        *((f"build, quality {quality}", partial(_build_all, mesh, quality)) for quality in _QUALITIES),
+        ("layouts", partial(_arrange_all, mesh)),
+        ("refit, save, load, validate", partial(_for_both, mesh, _use_tree)),
+        ("statistics of a tree", partial(_for_both, mesh, measure_tree)),
+    ]
+    if not quick:
+        work.append(("cost of rays", partial(_for_both, mesh, _measure_rays)))
+        work.append(("builders of the ladder", partial(_build_ladder, mesh)))
+    return work
+
+
+def _build_all(mesh: Mesh, quality: str) -> None:
+    """Build as one task, and with a top and several tasks; and a tree of a single node."""
+    build(mesh, quality=quality)
+    build(mesh, quality=quality, task_threshold=_THRESHOLD)
+    build(_make_triangle(), quality=quality)
+
+
+def _build_ladder(mesh: Mesh) -> None:
+    for name in LADDER:
+        build(mesh, builder=name, task_threshold=_THRESHOLD)
+        build(_make_triangle(), builder=name)
+
+
+def _arrange_all(mesh: Mesh) -> None:
+    """Arrange trees for devices: an ordinary one, one whose leaves are too large for a layout, and a single leaf."""
+    for bvh in (build(mesh), build(mesh, leaf_size=_LARGE_LEAF, traversal_cost=_LARGE_LEAF), build(_make_triangle())):
+        for layout in LAYOUT_WIDTHS:
+            make_device_arrays(bvh, layout)
+
+
+def _for_both(mesh: Mesh, use: Callable[[Bvh], object]) -> None:
+    """Use an ordinary tree, and a single node, whose fields are contiguous arrays: another type for numba."""
+    use(build(mesh))
+    use(build(_make_triangle()))
+
+
+def _make_triangle() -> Mesh:
+    return Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
+
+
+def _measure_rays(bvh: Bvh) -> None:
+    measure_rays(bvh, frame_mesh(bvh.mesh, aspect=1.0), 1.0)
+
+
+def _load_files() -> None:
+    """Read a text file, the only kind that needs a compiled function."""
+    with TemporaryDirectory(prefix="clbvh-") as folder:
+        path = Path(folder) / "mesh.ply"
+        lines = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
+        lines += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+        path.write_text("\n".join([*lines, "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]))
+        load_mesh(path)
+
+
+def _use_tree(bvh: Bvh) -> None:
+    validate_tree(bvh, max_depth=MAX_DEPTH)
+    for dtype in (np.float32, np.float64):
+        bvh.refit(bvh.mesh.vertices.astype(dtype))
+    with TemporaryDirectory(prefix="clbvh-") as folder:
+        path = Path(folder) / "mesh.tree"
+        bvh.save(path)
+        Bvh.load(path, bvh.mesh)

@@ -1,0 +1,54 @@
+"""Says which machine code a program needed: a process that runs commands or Python code, and lists the versions.
+
+    python -m tests.compiled_code LIST.json < TASKS.json
+
+The tasks are lists: the words of a `clbvh` command, or one text, Python code. The list has, as text, each version of a
+compiled function that Python called, each kernel and each kind of launch, and apart those functions that numba compiled
+because its cache did not have them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+
+def run_all(tasks: list[list[str] | str]) -> None:
+    """Run commands and code, one after the other."""
+    from clbvh.cli.app import run
+
+    for task in tasks:
+        if isinstance(task, str):
+            exec(compile(task, "<task>", "exec"), {"__name__": "__main__"})
+            continue
+        try:
+            run(task)
+        except SystemExit as ended:
+            if ended.code:
+                raise
+
+
+def list_code() -> dict[str, list[str]]:
+    """Return the versions of functions and kernels in this process, and what was compiled."""
+    from clbvh.device import context
+    from clbvh.support.compiled import list_compiled
+
+    versions, compiled = [], []
+    for function in list_compiled():
+        name = f"{function.py_func.__module__}.{function.__name__}"
+        hits, misses = function.stats.cache_hits, function.stats.cache_misses
+        versions += [f"{name}{types}" for types in [*hits, *misses]]
+        compiled += [f"{name}{types}" for types in misses]
+    for opened in context._contexts.values():
+        for (_, options), kernels in opened._kernels.items():
+            versions += [
+                f"{kernel.name} {options} {launch}" for kernel in kernels.values() for launch in kernel._launched
+            ]
+    return {"versions": versions, "compiled": compiled}
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1]).absolute()  # a task may change both
+    run_all(json.load(sys.stdin))
+    target.write_text(json.dumps(list_code()))

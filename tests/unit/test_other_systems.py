@@ -1,0 +1,107 @@
+"""clbvh on a system without fork, /proc and POSIX's modules, as Windows and macOS are: simulated on this one.
+
+Python's own modules and the libraries are imported first: they are those of this system.
+"""
+
+import subprocess
+import sys
+
+import pytest
+
+TIMEOUT_S = 300
+
+WITHOUT = """
+import asyncio, ctypes, multiprocessing.connection, multiprocessing.resource_tracker, importlib, os, pkgutil, resource
+import shutil, signal, subprocess, sys, tempfile
+import imageio.v3, numba, numpy, platformdirs, pooch, pyopencl, rich.progress, trimesh, typer
+
+for module in {modules!r}:
+    sys.modules[module] = None
+for owner, names in ((os, {os_names!r}), (signal, {signal_names!r})):
+    for name in names:
+        if hasattr(owner, name):
+            delattr(owner, name)
+"""
+
+WINDOWS = {
+    "modules": ["fcntl", "resource", "pwd", "grp", "termios", "pty", "syslog", "posix"],
+    "os_names": [
+        *("fork", "register_at_fork", "getuid", "geteuid", "getgid", "sched_getaffinity", "posix_fallocate", "sysconf"),
+        *(
+            "mkfifo",
+            "memfd_create",
+            "killpg",
+            "getpgid",
+            "setsid",
+            "statvfs",
+            "O_NOFOLLOW",
+            "O_NONBLOCK",
+            "O_DIRECTORY",
+        ),
+        *("O_CLOEXEC", "pread", "preadv", "waitid", "WNOHANG", "fchmod", "chown", "getloadavg", "nice", "set_blocking"),
+    ],
+    "signal_names": [
+        "SIGHUP",
+        "SIGKILL",
+        "SIGUSR1",
+        "SIGALRM",
+        "pthread_sigmask",
+        "setitimer",
+        "sigwait",
+        "siginterrupt",
+    ],
+}
+MACOS = {
+    "modules": [],
+    "os_names": ["sched_getaffinity", "posix_fallocate", "memfd_create"],
+    "signal_names": ["sigtimedwait"],
+}
+
+IMPORT_ALL = """
+import clbvh
+names = [module.name for module in pkgutil.walk_packages(clbvh.__path__, "clbvh.")]
+for name in names:
+    importlib.import_module(name)
+print(len(names))
+"""
+
+USE = """
+import pathlib
+from clbvh.builders.workers import arena
+from clbvh.support import memory
+memory._PROC = arena._OWN_FILES = pathlib.Path("no such folder")
+mesh = clbvh.make_shape("icosphere", triangles=80)
+bvh = clbvh.build(mesh)
+with clbvh.Tracer(bvh) as tracer:
+    hits = tracer.closest_hit([[0.0, 0.0, 5.0]], [[0.0, 0.0, -1.0]])
+assert hits.t[0] < 5, hits.t
+from clbvh.cli.app import run
+try:
+    run(["render", "demo", "-o", "out.ppm", "--workers", "1", "--width", "32", "--height", "18"])
+except SystemExit as ended:
+    assert not ended.code, ended.code
+"""
+
+
+def run_without(missing, code, folder):
+    process = subprocess.run(
+        [sys.executable, "-c", WITHOUT.format(**missing) + code],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        cwd=folder,
+        check=False,
+    )
+    assert process.returncode == 0, process.stderr
+    return process.stdout
+
+
+@pytest.mark.parametrize("missing", [WINDOWS, MACOS], ids=["windows", "macos"])
+def test_every_module_can_be_imported(missing, tmp_path):
+    assert int(run_without(missing, IMPORT_ALL, tmp_path)) > 100
+
+
+@pytest.mark.parametrize("missing", [WINDOWS, MACOS], ids=["windows", "macos"])
+def test_one_process_builds_casts_and_renders(missing, tmp_path):
+    run_without(missing, "import clbvh\n" + USE, tmp_path)
+    assert (tmp_path / "out.ppm").read_bytes().startswith(b"P6")
