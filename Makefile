@@ -9,10 +9,12 @@ OUT := out
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
+INSTALLED_DOCS := $(VENV)/.installed-docs
 INSTALLED_STUDY := $(VENV)/.installed-study
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh platforms lint bench study results clean
+.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs study \
+  results clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -69,6 +71,13 @@ study: $(INSTALLED_STUDY) ## repeat the report's experiments, and write out/stud
 results: $(INSTALLED_STUDY) ## write docs/results.md and the README's table from the study in out/study
 	$(BIN)/python -m clbvh.study.publish $(OUT)/study
 
+# The examples are the docstrings', the pages' and the scripts'. `make docs PAGES=only` leaves them out, where `make test`
+# has run them. The variable silences an announcement of mkdocs-material's about MkDocs 2.
+docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site in out/site
+	$(if $(filter only,$(PAGES)),,$(BIN)/python -m pytest --quiet tests/docs tests/examples)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "out/site/index.html"
+
 clean: ## remove what make made, but not downloads
 	rm -rf $(VENV) $(OUT) dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
@@ -84,6 +93,10 @@ $(INSTALLED): pyproject.toml | $(BIN)/python
 $(INSTALLED_DEV): pyproject.toml | $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(INSTALLED)
+
+$(INSTALLED_DOCS): $(INSTALLED_DEV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,docs]'
+	@touch $@
 
 $(INSTALLED_PEERS): $(INSTALLED_DEV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,peers]'

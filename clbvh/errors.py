@@ -9,35 +9,101 @@ from __future__ import annotations
 
 
 class ClbvhError(Exception):
-    """Anything that clbvh raises on purpose."""
+    """Anything that clbvh raises on purpose.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> try:
+    ...     clbvh.load_mesh("missing.ply")
+    ... except clbvh.ClbvhError as error:
+    ...     print(type(error).__name__, "-", isinstance(error, ValueError))
+    MeshError - True
+    """
 
 
 class MeshError(ClbvhError, ValueError):
-    """A mesh or a mesh file cannot be used."""
+    """A mesh or a mesh file cannot be used.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.Mesh.from_arrays([[0, 0, 0]], [[0, 0, 1]])
+    Traceback (most recent call last):
+    clbvh.errors.MeshError: mesh: face 0 refers to vertex 1, but there are 1 vertices (0 to 0)
+    """
 
 
 class SceneError(ClbvhError, ValueError):
-    """A scene or a scene file cannot be rendered."""
+    """A scene or a scene file cannot be rendered.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.Camera(eye=(0, 0, 1), look_at=(0, 0, 1))
+    Traceback (most recent call last):
+    clbvh.errors.SceneError: the camera's eye and look_at are the same point
+    """
 
 
 class TreeFileError(ClbvhError, ValueError):
-    """A saved tree cannot be used: its file is damaged, of another format, or belongs to another mesh."""
+    """A saved tree cannot be used: its file is damaged, of another format, or belongs to another mesh.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.Bvh.load("missing.tree", clbvh.make_shape("icosphere", triangles=1000))
+    Traceback (most recent call last):
+    clbvh.errors.TreeFileError: ...
+    """
 
 
 class ConfigError(ClbvhError, ValueError):
-    """An option or an argument has a value outside its range."""
+    """An option or an argument has a value outside its range.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.BuildOptions(bins=1)
+    Traceback (most recent call last):
+    clbvh.errors.ConfigError: bins must be 2 to 64, not 1
+    """
 
 
 class QueryError(ClbvhError, ValueError):
-    """Rays, points or limits of a query cannot be used, or its tracer is closed."""
+    """Rays, points or limits of a query cannot be used, or its tracer is closed.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> tracer = clbvh.Tracer(clbvh.make_shape("icosphere", triangles=1000))
+    >>> tracer.any_hit([[0, 0, 5]], [[0, 0, 0]])
+    Traceback (most recent call last):
+    clbvh.errors.QueryError: ...
+    """
 
 
 class DeviceError(ClbvhError, RuntimeError):
-    """No OpenCL device can do the work, or the chosen one failed."""
+    """No OpenCL device can do the work, or the chosen one failed.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.choose_device("no such device")
+    Traceback (most recent call last):
+    clbvh.errors.DeviceError: ...
+    """
 
 
 class DeviceMemoryError(DeviceError):
-    """A device has no memory for a buffer or a launch, also after the work has been cut into small pieces."""
+    """A device has no memory for a buffer or a launch, also after the work has been cut into small pieces.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> issubclass(clbvh.DeviceMemoryError, clbvh.DeviceError)
+    True
+    """
 
 
 class KernelBuildError(ClbvhError, RuntimeError):
@@ -51,6 +117,14 @@ class KernelBuildError(ClbvhError, RuntimeError):
         The options given to the compiler.
     log : str
         The compiler's output, with the file names and line numbers of clbvh.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> error = clbvh.KernelBuildError("a device", "-cl-std=CL1.2", "cast.cl:7: no such type")
+    >>> print(error)
+    the kernel does not compile on a device with options '-cl-std=CL1.2':
+    cast.cl:7: no such type
     """
 
     def __init__(self, device: str, options: str, log: str) -> None:
@@ -64,20 +138,66 @@ class KernelBuildError(ClbvhError, RuntimeError):
 
 
 class FetchError(ClbvhError, RuntimeError):
-    """A download failed, or its content is not the expected one."""
+    """A download failed, or its content is not the expected one.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> issubclass(clbvh.FetchError, RuntimeError)  # not the caller's fault
+    True
+    """
 
 
 class PoolError(ClbvhError, RuntimeError):
-    """A worker process failed, ended or stopped answering, or there is no memory to share with it."""
+    """A worker process failed, ended or stopped answering, or there is no memory to share with it.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> pool = clbvh.SubtreePool(workers=1)
+    >>> pool.close()
+    >>> clbvh.build(clbvh.make_shape("icosphere", triangles=30_000), pool=pool)
+    Traceback (most recent call last):
+    clbvh.errors.PoolError: ...
+    """
 
 
 class ValidationError(ClbvhError, RuntimeError):
-    """A tree or a picture differs from the result of a slow, independent check."""
+    """A tree or a picture differs from the result of a slow, independent check.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from dataclasses import replace
+    >>> bvh = clbvh.build(clbvh.make_shape("icosphere", triangles=1000))
+    >>> clbvh.validate_tree(replace(bvh, nodes=bvh.nodes[:0]))
+    Traceback (most recent call last):
+    clbvh.errors.ValidationError: a tree over 980 triangles cannot have 0 nodes
+    """
 
 
 class OpenMeshWarning(UserWarning):
-    """A question about inside and outside is put to a mesh that encloses no volume."""
+    """A question about inside and outside is put to a mesh that encloses no volume.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import warnings
+    >>> square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     inside = clbvh.Tracer(square).contains([[0.5, 0.5, 1]])
+    >>> [warning.category.__name__ for warning in caught]
+    ['OpenMeshWarning']
+    """
 
 
 class InternalError(ClbvhError, RuntimeError):
-    """A bug of clbvh itself: an invariant does not hold."""
+    """A bug of clbvh itself: an invariant does not hold.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> issubclass(clbvh.InternalError, clbvh.ClbvhError)
+    True
+    """

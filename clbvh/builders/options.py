@@ -44,6 +44,15 @@ class BuildOptions:
         The quality of the builder `sah`: ``"fast"``, a tree in about half the time, with a SAH cost about 10 % higher;
         ``"default"``; ``"high"``, which rearranges that tree in about ten times its time, for scenes that are traced
         for long. Other builders have ``"default"`` only. See docs/build.md.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> options = clbvh.BuildOptions(leaf_size=8, quality="fast")
+    >>> picture = clbvh.render("terrain", clbvh.RenderOptions(build=options))
+    >>> clbvh.BuildOptions(leaf_size=0)
+    Traceback (most recent call last):
+    clbvh.errors.ConfigError: leaf_size must be 1 to 255, not 0
     """
 
     bins: int | None = None

@@ -32,6 +32,15 @@ class SubtreePool(WorkerPool):
     -----
     Workers import the main script, as all of `multiprocessing` does, so a script that creates a pool must do it
     under ``if __name__ == "__main__":``.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> mesh = clbvh.make_shape("icosphere", triangles=30_000)
+    >>> with clbvh.SubtreePool(workers=2) as pool:
+    ...     bvh = clbvh.build(mesh, pool=pool)
+    >>> bvh.nodes.tobytes() == clbvh.build(mesh).nodes.tobytes()
+    True
     """
 
     def __init__(self, workers: int | None = None, *, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:

@@ -36,6 +36,13 @@ class Bvh:
         The mesh that `prim_ids` refers to.
     timings_ms : mapping of str to float
         Wall time of each phase of the build, or of `refit` or `load`, in milliseconds.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> bvh = clbvh.build(clbvh.make_shape("icosphere", triangles=1000))
+    >>> int(bvh.nodes["count"].sum()), len(bvh.prim_ids)  # each face in one leaf
+    (980, 980)
     """
 
     nodes: NDArray[np.void]
@@ -104,6 +111,18 @@ class Bvh:
             The folder does not exist, or the path is a folder.
         OSError
             The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import clbvh
+        >>> from pathlib import Path
+        >>> bvh = clbvh.build(clbvh.make_shape("icosphere", triangles=1000))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     bvh.save(Path(folder, "sphere.tree"))
+        ...     again = clbvh.Bvh.load(Path(folder, "sphere.tree"), bvh.mesh)
+        >>> again.nodes.tobytes() == bvh.nodes.tobytes()
+        True
         """
         write_tree(path, self.nodes, self.prim_ids, self.mesh)
 
@@ -127,6 +146,19 @@ class Bvh:
         TreeFileError
             The file is missing, is not a saved tree, has another format, belongs to another mesh, or is damaged. The
             content is not trusted: a tree that is returned is valid, whatever the file holds.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import clbvh
+        >>> from pathlib import Path
+        >>> sphere = clbvh.make_shape("icosphere", triangles=1000)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder, "sphere.tree")
+        ...     clbvh.build(sphere).save(path)
+        ...     bvh = clbvh.Bvh.load(path, sphere)
+        >>> bvh.mesh is sphere
+        True
         """
         watch = Stopwatch()
         nodes, prim_ids = read_tree(path, mesh)

@@ -24,6 +24,18 @@ def sah_cost(bvh: Bvh, *, traversal_cost: float = 1.0, intersection_cost: float 
         The sum over all nodes of cost times area, relative to the root's area (MacDonald and Booth, "Heuristics
         for ray tracing using space subdivision", 1990). For a mesh without extent, whose areas are all zero, the
         cost of the ray that visits everything.
+
+    Examples
+    --------
+    A tree that was refitted costs the more, the farther its triangles have moved apart. Build again above 1.3 times:
+
+    >>> import clbvh
+    >>> import numpy as np
+    >>> boxes = clbvh.make_shape("boxes", triangles=1200)
+    >>> shift = np.random.default_rng(0).normal(size=(100, 3))
+    >>> bvh = clbvh.build(boxes).refit(boxes.vertices + shift.repeat(8, axis=0))  # 8 corners of each box
+    >>> clbvh.sah_cost(bvh) > 1.3 * clbvh.sah_cost(clbvh.build(bvh.mesh))
+    True
     """
     nodes = bvh.nodes
     size = nodes["aabb_max"].astype(np.float64) - nodes["aabb_min"]

@@ -30,6 +30,16 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     Notes
     -----
     O(n) in nodes and primitives, in numpy alone: it shares no code with the builders.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from dataclasses import replace
+    >>> bvh = clbvh.build(clbvh.make_shape("icosphere", triangles=1000))
+    >>> clbvh.validate_tree(bvh, max_leaf_size=4)
+    >>> clbvh.validate_tree(replace(bvh, prim_ids=bvh.prim_ids[::-1].copy()))
+    Traceback (most recent call last):
+    clbvh.errors.ValidationError: ...
     """
     nodes, prim_ids, faces = bvh.nodes, bvh.prim_ids, bvh.mesh.faces
     if nodes.dtype != NODE or prim_ids.dtype != np.int32:

@@ -36,6 +36,13 @@ class DeviceInfo:
         False if the driver reports that the device or its compiler cannot be used.
     cl_device : pyopencl.Device
         The handle; None in a description that comes from elsewhere.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> device = clbvh.choose_device()
+    >>> device.kind in ("gpu", "accelerator", "cpu") and device.compute_units > 0
+    True
     """
 
     number: int
@@ -73,7 +80,15 @@ class DeviceInfo:
         return _LAYOUT_OF_KIND.get(self.kind, _LAYOUT_OF_ANY)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all fields that JSON can hold, and `layout`."""
+        """Return all fields that JSON can hold, and `layout`.
+
+        Examples
+        --------
+        >>> import json
+        >>> import clbvh
+        >>> json.loads(json.dumps(clbvh.choose_device(0).as_dict()))["number"]
+        0
+        """
         # `dataclasses.asdict` would try to copy the handle, which belongs to the driver.
         facts = {name: value for name, value in vars(self).items() if name != "cl_device"}
         return facts | {"layout": self.layout}

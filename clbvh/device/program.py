@@ -11,6 +11,7 @@ import ctypes
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,12 @@ def expand_source(name: str, folder: Path | None = None) -> str:
     lines: list[str] = []
     _expand(name, roots, lines, set())
     return "\n".join(lines) + "\n"
+
+
+@cache
+def _expand_shipped(name: str) -> str:
+    """Return the text of a shipped kernel file; files are read once in a process, as modules are."""
+    return expand_source(name)
 
 
 def _expand(name: str, roots: list[Path], lines: list[str], seen: set[str]) -> None:
@@ -116,7 +123,8 @@ def build_kernels(
         The device's compiler refuses; the message has its log.
     """
     check_process()
-    source = expand_source(f"kernels/{name}.cl", folder)
+    path = f"kernels/{name}.cl"
+    source = _expand_shipped(path) if folder is None else expand_source(path, folder)
     options = (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items())))
     return session.shared.kernels((source, options), lambda: _compile(session, source, options))
 

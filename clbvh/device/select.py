@@ -110,6 +110,12 @@ def list_devices() -> list[DeviceInfo]:
     ------
     DeviceError
         `pyopencl` cannot be imported, or this process was forked from one that has used OpenCL.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> [device.number for device in clbvh.list_devices()][:1]
+    [0]
     """
     return list(survey_devices().devices)
 
@@ -131,6 +137,15 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
     DeviceError
         There is no device at all, none matches, or different ones match; or this process was forked from one that has
         used OpenCL.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.choose_device(0) == clbvh.list_devices()[0]
+    True
+    >>> clbvh.choose_device(99)
+    Traceback (most recent call last):
+    clbvh.errors.DeviceError: ...
     """
     asked_by = ""
     if spec is None or spec == "":

@@ -185,6 +185,12 @@ class DeviceSession(ContextManager):
                 with self._errors("take back what it shared with the host"):
                     self.times.note(label, array.base.release(self.queue))
 
+    def finish(self) -> None:
+        """Wait for all commands of this session: sessions on other queues may use what they have written."""
+        with self._errors(f"{self._unfinished}finish its work"):
+            self.queue.finish()
+        self._unfinished = ""
+
     def run(self, kernel: Kernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any) -> None:
         """Start a kernel once per work-item, after all commands before it; reading its results waits for it.
 

@@ -142,7 +142,15 @@ class Camera:
         return cls(as_vector(eye), as_vector(look_at), as_vector(up), lens.fov, lens)
 
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the unit vectors right, up and forward of the picture, each (3,) float64."""
+        """Return the unit vectors right, up and forward of the picture, each (3,) float64.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> right, up, forward = clbvh.Camera(eye=(0, -5, 0), look_at=(0, 0, 0), up=(0, 0, 1)).axes()
+        >>> right, up, forward
+        (array([1., 0., 0.]), array([0., 0., 1.]), array([0., 1., 0.]))
+        """
         return make_axes(np.subtract(self.look_at, self.eye), np.asarray(self.up, np.float64))
 
     def intrinsics(
@@ -290,6 +298,13 @@ class Camera:
         ------
         SceneError
             A side is missing and there is no lens, or the size has another shape than the lens.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> lens = clbvh.Lens.from_fov(40, 640, 480)
+        >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), lens=lens).size_for(320, None)
+        (320, 240)
         """
         if self.lens is not None:
             return self.lens.complete_size(width, height)

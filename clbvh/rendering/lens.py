@@ -62,6 +62,14 @@ class Lens:
     ------
     SceneError
         A focal length is not above 0, or a value is beyond what a lens can have.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> lens = clbvh.Lens.from_matrix([[500, 0, 310], [0, 510, 250], [0, 0, 1]], (640, 480))
+    >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), lens=lens)
+    >>> lens.fx, lens.cy, round(camera.fov, 3)
+    (500.0, 250.0, 50.388)
     """
 
     fx: float
@@ -94,7 +102,14 @@ class Lens:
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike, size: tuple[int, int], pixel_centres: str = "half") -> Lens:
-        """Return the lens of an intrinsic matrix, see `Camera.from_intrinsics`."""
+        """Return the lens of an intrinsic matrix, see `Camera.from_intrinsics`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Lens.from_matrix([[500, 0, 320], [0, 500, 240], [0, 0, 1]], (640, 480)).cx
+        320.0
+        """
         try:
             width, height = size
         except (TypeError, ValueError) as error:
@@ -111,13 +126,30 @@ class Lens:
 
     @classmethod
     def from_fov(cls, fov: float, width: int, height: int) -> Lens:
-        """Return the lens with this vertical field of view in degrees, square pixels and a centred principal point."""
+        """Return the lens with this vertical field of view in degrees, square pixels and a centred principal point.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> lens = clbvh.Lens.from_fov(90, 640, 480)
+        >>> round(lens.fx, 6), lens.cx, lens.cy
+        (240.0, 320.0, 240.0)
+        """
         check_size(width, height)
         focal = height / 2 / math.tan(math.radians(fov) / 2)
         return cls(focal, focal, width / 2, height / 2, 0.0, width, height)
 
     def matrix(self, pixel_centres: str = "half") -> NDArray[np.float64]:
-        """Return the intrinsic matrix, (3, 3) float64, pixels."""
+        """Return the intrinsic matrix, (3, 3) float64, pixels.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Lens.from_fov(90, 640, 480).matrix().round(6)
+        array([[240.,   0., 320.],
+               [  0., 240., 240.],
+               [  0.,   0.,   1.]])
+        """
         shift = 0.5 - _find_centre(pixel_centres)
         return np.array([[self.fx, self.skew, self.cx - shift], [0.0, self.fy, self.cy - shift], [0.0, 0.0, 1.0]])
 
@@ -128,6 +160,13 @@ class Lens:
         ------
         SceneError
             The other size has another shape.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> half = clbvh.Lens.from_fov(90, 640, 480).resized(320, 240)
+        >>> half.width, half.cx, round(half.fx, 6)
+        (320, 160.0, 120.0)
         """
         if (width, height) == (self.width, self.height):
             return self
@@ -151,6 +190,12 @@ class Lens:
         ------
         SceneError
             A side is no number of pixels, or the size has another shape.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Lens.from_fov(90, 640, 480).complete_size(None, 240)
+        (320, 240)
         """
         if width is None:
             check_size(1, height if height is not None else 1)

@@ -66,7 +66,6 @@ class Picture:
     --------
     >>> import clbvh
     >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
-    >>> picture.save("sphere.png")  # doctest: +SKIP
     >>> picture
     Picture(64 x 48 of 'icosphere', 1,565 pixels hit)
     """
@@ -91,6 +90,15 @@ class Picture:
         ------
         ConfigError
             Another name, or a file that cannot be written.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     picture.save(Path(folder, "sphere.png"))
         """
         write_picture(path, self.rgb)
 
@@ -124,7 +132,15 @@ class Picture:
         return int(np.count_nonzero(self.found["prim_id"] != NO_PRIM))
 
     def report(self) -> dict[str, Any]:
-        """Return the numbers of the run, for a table or for JSON."""
+        """Return the numbers of the run, for a table or for JSON.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> report = clbvh.render(clbvh.make_shape("knot", triangles=20_000)).report()
+        >>> report["rays"], 0 < report["hits"] < report["rays"]
+        (360000, True)
+        """
         rays = self.found.size
         return {
             "mesh": self.mesh.name,

@@ -193,6 +193,14 @@ class Renderer(ContextManager):
             The device fails, or this process was forked from one that has used OpenCL.
         ValidationError
             The options ask for a check, and a pixel is wrong.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     picture = renderer.render(width=64, height=48, shading="depth")
+        >>> picture.rgb.shape
+        (48, 64, 3)
         """
         if camera is not None and not isinstance(camera, Camera):
             raise SceneError(f"the camera must be a clbvh.Camera, not {camera!r}")
@@ -293,6 +301,14 @@ class Renderer(ContextManager):
         """Give the device's memory back. Closing twice is allowed.
 
         Pictures that other threads are rendering are finished first; later calls raise `QueryError`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> renderer = clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320))
+        >>> renderer.close()
+        >>> renderer.is_closed
+        True
         """
         self._frames.close()
 

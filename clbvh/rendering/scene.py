@@ -47,6 +47,12 @@ class Light:
     ------
     SceneError
         A value is not three finite numbers, or the direction is zero.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> light = clbvh.Light(direction=(0, 1, 0), sky=(0.3, 0.3, 0.35))
+    >>> picture = clbvh.render(clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=1000), light=light))
     """
 
     direction: Vector | None = None
@@ -63,7 +69,14 @@ class Light:
                 raise SceneError("the light's direction must not be zero")
 
     def with_direction(self, direction: Vector | None) -> Light:
-        """Return a copy with another direction."""
+        """Return a copy with another direction.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Light().with_direction((0, 1, 0)).direction
+        (0, 1, 0)
+        """
         return dataclasses.replace(self, direction=direction)
 
 
@@ -86,6 +99,15 @@ class MeshSource:
     ------
     SceneError
         None of the four is given, or several.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.MeshSource(shape="icosphere", triangles=1000).load()
+    Mesh('icosphere', vertices=492, faces=980)
+    >>> clbvh.MeshSource(path="part.ply", name="bunny")
+    Traceback (most recent call last):
+    clbvh.errors.SceneError: the mesh needs exactly one of path, name and shape, or a Mesh
     """
 
     path: str | None = None
@@ -101,7 +123,14 @@ class MeshSource:
             raise SceneError("the mesh needs exactly one of path, name and shape, or a Mesh")
 
     def load(self) -> Mesh:
-        """Return the mesh; raise `MeshError` or `ConfigError` if there is none."""
+        """Return the mesh; raise `MeshError` or `ConfigError` if there is none.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).load().face_count
+        980
+        """
         if self.mesh is not None:
             return self.mesh
         if self.shape is not None:
@@ -109,11 +138,25 @@ class MeshSource:
         return load_mesh(self.file())
 
     def file(self) -> Path:
-        """Return the file that `load` reads."""
+        """Return the file that `load` reads.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> print(clbvh.MeshSource(path="part.ply").file())
+        part.ply
+        """
         return find_known_mesh(self.name) if self.name is not None else Path(str(self.path))
 
     def estimate_face_count(self) -> int:
-        """Return the approximate number of triangles without reading them; 0 if the file is missing."""
+        """Return the approximate number of triangles without reading them; 0 if the file is missing.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).estimate_face_count()
+        1000
+        """
         if self.mesh is not None:
             return self.mesh.face_count
         if self.shape is not None:
@@ -142,6 +185,14 @@ class Transform:
     ------
     SceneError
         A value is not finite, or the scale is zero.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> upright = clbvh.Transform(scale=0.001, rotate=(-90, 0, 0))  # millimetres, z up, to metres, y up
+    >>> part = clbvh.Mesh.from_arrays([[0, 0, 0], [1000, 0, 0], [0, 0, 2000]], [[0, 1, 2]])
+    >>> upright.apply(part).vertices.round(6).max(axis=0)
+    array([1., 2., 0.])
     """
 
     scale: float = 1.0
@@ -156,7 +207,15 @@ class Transform:
 
     @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
     def apply(self, mesh: Mesh) -> Mesh:
-        """Return the mesh in the scene's coordinates."""
+        """Return the mesh in the scene's coordinates.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.make_shape("icosphere", triangles=1000)
+        >>> clbvh.Transform(translate=(0, 0, 5)).apply(mesh).origin
+        array([0., 0., 5.])
+        """
         if self == Transform():
             return mesh
         rotation = np.eye(3)
@@ -195,6 +254,13 @@ class Scene:
     ------
     SceneError
         A value is out of range.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> scene = clbvh.open_scene("demo").with_changes(eye=(3.0, 2.0, 4.0), look_at=(0.0, 0.0, 0.0))
+    >>> scene.camera(scene.mesh.load()).eye
+    (3.0, 2.0, 4.0)
     """
 
     mesh: MeshSource
@@ -233,13 +299,30 @@ class Scene:
             check_vector("a background colour", colour)
 
     def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh."""
+        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.open_scene("demo")
+        >>> camera = scene.camera(scene.mesh.load())
+        >>> camera.fov == scene.fov
+        True
+        """
         if self.eye is not None and self.look_at is not None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
         return frame_mesh(mesh, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
 
     def with_changes(self, **changes: Any) -> Scene:
-        """Return a copy with those changes that are not None."""
+        """Return a copy with those changes that are not None.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.open_scene("demo").with_changes(shading="depth", width=None)
+        >>> scene.shading, scene.width
+        ('depth', 1280)
+        """
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
 
 

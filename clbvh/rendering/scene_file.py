@@ -36,6 +36,13 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
     ------
     SceneError
         The scene file is missing, or has an unknown key or an invalid value.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> scene = clbvh.open_scene("knot")
+    >>> scene.mesh.shape, scene.width, scene.height
+    ('knot', 800, 450)
     """
     try:
         text = os.fspath(source)

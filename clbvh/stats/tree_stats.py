@@ -48,6 +48,15 @@ class TreeStats:
         `nodes` and `prim_ids`, without the mesh.
     device_bytes : mapping of str to int
         By layout: nodes and blocks of triangles.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> stats = clbvh.measure_tree(clbvh.build(clbvh.make_shape("icosphere", triangles=1000)))
+    >>> stats.triangle_count, stats.node_count == stats.interior_count + stats.leaf_count
+    (980, True)
+    >>> sum(size * count for size, count in enumerate(stats.leaf_sizes))
+    980
     """
 
     triangle_count: int
@@ -78,7 +87,16 @@ class TreeStats:
         return {layout: size / self.triangle_count for layout, size in self.device_bytes.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all fields and properties as types that JSON has."""
+        """Return all fields and properties as types that JSON has.
+
+        Examples
+        --------
+        >>> import json
+        >>> import clbvh
+        >>> stats = clbvh.measure_tree(clbvh.build(clbvh.make_shape("icosphere", triangles=1000)))
+        >>> json.loads(json.dumps(stats.as_dict()))["triangle_count"]
+        980
+        """
         return {
             **asdict(self),
             "leaf_sizes": list(self.leaf_sizes),
@@ -114,6 +132,14 @@ def measure_tree(
     ------
     ConfigError
         A sample of less than one triangle.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> bvh = clbvh.build(clbvh.make_shape("icosphere", triangles=1000), leaf_size=4)
+    >>> stats = clbvh.measure_tree(bvh)
+    >>> stats.mean_leaf_size <= 4 and stats.sah_cost == clbvh.sah_cost(bvh)
+    True
     """
     first, count = bvh.nodes["first"], bvh.nodes["count"]
     is_leaf = count > 0

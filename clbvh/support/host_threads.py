@@ -179,7 +179,10 @@ class _Batch(Generic[_Result]):
             except BaseException as error:
                 interrupt = error
         if interrupt is not None:
-            raise interrupt
+            try:
+                raise interrupt
+            finally:
+                del interrupt  # its traceback holds this frame: a cycle, which would keep arrays alive
 
     def results(self) -> list[_Result]:
         """Return the results in the order of the tasks, or raise the exception of the first that failed."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from copy import copy
+from typing import Any, Self
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..geometry import Mesh
 from ..layouts.device_arrays import DeviceArrays, make_device_arrays
 from ..layouts.leaf_blocks import gather_triangles
 from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
+from .tree_buffers import TreeBuffers
 
 BRUTE = "brute"
 
@@ -59,9 +61,15 @@ class DeviceTree:
         Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl.
     node_bytes, memory_bytes : int
         Size of a node, and of all buffers.
+    mesh : Mesh
+    buffers : TreeBuffers
+    sah_growth : float
+        The SAH cost of the tree on the device, divided by that of the tree that was built; see `Tracer.sah_growth`.
     """
 
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:
+        self.mesh = mesh
+        self.sah_growth = 1.0
         self.layout = _resolve_layout(layout, session, bvh)
         if bvh is None:
             order = np.arange(mesh.face_count, dtype=np.int32)
@@ -73,17 +81,21 @@ class DeviceTree:
                     f"the tree is {bvh.depth} levels deep: as {self.layout} it needs a stack of {arrays.stack_size} "
                     f"entries, and the traversal's holds {_LONGEST_STACK}"
                 )
-        self.arguments: dict[str, Any] = {
-            "nodes": session.upload(arrays.nodes),
-            "blocks": session.upload(arrays.blocks),
-            "block_count": np.int32(len(arrays.blocks)),
-        }
+        self.buffers = TreeBuffers(session, arrays)
+        self.arguments: dict[str, Any] = {**self.buffers.arguments, "block_count": np.int32(len(arrays.blocks))}
         common = _COMMON_STACK.get(self.layout, _STACK_STEP)
         stack_size = max(common, _STACK_STEP * math.ceil(arrays.stack_size / _STACK_STEP))
         self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.node_bytes = arrays.nodes.itemsize
-        self.memory_bytes = arrays.nodes.nbytes + arrays.blocks.nbytes
+        self.memory_bytes = self.buffers.byte_count
+
+    def moved(self, mesh: Mesh, buffers: TreeBuffers, sah_growth: float) -> Self:
+        """Return the tree around a mesh of the same faces, which buffers hold already; this one stays as it is."""
+        moved = copy(self)
+        moved.mesh, moved.buffers, moved.sah_growth = mesh, buffers, sah_growth
+        moved.arguments = self.arguments | buffers.arguments
+        return moved
 
 
 def check_layout(layout: str) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from copy import copy
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -104,6 +105,12 @@ class Caster(ContextManager):
         self._kernels: dict[str, Kernel] = {}
         self._lock = threading.Lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
+
+    def over(self, tree: DeviceTree, box: TreeBox) -> Caster:
+        """Return a caster at another copy of the tree, which shares all else with this one."""
+        caster = copy(self)
+        caster.tree, caster.box = tree, box
+        return caster
 
     def open_call(self) -> Call:
         """Return a call to use in a `with` block, which has memory of its own for as long as the block lasts.

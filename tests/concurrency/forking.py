@@ -148,6 +148,7 @@ def main():
         "query": parent.query,
         "query of a closed tracer": lambda: parent.closed.any_hit(*parent.rays).sum(),
         "points": lambda: parent.tracer.contains(parent.rays[0]),
+        "update": lambda: parent.tracer.update(parent.mesh.vertices),
         "own tracer": parent.open_and_query,
         "times": lambda: parent.tracer.timings_ms,
         "devices": lambda: [str(device) for device in clbvh.list_devices()],

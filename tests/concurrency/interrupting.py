@@ -20,7 +20,7 @@ from .queries import ask, make_queries
 from .threads import run_in_threads
 
 # A query that does not come back within this time hangs.
-_PATIENCE_S = 60.0
+PATIENCE_S = 60.0
 
 _SIZES = (1, 300, 140_000)
 
@@ -57,7 +57,7 @@ def main(seed, count):
 
         interrupted, wrong = 0, 0
         for _ in range(count):
-            faulthandler.dump_traceback_later(_PATIENCE_S, exit=True)
+            faulthandler.dump_traceback_later(PATIENCE_S, exit=True)
             index = generator.randrange(len(queries))
             try:
                 answer = interrupt(tracer, queries[index], max(1e-5, generator.uniform(0, 1.2) * durations_s[index]))

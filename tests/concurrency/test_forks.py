@@ -17,6 +17,7 @@ ENDS_ITSELF = [
     "query",
     "query of a closed tracer",
     "points",
+    "update",
     "own tracer",
     "times",
     "devices",

@@ -26,3 +26,15 @@ def test_nothing_is_left_of_interrupted_queries(seed):
     assert found.pop("idle") <= 1
     assert found.pop("most buffers") <= 4
     assert found == {"wrong": 0, "right afterwards": True, "loans": 0}
+
+
+@pytest.mark.parametrize("seed", seeds(1))
+def test_interrupted_updates_leave_the_mesh_before_or_after_them(seed):
+    count = 2000 if is_long() else 200
+    script = [sys.executable, "-m", "tests.concurrency.interrupting_updates", str(seed), str(count)]
+    ran = subprocess.run(script, capture_output=True, text=True, timeout=1800)
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert found.pop("interrupted") > count // 10
+    assert found.pop("most buffers") <= 6
+    assert found == {"wrong": 0, "right afterwards": True, "loans": 0}

@@ -88,7 +88,14 @@ class WorkerPool(ContextManager):
         self._starter.start()
 
     def wait_ready(self) -> None:
-        """Return when every worker has started and loaded its compiled code."""
+        """Return when every worker has started and loaded its compiled code.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.SubtreePool(workers=1) as pool:
+        ...     pool.wait_ready()  # an error of a worker is raised here, not in the first build
+        """
         self._check_process()
         self._starter.join(self._timeout_s)
         if self._starter.is_alive():
@@ -160,6 +167,12 @@ class WorkerPool(ContextManager):
         """Stop the workers, after the builds of other threads have ended. Closing twice is allowed.
 
         In a forked child nothing happens: the workers are the parent's.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> pool = clbvh.SubtreePool(workers=1)
+        >>> pool.close()
         """
         if self._process_id == os.getpid():
             with self._one_build:

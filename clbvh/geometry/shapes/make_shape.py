@@ -76,9 +76,10 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
 
     Examples
     --------
-    >>> make_shape("knot", triangles=871_200, seed=1).face_count
+    >>> import clbvh
+    >>> clbvh.make_shape("knot", triangles=871_200, seed=1).face_count
     871200
-    >>> make_shape("icosphere", triangles=1000).face_count
+    >>> clbvh.make_shape("icosphere", triangles=1000).face_count
     980
     """
     shape = SHAPES.get(name)

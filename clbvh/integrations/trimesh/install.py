@@ -36,7 +36,18 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 class Installation:
-    """What `install` returns; as a context manager it puts back what was installed before, at the end of its block."""
+    """What `install` returns; as a context manager it puts back what was installed before, at the end of its block.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import install, is_installed
+    >>> with install():
+    ...     print(is_installed())
+    True
+    >>> is_installed()
+    False
+    """
 
     def __init__(self, before: EngineOptions | None) -> None:
         self._before = before

@@ -58,12 +58,29 @@ class ProximityQuery:
         self._options = EngineOptions(device, layout)
 
     def on_surface(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """Return the closest point of the surface for each point; see `closest_point`."""
+        """Return the closest point of the surface for each point; see `closest_point`.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import ProximityQuery
+        >>> point, distance, triangle_id = ProximityQuery(trimesh.creation.box()).on_surface([[0.1, 0.2, 2]])
+        >>> point, distance
+        (array([[0.1, 0.2, 0.5]]), array([1.5]))
+        """
         closest = _closest_point(self._mesh, self._found_options(), points)
         return closest.point, closest.distance, closest.prim_id.astype(np.int64)
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return (n,) float64: the distance to the surface, positive inside; see the function of this name."""
+        """Return (n,) float64: the distance to the surface, positive inside; see the function of this name.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import ProximityQuery
+        >>> ProximityQuery(trimesh.creation.box()).signed_distance([[0, 0, 0.25], [0, 0, 2]])
+        array([ 0.25, -1.5 ])
+        """
         return _signed_distance(self._mesh, self._found_options(), points)
 
     def vertex(self, points: ArrayLike) -> tuple[Any, Any]:
@@ -91,6 +108,7 @@ class ProximityQuery:
         Examples
         --------
         >>> import trimesh
+        >>> from clbvh.integrations.trimesh import ProximityQuery
         >>> distance, vertex_id = ProximityQuery(trimesh.creation.box()).vertex([[0.5, 0.5, 2.5]])
         >>> distance
         array([2.])
@@ -109,7 +127,15 @@ class ProximityQuery:
         return distance.reshape(given.shape[:-1]), vertex_id.reshape(given.shape[:-1])
 
     def close(self) -> None:
-        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        """Give the device's memory back, after the queries of other threads; the next query takes it again.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import ProximityQuery
+        >>> query = ProximityQuery(trimesh.creation.box())
+        >>> query.close()
+        """
         _kept_tracer(self._mesh, self._found_options()).close()
 
     def _found_options(self) -> EngineOptions:

@@ -92,6 +92,18 @@ class RayMeshIntersector:
         index_ray : (m,) int64
         index_tri : (m,) int64
             All rays' first hits in the order of the rays, then all second hits, and so on.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> engine = RayMeshIntersector(trimesh.creation.box())
+        >>> locations, index_ray, index_tri = engine.intersects_location([[0.1, 0.2, 5]], [[0, 0, -1]])
+        >>> locations
+        array([[ 0.1,  0.2,  0.5],
+               [ 0.1,  0.2, -0.5]])
+        >>> index_ray
+        array([0, 0])
         """
         index_tri, index_ray, locations = self.intersects_id(
             ray_origins, ray_directions, multiple_hits=multiple_hits, return_locations=True
@@ -125,6 +137,15 @@ class RayMeshIntersector:
             All rays' first hits in the order of the rays, then all second hits, and so on.
         locations : (m, 3) float64
             Only with `return_locations`.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> engine = RayMeshIntersector(trimesh.creation.box())
+        >>> index_tri, index_ray = engine.intersects_id([[0.1, 0.2, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
+        >>> index_ray
+        array([0, 0])
         """
         rays = _read_rays(ray_origins, ray_directions)
         if max_hits < 1:
@@ -150,6 +171,14 @@ class RayMeshIntersector:
         ----------
         ray_origins, ray_directions : (n, 3) float
             Directions of any length.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> mesh = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        >>> RayMeshIntersector(mesh).intersects_first([[0.2, 0.2, 1], [0.9, 0.9, 1]], [[0, 0, -1]] * 2)
+        array([ 0, -1], dtype=int32)
         """
         return self._cast("closest_prim", _read_rays(ray_origins, ray_directions))
 
@@ -160,6 +189,13 @@ class RayMeshIntersector:
         ----------
         ray_origins, ray_directions : (n, 3) float
             Directions of any length.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> RayMeshIntersector(trimesh.creation.box()).intersects_any([[0, 0, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
+        array([ True, False])
         """
         return self._cast("any_hit", _read_rays(ray_origins, ray_directions))
 
@@ -175,6 +211,13 @@ class RayMeshIntersector:
         A point is inside when rays from it in two opposite directions leave the mesh an odd number of times. In a
         closed mesh they always agree. Where they do not, a point from which one of them meets nothing is outside, and
         the others get another pair of rays.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> RayMeshIntersector(trimesh.creation.box()).contains_points([[0, 0, 0], [1, 1, 1]])
+        array([ True, False])
         """
         points = np.asarray(points, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -201,7 +244,15 @@ class RayMeshIntersector:
         return self._options
 
     def close(self) -> None:
-        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        """Give the device's memory back, after the queries of other threads; the next query takes it again.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> engine = RayMeshIntersector(trimesh.creation.box())
+        >>> engine.close()
+        """
         self._tracer.close()
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:

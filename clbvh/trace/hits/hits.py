@@ -39,9 +39,24 @@ class Hits:
 
     Examples
     --------
+    >>> import clbvh
+    >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+    >>> with clbvh.Tracer(mesh) as tracer:
+    ...     hits = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [[0, 0, -1], [0, 0, -1]])
+    >>> hits.is_hit, hits.t, hits.prim_id
+    (array([ True, False]), array([ 5., inf]), array([ 0, -1], dtype=int32))
+    >>> hits.u, hits.v
+    (array([0.25, 0.  ]), array([0.5, 0. ]))
+    >>> hits.locations
+    array([[ 1.,  2.,  0.],
+           [nan, nan, nan]])
+    >>> hits.normals
+    array([[ 0.,  0.,  1.],
+           [nan, nan, nan]])
+
     Which points that a camera sees are in the light:
 
-    >>> import clbvh, numpy as np
+    >>> import numpy as np
     >>> mesh = clbvh.make_shape("knot", triangles=2000)
     >>> light = np.array([0.0, 0.0, 9.0])
     >>> with clbvh.Tracer(clbvh.build(mesh)) as tracer:
@@ -61,7 +76,16 @@ class Hits:
 
     @classmethod
     def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
-        """Take an array of `structs.HIT` apart; the fields are views of it."""
+        """Take an array of `structs.HIT` apart; the fields are views of it.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import numpy as np
+        >>> from clbvh.structs import HIT
+        >>> clbvh.Hits.from_device(np.zeros(3, HIT)).prim_id
+        array([0, 0, 0], dtype=int32)
+        """
         return cls(hits["t"], hits["u"], hits["v"], hits["prim_id"], mesh)
 
     @property
@@ -157,7 +181,17 @@ class Hits:
         return np.where(sides[..., None], front, back)
 
     def take(self, rays: NDArray[np.int64]) -> Hits:
-        """Return the hits of some rays, by their numbers in C order."""
+        """Return the hits of some rays, by their numbers in C order.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> with clbvh.Tracer(trimesh.creation.box()) as tracer:
+        ...     hits = tracer.closest_hit([[3, 0, 5], [0.1, 0.2, 5]], [[0, 0, -1], [0, 0, -1]])
+        >>> hits.take(hits.is_hit.nonzero()[0]).t
+        array([4.5])
+        """
         return self._map(lambda values: values.reshape(-1)[rays])
 
     def __getitem__(self, index: Any) -> Hits:
@@ -194,6 +228,19 @@ class AllHits(Hits):
         The crossings of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
     known_locations : (m, 3) float64 or None
         What `locations` returns, where it was found along with the hits.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import trimesh
+    >>> with clbvh.Tracer(trimesh.creation.box()) as tracer:
+    ...     hits = tracer.all_hits([[0.1, 0.2, 5], [3, 0, 5], [0.3, 0, 0]], [[0, 0, -1], [0, 0, -1], [1, 0, 0]])
+    >>> hits.t, hits.ray_id
+    (array([4.5, 5.5, 0.2]), array([0, 0, 2]))
+    >>> hits.counts, hits.offsets
+    (array([2, 0, 1]), array([0, 2, 2, 3]))
+    >>> hits.t[hits.offsets[0] : hits.offsets[1]]  # of ray 0
+    array([4.5, 5.5])
     """
 
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)

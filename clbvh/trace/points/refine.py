@@ -27,6 +27,16 @@ class ClosestPoints(NamedTuple):
     point : (..., 3) float64, the file's coordinates
     prim_id : (...,) int32
         The face that the point is on.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+    >>> with clbvh.Tracer(mesh) as tracer:
+    ...     distance, point, prim_id = tracer.closest_point([[1, 1, 3], [-3, -4, 0]])
+    >>> distance, point
+    (array([3., 5.]), array([[1., 1., 0.],
+           [0., 0., 0.]]))
     """
 
     distance: NDArray[np.float64]

@@ -1,0 +1,180 @@
+"""The device arrays of a tree whose vertices have moved: corners and boxes, written around its topology.
+
+The leaves first, in several threads, then the nodes from the last to the first. The result has the bytes that
+`device_arrays.py` would make of the refitted tree, had it chosen the same wide nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Mesh
+from ..geometry.boxes import empty_box, half_area, lane_of, load_box, load_point, store_box, unite
+from ..structs import BOX_LANES, BOX_NEGATED_MAX, NO_PRIM
+from ..support.compiled import compiled
+from ..support.host_threads import HostThreads
+from ..support.prefetch import prefetch
+from ..support.ranges import cut_range
+from .topology import BOX_LANES_OF_CHILD, CORNER_LANES, NO_CHILD, Topology
+
+# Faces that a thread takes at a time: a thread that has to wait for a processor does not hold up the others for long.
+_FACES_PER_PART = 1 << 14
+
+# A missing child has an inverted box, from the greatest number to the least, which no ray hits.
+_GREATEST = np.finfo(np.float32).max
+
+# Prefetch distances in triangles, those of `bvh/refit.py`.
+_FACES_AHEAD = 32
+_VERTICES_AHEAD = 16
+
+
+class RefitArrays:
+    """Writes the device arrays of one tree, for one mesh after the other; by one thread at a time.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Attributes
+    ----------
+    topology : Topology
+    half : (3,) float64, local coordinates
+        Half the size along each axis of the box around the tree, symmetric about zero, as it was last written.
+    sah_cost : float
+        Of the tree as it was last written: the nodes and blocks that a random ray through the root's box is expected
+        to meet, see `bvh/sah_cost.py`. Without extent, where all areas are zero, all of them.
+    """
+
+    def __init__(self, topology: Topology) -> None:
+        self.topology = topology
+        self.half = np.zeros(3)
+        self.sah_cost = 0.0
+        self._leaf_boxes = np.empty((len(topology.leaves), BOX_LANES), np.float32)
+        self._node_boxes = np.empty((len(topology.children), BOX_LANES), np.float32)
+
+    def write(self, mesh: Mesh, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
+        """Write the arrays for a mesh; they are not read, so they may be memory of the device.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            With the faces of the tree's mesh.
+        nodes, blocks : arrays of structs, contiguous, written
+            As long as those that the topology was read from.
+        threads : HostThreads
+
+        Notes
+        -----
+        O(nodes + faces). The same bytes, and the same cost, for any number of threads.
+        """
+        topology, vertices, faces = self.topology, mesh.local_vertices, mesh.faces
+        lanes = blocks.view(np.float32).reshape(len(blocks), -1)
+
+        def write_leaves(begin: int, end: int) -> None:
+            leaves, boxes = topology.leaves[begin:end], self._leaf_boxes[begin:end]
+            _write_leaves(leaves, topology.prims, vertices, faces, lanes, lanes.view(np.int32), boxes)
+
+        threads.run(write_leaves, cut_range(0, len(topology.leaves), -(-mesh.face_count // _FACES_PER_PART)))
+        lanes = nodes.view(np.float32).reshape(len(nodes), -1)
+        area = _write_nodes(topology, self._leaf_boxes, self._node_boxes, lanes, lanes.view(np.int32))
+        self._note_root(area)
+
+    def _note_root(self, area: float) -> None:
+        """Find the attributes, given the sum of the areas below the root."""
+        least, negated_most = (self._node_boxes[0, lane : lane + 3].astype(np.float64) for lane in (0, BOX_NEGATED_MAX))
+        self.half = np.maximum(np.abs(least), np.abs(negated_most))
+        x, y, z = -negated_most - least
+        root_area = x * y + y * z + z * x
+        block_count = int((self.topology.leaves[:, 1] - self.topology.leaves[:, 0]).sum())
+        everything = len(self.topology.children) + block_count
+        self.sah_cost = 1.0 + area / root_area if root_area > 0.0 else everything
+
+
+@compiled
+def _write_leaves(leaves, prims, vertices, faces, lanes, lane_ints, boxes):
+    """Write the triangles of each leaf, and the box around them."""
+    width = prims.shape[1]
+    faces_ahead, vertices_ahead = _FACES_AHEAD // width, _VERTICES_AHEAD // width
+    nan = np.float32(np.nan)
+    for leaf in range(len(leaves)):
+        box = empty_box()
+        for block in range(leaves[leaf, 0], leaves[leaf, 1]):
+            for slot in range(width):
+                prim = prims[block, slot]
+                lane_ints[block, CORNER_LANES * width + slot] = prim
+                prefetch(faces, 3 * prims[min(block + faces_ahead, len(prims) - 1), slot])
+                coming = max(prims[min(block + vertices_ahead, len(prims) - 1), slot], 0)
+                for corner in range(3):
+                    prefetch(vertices, 3 * faces[coming, corner])
+                if prim == NO_PRIM:
+                    for lane in range(CORNER_LANES):
+                        lanes[block, lane * width + slot] = nan
+                    continue
+                a, b, c = faces[prim, 0], faces[prim, 1], faces[prim, 2]
+                box = unite(
+                    load_point(vertices, c), unite(load_point(vertices, b), unite(load_point(vertices, a), box))
+                )
+                ax, ay, az = vertices[a, 0], vertices[a, 1], vertices[a, 2]
+                bx, by, bz = vertices[b, 0], vertices[b, 1], vertices[b, 2]
+                cx, cy, cz = vertices[c, 0], vertices[c, 1], vertices[c, 2]
+
+                # Degenerate triangles, by the rule of `Mesh.degenerate_faces`, are stored as `leaf_blocks.py` does.
+                ux, uy, uz = np.float64(bx) - ax, np.float64(by) - ay, np.float64(bz) - az
+                vx, vy, vz = np.float64(cx) - ax, np.float64(cy) - ay, np.float64(cz) - az
+                if uy * vz == uz * vy and uz * vx == ux * vz and ux * vy == uy * vx:
+                    if width > 1:
+                        ax, ay, az = nan, nan, nan
+                    bx, by, bz = ax, ay, az
+                    cx, cy, cz = ax, ay, az
+
+                lanes[block, slot] = ax
+                lanes[block, width + slot] = ay
+                lanes[block, 2 * width + slot] = az
+                lanes[block, 3 * width + slot] = bx
+                lanes[block, 4 * width + slot] = by
+                lanes[block, 5 * width + slot] = bz
+                lanes[block, 6 * width + slot] = cx
+                lanes[block, 7 * width + slot] = cy
+                lanes[block, 8 * width + slot] = cz
+        store_box(boxes, leaf, box)
+
+
+@compiled
+def _write_nodes(topology, leaf_boxes, node_boxes, lanes, lane_ints):
+    """Write the nodes, the last one first; return the sum of half areas of the boxes that a ray may be tested with."""
+    children, links, leaves = topology.children, topology.links, topology.leaves
+    width = children.shape[1]
+    # Wide nodes have one coordinate of all children side by side, others all coordinates of one child.
+    slot_stride, axis_stride = (1, width) if topology.prims.shape[1] > 1 else (3, 1)
+    first_max, first_link = BOX_LANES_OF_CHILD // 2 * width, BOX_LANES_OF_CHILD * width
+    zero = np.float32(0.0)
+    area = 0.0
+    for node in range(len(children) - 1, -1, -1):
+        around_all = empty_box()
+        for slot in range(width):
+            child = children[node, slot]
+            x = slot * slot_stride
+            y, z = x + axis_stride, x + 2 * axis_stride
+            if child == NO_CHILD:
+                lanes[node, x], lanes[node, y], lanes[node, z] = _GREATEST, _GREATEST, _GREATEST
+                lanes[node, first_max + x] = -_GREATEST
+                lanes[node, first_max + y] = -_GREATEST
+                lanes[node, first_max + z] = -_GREATEST
+                continue
+            if child > 0:
+                box = load_box(node_boxes, child)
+                area += half_area(box)
+            else:
+                box = load_box(leaf_boxes, ~child)
+                area += half_area(box) * (leaves[~child, 1] - leaves[~child, 0])
+            around_all = unite(box, around_all)
+            lanes[node, x], lanes[node, y], lanes[node, z] = lane_of(box, 0), lane_of(box, 1), lane_of(box, 2)
+            # Subtracted from 0 instead of negated, which could make -0.0.
+            lanes[node, first_max + x] = zero - lane_of(box, BOX_NEGATED_MAX)
+            lanes[node, first_max + y] = zero - lane_of(box, BOX_NEGATED_MAX + 1)
+            lanes[node, first_max + z] = zero - lane_of(box, BOX_NEGATED_MAX + 2)
+        for link in range(links.shape[1]):
+            lane_ints[node, first_link + link] = links[node, link]
+        store_box(node_boxes, node, around_all)
+    return area

@@ -1,0 +1,78 @@
+"""The buffers of one copy of a tree on a device."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..device.session import DeviceSession
+from ..layouts.device_arrays import DeviceArrays
+
+# The arrays of a tree, by the names of the kernels' arguments.
+_NAMES = ("nodes", "blocks")
+
+
+class TreeBuffers:
+    """The nodes and the blocks of a tree, each in a buffer.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Owns the buffers.
+    arrays : DeviceArrays
+
+    Attributes
+    ----------
+    arguments : dict of str to buffer
+        By the names of the kernels' arguments.
+    byte_count : int
+    """
+
+    def __init__(self, session: DeviceSession, arrays: DeviceArrays) -> None:
+        self._session = session
+        by_name: dict[str, NDArray[np.void]] = {name: getattr(arrays, name) for name in _NAMES}
+        self._shapes = {name: (len(array), array.dtype) for name, array in by_name.items()}
+        self.arguments: dict[str, Any] = {name: session.upload(array) for name, array in by_name.items()}
+        self.byte_count = sum(array.nbytes for array in by_name.values())
+
+    def twin(self) -> TreeBuffers:
+        """Return buffers of the same sizes, which hold nothing yet.
+
+        Raises
+        ------
+        DeviceError
+            The device has no room for them.
+        """
+        twin = TreeBuffers.__new__(TreeBuffers)
+        twin._session, twin._shapes, twin.byte_count, twin.arguments = self._session, self._shapes, self.byte_count, {}
+        try:
+            for name, (count, dtype) in self._shapes.items():
+                twin.arguments[name] = self._session.allocate(count * dtype.itemsize, writable=False)
+        except BaseException:
+            twin.release()
+            raise
+        return twin
+
+    @contextmanager
+    def mapped(self, session: DeviceSession, *, write: bool) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
+        """Give nodes and blocks as arrays; there is at least one of each.
+
+        Parameters
+        ----------
+        session : DeviceSession
+            The one that owns the buffers, or a branch of it.
+        write : bool
+            True: all of both arrays is to be filled. False: they may only be read.
+        """
+        nodes, blocks = (session.mapped(self.arguments[name], *self._shapes[name], write=write) for name in _NAMES)
+        with nodes as node_array, blocks as block_array:
+            yield node_array, block_array
+
+    def release(self) -> None:
+        """Give the buffers back before the session ends."""
+        while self.arguments:
+            self._session.release(self.arguments.popitem()[1])

@@ -1,0 +1,86 @@
+"""Ctrl-C at random moments of updates, and what is left afterwards: a script, run as ``... SEED COUNT``.
+
+Prints one JSON object.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import random
+import signal
+import sys
+import time
+
+import numpy as np
+
+import clbvh
+from clbvh.support.host_threads import HostThreads
+
+from .interrupting import PATIENCE_S
+from .queries import ask, make_queries
+from .threads import run_in_threads
+
+_FRAMES = 4
+
+
+def interrupt(work, delay_s):
+    """Call a function and interrupt it after a while; return whether it came to its end."""
+    is_done = False
+    try:
+        signal.setitimer(signal.ITIMER_REAL, delay_s)
+        work()
+        is_done = True
+    except KeyboardInterrupt:
+        pass
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    return is_done
+
+
+def main(seed, count):
+    """Interrupt updates, and count what came of it."""
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    generator = random.Random(seed)
+    mesh = clbvh.make_shape("knot", triangles=40_000)
+    size = np.ptp(mesh.vertices)
+    frames = [mesh.vertices + 0.1 * size * np.sin(mesh.vertices[:, ::-1] / size * 5 + i) for i in range(_FRAMES)]
+    queries = make_queries(mesh, (300,), seed=seed)
+    with clbvh.Tracer(clbvh.build(mesh)) as tracer:
+        # Some threads even on a machine with one processor.
+        tracer._caster.threads = HostThreads(3)
+        expected = []
+        for vertices in frames:
+            tracer.update(vertices)
+            expected.append([ask(tracer, *query) for query in queries])
+        begin = time.perf_counter()
+        tracer.update(frames[-1])
+        duration_s = time.perf_counter() - begin
+
+        interrupted, wrong, now, most_buffers = 0, 0, _FRAMES - 1, 0
+        for _ in range(count):
+            faulthandler.dump_traceback_later(PATIENCE_S, exit=True)
+            frame, index = generator.randrange(_FRAMES), generator.randrange(len(queries))
+            try:
+                is_done = interrupt(
+                    lambda frame=frame: tracer.update(frames[frame]),
+                    max(1e-5, generator.uniform(0, 1.2) * duration_s),
+                )
+            except KeyboardInterrupt:  # between the update and the end of the timer
+                is_done = True
+            interrupted += not is_done
+            is_new = tracer.mesh.vertices.tobytes() == frames[frame].tobytes()
+            now = frame if is_new else now
+            wrong += (is_done and not is_new) or ask(tracer, *queries[index]) != expected[now][index]
+            wrong += tracer.mesh.vertices.tobytes() != frames[now].tobytes()
+            most_buffers = max(most_buffers, len(tracer._caster.session._buffers))
+        # Neither this thread nor another one finds a lock taken.
+        run_in_threads(lambda: tracer.update(frames[0]))
+        right = [ask(tracer, *query) for query in queries] == expected[0]
+        loans = len(tracer._caster.calls._loans)
+    print(json.dumps({"interrupted": interrupted, "wrong": wrong, "right afterwards": right, "loans": loans,
+                      "most buffers": most_buffers}))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,66 @@
+"""Every public name has an example, and all examples of docstrings are right.
+
+An example brings its own imports: it is read alone, on the site and by `help`.
+"""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+
+import pytest
+
+import clbvh
+
+from .public_names import INTEGRATIONS, list_public_names
+from .snippets import REPOSITORY
+
+# Parts of a build, public among the modules of clbvh only.
+WITHOUT_EXAMPLE = {f"clbvh.SubtreePool.{method}" for method in ("attach", "hold", "map")}
+
+FLAGS = doctest.ELLIPSIS
+
+
+def find_examples() -> list[doctest.DocTest]:
+    """Return the examples of all docstrings of clbvh."""
+    finder = doctest.DocTestFinder()
+    modules = [info.name for info in pkgutil.walk_packages(clbvh.__path__, "clbvh.")]
+    return [
+        found
+        for name in ["clbvh", *modules]
+        if not name.endswith("__main__")
+        for found in finder.find(importlib.import_module(name), globs={})
+        if found.examples
+    ]
+
+
+EXAMPLES = find_examples()
+
+
+@pytest.mark.parametrize("name", sorted(list_public_names().keys() - WITHOUT_EXAMPLE))
+def test_public_names_have_an_example(name):
+    assert ">>> " in (inspect.getdoc(list_public_names()[name]) or "")
+
+
+def test_names_without_an_example_are_public():
+    assert list_public_names().keys() >= WITHOUT_EXAMPLE
+
+
+def test_public_names_are_in_the_reference():
+    pages = "\n".join(page.read_text() for page in (REPOSITORY / "docs" / "reference").glob("*.md"))
+    names = {name.rpartition(".")[2] for name in re.findall(r"^::: (\S+)$", pages, re.MULTILINE)}
+    assert set(clbvh.__all__) <= names
+    for path in INTEGRATIONS:
+        assert set(importlib.import_module(path).__all__) <= names
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
+def test_examples_are_right(example, session, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    report: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=FLAGS)
+    runner.run(example, out=report.append)
+    assert runner.failures == 0, "".join(report)

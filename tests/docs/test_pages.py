@@ -1,0 +1,145 @@
+"""The pages keep their word: their Python blocks and commands run, and what they name is there.
+
+The blocks of a page run one after the other, in one namespace and in one folder. It has the mesh files that pages speak
+of; what a page needs besides them, its earlier blocks make.
+"""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import re
+import shlex
+import warnings
+from pathlib import Path
+
+import pytest
+import trimesh
+import typer.main
+
+from clbvh.cli.app import app
+from tests.cli.command import run_clbvh
+
+from .snippets import PAGES, REPOSITORY, Snippet, find_inline_commands, find_snippets, list_commands
+from .test_docstrings import FLAGS
+
+MESHES = ("part.ply", "bunny.ply", "bun_zipper.ply", "dragon_871k.ply", "scan.ply")
+
+# Commands that other tests run, and their reasons; the names and options of all are checked.
+NOT_RUN = {
+    "clbvh fetch": "needs a network",
+    "clbvh tune": "measures for a minute",
+    "clbvh doctor": "starts a process for each driver",
+    "clbvh warmup": "compiles everything",
+    "clbvh study": "measures for minutes",
+}
+
+# Words in capitals that stand for something, as in `clbvh stats MESH|SCENE`.
+PLACEHOLDERS = {"MESH|SCENE": "part.ply", "MESH": "part.ply", "SOURCE": "part.ply", "FILE": "part.ply", "DIR": "trees"}
+
+
+def has_code(snippet: Snippet) -> bool:
+    return snippet.language == "python" or any(line.startswith("clbvh ") for line in list_commands(snippet))
+
+
+RUNNING = [page for page in PAGES if any(has_code(snippet) for snippet in find_snippets(page))]
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(REPOSITORY))
+
+
+@pytest.fixture
+def folder(session, tmp_path, monkeypatch):
+    """An empty folder with meshes, in which a page's code runs."""
+    for mesh in MESHES:
+        trimesh.creation.icosphere(3, 0.1).apply_translation((0, 0.1, 0)).export(tmp_path / mesh)
+    (tmp_path / "scenes").symlink_to(REPOSITORY / "scenes")
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", RUNNING, ids=name)
+def test_blocks_run(page, folder):
+    names = {"__name__": "__main__"}
+    for snippet in find_snippets(page):
+        if snippet.language == "python" and snippet.reason:
+            ast.parse(snippet.text)
+        elif snippet.language == "python":
+            run_python(snippet, names)
+        elif not snippet.reason:
+            for command in list_commands(snippet):
+                run_command(command, snippet)
+
+
+def run_python(snippet, names):
+    """Run a Python block; one with prompts has its output checked."""
+    if ">>> " not in snippet.text:
+        # Lines of the page in tracebacks.
+        exec(compile("\n" * (snippet.line - 1) + snippet.text, str(snippet.page), "exec"), names)
+        return
+    example = doctest.DocTestParser().get_doctest(
+        snippet.text, names, str(snippet), str(snippet.page), snippet.line - 1
+    )
+    report: list[str] = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=FLAGS)
+    runner.run(example, out=report.append, clear_globs=False)
+    assert runner.failures == 0, "".join(report)
+    names.update(example.globs)
+
+
+def run_command(command, snippet):
+    """Run a command line of clbvh."""
+    words = replace_placeholders(command) if command.startswith("clbvh ") else []
+    if not words or " ".join(words[:2]) in NOT_RUN:
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a program's, not a test's
+        answer = run_clbvh(*words[1:], CLBVH_DEVICE="cpu")
+    assert answer.returncode == 0, f"{snippet}: {command}\n{answer.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_commands_have_these_options(page):
+    lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
+    commands = [line for line in lines if line.startswith("clbvh ")] + find_inline_commands(page)
+    group = typer.main.get_command(app)
+    for line in commands:
+        words = replace_placeholders(line)[1:]
+        if not words or words[0].startswith("-"):
+            known = {option for parameter in group.params for option in parameter.opts} | {"--help", "-h"}
+        else:
+            assert words[0] in group.commands, f"{name(page)}: there is no `{line}`"
+            known = {option for parameter in group.commands[words[0]].params for option in parameter.opts} | {"--help"}
+        for word in words:
+            if word.startswith("--") or re.fullmatch("-[a-zA-Z]", word):
+                assert word.split("=")[0] in known, f"{name(page)}: `{line}` has no such option"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_make_has_these_targets(page):
+    targets = set(re.findall(r"^([a-z-]+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE))
+    text = page.read_text()
+    lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
+    named = [*lines, *re.findall(r"`(make [^`]+)`", text)]
+    for command in named:
+        if re.match(r"make [a-z]", command):
+            assert command.split()[1] in targets, f"{name(page)}: {command}"
+
+
+def test_pictures_have_their_command():
+    pages = "\n".join(page.read_text() for page in PAGES)
+    for picture in sorted((REPOSITORY / "docs" / "pictures").glob("*.png")):
+        assert re.search(rf"pictures/{picture.name}\)", pages), picture.name
+        assert re.search(rf"`(clbvh|python)[^`]*{picture.stem}", pages), picture.name
+
+
+def test_pictures_are_small():
+    sizes = [path.stat().st_size for path in (REPOSITORY / "docs" / "pictures").iterdir()]
+    assert sum(sizes) < 1_000_000
+
+
+def replace_placeholders(command: str) -> list[str]:
+    """Return the words of a command line, with a file in place of what stands for one."""
+    return [PLACEHOLDERS.get(word, word) for word in shlex.split(command)]
