@@ -114,12 +114,7 @@ def keep_machine(folder: Path, machine: Machine) -> list[str]:
         What differs from the machine of the study before in this folder, one sentence each; empty if nothing does.
     """
     path = folder / FILE_NAME
-    kept: dict[str, Any] = {}
-    if path.is_file():
-        try:
-            kept = json.loads(path.read_text("utf-8"))
-        except ValueError:
-            kept = {}
+    kept = read_machines(folder)
     changes: list[str] = []
     if kept and machine.digest not in kept:
         *_, latest = kept.values()
@@ -129,6 +124,17 @@ def keep_machine(folder: Path, machine: Machine) -> list[str]:
     kept[machine.digest] = machine.facts
     write_atomically(path, lambda file: file.write(json.dumps(kept, indent=2).encode()))
     return changes
+
+
+def read_machines(folder: Path) -> dict[str, dict[str, str]]:
+    """Return the facts of the machines of a folder by their digests, the latest last; empty for a damaged file."""
+    try:
+        kept: Any = json.loads((folder / FILE_NAME).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(kept, dict) or not all(isinstance(facts, dict) for facts in kept.values()):
+        return {}
+    return kept
 
 
 def load_average() -> float | None:

@@ -6,7 +6,6 @@ writes both from them. A test writes them again from these samples, and compares
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from ..errors import ConfigError
 from ..support.atomic_file import write_atomically
 from .experiments.peers import QUERIES, figure_of
 from .machine import FILE_NAME as MACHINES_NAME
+from .machine import read_machines
 from .page.html import Section
 from .page.markdown import write_markdown, write_table
 from .page.parts import Table
@@ -55,11 +55,10 @@ def open_study(folder: Path) -> PublishedStudy:
     ConfigError
         There is none.
     """
-    try:
-        machines = json.loads((folder / MACHINES_NAME).read_text("utf-8"))
-        *_, digest = machines
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{folder}: there is no study in this folder: run 'clbvh study -o {folder}'") from error
+    machines = read_machines(folder)
+    if not machines:
+        raise ConfigError(f"{folder}: there is no study in this folder: run 'clbvh study -o {folder}'")
+    *_, digest = machines
     samples = SampleFile(folder, digest)
     names = {scale for experiment in EXPERIMENTS for scale in samples.scales(experiment)}
     if len(names) != 1:
@@ -123,7 +122,7 @@ def publish(source: Path, project: Path) -> None:
     open_study(source)
     target = project / "docs" / SAMPLES_FOLDER
     target.mkdir(exist_ok=True)
-    digest = [*json.loads((source / MACHINES_NAME).read_text("utf-8"))][-1]
+    *_, digest = read_machines(source)
     lines = [line for line in (source / SAMPLES_NAME).read_bytes().splitlines() if digest.encode() in line]
     _write(target / SAMPLES_NAME, b"\n".join(lines) + b"\n")
     _write(target / MACHINES_NAME, (source / MACHINES_NAME).read_bytes())

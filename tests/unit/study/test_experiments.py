@@ -12,12 +12,16 @@ import pytest
 import clbvh.study
 from clbvh.errors import ConfigError, InternalError
 from clbvh.study import machine as machines
+from clbvh.study.builds import build_timed
+from clbvh.study.case import Experiment, Sample
 from clbvh.study.experiments import peers
+from clbvh.study.page.parts import Table
 from clbvh.study.peers import engines
 from clbvh.study.registry import EXPERIMENTS, find_experiments
 from clbvh.study.report import curve, published, source_of
 from clbvh.study.run import run_study
 from clbvh.study.scale import FULL, QUICK, SCANS, TINY, Scale
+from clbvh.support.host_threads import usable_cores
 
 from .test_page import check_self_contained
 
@@ -166,3 +170,16 @@ def test_points_of_the_contest_are_near_the_mesh():
     origins, directions = peers._scatter(mesh, 50, generator)
     assert np.allclose(np.linalg.norm(origins - mesh.origin, axis=1), 2 * extent)
     assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+
+
+@pytest.mark.usefixtures("_opened_device")
+def test_the_experiment_of_the_documentation_runs(tmp_path, monkeypatch):
+    text = (Path(__file__).parents[3] / "docs" / "study.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names = {"build_timed": build_timed, "usable_cores": usable_cores, "Sample": Sample, "Table": Table}
+    names["Experiment"] = Experiment
+    exec(code, names)
+    monkeypatch.setitem(EXPERIMENTS, "leaves", names["EXPERIMENT"])
+    page = run_study(tmp_path, ["leaves"], scale=TINY).page.read_text()
+    assert '<section id="leaves">' in page
+    assert "Build by leaf size." in page
