@@ -46,8 +46,8 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
             tracer.closest_point(points)
             tracer.contains(points)
             tracer.signed_distance(points)
-        # From one point, and in one direction: broadcast arrays are read-only, which is another type for numba. Enough
-        # rays for a picture's are searched for its rows, in order and in none.
+        # From one point, and in one direction. Enough rays for a picture's are searched for its rows, in order and in
+        # none.
         for shape in ((3,), _PICTURE, (_MANY,)):
             mixed = make(*shape)
             for values in (mixed, np.sort(mixed, axis=0)):

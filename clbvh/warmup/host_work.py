@@ -80,7 +80,7 @@ def _arrange_all(mesh: Mesh) -> None:
 
 
 def _for_both(mesh: Mesh, use: Callable[[Bvh], object]) -> None:
-    """Use an ordinary tree, and a single node, whose fields are contiguous arrays: another type for numba."""
+    """Use an ordinary tree, and a single node, whose fields are contiguous arrays: another type."""
     use(build(mesh))
     use(build(_make_triangle()))
 

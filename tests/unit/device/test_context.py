@@ -104,6 +104,7 @@ def test_arguments_and_launch_are_one_step():
         held[0] = arguments
         time.sleep(0.001)
         launched.append((queue, held[0]))
+        return SimpleNamespace(wait=lambda: None, profile=SimpleNamespace(start=0, end=0))
 
     launch.function_name = "launch"
     kernel = Kernel(launch, ["x"])
