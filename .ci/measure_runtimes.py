@@ -30,14 +30,14 @@ def measure(mesh_name: str, device: str) -> dict[str, object]:
     import numpy as np
 
     import clbvh
-    from clbvh.rendering.camera import frame_mesh
+    from clbvh.rendering.framing import frame_mesh
 
     mesh = clbvh.load_mesh(mesh_name) if Path(mesh_name).is_file() else clbvh.make_shape(mesh_name, triangles=300_000)
     bvh = clbvh.build(mesh)
     random = np.random.default_rng(0)
     origins, directions = frame_mesh(mesh, aspect=WIDTH / HEIGHT).rays(WIDTH, HEIGHT)
-    order = random.permutation(len(directions))
-    shuffled = np.broadcast_to(origins, directions.shape)[order], directions[order]
+    order = random.permutation(WIDTH * HEIGHT)
+    shuffled = origins.reshape(-1, 3)[order], directions.reshape(-1, 3)[order]
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     points = low + (high - low) * random.random((POINTS, 3))
     started = time.perf_counter()

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     )
     from .geometry import Mesh, MeshLike, load_mesh, make_shape
     from .rendering.as_scene import SceneLike
-    from .rendering.camera import Camera, Vector
+    from .rendering.camera import Camera
     from .rendering.lens import Lens
     from .rendering.picture import Picture
     from .rendering.render import render
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .rendering.renderer import Renderer
     from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
+    from .rendering.vectors import Vector
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
@@ -80,7 +81,7 @@ _HOME_OF = {
     "Scene": "rendering.scene",
     "SceneLike": "rendering.as_scene",
     "Transform": "rendering.scene",
-    "Vector": "rendering.camera",
+    "Vector": "rendering.vectors",
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
     "ClbvhError": "errors",

@@ -177,7 +177,7 @@ class ValidationError(ClbvhError, RuntimeError):
 
 
 class OpenMeshWarning(UserWarning):
-    """A question about inside and outside is put to a mesh that encloses no volume.
+    """A query about the inside of a mesh that is not closed.
 
     Examples
     --------

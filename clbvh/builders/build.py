@@ -51,7 +51,7 @@ def build(
     ConfigError
         An option outside its range, an unknown builder, or a quality that it does not have.
     MeshError
-        It is no mesh, or no valid one: see `clbvh.Mesh.from_arrays` and `clbvh.load_mesh`.
+        The argument does not describe a valid mesh: see `clbvh.Mesh.from_arrays` and `clbvh.load_mesh`.
     PoolError
         A worker failed or died, or there is not enough memory to share.
 

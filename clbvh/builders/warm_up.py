@@ -1,6 +1,6 @@
-"""The smallest input that takes a builder through all its steps: it loads compiled code before time is taken.
+"""The smallest input that takes a builder through all its steps: it loads compiled code before a build is timed.
 
-Here and in the workers, whose time for it counts as time of this process, which waits for them.
+Workers load their code as well; this process waits for them, and counts the time as its own.
 """
 
 from __future__ import annotations

@@ -29,13 +29,13 @@ def warmup(
         bool,
         typer.Option(
             "--quick",
-            help="Only what most programs need: not the builders of the ladder, --validate, and other layouts than the "
-            "device's own.",
+            help="Leave out the ladder's builders, --validate, and all layouts but the device's own: few programs need "
+            "them.",
         ),
     ] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Compile all functions and kernels ahead, so that no later run has to; for images of containers."""
+    """Compile all functions and kernels ahead, so that no later run has to; for container images, too."""
     from rich.console import Console
 
     from ..support.code_times import on_first_compilation

@@ -68,9 +68,9 @@ class DeviceInfo:
 
     @property
     def is_emulated(self) -> bool:
-        """Whether there is no such hardware: a simulator, or Intel's emulator of FPGA boards.
+        """Whether the device is emulated: a simulator, or Intel's emulator of FPGA boards.
 
-        That one calls itself an accelerator, and is slower than the CPU that it runs on.
+        The emulator calls itself an accelerator, and is slower than the CPU that it runs on.
         """
         return self.is_simulator or "emulation" in self.name.lower()
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import InternalError
-from .getting_kernel import GettingKernel
+from .compile_timer import CompileTimer
 
 # PoCL compiles a kernel for each size of work-groups, and once more for launches of this many work-items along an axis.
 _LARGE_LAUNCH = 1 << 16
@@ -52,15 +52,15 @@ class Kernel:
     def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
         """Start the kernel and return its event.
 
-        The first launch of each kind is waited for: it takes the time of a compilation, where a driver compiles then.
+        Waits for the first launch of each kind, in which a driver may compile, to time the compilation.
         """
         kind = work_group, max(work_size) >= _LARGE_LAUNCH
         if kind in self._launched:
             return self._launch(queue, work_size, work_group, arguments)
-        with GettingKernel(announces=False) as getting:
+        with CompileTimer(announces=False) as timer:
             event = self._launch(queue, work_size, work_group, arguments)
             event.wait()
-            getting.run_ms = (event.profile.end - event.profile.start) / _NS_PER_MS
+            timer.run_ms = (event.profile.end - event.profile.start) / _NS_PER_MS
         self._launched.add(kind)
         return event
 

@@ -1,4 +1,4 @@
-"""The device that a word of the user means: a number, a kind, a part of a name.
+"""Finds the device that the user asks for: by a number, a kind, a part of a name, or a kind and a part.
 
 Platforms and devices are matched apart, because a driver for the CPU puts the processor's brand into the device's name
 ("cpu-sapphirerapids-Intel(R) Xeon(R)" is PoCL): the maker's name alone means that maker's driver or graphics card.
@@ -37,7 +37,7 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
     Raises
     ------
     DeviceError
-        None matches, or different ones match.
+        No device matches, or several different ones do.
     """
     if spec is None:
         return devices[0]
@@ -85,7 +85,7 @@ def _match_names(devices: Sequence[DeviceInfo], word: str) -> list[DeviceInfo]:
 
 
 def _match_kind_and_names(devices: Sequence[DeviceInfo], word: str) -> list[DeviceInfo]:
-    """Return the devices for a kind beside a name, as in "intel gpu"."""
+    """Return the devices that match a kind and a name, as in "intel gpu"."""
     parts = word.split()
     kinds = [part for part in parts if part in KINDS]
     rest = " ".join(part for part in parts if part not in KINDS)
@@ -95,7 +95,7 @@ def _match_kind_and_names(devices: Sequence[DeviceInfo], word: str) -> list[Devi
 
 
 def _platform_names(device: DeviceInfo) -> tuple[str, ...]:
-    """Return the names of the driver. Without the vendor, which PoCL takes from the CPU ("AuthenticAMD")."""
+    """Return the names of the driver, without the vendor, which PoCL takes from the CPU ("AuthenticAMD")."""
     short = _SHORT_NAMES.get(device.platform)
     return (_simplify(device.platform), short) if short else (_simplify(device.platform),)
 

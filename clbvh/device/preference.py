@@ -1,7 +1,7 @@
 """The order of the devices, which numbers them and decides which is the default.
 
-Where several drivers drive the same processor, the fastest by `clbvh tune` comes first, and without it the order that
-was measured here (docs/internals/decisions.md).
+Of several drivers for one processor, the fastest by `clbvh tune` comes first. Without its measurements the order is
+that of docs/internals/decisions.md.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ def number_devices(
 
 
 def _sort_measured(ordered: list[DeviceInfo], kind: str, measured_ms: Callable[[DeviceInfo], float | None]) -> None:
-    """Let the measured devices of a kind take each other's places, the fastest first.
+    """Reorder the measured devices of a kind among their own indices, the fastest first.
 
-    Devices of several kinds are not compared: kernels were timed, and a graphics card has to be sent its data besides.
-    One that was not measured keeps its place: nothing is known about it.
+    Kinds are not compared: only kernels were timed, without the transfers to a graphics card. A device that was not
+    measured keeps its index.
     """
     usable = [index for index, device in enumerate(ordered) if device.kind == kind and _is_usable(device)]
     times = {index: measured_ms(ordered[index]) for index in usable} if len(usable) > 1 else {}

@@ -18,7 +18,7 @@ from typing import Any
 from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
 from ..support.resources import find_folder
-from .getting_kernel import GettingKernel
+from .compile_timer import CompileTimer
 from .kernel import Kernel
 from .owner_process import check_process
 from .session import DeviceSession
@@ -141,7 +141,7 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
         with warnings.catch_warnings():
             # PoCL says something about every build, good or bad.
             warnings.simplefilter("ignore", cl.CompilerWarning)
-            with GettingKernel(announces=True):
+            with CompileTimer(announces=True):
                 program.build(list(options), devices=[session.info.cl_device])
     except cl.Error as error:
         _never_release(program)

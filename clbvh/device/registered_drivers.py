@@ -1,9 +1,9 @@
-"""Drivers that the user has registered for clbvh, and the loader's way to them.
+"""Drivers that the user has registered for clbvh, and how the loader finds them.
 
-The loader reads one folder of `.icd` files, the system's, or instead the one that a variable names. A user who may not
-write to the system's registers a driver in a folder of clbvh (`clbvh doctor --fix`). When clbvh calls the loader first,
-it names it a folder with the files of both, for that one call: the loader reads its environment once, and no other
-program, nor a process that this one starts, sees anything of it.
+The loader reads one folder of `.icd` files: the system's, or the one that a variable names. A user without write access
+to the system's folder registers a driver in clbvh's own (`clbvh doctor --fix`). For the first call of the loader, clbvh
+sets that variable to a temporary folder with the files of both, and resets it after the call: the loader reads its
+environment only once. Other programs and child processes never see the variable.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def read_rule() -> LoaderRule:
 def find_offered(rule: LoaderRule) -> list[IcdFile]:
     """Return the registered drivers that clbvh offers to the loader.
 
-    Those whose library is there, and is none that the loader finds by itself: it would list their devices twice.
+    Only those whose library exists and that the loader does not find by itself: it would list their devices twice.
     """
     if rule.registered is None:
         return []
@@ -68,12 +68,12 @@ def find_offered(rule: LoaderRule) -> list[IcdFile]:
 
 @contextmanager
 def registered_drivers() -> Iterator[None]:
-    """Let the loader find the registered drivers, if it is called within this context for the first time."""
+    """Make the loader find the registered drivers, if its first call is inside this context."""
     if _Loader.is_called:
         yield
         return
     with _Loader.lock, ExitStack() as stack:
-        # Where the files cannot be read or a folder cannot be made, the loader still has the drivers of the system.
+        # If a file cannot be read or the folder cannot be made, the loader still has the drivers of the system.
         with suppress(OSError):
             rule = read_rule()
             offered = find_offered(rule)
@@ -101,12 +101,12 @@ def _join(named: str, offered: Sequence[IcdFile]) -> str:
 
 @contextmanager
 def _merged_folder(rule: LoaderRule, offered: Sequence[IcdFile]) -> Iterator[str]:
-    """Give a folder with the driver files of the system and the offered ones."""
+    """Make a temporary folder with the driver files of the system and the offered ones."""
     own = (rule.registered, rule.bundled)
     files = [icd for icd in find_icd_files(rule) if icd.path.parent not in own]
     with tempfile.TemporaryDirectory(prefix="clbvh-drivers-") as folder:
         for number, icd in enumerate([*files, *offered]):
-            # The number keeps the order, and two files of one name apart.
+            # The number keeps the order, and keeps two files of one name apart.
             (Path(folder) / f"{number:03}-{icd.path.name}").write_text(f"{icd.library}\n")
         yield folder
 

@@ -1,6 +1,6 @@
-"""What users have for a mesh, turned into a `Mesh`.
+"""Makes a `Mesh` of anything that describes one: an object, a path, or two arrays.
 
-Knows the types that are accepted, and nothing of what is done with the mesh.
+Owns the list of accepted types. Must not know what is done with the mesh.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class HasTriangles(Protocol):
 
 
 MeshLike: TypeAlias = Mesh | HasTriangles | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]
-"""What is accepted as a mesh: a `Mesh`, a `trimesh.Trimesh`, the path of a mesh file, or ``(vertices, faces)``."""
+"""Anything that describes a mesh: a `Mesh`, a `trimesh.Trimesh`, the path of a mesh file, or ``(vertices, faces)``."""
 
 
 def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
@@ -42,12 +42,12 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
     thing : Mesh, trimesh.Trimesh, str, path or (vertices, faces)
         A `Mesh` is returned as it is; arrays are checked and copied, a file is loaded.
     or_else : str, optional
-        What else the caller accepts, for the message of an error: ``"a clbvh.Bvh"``.
+        Other types that the caller accepts, for the error's message: ``"a clbvh.Bvh"``.
 
     Raises
     ------
     MeshError
-        It is nothing of this kind, or it is no valid mesh.
+        The argument has another type, or it is no valid mesh.
 
     Examples
     --------

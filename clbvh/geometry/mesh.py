@@ -198,8 +198,8 @@ class Mesh:
     def is_watertight(self) -> bool:
         """Whether the surface encloses a volume: every edge belongs to two triangles, or to another even number.
 
-        Vertices at one point in local coordinates count as one, so a file may list the corners of each triangle for
-        itself. The orientation of triangles does not matter. About 0.1 s for 871,306 triangles, once.
+        Vertices with equal local coordinates count as one, so a file may repeat them for each triangle. The orientation
+        of triangles does not matter. About 0.1 s for 871,306 triangles, once.
         """
         return is_closed(self.local_vertices, self.faces)
 

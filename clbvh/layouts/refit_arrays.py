@@ -18,7 +18,7 @@ from ..support.prefetch import prefetch
 from ..support.ranges import cut_range
 from .topology import BOX_LANES_OF_CHILD, CORNER_LANES, NO_CHILD, Topology
 
-# Faces that a thread takes at a time: a thread that has to wait for a processor does not hold up the others for long.
+# Faces per task of a thread: small, so that a thread that waits for a processor delays the others little.
 _FACES_PER_PART = 1 << 14
 
 # A missing child has an inverted box, from the greatest number to the least, which no ray hits.
@@ -42,8 +42,8 @@ class RefitArrays:
     half : (3,) float64, local coordinates
         Half the size along each axis of the box around the tree, symmetric about zero, as it was last written.
     sah_cost : float
-        Of the tree as it was last written: the nodes and blocks that a random ray through the root's box is expected
-        to meet, see `bvh/sah_cost.py`. Without extent, where all areas are zero, all of them.
+        Cost of the tree as it was last written: the expected number of nodes and blocks that a random ray through the
+        root's box meets, see `bvh/sah_cost.py`. The number of all of them if the root's area is zero.
     """
 
     def __init__(self, topology: Topology) -> None:
@@ -81,7 +81,7 @@ class RefitArrays:
         self._note_root(area)
 
     def _note_root(self, area: float) -> None:
-        """Find the attributes, given the sum of the areas below the root."""
+        """Set `half` and `sah_cost`, given the sum of the areas below the root."""
         least, negated_most = (self._node_boxes[0, lane : lane + 3].astype(np.float64) for lane in (0, BOX_NEGATED_MAX))
         self.half = np.maximum(np.abs(least), np.abs(negated_most))
         x, y, z = -negated_most - least

@@ -20,7 +20,7 @@ BOX_LANES_OF_CHILD, CORNER_LANES = 6, 9
 
 
 class Topology(NamedTuple):
-    """The links of a tree on a device, and the order of its triangles.
+    """The links of a tree on a device, and the triangles of its leaves.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ def _write_nodes(nodes, node_ints, prim_ids, width, splits, wide_nodes, wide_int
     stack_sizes = np.zeros(len(wide_nodes), np.int32)
     children = np.empty(width, np.int32)
     stack = np.empty((width + 1, 2), np.int32)
-    pending[0] = 0
+    pending[0, 0] = pending[0, 1] = 0
     pending_count = 1
     node_count = 1
     block_count = 0

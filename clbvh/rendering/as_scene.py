@@ -1,4 +1,4 @@
-"""What users have to draw, turned into a `Scene`."""
+"""Makes a `Scene` of anything that can be drawn: a scene, a path, a tree or a mesh."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .scene import MeshSource, Scene
 from .scene_file import open_scene
 
 SceneLike: TypeAlias = Scene | Bvh | MeshLike
-"""What can be drawn: a `Scene`, the path or name of one, a `Bvh`, or what is accepted as a mesh."""
+"""Anything that can be drawn: a `Scene`, the path or name of one, a `Bvh`, or a `MeshLike`."""
 
 
 def as_scene(source: SceneLike) -> Scene:
@@ -27,7 +27,7 @@ def as_scene(source: SceneLike) -> Scene:
     SceneError
         The scene file is missing, or has an unknown key or an invalid value.
     MeshError
-        It is nothing of this kind, or it is no valid mesh.
+        The source has another type, or it is no valid mesh.
     """
     if isinstance(source, Scene):
         return source

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from .lens import Lens, Window, check_size, window_of
-from .pose import make_pose, read_pose, rotate_about_axis
-
-Vector = tuple[float, float, float]
+from .pose import make_axes, make_pose, read_pose, rotate_about_axis
+from .vectors import Vector, as_vector, check_vector
 
 DEFAULT_FOV = 35.0
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
@@ -28,7 +27,7 @@ class Camera:
     Attributes
     ----------
     eye, look_at : (3,) float, the scene's coordinates
-        For a camera with a lens, `look_at` is some point of its optical axis.
+        For a camera with a lens, `look_at` is any point on its optical axis.
     up : (3,) float
         The direction that is up in the picture; any length, not parallel to the line of sight.
     fov : float
@@ -68,7 +67,7 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("eye", "look_at", "up"):
             check_vector(f"the camera's {name}", getattr(self, name))
-            # A tuple of Python's numbers, whatever was given: cameras can be compared and hashed.
+            # Tuples of Python numbers, so that cameras can be compared and hashed.
             object.__setattr__(self, name, as_vector(getattr(self, name)))
         if self.lens is not None:
             if not isinstance(self.lens, Lens):
@@ -100,17 +99,17 @@ class Camera:
             upper left corner, in both conventions. fx and fy may differ, the principal point (cx, cy) may be anywhere.
         camera_to_world : (4, 4) float
             The pose: a rotation and the eye, in the scene's coordinates. The inverse of the extrinsic matrix of OpenCV,
-            Open3D and COLMAP. An error of 1e-4, as of rounded files, is mended to the nearest rotation.
+            Open3D and COLMAP. Errors of up to 1e-4, as in rounded files, are corrected to the nearest rotation.
         size : (width, height), pixels
-            Of the picture that `K` is for. A picture of another size and the same shape shows the same; another shape
-            is refused.
+            Size of the picture that `K` describes. A picture of another size and the same aspect ratio shows the same
+            view; another aspect ratio is refused.
         convention : str
             The axes of the pose. ``"opencv"``: x right, y down, z forward, as in OpenCV, COLMAP and Open3D.
             ``"opengl"``: x right, y up, z backward, as in OpenGL, Blender, glTF, NeRF, pyrender and trimesh.
         pixel_centres : str
-            Where `K` has the centre of the pixel in row i and column j. ``"half"``: at (j + 0.5, i + 0.5), as in
-            OpenGL, COLMAP, Open3D and pyrender; a lens without shift has ``cx = width / 2``. ``"integer"``: at (j, i),
-            as in OpenCV's calibration; it has ``cx = (width - 1) / 2``.
+            The centre of the pixel in row i and column j, in the coordinates of `K`. ``"half"``: at (j + 0.5, i + 0.5),
+            as in OpenGL, COLMAP, Open3D and pyrender; a lens without shift has ``cx = width / 2``. ``"integer"``: at
+            (j, i), as in OpenCV's calibration; it has ``cx = (width - 1) / 2``.
 
         Returns
         -------
@@ -119,7 +118,7 @@ class Camera:
         Raises
         ------
         SceneError
-            `K` is no intrinsic matrix, the pose is not rigid or mirrors, the size is no size, or an unknown convention.
+            `K` is no intrinsic matrix, the pose is not rigid or mirrors, or the size or the convention is invalid.
 
         Examples
         --------
@@ -185,7 +184,7 @@ class Camera:
         Parameters
         ----------
         width, height : int
-            A camera with a lens has a size of its own, which may be left out, or be given by one of them.
+            Size of the picture. For a camera with a lens, missing sides follow from the lens.
         rows : range, optional
             Only these rows of the picture.
 
@@ -193,12 +192,12 @@ class Camera:
         -------
         origins, directions : (height, width, 3) float64
             In the scene's coordinates; directions of length 1, so that the t of a hit is its distance from the eye.
-            Row 0 is the top. The origins are one point, seen as an array that cannot be written to.
+            Row 0 is the top. The origins are a read-only view of one point.
 
         Raises
         ------
         SceneError
-            No size, or one of another shape than the lens's.
+            A camera without a lens lacks a side, or the aspect ratio is not the lens's.
 
         Examples
         --------
@@ -246,14 +245,14 @@ class Camera:
         return self.rays(width, height)[1] @ self.axes()[2]
 
     def orbit(self, degrees: float, *, about: Vector | None = None, axis: Vector | None = None) -> Camera:
-        """Return the camera after a turn around a point: it goes on looking at it from the same distance.
+        """Return the camera after a rotation around a point, which keeps the distance to the point.
 
         Parameters
         ----------
         degrees : float
-            Counterclockwise as seen from the end of the axis: the object seems to turn clockwise.
+            Counterclockwise, seen from the tip of the axis; the object appears to turn clockwise.
         about : (3,) float, optional
-            By default `look_at`; a camera with a lens looks at no point, and needs one.
+            By default `look_at`; required for a camera with a lens, whose `look_at` is arbitrary.
         axis : (3,) float, optional
             By default `up`.
 
@@ -276,7 +275,7 @@ class Camera:
         if isinstance(degrees, bool) or not isinstance(degrees, Real) or not math.isfinite(degrees):
             raise SceneError(f"a camera orbits by a finite number of degrees, not {degrees!r}")
         if about is None and self.lens is not None:
-            raise SceneError("a camera with a lens looks at no point: say what it orbits by `about`")
+            raise SceneError("a camera with a lens has no point to orbit: give one as `about`")
         centre, direction = self.look_at if about is None else about, self.up if axis is None else axis
         check_vector("the point that a camera orbits", centre)
         check_vector("the axis that a camera orbits around", direction)
@@ -287,17 +286,17 @@ class Camera:
         def turn(point: Vector) -> Vector:
             return as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
 
-        # The point it looks at stays exactly, where it is the one that the camera turns around.
+        # `look_at` stays exact where it is the centre of the rotation.
         look_at = self.look_at if centre == self.look_at else turn(self.look_at)
         return replace(self, eye=turn(self.eye), look_at=look_at, up=as_vector(rotation @ np.asarray(self.up)))
 
     def size_for(self, width: int | None, height: int | None) -> tuple[int, int]:
-        """Return the size of a picture: what is given, and from the lens what is not.
+        """Return the size of a picture; missing sides follow from the lens.
 
         Raises
         ------
         SceneError
-            A side is missing and there is no lens, or the size has another shape than the lens.
+            A camera without a lens lacks a side, or the aspect ratio is not the lens's.
 
         Examples
         --------
@@ -321,7 +320,7 @@ class Camera:
 
 
 def find_window(camera: Camera, width: int, height: int) -> Window:
-    """Return the place of a camera's picture of this size in the plane at distance 1 from the eye."""
+    """Return the window of a picture of this size in the plane at distance 1 from the eye."""
     if camera.lens is not None:
         return window_of(camera.lens.resized(width, height))
     half_height = math.tan(math.radians(camera.fov) / 2)
@@ -332,41 +331,3 @@ def check_fov(fov: float) -> None:
     """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
     if not isinstance(fov, Real) or not 0 < fov < 180:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
-
-
-def is_vector(value: object) -> bool:
-    """Return whether a value is three finite numbers."""
-    try:
-        array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        return False
-    return array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
-
-
-def check_vector(name: str, value: object) -> None:
-    """Raise `SceneError` unless a value is three finite numbers."""
-    if not is_vector(value):
-        raise SceneError(f"{name} must be three finite numbers, not {value!r}")
-
-
-def make_axes(
-    forward: NDArray[np.float64], up: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
-    # Scaled first: the squares of a short or long vector need not be in float64.
-    longest = np.abs(forward).max()
-    if not longest > 0:
-        raise SceneError("the camera's eye and look_at are the same point")
-    forward = forward / longest
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
-    length = np.linalg.norm(right)
-    if not length > 1e-9:
-        raise SceneError("the camera's up is zero or parallel to its line of sight")
-    right = right / length
-    return right, np.cross(right, forward), forward
-
-
-def as_vector(values: NDArray[np.float64]) -> Vector:
-    """Return three numbers of Python's."""
-    return float(values[0]), float(values[1]), float(values[2])

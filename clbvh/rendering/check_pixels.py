@@ -15,7 +15,7 @@ _MOST_TESTS = 50_000_000
 
 
 def check_pixels(picture: Picture) -> Picture:
-    """Compare a sample of the pixels with the reference, and return the picture with their number.
+    """Compare a sample of the pixels with the reference; return the picture with the number of compared pixels.
 
     Raises
     ------

@@ -31,7 +31,7 @@ class FrameRenderer(ContextManager):
     tree : DeviceTree
         In the same session.
     tile : (int, int), optional
-        Columns and rows of a work-group; what suits the device without it.
+        Columns and rows of a work-group; by default those of the device's settings.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class FrameRenderer(ContextManager):
     Attributes
     ----------
     calls : RunningCalls
-        The pictures at work.
+        The pictures that are being rendered.
     """
 
     def __init__(self, session: DeviceSession, tree: DeviceTree, tile: tuple[int, int] | None = None) -> None:
@@ -63,7 +63,7 @@ class FrameRenderer(ContextManager):
         ----------
         view : (1,) `structs.VIEW`
         times : EventTimes, optional
-            Where the times of this picture's commands are noted, instead of the session's.
+            Collects the times of this picture's commands, instead of the session's.
 
         Returns
         -------
@@ -90,7 +90,7 @@ class FrameRenderer(ContextManager):
                     try:
                         self._render_bands(memory, view, band_rows, colours, hits)
                     except DeviceMemoryError:
-                        # Other programs use the device's memory, too, and so does what other pictures have left.
+                        # Other programs and idle buffers of earlier pictures take memory of the device, too.
                         if band_rows == 1:
                             raise
                         memory.release_buffers()

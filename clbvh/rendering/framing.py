@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, as_vector, check_fov, make_axes
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .pose import make_axes
+from .vectors import Vector, as_vector
 
 # The automatic view: from the front, a little from the right and from above, with a margin around the mesh.
 _AZIMUTH_DEGREES = 30.0
@@ -70,12 +72,11 @@ def frame_mesh(
     distance = bounds.eye_distance(view)
     local_eye = view.across @ bounds.centre - distance * view.forward
     local_target = local_eye + view.forward * (distance + (bounds.nearest + bounds.farthest) / 2)
-    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
-    return Camera(as_vector(eye_point), as_vector(look_at), up, fov)
+    return _make_camera(mesh, local_eye, local_target, up, fov)
 
 
 def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float = DEFAULT_FOV) -> Camera:
-    """Return a camera that sees all of a mesh while it orbits: around the middle of the mesh's box, and the axis `up`.
+    """Return a camera that sees all of a mesh while it orbits the axis `up` through the middle of the mesh's box.
 
     Parameters
     ----------
@@ -84,8 +85,8 @@ def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float
 
     Notes
     -----
-    As exact as `frame_mesh`: each point runs along a circle around the axis, and the bounds over a circle of radius r
-    at height h are linear in r and h.
+    As exact as `frame_mesh`: each point moves on a circle around the axis, and the bounds over a circle of radius r at
+    height h are linear in r and h.
     """
     check_fov(fov)
     view = _View.from_three_quarters(aspect, up, fov)
@@ -113,12 +114,19 @@ def frame_turn(mesh: Mesh, *, aspect: float, up: Vector = DEFAULT_UP, fov: float
     local_eye = view.across @ bounds.centre - distance * view.forward
     # Where the line of sight meets the axis.
     local_target = axis * (axis @ (local_eye - view.forward * (local_eye @ level) / level_depth))
-    eye_point, look_at = mesh.origin + local_eye / mesh.scale, mesh.origin + local_target / mesh.scale
-    return Camera(as_vector(eye_point), as_vector(look_at), up, fov)
+    return _make_camera(mesh, local_eye, local_target, up, fov)
+
+
+def _make_camera(
+    mesh: Mesh, local_eye: NDArray[np.float64], local_target: NDArray[np.float64], up: Vector, fov: float
+) -> Camera:
+    """Return the camera at a point in local coordinates that looks at another one."""
+    eye, look_at = (as_vector(mesh.origin + point / mesh.scale) for point in (local_eye, local_target))
+    return Camera(eye, look_at, up, fov)
 
 
 class _View(NamedTuple):
-    """A direction of sight, and the slopes of the picture's sides less a margin.
+    """A direction of view, and the slopes of the picture's sides, reduced by the margin.
 
     Attributes
     ----------
@@ -159,11 +167,11 @@ class _Bounds:
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """(2,) float64: where the line of sight is."""
+        """(2,) float64: the line of sight, to the right and upwards."""
         return (self.highest + self.lowest) / 2
 
     def eye_distance(self, view: _View) -> float:
-        """Return how far before depth 0 the eye is."""
+        """Return the distance from the eye to the plane of depth 0."""
         distance = float(((self.highest - self.lowest) / (2 * view.tangents)).max())
         size = max(self.farthest - self.nearest, float((self.highest - self.lowest).max()), _SMALLEST_DISTANCE)
         # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
@@ -171,7 +179,7 @@ class _Bounds:
 
 
 def _chunks(mesh: Mesh) -> Iterator[NDArray[np.float64]]:
-    """Yield the local vertices, some at a time."""
+    """Yield the local vertices in chunks."""
     for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
         yield mesh.local_vertices[begin : begin + _CHUNK_VERTICES].astype(np.float64)
 

@@ -41,7 +41,7 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     Raises
     ------
     ConfigError
-        Another suffix, or a file that cannot be written.
+        The path has another suffix, or the file cannot be written.
     """
     if not isinstance(path, str | os.PathLike) or not isinstance(os.fspath(path), str):
         raise ConfigError(f"the file of a picture is a path, not {path!r}")

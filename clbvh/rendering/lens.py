@@ -1,6 +1,6 @@
 """The intrinsics of a camera: where its pixels lie in the plane at distance 1 from the eye.
 
-Knows nothing of where the camera is; see `camera.py`.
+Must not know the position of the camera: that is `pose.py`.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
+from .matrices import read_matrix, show_matrix
 
-# What the coordinates of pixel centres end in: 0.5 if a pixel with the index j covers the columns j to j + 1, as in
+# The fraction in the coordinates of pixel centres: 0.5 if the pixel with index j covers the columns j to j + 1, as in
 # OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.
 PIXEL_CENTRES = {"half": 0.5, "integer": 0.0}
 
-# Bounds on focal lengths, in picture sizes, and on the distance of the principal point: a lens beyond has a field of
-# view that float32 cannot tell from 0 or from 180 degrees.
+# Largest focal length and largest offset of the principal point, in picture sizes; the inverse is the smallest focal
+# length. Beyond these, float32 cannot tell the field of view from 0 or from 180 degrees.
 _MOST = 1e9
 
-# A picture of another size has the lens's shape if one side is within this many pixels of the other side's share:
-# halves of odd sizes have.
+# Tolerance of the aspect ratio, in pixels of either side: half of an odd side is no whole number.
 _SHAPE_SLACK_PIXELS = 1.0
 
 
@@ -61,7 +61,7 @@ class Lens:
     Raises
     ------
     SceneError
-        A focal length is not above 0, or a value is beyond what a lens can have.
+        A focal length is not above 0, or a value is out of range.
 
     Examples
     --------
@@ -154,12 +154,12 @@ class Lens:
         return np.array([[self.fx, self.skew, self.cx - shift], [0.0, self.fy, self.cy - shift], [0.0, 0.0, 1.0]])
 
     def resized(self, width: int, height: int) -> Lens:
-        """Return the same lens for a picture of another size: it shows the same.
+        """Return the lens for a picture of another size that shows the same view.
 
         Raises
         ------
         SceneError
-            The other size has another shape.
+            The other size has another aspect ratio.
 
         Examples
         --------
@@ -176,7 +176,7 @@ class Lens:
         if min(off_width, off_height) > _SHAPE_SLACK_PIXELS:
             raise SceneError(
                 f"the camera's intrinsics are those of a picture of {self.width} x {self.height}, and {width} x "
-                f"{height} has another shape: give a size of the same shape, or make the camera for that size"
+                f"{height} has another aspect ratio: give a size of the same one, or make the camera for that size"
             )
         across, down = width / self.width, height / self.height
         return Lens(
@@ -184,12 +184,12 @@ class Lens:
         )
 
     def complete_size(self, width: int | None, height: int | None) -> tuple[int, int]:
-        """Return the size of a picture with the lens's shape, of which a side or both may be left out.
+        """Return the size of a picture; missing sides follow from the lens's size and aspect ratio.
 
         Raises
         ------
         SceneError
-            A side is no number of pixels, or the size has another shape.
+            A side is no number of pixels, or the size has another aspect ratio.
 
         Examples
         --------
@@ -230,33 +230,6 @@ def check_size(width: object, height: object) -> None:
     for name, side in (("width", width), ("height", height)):
         if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
             raise SceneError(f"the {name} of a camera's picture must be a whole number of pixels, not {side!r}")
-
-
-def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return a finite float64 matrix; raise `SceneError` with the name if it is none of this shape."""
-    try:
-        matrix = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        matrix = np.empty(0)
-    if matrix.shape != shape or matrix.dtype.kind not in "iuf":
-        raise SceneError(f"{name} must be {shape[0]} x {shape[1]} numbers, not {_describe(values)}")
-    matrix = matrix.astype(np.float64)
-    if not np.isfinite(matrix).all():
-        raise SceneError(f"{name} must be finite, not {show_matrix(matrix)}")
-    return matrix
-
-
-def show_matrix(matrix: NDArray[np.float64]) -> str:
-    """Return a small matrix on one line."""
-    return "[" + ", ".join("[" + ", ".join(f"{value:g}" for value in row) + "]" for row in matrix) + "]"
-
-
-def _describe(values: object) -> str:
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        return "rows of different lengths"
-    return f"{array.dtype} of shape {array.shape}" if array.ndim else repr(values)[:60]
 
 
 def _find_centre(pixel_centres: str) -> float:

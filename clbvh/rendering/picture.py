@@ -54,7 +54,8 @@ class Picture:
         device), layout (arrange the tree for the device), compile (functions and kernels, which are kept for the next
         run), load_code (those that were kept), upload, kernel, download (the device's own times), other (between these
         phases), and total: the wall time, the sum of all but pool_start. No other phase includes compile or load_code,
-        which are those of all threads. In a picture of a `Renderer`, the time of what `Renderer.timings` has is 0.
+        which are those of all threads. In a picture of a `Renderer`, the phases of its set-up are 0: see
+        `Renderer.timings`.
     tree_from_cache : bool
         Whether the tree came from the cache.
     notes : tuple of str
@@ -89,7 +90,7 @@ class Picture:
         Raises
         ------
         ConfigError
-            Another name, or a file that cannot be written.
+            The name has another suffix, or the file cannot be written.
 
         Examples
         --------
@@ -122,7 +123,7 @@ class Picture:
     def depth(self) -> NDArray[np.float64]:
         """(height, width) float64: the distance of each hit along the optical axis, infinite on a miss.
 
-        What depth cameras call z, where the t of `hits` is the distance from the eye; see `Camera.cosines`.
+        The z of depth cameras; the t of `hits` is the distance from the eye. See `Camera.cosines`.
         """
         height, width = self.found.shape
         return self.hits.t * self.camera.cosines(width, height)

@@ -1,4 +1,4 @@
-"""Poses: where a camera is and which way its axes point, as matrices in the conventions of other programs."""
+"""Poses: the position and the axes of a camera, and their matrices in the conventions of other programs."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from .lens import read_matrix, show_matrix
+from .matrices import read_matrix, show_matrix
 
 # The signs of right, up and forward in the first three columns of a pose.
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}
 
-# Most that an entry of R^T R may differ from the identity: poses in text files have four digits and more.
+# Largest difference of an entry of R^T R from the identity: poses in text files have four digits or more.
 _RIGID_SLACK = 1e-4
 
 _Vector = NDArray[np.float64]
@@ -25,7 +25,7 @@ def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Ve
     Raises
     ------
     SceneError
-        The matrix is not a rotation and a translation, or an unknown convention.
+        The matrix is not a rotation and a translation, or the convention is unknown.
     """
     signs = _find_signs(convention)
     pose = read_matrix("the camera's pose (camera_to_world)", camera_to_world, (4, 4))
@@ -58,6 +58,22 @@ def make_pose(right: _Vector, up: _Vector, forward: _Vector, eye: _Vector, conve
     pose[:3, :3] = np.stack((right, up, forward), axis=1) * _find_signs(convention)
     pose[:3, 3] = eye
     return pose + 0.0  # no negative zeros
+
+
+def make_axes(forward: _Vector, up: _Vector) -> tuple[_Vector, _Vector, _Vector]:
+    """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
+    # Scaled first: the squares of a short or long vector need not be in float64.
+    longest = np.abs(forward).max()
+    if not longest > 0:
+        raise SceneError("the camera's eye and look_at are the same point")
+    forward = forward / longest
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
+    length = np.linalg.norm(right)
+    if not length > 1e-9:
+        raise SceneError("the camera's up is zero or parallel to its line of sight")
+    right = right / length
+    return right, np.cross(right, forward), forward
 
 
 def rotate_about_axis(axis: _Vector, angle: float) -> NDArray[np.float64]:

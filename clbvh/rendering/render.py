@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from .as_scene import SceneLike
-from .camera import Camera, Vector
+from .camera import Camera
 from .picture import Picture
 from .render_options import RenderOptions
 from .renderer import Renderer
 from .scene import Light
+from .vectors import Vector
 
 __all__ = ["RenderOptions", "render"]
 
@@ -28,7 +29,7 @@ def render(
     background: Vector | tuple[Vector, Vector] | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
 ) -> Picture:
-    """Render one picture; for several of one scene, `Renderer` keeps what they share.
+    """Render one picture; a `Renderer` is faster for several pictures of one scene.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def render(
     SceneError, MeshError, ConfigError
         The input cannot be used.
     DeviceError, KernelBuildError, PoolError
-        The machine cannot do it.
+        A device, a driver or a worker process fails.
     ValidationError
         The tree or a pixel is wrong.
 

@@ -1,11 +1,11 @@
 """The public class for pictures: one scene and its tree on one device, and any number of pictures of it.
 
-Owns the order of the steps from a scene to a picture, and their timings; each step is another file's.
+Owns the order of the steps from a scene to a picture; each step has a file of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from numbers import Integral
 
@@ -22,31 +22,30 @@ from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..support.context_manager import ContextManager
-from ..support.stopwatch import Stopwatch, add_total
+from ..support.stopwatch import Stopwatch
 from ..trace.device_tree import BRUTE, DeviceTree
 from .as_scene import SceneLike, as_scene
-from .camera import Camera, Vector
+from .camera import Camera
 from .check_pixels import check_pixels
 from .frame import FrameRenderer
 from .framing import frame_turn
 from .picture import Picture
 from .render_options import RenderOptions
 from .scene import Light, Scene
+from .timings import list_picture_ms, list_setup_ms
+from .vectors import Vector
 from .view import make_view
 
 # Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
 BRUTE_LIMIT = 100_000
 
-# Runs alongside other phases.
-_OVERLAPPING = ("pool_start",)
-
 
 class Renderer(ContextManager):
     """Renders pictures of one scene on one device; a context manager.
 
-    The mesh, its tree and the kernels are made once: a picture costs its kernel and the way back from the device. Any
-    number of threads may use one renderer. A child that was forked cannot: its pictures raise `DeviceError`, and
-    closing the renderer there changes nothing.
+    The mesh, its tree and the kernels are made once; each picture then costs its kernel and the transfer from the
+    device. Any number of threads may use one renderer. A child that was forked cannot: its pictures raise
+    `DeviceError`, and closing the renderer there changes nothing.
 
     Parameters
     ----------
@@ -62,18 +61,18 @@ class Renderer(ContextManager):
     SceneError, MeshError, ConfigError
         The input cannot be used.
     DeviceError, KernelBuildError, PoolError
-        The machine cannot do it.
+        A device, a driver or a worker process fails.
     ValidationError
         The tree is wrong.
 
     Attributes
     ----------
     scene : Scene
-        What a picture shows unless it is asked for something else.
+        The arguments of `Renderer.render` replace parts of it for one picture.
     mesh : Mesh
         In the scene's coordinates.
     bvh : Bvh or None
-        None without a tree.
+        None with the builder ``"brute"``.
     timings : dict of str to float
         Milliseconds from the scene to the tree on the device, as in `Picture.timings`.
 
@@ -135,7 +134,7 @@ class Renderer(ContextManager):
             upload_ms = session.times.sums_ms()["upload"]
             self._frames = FrameRenderer(session, tree)
             watch.lap("compile")
-            self.timings = _list_set_up(watch, made, upload_ms)
+            self.timings = list_setup_ms(watch, made, upload_ms)
 
             if options.validate and self.bvh is not None:
                 on_phase("validate")
@@ -159,14 +158,14 @@ class Renderer(ContextManager):
         background: Vector | tuple[Vector, Vector] | None = None,
         on_phase: Callable[[str], None] = lambda phase: None,
     ) -> Picture:
-        """Render a picture; what is not given is the scene's.
+        """Render a picture; arguments that are None keep the values of the scene.
 
         Parameters
         ----------
         camera : Camera, optional
             By default the scene's, which sees the whole mesh unless the scene has an eye.
         width, height : int, pixels
-            A camera with a lens brings its own.
+            By default the lens's, or the scene's for a camera without a lens.
         shading : str
             ``"lambert"``, ``"lambert+shadow"``, ``"normal"`` or ``"depth"``.
         light : Light, or (3,) float
@@ -186,7 +185,7 @@ class Renderer(ContextManager):
         Raises
         ------
         SceneError
-            A value is out of range, or the size has another shape than the camera's lens.
+            A value is out of range, or the aspect ratio is not that of the camera's lens.
         QueryError
             The renderer is closed.
         DeviceError
@@ -230,7 +229,7 @@ class Renderer(ContextManager):
             device=self.device,
             layout=self.layout,
             workers=made.workers if made is not None else int(self.bvh is None),
-            timings=_list_picture(self.timings, times, watch),
+            timings=list_picture_ms(self.timings, times, watch),
             tree_from_cache=made is not None and made.from_cache,
             notes=() if made is None else made.notes,
         )
@@ -254,7 +253,7 @@ class Renderer(ContextManager):
         count : int
             Cameras, at equal angles; the last one is one step before the first.
         width, height : int, pixels
-            Of the pictures; by default the scene's.
+            Size of the pictures; by default the scene's.
         up : (3,) float
             The axis of the turn, through the middle of the mesh's box; by default the scene's `up`.
 
@@ -284,7 +283,7 @@ class Renderer(ContextManager):
 
     @property
     def layout(self) -> str:
-        """The layout that the tree has on the device."""
+        """The layout of the tree on the device."""
         return self._tree.layout
 
     @property
@@ -316,35 +315,11 @@ class Renderer(ContextManager):
         return f"Renderer({self.mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
     def _find_camera(self, scene: Scene) -> Camera:
-        """Return the camera of a scene of this mesh: the last one is kept, since framing looks at all vertices."""
+        """Return the camera of a scene; the last one is kept, because framing reads all vertices."""
         framed_scene, camera = self._framed
         if _framing_of(scene) != _framing_of(framed_scene):
             self._framed = framed_scene, camera = _frame(scene, self.mesh)
         return camera
-
-
-def _list_set_up(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> dict[str, float]:
-    """Return the timings of a `Renderer`."""
-    code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
-    phases_ms = {
-        "load": laps_ms["load"],
-        **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
-        "open": laps_ms["open"],
-        # The tree is uploaded as it is arranged; the upload has a row of its own.
-        "layout": max(laps_ms["layout"] - upload_ms, 0.0),
-        **code_ms,
-        "upload": upload_ms,
-        "kernel": 0.0,
-        "download": 0.0,
-    }
-    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
-
-
-def _list_picture(set_up_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
-    """Return the timings of a `Picture`: the phases of a set-up, which it did not need, and its own."""
-    own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
-    phases_ms = {phase: own_ms.get(phase, 0.0) for phase in set_up_ms if phase not in ("other", "total")}
-    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
 
 
 def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -360,5 +335,5 @@ def _frame(scene: Scene, mesh: Mesh) -> tuple[Scene, Camera]:
 
 
 def _framing_of(scene: Scene) -> tuple[object, ...]:
-    """Return what the camera of a scene depends on, beside the mesh."""
+    """Return the values of a scene that its camera depends on, beside the mesh."""
     return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.fov

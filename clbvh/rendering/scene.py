@@ -22,8 +22,9 @@ from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, Vector, check_fov, check_vector, is_vector
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .framing import frame_mesh
+from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -232,7 +233,7 @@ class Scene:
     Attributes
     ----------
     mesh : MeshSource
-        Made from a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)`` where one of these is given.
+        Or a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)``, which becomes a `MeshSource`.
     transform : Transform
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh is visible.
@@ -327,7 +328,7 @@ class Scene:
 
 
 def _make_source(mesh: MeshLike) -> MeshSource:
-    """Return the source of a mesh that is given itself; a file is read later."""
+    """Return the source of a mesh; a file is read later."""
     if isinstance(mesh, str | os.PathLike):
         return MeshSource(path=os.fspath(mesh))
     return MeshSource(mesh=as_mesh(mesh))

@@ -11,8 +11,8 @@ from typing import Any
 from ..errors import ConfigError, SceneError
 from ..support.regular_file import read_regular
 from ..support.resources import find_folder
-from .camera import Vector
 from .scene import Light, MeshSource, Scene, Transform
+from .vectors import Vector
 
 SCENE_SUFFIX = ".toml"
 

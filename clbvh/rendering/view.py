@@ -13,7 +13,7 @@ from ..structs import SHADINGS, VIEW
 from .camera import Camera, find_window
 from .scene import Scene
 
-# Sizes of the mesh from it to the eye: well within float32.
+# Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
 
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
@@ -33,7 +33,7 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     Raises
     ------
     SceneError
-        The eye is farther away than float32 can say, or the camera has a lens for a picture of another shape.
+        The eye is too far away for float32, or the aspect ratio is not that of the camera's lens.
     """
     view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
@@ -44,7 +44,7 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
 
     view["to_light"] = _light_direction(scene, right, up, forward)
     view["light_colour"] = scene.light.colour
-    # A camera with a lens knows the picture's up and not the world's.
+    # The `up` of a camera with a lens is the picture's, not the world's.
     to_sky = np.asarray(camera.up if camera.lens is None else scene.up)
     view["to_sky"] = to_sky / np.linalg.norm(to_sky)
     view["sky_colour"] = scene.light.sky
@@ -81,7 +81,7 @@ def _span_picture(
         # The order of these products determines the last bits of pictures.
         return forward, right * half_height * width / height, up * half_height
     window = find_window(camera, width, height)
-    # What one unit upwards is: with skew also to the side.
+    # One unit upwards, which skew also moves to the side.
     upwards = up + window.shear * right
     middle = forward + window.centre_x * right + window.centre_y * upwards
     return middle, window.half_width * right, window.half_height * upwards

@@ -1,8 +1,8 @@
 """The time that this process spends on getting machine code: compiling it, or loading it from a cache.
 
-Functions of the host and kernels of a device count alike, in all threads. Time counts once, however many threads get
-code at once, and however deep one compilation contains others; so a `Stopwatch` can take it out of the phase in which
-it happened. Must not know who compiles, nor who shows the times.
+Host functions and device kernels count alike, in all threads. Overlapping intervals, nested or of several threads,
+count once, so a `Stopwatch` can subtract the time from the phase in which it was spent. Must not know who compiles, nor
+who shows the times.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class CodeTimes(NamedTuple):
 
 
 class _Clock:
-    """What the threads are doing now, and the sums; all under one lock."""
+    """The open intervals of all threads, and the sums; all under one lock."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -56,7 +56,7 @@ class _Clock:
         self.compiled_count = self.loaded_count = 0
 
     def advance(self) -> None:
-        """Add the time since the last change to what has been going on."""
+        """Add the time since the last change to the sum of the open intervals."""
         now_s = time.perf_counter()
         if self.compiling:
             self.compile_s += now_s - self.last_s
@@ -79,15 +79,15 @@ def read_code_times() -> CodeTimes:
 
 
 def on_first_compilation(listener: Callable[[], None] | None) -> None:
-    """Call a function when the next compilation begins, once, from any thread; it replaces the one before.
+    """Register a function that is called once, from any thread, when the next compilation begins.
 
-    None calls nothing.
+    It replaces the previous one; None removes it.
     """
     _listeners[:] = [] if listener is None else [listener]
 
 
 def announce_compilation() -> None:
-    """Call the function that waits for a compilation."""
+    """Call the registered function, if there is one."""
     try:
         listener = _listeners.pop()
     except IndexError:
@@ -123,14 +123,14 @@ class CompilingCode:
 
 
 class LoadingCode:
-    """A `with` block in which one thing is loaded, or found missing, or it is only known later that it was compiled.
+    """A `with` block in which one thing is loaded or found missing; or compiled, if that is known only afterwards.
 
     Attributes
     ----------
     is_loaded, is_compiled : bool
-        The outcome, to be set inside the block. What is compiled there by other means counts for itself.
+        The outcome, to be set inside the block. A `CompilingCode` inside the block counts for itself.
     apart_ms : float
-        Time inside the block that was for something else, to be set as well.
+        Time inside the block that does not count, to be set inside the block.
     """
 
     def __init__(self) -> None:
@@ -150,7 +150,7 @@ class LoadingCode:
         with _clock.lock:
             _clock.advance()
             _clock.loading -= 1
-            # No more than what has been added since: another thread may have compiled meanwhile.
+            # At most the time that was added inside the block: none while another thread compiled.
             _clock.load_s -= min(self.apart_ms / _MS_PER_S, _clock.load_s - self._load_s)
             if self.is_compiled:
                 _clock.compile_s += _clock.load_s - self._load_s
@@ -160,7 +160,7 @@ class LoadingCode:
 
 
 def _forget() -> None:
-    """Go on in a forked child, which has none of the threads that may have held the lock."""
+    """Reset the lock and the open intervals in a forked child, which has none of the other threads."""
     _clock.lock = threading.Lock()
     _clock.compiling = _clock.loading = 0
 

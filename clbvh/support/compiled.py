@@ -44,7 +44,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 # Functions of all modules by their identity, in the order of import.
 _dispatchers: dict[int, Any] = {}
 
-# Rooms without compiled functions; an edit of them keeps the machine code. A test holds them to it.
+# Rooms without compiled functions, which a test checks; after edits of them the machine code is still valid.
 INTERPRETED_ROOMS = ("cli", "device", "integrations", "rendering", "study", "warmup")
 
 _DIGITS = 16
@@ -87,10 +87,10 @@ def list_compiled() -> list[Any]:
 
 
 def _find_general_version(find: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    """Let all calls of a compiled function from others share one version for each list of types.
+    """Make all calls from other compiled functions share one version for each list of types.
 
-    numba would compile another one for each number that is written out in a call, such as ``f(x, 3)``. LLVM knows the
-    number where it puts the function in line.
+    numba would compile another version for each literal number in a call, such as ``f(x, 3)``. LLVM still knows the
+    number where it inlines the function.
     """
     return find(
         tuple(types.unliteral(argument) for argument in arguments),
@@ -99,7 +99,7 @@ def _find_general_version(find: Callable[..., Any], arguments: tuple[Any, ...], 
 
 
 class _CompilationListener(event.Listener):
-    """Passes on when a function of this package is compiled, with all that it needs."""
+    """Times each compilation of a function of this package, including the functions that it calls."""
 
     def on_start(self, event: Any) -> None:
         if _is_ours(event):

@@ -1,4 +1,4 @@
-"""The version of the installed package; read from its metadata when first asked for, which takes milliseconds."""
+"""The version of the installed package, from its metadata; reading that takes milliseconds, so it is read once."""
 
 from importlib.metadata import PackageNotFoundError, version
 

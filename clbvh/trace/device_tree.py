@@ -91,7 +91,7 @@ class DeviceTree:
         self.memory_bytes = self.buffers.byte_count
 
     def moved(self, mesh: Mesh, buffers: TreeBuffers, sah_growth: float) -> Self:
-        """Return the tree around a mesh of the same faces, which buffers hold already; this one stays as it is."""
+        """Return the tree over a moved mesh, whose arrays `buffers` already hold; this tree does not change."""
         moved = copy(self)
         moved.mesh, moved.buffers, moved.sah_growth = mesh, buffers, sah_growth
         moved.arguments = self.arguments | buffers.arguments

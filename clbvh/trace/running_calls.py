@@ -78,7 +78,7 @@ class RunningCalls:
     tree_session : DeviceSession
         Closed with the calls.
     owner : str
-        What a user closes, for messages.
+        Name of the object that the user closes, for messages.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""The public class for ray and point queries: what each takes and returns.
+"""The public class for ray and point queries: their arguments, results and errors.
 
-The queries themselves stand in `hits/` and `points/`.
+The queries themselves are in `hits/` and `points/`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Tracer(ContextManager):
     source : Bvh, or Mesh, trimesh.Trimesh, str, path or (vertices, faces)
         A tree; or a mesh, whose tree is built in this process as `clbvh.build` does. A path names a mesh file.
     device : DeviceInfo, str, int or None
-        The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; without it a GPU, if there is one.
+        The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one.
     layout : str
         ``"auto"``, ``"bvh2"``, ``"bvh4"`` or ``"bvh8"``.
 
@@ -77,7 +77,7 @@ class Tracer(ContextManager):
         except BaseException:
             session.close()
             raise
-        # Queries take it once: an update replaces it.
+        # Each query reads it once, because an update replaces it.
         self._caster = Caster(session, tree, TreeBox.around(bvh))
         self._copies = TreeCopies(self._caster)
 
@@ -144,9 +144,9 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
-        """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; it costs less on the host.
+        """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; with less work on the host.
 
-        Takes and raises the same as `closest_hit`.
+        Parameters and errors are those of `closest_hit`.
 
         Examples
         --------
@@ -169,7 +169,7 @@ class Tracer(ContextManager):
     ) -> NDArray[np.bool_]:
         """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
 
-        Takes and raises the same as `closest_hit`.
+        Parameters and errors are those of `closest_hit`.
 
         Examples
         --------
@@ -198,7 +198,7 @@ class Tracer(ContextManager):
     ) -> NDArray[np.int32]:
         """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
 
-        Takes and raises the same as `closest_hit`, and stops counting at `max_hits`, at least 1.
+        Parameters and errors are those of `closest_hit`; counting stops at `max_hits`, at least 1.
 
         Examples
         --------
@@ -225,8 +225,8 @@ class Tracer(ContextManager):
     ) -> AllHits:
         """Return every crossing of each ray, in the order along it; a shared edge or vertex is one crossing.
 
-        Takes and raises the same as `closest_hit`; rays are numbered in C order. With `max_hits`, at least 1, each
-        ray's nearest ones; `with_locations` finds the locations along with them, which is faster than later.
+        Parameters and errors are those of `closest_hit`; rays are numbered in C order. `max_hits`, at least 1, keeps
+        the nearest crossings of each ray; `with_locations` computes the locations at once, which is faster than later.
 
         Notes
         -----
@@ -263,7 +263,7 @@ class Tracer(ContextManager):
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
         """Return the crossings that `all_hits` finds: the first ones of all rays, then the second ones, and so on.
 
-        Takes and raises the same as `all_hits`.
+        Parameters and errors are those of `all_hits`.
 
         Returns
         -------
@@ -334,7 +334,7 @@ class Tracer(ContextManager):
 
         A point is inside if a ray from it crosses the surface an odd number of times. So the orientation of triangles
         does not matter, and a point inside two nested shells is outside. On the surface, as far as float32 can tell,
-        the answer is either. Takes and raises the same as `closest_point`.
+        the answer is either. Parameters and errors are those of `closest_point`.
 
         Warns
         -----
@@ -355,8 +355,8 @@ class Tracer(ContextManager):
     def signed_distance(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.float64]:
         """Return (...,) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
 
-        The distance is that of `closest_point`, the sign that of `contains`, which also warns. Takes and raises the
-        same as `closest_point`.
+        The distance is that of `closest_point`, the sign that of `contains`, as is the warning. Parameters and errors
+        are those of `closest_point`.
 
         Examples
         --------
@@ -372,10 +372,10 @@ class Tracer(ContextManager):
         return np.where(find_inside(caster, read), distance, -distance)
 
     def update(self, vertices: ArrayLike) -> None:
-        """Let the vertices of the mesh move: the tree is refitted and uploaded, buffers and kernels are kept.
+        """Move the vertices of the mesh: the tree is refitted and uploaded; buffers and kernels are kept.
 
-        Queries that begin later find the same hits as with a new tracer over the moved mesh; `sah_growth` tells when
-        a new one would be faster.
+        Later queries find the same hits as with a new tracer over the moved mesh; `sah_growth` tells when a new tracer
+        would be faster.
 
         Parameters
         ----------
@@ -393,13 +393,13 @@ class Tracer(ContextManager):
 
         Notes
         -----
-        After an error or Ctrl-C everything is as it was before the update, or as it is after it.
+        After an error or Ctrl-C the tracer is as before the update, or as after it.
 
         Updates wait for each other, but not for queries of other threads: a query that is running ends on the mesh
         that it began with. Results refer to the mesh that was hit (`Hits.mesh`) and keep their locations.
 
-        A tree that is updated is on the device twice; more often while queries of other threads still use older
-        meshes. The host keeps about 15 bytes per triangle for `bvh8`, 24 for `bvh4` and 61 for `bvh2`. The tree that
+        A tree that is updated is on the device twice, and once more for each older mesh that queries of other threads
+        still use. The host keeps about 15 bytes per triangle for `bvh8`, 24 for `bvh4` and 61 for `bvh2`. The tree that
         the tracer was made of does not change.
 
         Examples
@@ -424,9 +424,9 @@ class Tracer(ContextManager):
     def sah_growth(self) -> float:
         """The SAH cost of the tree now, divided by its cost when the tracer was opened.
 
-        1 until the first `update`. Rays take longer by less than this factor, and part of it a new tree would have as
-        well: larger triangles cost more in any tree. From about 2 on it is worth trying a new tracer. Moving or scaling
-        the whole mesh changes nothing.
+        1 until the first `update`; moving or scaling the whole mesh does not change it. Rays slow down by less than
+        this factor, and a new tree would share part of it: larger triangles cost more in any tree. From about 2 on, a
+        new tracer may be faster.
         """
         return self._caster.tree.sah_growth
 
@@ -442,7 +442,7 @@ class Tracer(ContextManager):
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory that the tree and the triangles take; `update` doubles it once."""
+        """Device memory that the tree and the triangles take; the first `update` doubles it."""
         return self._copies.memory_bytes
 
     @property
@@ -471,7 +471,7 @@ class Tracer(ContextManager):
         self._caster.close()
 
     def _warn_if_open(self, query: str, mesh: Mesh) -> None:
-        """Say once that the mesh has no inside; called by the public method `query`."""
+        """Warn once that the mesh has no inside, on behalf of the public method `query`."""
         if self._has_warned or mesh.is_watertight:
             return
         self._has_warned = True

@@ -40,7 +40,7 @@ class TreeBuffers:
         self.byte_count = sum(array.nbytes for array in by_name.values())
 
     def twin(self) -> TreeBuffers:
-        """Return buffers of the same sizes, which hold nothing yet.
+        """Return buffers of the same sizes, with undefined content.
 
         Raises
         ------
@@ -59,14 +59,14 @@ class TreeBuffers:
 
     @contextmanager
     def mapped(self, session: DeviceSession, *, write: bool) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
-        """Give nodes and blocks as arrays; there is at least one of each.
+        """Map nodes and blocks into the host's memory as arrays; neither may be empty.
 
         Parameters
         ----------
         session : DeviceSession
             The one that owns the buffers, or a branch of it.
         write : bool
-            True: all of both arrays is to be filled. False: they may only be read.
+            True: the caller fills both arrays completely. False: the caller only reads them.
         """
         nodes, blocks = (session.mapped(self.arguments[name], *self._shapes[name], write=write) for name in _NAMES)
         with nodes as node_array, blocks as block_array:

@@ -88,7 +88,7 @@ class TreeCopies:
         return moved
 
     def _take_free(self, caster: Caster) -> _Copy:
-        """Return a copy that no query uses, new if there is none, and give back all others of that kind."""
+        """Return a copy that no query uses, a new one if there is none; release any other unused copies."""
         free = [held for held in self._copies if held.is_free]
         if not free:
             free = [_Copy(caster.tree.buffers.twin())]

@@ -1,40 +1,44 @@
-"""Work on a device that needs every kernel, and every function of the host that queries and pictures call."""
+"""Work on a device that needs every kernel, and every host function of queries, pictures and the engine for trimesh."""
 
 from __future__ import annotations
 
 import numpy as np
+import trimesh
 from numpy.typing import DTypeLike, NDArray
 
 from ..builders.registry import DEFAULT_BUILDER
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..integrations.trimesh import ProximityQuery, RayMeshIntersector, max_tangent_sphere, thickness
 from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
 from ..trace import Tracer
-from .host_work import TRIANGLES
+from .host_work import TRIANGLES, make_mesh
 
 # Beyond this a driver may compile a kernel once more, and batches in no order are sorted.
 _MANY = 70_000
+
+# Of a square picture with more rays than that.
+_SIDE = 270
 
 _PICTURE = (24, 32)
 _SEED = 7
 
 
-def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, writable: bool = True) -> None:
-    """Ask a tracer for everything, with arrays of one kind: few rays, a picture's, many in no order, and points."""
+def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> None:
+    """Run every query with arrays of one dtype: few rays, a picture's rays, many unordered rays, and points."""
     random = np.random.default_rng(_SEED)
     centre, size = bvh.mesh.origin, np.ptp(bvh.mesh.vertices, axis=0).max()
 
     def make(*shape: int) -> NDArray[np.floating]:
-        values = (centre + size * (random.random((*shape, 3)) - 0.5)).astype(dtype)
-        values.flags.writeable = writable
-        return values
+        return (centre + size * (random.random((*shape, 3)) - 0.5)).astype(dtype)
 
     with Tracer(bvh, device=device, layout=layout) as tracer:
         for shape in ((3,), _PICTURE, (_MANY,)):
             origins, directions = make(*shape), make(*shape)
             hits = tracer.closest_hit(origins, directions)
             hits.locations, hits.normals  # noqa: B018 - computed when they are asked for
+            hits.offset_origins(), hits.offset_origins(towards=directions)
             tracer.closest_prim(origins, directions)
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
@@ -46,17 +50,31 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
             tracer.closest_point(points)
             tracer.contains(points)
             tracer.signed_distance(points)
-        # From one point, and in one direction. Enough rays for a picture's are searched for its rows, in order and in
-        # none.
-        for shape in ((3,), _PICTURE, (_MANY,)):
-            mixed = make(*shape)
-            for values in (mixed, np.sort(mixed, axis=0)):
-                same = np.broadcast_to(values.reshape(-1, 3)[0], values.shape)
-                for origins, directions in ((same, values), (values, same)):
-                    tracer.closest_hit(origins, directions)
-                    tracer.any_hit(origins, directions)
-        limits = np.zeros(3), np.full(3, size)
-        tracer.closest_hit(make(3), make(3), t_min=limits[0], t_max=limits[1])
+        # Many rays in order are searched for the rows of a picture.
+        towards = np.stack(np.meshgrid(1.0, *[np.linspace(-0.5, 0.5, _SIDE)] * 2, indexing="ij"), axis=-1)
+        rows = towards.reshape(-1, 3).astype(dtype)
+        for query in (tracer.closest_hit, tracer.any_hit, tracer.count_hits, tracer.all_hits):
+            query(make(), rows, t_min=np.zeros(len(rows)), t_max=np.full(len(rows), size))
+        tracer.update(bvh.mesh.vertices)
+        tracer.closest_hit(make(), make())
+
+
+def use_trimesh(device: DeviceInfo) -> None:
+    """Run the queries of the engine for trimesh: rays, and proximity with all that it depends on."""
+    mesh = make_mesh()
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    rays = RayMeshIntersector(other, device=device)
+    origins, directions = np.zeros((3, 3)), np.eye(3)
+    rays.intersects_location(origins, directions)
+    rays.intersects_first(origins, directions)
+    proximity = ProximityQuery(other, device=device)
+    proximity.signed_distance(origins)
+    proximity.vertex(origins)
+    other.vertices += 1.0
+    proximity.vertex(origins)
+    rays.intersects_location(origins, directions)
+    max_tangent_sphere(other, other.triangles_center[:3])
+    thickness(other, other.triangles_center[:3])
 
 
 def draw(device: DeviceInfo, layout: str, *, validate: bool = False, builder: str = DEFAULT_BUILDER) -> None:

@@ -43,7 +43,7 @@ def make_mesh() -> Mesh:
 
 
 def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
-    """Return names and functions; `quick` leaves out what only studies need: the report's builders, and references."""
+    """Return names and work; `quick` leaves out the report's builders and the cost of rays, which only studies need."""
     mesh = make_mesh()
     work: list[tuple[str, Callable[[], object]]] = [
         ("mesh files", _load_files),
@@ -60,7 +60,7 @@ def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
 
 
 def _build_all(mesh: Mesh, quality: str) -> None:
-    """Build as one task, and with a top and several tasks; and a tree of a single node."""
+    """Build a tree as one task, one with a top and several tasks, and one of a single node."""
     build(mesh, quality=quality)
     build(mesh, quality=quality, task_threshold=_THRESHOLD)
     build(_make_triangle(), quality=quality)

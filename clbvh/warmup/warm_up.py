@@ -1,7 +1,6 @@
-"""The order of a warm-up, and what each step of it compiled.
+"""Runs the steps of a warm-up, and counts the functions and kernels that each of them compiles.
 
-Owns no list of functions: a step does work that needs them, so that they are compiled for the types that they are
-called with.
+There is no list of functions: each step does real work, so functions are compiled for the types of real calls.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from ..device.settings import find_settings
 from ..structs import LAYOUT_WIDTHS
 from ..support.stopwatch import Stopwatch
 from ..trace.device_tree import BRUTE
-from .device_work import cast_all, draw
+from .device_work import cast_all, draw, use_trimesh
 from .host_work import list_host_work, make_mesh
 
 HOST = "host"
@@ -37,8 +36,9 @@ class WarmStep:
     where : str
         ``"host"``, or the name of a device.
     what : str
+        Name of the work.
     compiled, loaded : int
-        Functions and kernels that were compiled, and that had been before.
+        Functions and kernels that the step compiled, and that it found in a cache.
     compile_ms, total_ms : float
         Time for compiling, and wall time.
     """
@@ -52,14 +52,14 @@ class WarmStep:
 
 
 def warm_up(devices: Sequence[DeviceInfo], *, quick: bool = False) -> Iterator[WarmStep]:
-    """Compile what is not compiled yet, step by step.
+    """Compile everything that is not compiled yet, step by step.
 
     Parameters
     ----------
     devices : sequence of DeviceInfo
     quick : bool
-        Only what most programs need: without the report's builders, the reference of `--validate`, and the layouts
-        that are not the device's own.
+        Leave out the report's builders, the reference of `--validate`, and all layouts but the device's own, which few
+        programs need.
 
     Yields
     ------
@@ -69,7 +69,7 @@ def warm_up(devices: Sequence[DeviceInfo], *, quick: bool = False) -> Iterator[W
     Raises
     ------
     DeviceError, KernelBuildError
-        A device cannot do it.
+        A device or its driver fails.
     """
     for what, work in list_host_work(quick=quick):
         yield _measure(HOST, what, work)
@@ -86,7 +86,7 @@ def _measure(where: str, what: str, work: Callable[[], object]) -> WarmStep:
 
 
 def _list_device_work(device: DeviceInfo, *, is_first: bool, quick: bool) -> Iterator[Work]:
-    """Yield names and functions; the functions of the host are the same for all devices, so the first one's will do."""
+    """Yield names and work; work for host functions only with the first device, because all devices share them."""
     own = find_settings(device).layout
     layouts = (own,) if quick else (own, *(layout for layout in LAYOUT_WIDTHS if layout != own))
     for layout in layouts:
@@ -94,17 +94,15 @@ def _list_device_work(device: DeviceInfo, *, is_first: bool, quick: bool) -> Ite
         yield f"queries, {layout}", partial(_cast, device, layout, np.float64)
     if is_first:
         yield "queries, float32", partial(_cast, device, own, np.float32)
+        yield "queries of trimesh", partial(use_trimesh, device)
     if quick:
         return
-    if is_first:
-        for dtype in (np.float32, np.float64):
-            yield f"queries, {np.dtype(dtype)}, read-only", partial(_cast, device, own, dtype, writable=False)
     yield "validation", partial(draw, device, own, validate=True)
     yield "pictures without a tree", partial(draw, device, own, builder=BRUTE)
 
 
-def _cast(device: DeviceInfo, layout: str, dtype: DTypeLike, *, writable: bool = True) -> None:
-    cast_all(_tree(), device, layout, dtype, writable=writable)
+def _cast(device: DeviceInfo, layout: str, dtype: DTypeLike) -> None:
+    cast_all(_tree(), device, layout, dtype)
 
 
 @cache

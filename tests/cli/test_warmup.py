@@ -1,4 +1,8 @@
-"""`clbvh warmup`: after it, no command and no code of the README compiles anything."""
+"""`clbvh warmup`: after it, no command, no page's code and no example compiles anything.
+
+The functions that are compiled here are those of the suite, in one folder: a warm-up loads what others have compiled,
+and leaves the rest to them. So a test compares lists of versions, not times.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,32 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 
+from clbvh.cli.warmup import _print_report
 from clbvh.device.select import list_devices
+from clbvh.warmup.warm_up import WarmStep
 
+from ..docs.snippets import PAGES, join_python
+from ..docs.test_pages import MESHES
 from .command import make_environment, refuses, run_clbvh
 
 ROOT = Path(__file__).parents[2]
 
 # Seconds; everything may have to be compiled, beside other tests.
 PATIENCE_S = 1500
+
+# The examples and their arguments: no larger than needed, and large enough for batches that are sorted.
+EXAMPLES = {
+    "ambient_occlusion": ["bunny.ply", "--rays", "4"],
+    "camera_images": ["--width", "160"],
+    "depth_map": ["bunny.ply"],
+    "distance_grid": ["bunny.ply", "--cells", "48"],
+    "inside_test": ["bunny.ply"],
+    "lidar_scan": ["bunny.ply", "--steps", "100"],
+    "sky_view": ["bunny.ply", "--width", "60", "--rays", "32"],
+    "turntable": ["bunny.ply", "--frames", "2", "--sheet", "sheet.png"],
+}
 
 SCENE = '[mesh]\nshape = "knot"\ntriangles = 5000\n[image]\nwidth = 64\nheight = 40\n'
 
@@ -54,11 +75,9 @@ def session_of_module():
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the files that the README names."""
-    text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-    text += "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
-    text += "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
-    (tmp_path / "bunny.ply").write_text(text)
+    """A folder with the files that the pages name."""
+    for name in MESHES:
+        trimesh.creation.icosphere(2, 0.1).apply_translation((0, 0.1, 0)).export(tmp_path / name, encoding="ascii")
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "knot.toml").write_text(SCENE)
     return tmp_path
@@ -72,11 +91,21 @@ def check(warmed, folder, tasks):
 
 
 def test_a_second_warmup_has_nothing_to_do(warmed, folder):
-    code, output = run_spied(folder, [["warmup"], ["warmup", "--json", "--quick"]])
-    table, _, report = output.partition("{")
+    code, output = run_spied(folder, [["warmup", "--json"]])
     assert code["compiled"] == []
-    assert re.search(r"compiled +nothing: all is there", table)
-    assert json.loads("{" + report)["compiled"] == 0
+    # Kernels that are loaded slowly, as some are on a busy machine, count as compiled.
+    assert json.loads(output)["compile_ms"] < 0.1 * warmed[1]["compile_ms"]
+
+
+@pytest.mark.parametrize(("compiled", "said"), [(0, "nothing: all is there"), (1200, "1,200 functions and kernels in")])
+def test_the_table_says_what_was_compiled(compiled, said, capsys):
+    report = {"compiled": compiled, "compile_ms": 2500.0, "total_ms": 4000.0}
+    _print_report(report, [WarmStep("host", "layouts", compiled, 7, 2500.0, 4000.0)])
+    assert re.search(rf"compiled +{said}", capsys.readouterr().out)
+
+
+def test_a_quick_warmup_is_part_of_the_whole_one(warmed, folder):
+    check(warmed, folder, [["warmup", "--quick"]])
 
 
 def test_the_report_lists_steps_and_adds_up(warmed):
@@ -109,16 +138,29 @@ def test_no_command_compiles_after_it(warmed, folder):
     check(warmed, folder, tasks)
 
 
-def test_no_code_of_the_readme_compiles_after_it(warmed, folder):
-    snippets = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert len(snippets) >= 3
-    check(warmed, folder, ["\n".join(snippets).replace("workers=8", "workers=2")])
+def test_no_code_of_the_pages_compiles_after_it(warmed, folder):
+    programs = {page.stem: join_python(page).replace("workers=8", "workers=2") for page in PAGES}
+    assert {"README", "tracing", "cameras", "trimesh", "coming-from"} <= {name for name in programs if programs[name]}
+    check(warmed, folder, [program for program in programs.values() if program])
+
+
+def test_meshes_that_move_compile_nothing_after_it(warmed, folder):
+    code = (
+        "import clbvh\n"
+        "mesh = clbvh.make_shape('icosphere', triangles=1000)\n"
+        "for layout in ('bvh2', 'bvh4', 'bvh8'):\n"
+        "    with clbvh.Tracer(mesh, layout=layout) as tracer:\n"
+        "        tracer.update(mesh.vertices * 2)\n"
+        "        tracer.closest_hit([0, 0, 5], [0, 0, -1]).offset_origins()\n"
+    )
+    check(warmed, folder, [code])
 
 
 def test_no_example_compiles_after_it(warmed, folder):
     run = "import runpy, sys; sys.argv = {!r}; runpy.run_path(sys.argv[0], run_name='__main__')"
     examples = sorted((ROOT / "examples").glob("*.py"))
-    check(warmed, folder, [run.format([str(path), "bunny.ply"]) for path in examples])
+    assert {path.stem for path in examples} == {*EXAMPLES}
+    check(warmed, folder, [run.format([str(path), *EXAMPLES[path.stem]]) for path in examples])
 
 
 def test_an_unknown_device_exits_3():

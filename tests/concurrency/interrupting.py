@@ -16,6 +16,7 @@ import clbvh
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.rays import pieces
 
+from .interrupt import interrupt
 from .queries import ask, make_queries
 from .threads import run_in_threads
 
@@ -23,19 +24,6 @@ from .threads import run_in_threads
 PATIENCE_S = 60.0
 
 _SIZES = (1, 300, 140_000)
-
-
-def interrupt(tracer, query, delay_s):
-    """Ask a query and interrupt it after a while; return its answer, or None if the interrupt came first."""
-    answer = None
-    try:
-        signal.setitimer(signal.ITIMER_REAL, delay_s)
-        answer = ask(tracer, *query)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-    return answer
 
 
 def main(seed, count):
@@ -60,7 +48,10 @@ def main(seed, count):
             faulthandler.dump_traceback_later(PATIENCE_S, exit=True)
             index = generator.randrange(len(queries))
             try:
-                answer = interrupt(tracer, queries[index], max(1e-5, generator.uniform(0, 1.2) * durations_s[index]))
+                _, answer = interrupt(
+                    lambda index=index: ask(tracer, *queries[index]),
+                    max(1e-5, generator.uniform(0, 1.2) * durations_s[index]),
+                )
             except KeyboardInterrupt:  # between the query and the end of the timer
                 answer = None
             interrupted += answer is None

@@ -12,11 +12,11 @@ import signal
 import sys
 import time
 
-import numpy as np
-
 import clbvh
 from clbvh.support.host_threads import HostThreads
 
+from ..deform import deform
+from .interrupt import interrupt
 from .interrupting import PATIENCE_S
 from .queries import ask, make_queries
 from .threads import run_in_threads
@@ -24,27 +24,12 @@ from .threads import run_in_threads
 _FRAMES = 4
 
 
-def interrupt(work, delay_s):
-    """Call a function and interrupt it after a while; return whether it came to its end."""
-    is_done = False
-    try:
-        signal.setitimer(signal.ITIMER_REAL, delay_s)
-        work()
-        is_done = True
-    except KeyboardInterrupt:
-        pass
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-    return is_done
-
-
 def main(seed, count):
     """Interrupt updates, and count what came of it."""
     signal.signal(signal.SIGALRM, signal.default_int_handler)
     generator = random.Random(seed)
     mesh = clbvh.make_shape("knot", triangles=40_000)
-    size = np.ptp(mesh.vertices)
-    frames = [mesh.vertices + 0.1 * size * np.sin(mesh.vertices[:, ::-1] / size * 5 + i) for i in range(_FRAMES)]
+    frames = [deform(mesh, frame) for frame in range(_FRAMES)]
     queries = make_queries(mesh, (300,), seed=seed)
     with clbvh.Tracer(clbvh.build(mesh)) as tracer:
         # Some threads even on a machine with one processor.
@@ -62,7 +47,7 @@ def main(seed, count):
             faulthandler.dump_traceback_later(PATIENCE_S, exit=True)
             frame, index = generator.randrange(_FRAMES), generator.randrange(len(queries))
             try:
-                is_done = interrupt(
+                is_done, _ = interrupt(
                     lambda frame=frame: tracer.update(frames[frame]),
                     max(1e-5, generator.uniform(0, 1.2) * duration_s),
                 )

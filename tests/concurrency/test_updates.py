@@ -12,6 +12,7 @@ import pytest
 from clbvh import Tracer, build, make_shape
 from clbvh.errors import QueryError
 
+from ..deform import deform
 from ..profiles import is_long
 from .queries import ask, make_queries
 from .threads import run_in_threads
@@ -33,8 +34,7 @@ def bvh(mesh):
 
 @pytest.fixture(scope="module")
 def frames(mesh):
-    size = np.ptp(mesh.vertices)
-    return [mesh.vertices + 0.1 * size * np.sin(mesh.vertices[:, ::-1] / size * 5 + frame) for frame in range(FRAMES)]
+    return [deform(mesh, frame) for frame in range(FRAMES)]
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ A block is left alone where an HTML comment before it says why: `<!-- not run: n
 
 from __future__ import annotations
 
+import doctest
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +53,15 @@ def find_snippets(page: Path) -> list[Snippet]:
         for match in _INDENTED.finditer(rest)
     ]
     return sorted(found, key=lambda snippet: snippet.line)
+
+
+def join_python(page: Path) -> str:
+    """Return the Python blocks of a page that run, as one program; of those with prompts, what follows the prompts."""
+    blocks = [snippet.text for snippet in find_snippets(page) if snippet.language == "python" and not snippet.reason]
+    parser = doctest.DocTestParser()
+    return "\n".join(
+        "".join(example.source for example in parser.get_examples(text)) if ">>> " in text else text for text in blocks
+    )
 
 
 def list_commands(snippet: Snippet) -> list[str]:

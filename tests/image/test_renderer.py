@@ -178,10 +178,10 @@ class TestLenses:
         assert np.ptp(picture.rgb) <= 1  # one shade of grey
         assert 20 < picture.rgb[0, 0, 0] < 240
 
-    def test_the_size_is_the_lenss(self, renderer, lens_camera):
+    def test_the_size_is_that_of_the_lens(self, renderer, lens_camera):
         assert renderer.render(camera=lens_camera).rgb.shape == (60, 80, 3)
         assert renderer.render(camera=lens_camera, height=30).rgb.shape == (30, 40, 3)
-        with pytest.raises(SceneError, match="another shape"):
+        with pytest.raises(SceneError, match="another aspect ratio"):
             renderer.render(camera=lens_camera, width=80, height=80)
 
     def test_no_lens_is_too_wide_or_too_long(self, renderer, pose):

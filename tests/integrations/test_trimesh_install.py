@@ -75,7 +75,7 @@ class TestEveryMesh:
             lambda mesh: trimesh.primitives.Sphere(),
         ],
     )
-    def test_what_is_made_of_it(self, box, duplicate):
+    def test_meshes_made_of_it(self, box, duplicate):
         engine.install()
         box.ray.intersects_any(*RAY)
         other = duplicate(box)

@@ -35,7 +35,7 @@ _hiding = threading.Lock()
 def prepare_context(preload: str | None) -> tuple[Any, str | None]:
     """Return the context of `multiprocessing` that starts workers, and the folder of its socket.
 
-    To be called in a thread of its own, whose signals change.
+    Call it in a thread of its own, because it changes the thread's signals.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def prepare_context(preload: str | None) -> tuple[Any, str | None]:
         return multiprocessing.get_context("spawn"), None
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([preload] if preload else [])
-    # Ctrl-C reaches the whole process group, and would interrupt the fork server while it imports. What
-    # this thread blocks, the processes that it starts inherit; other threads are not concerned. The
-    # tracker of resources comes first: starting it lifts the block.
+    # Ctrl-C reaches the whole process group, and would interrupt the fork server while it imports. Processes inherit
+    # the signals that the thread which starts them blocks; other threads are not affected. The tracker of resources
+    # comes first: starting it lifts the block.
     resource_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     return context, _choose_socket_folder()
@@ -58,7 +58,7 @@ def prepare_context(preload: str | None) -> tuple[Any, str | None]:
 def start_worker(
     context: Any, number: int, folder: str | None, preload: str | None, timeout_s: float
 ) -> tuple[Any, Connection]:
-    """Start one worker process, and return it with our end of its pipe, which no message blocks for longer."""
+    """Start one worker process; return it and our end of its pipe, on which a stuck message fails after `timeout_s`."""
     ours, theirs = context.Pipe()
     _limit_transfer(ours, timeout_s)
     process = context.Process(target=serve, args=(theirs, folder, preload), name=f"{_WORKER_NAME}{number}", daemon=True)
@@ -69,7 +69,7 @@ def start_worker(
 
 
 def _disown_workers() -> None:
-    """Let a forked child that ends leave its parent's workers alone: multiprocessing would stop them."""
+    """Keep a forked child from stopping its parent's workers when it ends, as multiprocessing would."""
     global _hiding
     _hiding = threading.Lock()  # a thread that the child does not have may hold the parent's
     # What multiprocessing does itself in the children that it forks.
@@ -94,7 +94,7 @@ def _choose_socket_folder() -> str:
 
 @contextmanager
 def _hidden_name_of_no_script() -> Iterator[None]:
-    """Hide the main module's file while it is called <stdin>: a worker would look for that file, and die."""
+    """Hide the main module's file if it is named <stdin>: a worker would look for that file, and die."""
     main = sys.modules["__main__"]
     with _hiding:
         name = getattr(main, "__file__", None)
@@ -109,7 +109,7 @@ def _hidden_name_of_no_script() -> Iterator[None]:
 
 
 def _limit_transfer(connection: Connection, timeout_s: float) -> None:
-    """Let a message that is stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
+    """Make a message that is stuck half-way fail with `BlockingIOError`: its pipe is full, or it ends too early."""
     if sys.platform == "win32":
         return  # a pipe there has no such limit
     seconds, fraction = divmod(timeout_s, 1)

@@ -1,6 +1,6 @@
 """The CPU drivers of each platform: what the installation brings, and the commands that bring the rest.
 
-The one source of this: `clbvh doctor` says it for its machine, and a test holds the table in docs/devices.md to it.
+`clbvh doctor` prints the commands of its own platform; a test compares the table in docs/devices.md with this one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Platform:
     included : str
         The OpenCL devices that work without another step.
     commands : tuple of str
-        Each of them brings a driver for the CPU; the lines of one belong together.
+        Each of them brings a driver for the CPU.
     """
 
     name: str

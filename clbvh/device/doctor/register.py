@@ -1,7 +1,7 @@
 """Registers drivers for clbvh that are installed without a driver file: `clbvh doctor --fix`.
 
 Each driver is tried first, in a process whose only driver it is. Files are written and removed in the folder of
-`registered_drivers.py` alone. Undone by removing the file.
+`registered_drivers.py` alone; removing a file undoes its registration.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from . import drivers
 from .drivers import FoundLibrary
 from .probe import run_probe
 
-# Libraries of Intel's compiler, which the package of its runtime does not ask for.
+# Libraries of Intel's compiler, which the package of Intel's runtime does not require.
 _NEEDS = dict.fromkeys(
     ("libimf", "libsvml", "libirng", "libintlc"), ": it comes with `pip install intel-cmplr-lib-rt`, beside the driver"
 )
@@ -65,7 +65,7 @@ def plan_registrations(timeout_s: float) -> list[Step]:
     Raises
     ------
     ConfigError
-        A variable names the drivers of this process, so that none of clbvh's own folder is read.
+        A variable names the drivers of this process, so clbvh's own folder is not read.
     """
     rule = read_rule()
     if rule.variable:
@@ -82,7 +82,7 @@ def plan_registrations(timeout_s: float) -> list[Step]:
 def find_unregistered(
     libraries: Sequence[FoundLibrary], icd_files: Sequence[IcdFile], removed: Sequence[Step] = ()
 ) -> list[FoundLibrary]:
-    """Return the drivers that no driver file names, but for the files that are removed."""
+    """Return the drivers that no driver file names, not counting the files that will be removed."""
     gone = {step.path for step in removed}
     kept = [icd for icd in icd_files if icd.path not in gone]
     named = {driver.stem for icd in kept if (driver := drivers.match_driver(icd.library)) is not None}
@@ -140,11 +140,11 @@ def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
     with tempfile.TemporaryDirectory(prefix="clbvh-drivers-") as folder:
         icd = Path(folder) / "only.icd"
         icd.write_text(f"{library}\n")
-        # No folder: then the loader takes it for the only driver, and leaves out those beside it as well.
+        # A file, not its folder: the loader takes it for the only driver, and skips those beside its own library.
         environment = {VENDOR_VARIABLES[0]: str(icd)}
         known: list[dict[str, Any]] = []
         if sys.platform == "win32":
-            # The loader of Khronos adds it to the drivers of the registry, whose devices are not meant.
+            # The loader of Khronos adds it to the drivers of the registry, whose devices are left out below.
             environment = {KHRONOS_VARIABLE: library}
             known = run_probe("list", timeout_s=timeout_s).answer.get("devices", [])
         listing = run_probe("list", timeout_s=timeout_s, environment=environment)

@@ -1,6 +1,6 @@
 """The options of the engine that is installed for all meshes, if one is, and those that hold for one mesh.
 
-A module of its own, since the proximity functions ask and `install.py` sets.
+A module of its own, because the proximity functions read what `install.py` sets.
 """
 
 from __future__ import annotations

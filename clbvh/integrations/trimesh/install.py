@@ -36,7 +36,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 class Installation:
-    """What `install` returns; as a context manager it puts back what was installed before, at the end of its block.
+    """An installation; as a context manager it restores the previous one at the end of its block.
 
     Examples
     --------
@@ -114,10 +114,10 @@ def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto
 
 
 def uninstall() -> None:
-    """Give trimesh its own engines back, and the device's memory where no engine was assigned by hand.
+    """Restore trimesh's own engines, and release device memory that no engine assigned by hand uses.
 
-    Without an engine that is installed it does nothing. Functions of `trimesh.proximity` that somebody else has
-    replaced since stay as they are.
+    Does nothing if clbvh is not installed. Functions of `trimesh.proximity` that other code has replaced since stay as
+    they are.
 
     Examples
     --------
@@ -188,7 +188,7 @@ class _EngineProperty:
         return engine
 
     def __set__(self, mesh: Any, engine: Any) -> None:
-        # The constructor sets it once: whatever comes later is meant.
+        # The constructor sets it once; later assignments are the user's.
         if self.name in mesh.__dict__ and type(engine) in self._find_defaults():
             self._chosen.add(engine)
         mesh.__dict__[self.name] = engine
@@ -217,12 +217,12 @@ def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
 
 
 def _make_proximity_query(mesh: Any, options: EngineOptions) -> ProximityQuery:
-    # It finds its options: the ray engine may have been assigned by hand.
+    # It looks its options up: the ray engine may have been assigned by hand.
     return ProximityQuery(mesh)
 
 
 class _Patches:
-    """What is changed in trimesh."""
+    """The changes in trimesh, and the originals."""
 
     # Reentrant: a context manager holds it while it installs or uninstalls.
     lock = threading.RLock()

@@ -1,6 +1,6 @@
 """A tracer that follows a mesh of trimesh, which may change between two queries.
 
-Knows nothing of who asks, nor of which meshes there are: that is `tracers.py`.
+Must not know who queries it, nor which other meshes there are: that is `tracers.py`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ...trace.points.nearest_vertex import find_nearest_vertices
 
 
 class EngineOptions(NamedTuple):
-    """What an engine is made with.
+    """The options of an engine.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class MeshTracer:
             try:
                 return query(tracer, tree)
             except QueryError:
-                # Another thread may have closed it meanwhile; then there will be another one.
+                # Another thread may have closed it meanwhile: try again with a new one.
                 if not tracer.is_closed:
                     raise
 
@@ -185,7 +185,7 @@ class MeshTracer:
 
 
 def _has_faces(mesh: Mesh, vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether a mesh differs from these arrays in nothing but the vertices' places."""
+    """Return whether a mesh has these faces and this number of vertices."""
     return len(mesh.vertices) == len(vertices) and np.array_equal(mesh.faces, faces)
 
 

@@ -1,7 +1,8 @@
 """Distances from points to a mesh: `trimesh.proximity` without rtree, scipy or embree.
 
-Names, arguments, defaults, dtypes and signs are those of trimesh 5. How they differ: no points give empty arrays, where
-trimesh fails; and at equal distance all faces around the closest point are considered, where trimesh looks at two.
+Names, arguments, defaults, dtypes and signs are those of trimesh 5. There are two differences: no points give empty
+arrays, where trimesh fails; and at equal distance the face is chosen among all faces around the closest point, where
+trimesh considers two.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class ProximityQuery:
     Raises
     ------
     MeshError
-        It is no mesh.
+        The argument is not a mesh.
 
     Notes
     -----
@@ -165,9 +166,9 @@ def closest_point(mesh: Any, points: ArrayLike) -> tuple[NDArray[np.float64], ND
     Raises
     ------
     QueryError
-        Points of another shape, or that are not finite.
+        Points of a wrong shape, or that are not finite.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Examples
     --------
@@ -191,9 +192,9 @@ def signed_distance(mesh: Any, points: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     QueryError
-        Points of another shape, or that are not finite.
+        Points of a wrong shape, or that are not finite.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Notes
     -----

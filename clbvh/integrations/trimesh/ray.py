@@ -49,7 +49,7 @@ class RayMeshIntersector:
     Raises
     ------
     MeshError
-        The geometry is no mesh.
+        The geometry is not a mesh.
 
     Examples
     --------

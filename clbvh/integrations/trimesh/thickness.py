@@ -19,7 +19,7 @@ from .tracers import find_tracer, read_mesh
 # Hits of a ray that are looked at first. The surface that a ray starts from is one, or a few in a corner.
 _FIRST_HITS = 4
 
-# Numbers that are computed at a time, for each vertex and each ray.
+# Most numbers in a temporary array with one for each pair of a vertex and a ray.
 _CHUNK = 1 << 22
 
 _METHODS = ("max_sphere", "ray")
@@ -38,9 +38,9 @@ def longest_ray(mesh: Any, points: ArrayLike, directions: ArrayLike) -> NDArray[
     Raises
     ------
     QueryError
-        Another shape.
+        A wrong shape.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Examples
     --------
@@ -100,9 +100,9 @@ def max_tangent_sphere(
     Raises
     ------
     QueryError
-        Another shape, or what is not finite.
+        A wrong shape, or a value that is not finite.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Notes
     -----
@@ -179,11 +179,11 @@ def thickness(
     Raises
     ------
     ConfigError
-        Another method.
+        An unknown method.
     QueryError
-        Another shape, or what is not finite.
+        A wrong shape, or a value that is not finite.
     MeshError
-        It is no mesh, or one without faces.
+        The argument is not a mesh, or has no faces.
 
     Examples
     --------
@@ -205,9 +205,9 @@ def thickness(
 def reach(
     mesh: Any, points: ArrayLike, normals: ArrayLike | None = None, method: str = "max_sphere"
 ) -> NDArray[np.float64]:
-    """Return (n,) float64: how much room there is outside of a mesh at points of its surface, infinite where no end is.
+    """Return (n,) float64: the free space outside of a mesh at points of its surface, infinite where it is unbounded.
 
-    `thickness` with ``exterior=True``; trimesh names it so and has no function for it. Takes and raises the same.
+    The same as `thickness` with ``exterior=True``. trimesh uses the name, but has no function for it.
 
     Examples
     --------

@@ -36,12 +36,12 @@ class _Tracers:
 
 
 def read_mesh(thing: Any) -> Any:
-    """Return a `trimesh.Trimesh` as it is, and anything else that is a mesh as a new one with the same faces.
+    """Return a `trimesh.Trimesh` as it is, and make a new one with the same faces of any other `MeshLike`.
 
     Raises
     ------
     MeshError
-        It is no mesh.
+        The argument is not a mesh.
     """
     import trimesh
 
@@ -76,7 +76,7 @@ def find_tracer(mesh: Any, options: EngineOptions, *, keep: bool) -> MeshTracer:
 
 
 def forget_kept() -> None:
-    """Let the tracers that live as long as their meshes go, where nobody else refers to them."""
+    """Drop the references to tracers that live as long as their meshes; tracers that are still in use stay."""
     _Tracers.kept.clear()
 
 
@@ -97,7 +97,7 @@ class _Forget:
 
 
 def _make_room(newest: MeshTracer) -> None:
-    """Collect meshes that nobody uses from time to time, and let trees leave a device that has too many."""
+    """Collect unused meshes from time to time, and remove trees from a device that has too many."""
     tracer = newest.open_tracer
     if tracer is None:
         return

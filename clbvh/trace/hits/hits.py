@@ -33,7 +33,7 @@ class Hits:
     prim_id : (...,) int32
         Face of the mesh; -1 on a miss.
     mesh : Mesh or None
-        What was hit.
+        The mesh that was hit.
     is_front : (...,) bool or None
         Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
 
@@ -54,7 +54,7 @@ class Hits:
     array([[ 0.,  0.,  1.],
            [nan, nan, nan]])
 
-    Which points that a camera sees are in the light:
+    Visible points that the light reaches:
 
     >>> import numpy as np
     >>> mesh = clbvh.make_shape("knot", triangles=2000)
@@ -118,7 +118,7 @@ class Hits:
         return find_normals(self._known_mesh(), self.prim_id)
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return where rays that leave the surface begin: just above it, where they cannot meet what they leave.
+        """Return start points for rays that leave the surface: just above it, where they cannot meet it by rounding.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class AllHits(Hits):
     offsets : (n + 1,) int64
         The crossings of ray i are those from ``offsets[i]`` to ``offsets[i + 1]``.
     known_locations : (m, 3) float64 or None
-        What `locations` returns, where it was found along with the hits.
+        The result of `locations`, if it was computed along with the hits.
 
     Examples
     --------

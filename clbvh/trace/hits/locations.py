@@ -65,7 +65,7 @@ def _locate(triangles, prim_ids, us, vs, locations):
 def _make_normals(triangles, prim_ids, normals):
     for hit in range(len(prim_ids)):
         if prim_ids[hit] == NO_PRIM:
-            normals[hit] = np.nan
+            normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
         else:
             make_normal(triangles, prim_ids[hit], normals[hit])
 
@@ -88,10 +88,17 @@ def make_normal(triangles, prim, normal):
         largest = max(largest, abs(normal[axis]))
     for axis in range(3):
         normal[axis] /= largest
-    normal /= np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    _normalize(normal)
     # Written so that NaN is a tilt.
     if not _tilt(triangles, prim, normal) <= _MOST_TILT:
         _write_across(triangles, prim, normal)
+
+
+@compiled(error_model="numpy")
+def _normalize(vector):
+    length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    for axis in range(3):
+        vector[axis] /= length
 
 
 @compiled
@@ -121,11 +128,14 @@ def _write_across(triangles, prim, normal):
             for axis in range(3):
                 edge[axis] = vertices[end, axis] - vertices[begin, axis]
     # Divided by its largest component first, as the normal is.
-    edge /= longest
-    edge /= np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
+    for axis in range(3):
+        edge[axis] /= longest
+    _normalize(edge)
     # The axis that is most across the edge, less its share along it.
-    across = np.argmin(np.abs(edge))
+    across = 0
+    for axis in range(1, 3):
+        across = axis if abs(edge[axis]) < abs(edge[across]) else across
     share = edge[across]
     for axis in range(3):
         normal[axis] = (1.0 if axis == across else 0.0) - share * edge[axis]
-    normal /= np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    _normalize(normal)

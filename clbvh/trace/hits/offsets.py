@@ -1,8 +1,8 @@
 """Start points of rays that leave a surface: so far above it that the tracer cannot meet it again.
 
 A point on a triangle, rounded to float32 in the tracer's local coordinates, may be on either side of the triangle that
-the tracer has in float32, and the triangle test rounds as well. The bound on all of it, which is the distance here, is
-derived in docs/internals/offsets.md.
+the tracer has in float32, and the triangle test rounds as well. The distance is a bound on all these roundings, which
+docs/internals/offsets.md derives.
 """
 
 from __future__ import annotations
@@ -77,11 +77,11 @@ def _offset(triangles, local_vertices, centre, prim_ids, locations, is_front, po
     for hit in range(len(prim_ids)):
         prim = prim_ids[hit]
         if prim == NO_PRIM:
-            points[hit] = np.nan
+            points[hit, 0] = points[hit, 1] = points[hit, 2] = np.nan
             continue
         make_normal(triangles, prim, normal)
         if not is_front[hit]:
-            normal[:] = -normal
+            normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
         # The point in the tracer's coordinates, and how far rounding can move it and the surface along the normal.
         reach, breadth, coarseness = 0.0, 0.0, 0.0
         for axis in range(3):

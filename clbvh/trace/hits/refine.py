@@ -87,6 +87,12 @@ class _Block(NamedTuple):
     sources: NDArray[np.int64]
     targets: NDArray[np.int64]
 
+    @classmethod
+    def make(cls) -> _Block:
+        """Return memory that is not yet written; numba would need half a second to compile this."""
+        indices = np.empty((4, _BLOCK), np.int64)
+        return cls(np.empty((_TUV + 1, 3, _BLOCK)), np.empty(_BLOCK), *indices)
+
 
 def refine_closest(
     rays: RayRows,
@@ -110,7 +116,7 @@ def refine_closest(
         triangle's point that is nearest to the ray.
     """
     lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, HIT_LANES)
-    _refine_closest(rays, triangles_of(mesh), lanes, lanes.view(np.int32), hits, prim_id)
+    _refine_closest(rays, triangles_of(mesh), lanes.view(np.int32), _Block.make(), hits, prim_id)
 
 
 def refine_crossings(
@@ -148,32 +154,24 @@ def refine_crossings(
     locations : (m, 3) float64, written
     """
     first_slot = int(next_slots[0]) if len(next_slots) else 0
-    found_ints, triangles = crossings.found.view(np.int32), triangles_of(mesh)
+    found_ints, triangles, block = crossings.found.view(np.int32), triangles_of(mesh), _Block.make()
     for first in range(begin, end, _MOST_RAYS):
         last = min(first + _MOST_RAYS, end)
         # Counts and sources of these rays alone: their indices agree with the part's.
         of_part = crossings._replace(counts=crossings.counts[first:last], sources=crossings.sources[first:last])
         _refine_crossings(
-            batch.part(first, last), triangles, of_part, found_ints, first, next_slots,
+            batch.part(first, last), triangles, of_part, found_ints, block, first, next_slots,
             prim_id, hits, ray_id, locations,
         )  # fmt: skip
     if hits is not None:
         _keep_order(crossings.counts[begin:end], first_slot, hits.t)
 
 
-@compiled
-def _make_block():
-    vectors, volumes, exponents = np.empty((_TUV + 1, 3, _BLOCK)), np.empty(_BLOCK), np.empty(_BLOCK, np.int64)
-    rays, sources, targets = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
-    return _Block(vectors, volumes, exponents, rays, sources, targets)
-
-
 @compiled(error_model="numpy")
-def _refine_closest(rays, triangles, found, found_ints, hits, prim_id):
-    block = _make_block()
+def _refine_closest(rays, triangles, found_ints, block, hits, prim_id):
     t, u, v, is_front = hits.t, hits.u, hits.v, hits.is_front
     count = 0
-    for ray in range(len(found)):
+    for ray in range(len(found_ints)):
         prim = found_ints[ray, HIT_PRIM_ID]
         prim_id[ray] = prim
         if prim == NO_PRIM:
@@ -181,17 +179,18 @@ def _refine_closest(rays, triangles, found, found_ints, hits, prim_id):
         else:
             block.rays[count] = block.sources[count] = block.targets[count] = ray
             count += 1
-        if count == _BLOCK or ray == len(found) - 1:
+        if count == _BLOCK or ray == len(found_ints) - 1:
             _gather(rays, triangles, found_ints, block, count)
             _intersect_planes(block.vectors, block.volumes, count)
             _settle(block, count)
-            _store_hits(rays, block, count, hits)
+            _store_hits(rays.t_min, rays.t_max, block, count, hits)
             count = 0
 
 
 @compiled(error_model="numpy")
-def _refine_crossings(rays, triangles, crossings, found_ints, first_ray, next_slots, prim_id, hits, ray_id, locations):
-    block = _make_block()
+def _refine_crossings(
+    rays, triangles, crossings, found_ints, block, first_ray, next_slots, prim_id, hits, ray_id, locations
+):
     counts, sources, segment_begins = crossings.counts, crossings.sources, crossings.segment_begins
     found = crossings.found
     ray, depth = 0, 0
@@ -223,7 +222,7 @@ def _refine_crossings(rays, triangles, crossings, found_ints, first_ray, next_sl
             _intersect_planes(block.vectors, block.volumes, count)
             _settle(block, count)
         if hits is not None:
-            _store_hits(rays, block, count, hits)
+            _store_hits(rays.t_min, rays.t_max, block, count, hits)
         if locations is not None:
             _store_locations(triangles, found_ints, block, count, locations)
 
@@ -250,12 +249,16 @@ def _gather(rays, triangles, found_ints, block, count):
     for hit in range(count):
         prefetch(faces, 3 * found_ints[sources[hit], HIT_PRIM_ID])
     for hit in range(count):
-        start, way = block.rays[hit] * origin_step, block.rays[hit] * direction_step
+        origin_id, direction_id = block.rays[hit] * origin_step, block.rays[hit] * direction_step
         prim = found_ints[sources[hit], HIT_PRIM_ID]
         coming = found_ints[sources[min(hit + _PREFETCH_HITS, count - 1)], HIT_PRIM_ID]
         for corner in range(3):
             prefetch(vertices, 3 * faces[coming, corner])
-        dx, dy, dz = np.float64(directions[way, 0]), np.float64(directions[way, 1]), np.float64(directions[way, 2])
+        dx, dy, dz = (
+            np.float64(directions[direction_id, 0]),
+            np.float64(directions[direction_id, 1]),
+            np.float64(directions[direction_id, 2]),
+        )
         exponent = exponent_of(max(abs(dx), abs(dy), abs(dz)))
         vectors[_DIRECTION, 0, hit] = times_power_of_two(dx, -exponent)
         vectors[_DIRECTION, 1, hit] = times_power_of_two(dy, -exponent)
@@ -264,7 +267,7 @@ def _gather(rays, triangles, found_ints, block, count):
         ia, ib, ic = faces[prim, 0], faces[prim, 1], faces[prim, 2]
         for axis in range(3):
             a = vertices[ia, axis]
-            vectors[_CORNER, axis, hit] = (a - origins[start, axis]) * scale
+            vectors[_CORNER, axis, hit] = (a - origins[origin_id, axis]) * scale
             vectors[_AB, axis, hit] = (vertices[ib, axis] - a) * scale
             vectors[_AC, axis, hit] = (vertices[ic, axis] - a) * scale
 
@@ -306,32 +309,50 @@ def _settle(block, count):
 @compiled(error_model="numpy")
 def _move_onto_edge(vectors, hit):
     """Write (t, u, v) of the point of the triangle's edges that is nearest to the ray's line."""
-    direction, corner = vectors[_DIRECTION, :, hit], vectors[_CORNER, :, hit]
-    ab, ac = vectors[_AB, :, hit], vectors[_AC, :, hit]
-    square = (direction * direction).sum()
+    # Numbers, not slices of arrays, which take the compiler two seconds.
+    direction, corner = _vector(vectors, _DIRECTION, hit), _vector(vectors, _CORNER, hit)
+    to_a, to_b, to_c = (0.0, 0.0, 0.0), _vector(vectors, _AB, hit), _vector(vectors, _AC, hit)
+    square = _dot(direction, direction)
     least = np.inf
     for edge in range(3):
         # The edge from b to c, from c to a, from a to b: its begin and its way, less their shares along the ray.
-        begin = corner + ab if edge == 0 else corner + ac if edge == 1 else corner.copy()
-        way = ac - ab if edge == 0 else -ac if edge == 1 else ab.copy()
-        beside = begin - ((begin * direction).sum() / square) * direction
-        across = way - ((way * direction).sum() / square) * direction
+        to_begin = to_b if edge == 0 else to_c if edge == 1 else to_a
+        to_end = to_c if edge == 0 else to_a if edge == 1 else to_b
+        begin, way = _add(corner, 1.0, to_begin), _add(to_end, -1.0, to_begin)
+        beside = _add(begin, -_dot(begin, direction) / square, direction)
+        across = _add(way, -_dot(way, direction) / square, direction)
         # An edge along the ray has no nearest point: 0 / 0, and the comparison makes it the begin.
-        share = -(beside * across).sum() / (across * across).sum()
+        share = -_dot(beside, across) / _dot(across, across)
         share = min(share, 1.0) if share > 0.0 else 0.0
-        offset = beside + share * across
-        distance = (offset * offset).sum()
+        offset = _add(beside, share, across)
+        distance = _dot(offset, offset)
         if distance < least:
             least = distance
-            vectors[_TUV, 0, hit] = ((begin + share * way) * direction).sum() / square
+            vectors[_TUV, 0, hit] = _dot(_add(begin, share, way), direction) / square
             vectors[_TUV, 1, hit] = 1.0 - share if edge == 0 else 0.0 if edge == 1 else share
             vectors[_TUV, 2, hit] = share if edge == 0 else 1.0 - share if edge == 1 else 0.0
 
 
 @compiled
-def _store_hits(rays, block, count, hits):
+def _vector(vectors, name, hit):
+    return vectors[name, 0, hit], vectors[name, 1, hit], vectors[name, 2, hit]
+
+
+@compiled
+def _dot(one, other):
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@compiled
+def _add(one, share, other):
+    """Return one + share * other."""
+    return one[0] + share * other[0], one[1] + share * other[1], one[2] + share * other[2]
+
+
+@compiled
+def _store_hits(t_mins, t_maxs, block, count, hits):
     """Write t, within the ray's limits, u, v and side of a block's hits to their targets."""
-    t_mins, t_maxs, tuv, volumes = rays.t_min, rays.t_max, block.vectors[_TUV], block.volumes
+    tuv, volumes = block.vectors[_TUV], block.volumes
     t, u, v, is_front, targets = hits.t, hits.u, hits.v, hits.is_front, block.targets
     for hit in range(count):
         ray, target = block.rays[hit], targets[hit]

@@ -1,8 +1,8 @@
-"""Of the faces that are equally near to a point, the one that faces it.
+"""Chooses the face that faces a point most directly, among the faces that are equally near to it.
 
-The closest point of most points outside of a mesh is on an edge or a vertex, which is part of several faces. The device
-returns the smallest of their numbers; trimesh returns the face whose normal points to the point most directly, and so
-does this.
+For most points outside a mesh, the closest point is on an edge or a vertex, which belongs to several faces. The device
+returns the face with the smallest number. trimesh returns the face whose normal points to the point most directly, and
+this module chooses the same.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .refine import ClosestPoints, closest_on_triangle
 # Squared distances are equal when they differ by less than this share: a thousand roundings of float64.
 _ROUNDING = 2.0**-42
 
-# However large the tolerance, distances differ by less than half of this share: next to the surface, the tolerance that
-# trimesh adds to squares would return points that are not the closest.
+# Largest tolerance of squared distances, as a share of them: next to the surface, the tolerance that trimesh adds to
+# squares would return points that are not the closest.
 _LARGEST_SHARE = 2.0**-20
 
-# Cosines are equal within this: those of faces in one plane are, up to rounding.
+# Cosines are equal when they differ by less than this: those of coplanar faces differ by roundings.
 _SAME_COSINE = 2.0**-42
 
 # A point farther away than this many sizes of the mesh keeps its face: the faces there differ by less than rounding.
@@ -35,7 +35,7 @@ _FAR_SHARE = 2.0**20
 def choose_facing(
     points: NDArray[np.float64], mesh: Mesh, around: VertexFaces, tolerance: float, closest: ClosestPoints
 ) -> None:
-    """Replace faces by those equally near, around the closest point, that face the point most directly.
+    """Replace each face by the one that faces the point most directly, among equally near ones around it.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def choose_facing(
 
     Notes
     -----
-    Only faces that share a vertex with the face that was found. One of them that is nearer replaces it, too: the device
-    chooses in float32. Of equally direct ones the smallest number.
+    Candidates are the faces that share a vertex with the face that was found. A nearer one replaces it, too, because
+    the device chooses in float32. Of equally direct ones, the smallest number wins.
     """
 
     def choose(begin: int, end: int) -> None:
@@ -80,10 +80,10 @@ def _choose(points, triangles, centre, around, tolerance, closest):
             continue
         equal = max(min(tolerance * scale * scale, least * _LARGEST_SHARE), least * _ROUNDING)
         best, facing = own, _facing(a, b, c, weights, least)
-        best_weights[:] = weights
+        best_weights[0], best_weights[1], best_weights[2] = weights[0], weights[1], weights[2]
         for corner in range(3):
-            place = around.place[triangles.faces[own, corner]]
-            for slot in range(around.begin[place], around.begin[place + 1]):
+            point_id = around.point_ids[triangles.faces[own, corner]]
+            for slot in range(around.begin[point_id], around.begin[point_id + 1]):
                 face = around.faces[slot]
                 if face == own:
                     continue
@@ -95,7 +95,7 @@ def _choose(points, triangles, centre, around, tolerance, closest):
                 is_equal = abs(other - facing) <= _SAME_COSINE and face < best
                 if is_nearer or is_equal or other > facing + _SAME_COSINE:
                     best, facing, least = face, other, min(least, squared)
-                    best_weights[:] = weights
+                    best_weights[0], best_weights[1], best_weights[2] = weights[0], weights[1], weights[2]
         if best == own:
             continue
         closest.prim_id[index] = best

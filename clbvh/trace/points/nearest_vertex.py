@@ -40,7 +40,7 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
     -------
     distance : (n,) float64, the file's unit
     vertex_id : (n,) int64
-        At equal distance the smallest. Vertices that belong to no face count, too; each of them is looked at.
+        At equal distance the smallest. Vertices without a face count, too; each of them is compared.
     """
     mesh = bvh.mesh
     points = np.ascontiguousarray(points, np.float64)
@@ -62,7 +62,7 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
 
 
 def _lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lengths of vectors whose squares float64 need not hold."""
+    """Return the lengths of vectors, whose squares may overflow or underflow float64."""
     largest = np.abs(vectors).max(axis=1, initial=0.0)
     exponents = np.array([math.frexp(value)[1] for value in largest]) if _is_extreme(largest) else 0
     return np.ldexp(np.linalg.norm(np.ldexp(vectors, -np.reshape(exponents, (-1, 1))), axis=1), exponents)

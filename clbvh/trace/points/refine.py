@@ -81,7 +81,7 @@ def _refine(points, order, box, far, triangles, found, closest):
         prim_id[index] = prim
         if prim == NO_PRIM:
             distance[index] = np.inf
-            nearest[index] = np.nan
+            nearest[index, 0] = nearest[index, 1] = nearest[index, 2] = np.nan
             continue
         size = 0.0
         for axis in range(3):
@@ -101,7 +101,9 @@ def _refine(points, order, box, far, triangles, found, closest):
             nearest[index, axis] = corner + (weights[1] * to_second + weights[2] * to_third)
             # In sizes, so that the square of a huge distance is in float64.
             away[axis] = (nearest[index, axis] - points[index, axis]) * scale / size if is_far else 0.0
-        local = size * np.sqrt((away * away).sum()) if is_far else np.sqrt(squared)
+        # Not numpy's `sum`, which takes long to compile.
+        squared_away = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
+        local = size * np.sqrt(squared_away) if is_far else np.sqrt(squared)
         distance[index] = local / scale
 
 
@@ -123,7 +125,7 @@ def _closest_on_edge(begin, end, begin_corner, end_corner, weights, squared):
     x, y, z = begin[0] + share * dx, begin[1] + share * dy, begin[2] + share * dz
     if x * x + y * y + z * z >= squared:
         return squared
-    weights[:] = 0.0
+    weights[0] = weights[1] = weights[2] = 0.0
     weights[begin_corner], weights[end_corner] = 1.0 - share, share
     return x * x + y * y + z * z
 

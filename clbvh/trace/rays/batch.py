@@ -1,4 +1,4 @@
-"""Rays and points as the user gives them: read, with their shapes checked and their values not yet."""
+"""Reads rays and points as the user gives them. Shapes are checked here, values when they are packed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RayBatch(NamedTuple):
 
     @property
     def is_contiguous(self) -> bool:
-        """Whether the rows of parts are no copies."""
+        """Whether parts are views, not copies."""
         return self.origins.is_contiguous and self.directions.is_contiguous
 
     def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
@@ -92,7 +92,7 @@ def read_rays(
     Raises
     ------
     QueryError
-        Shapes that are wrong or do not fit each other, or a limit that is a wrong number.
+        A wrong shape, shapes that do not broadcast, or a limit that is out of range.
     """
     origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
     if origins.shape == directions.shape:

@@ -41,10 +41,10 @@ class Broadcast(NamedTuple):
         """Broadcast an array to a leading shape, which its own must fit; nothing is copied."""
         flags = values.flags
         is_flat = values.ndim == item_dims + 1
-        # The ordinary array, without delay. `flags.carray` would warn of what `np.broadcast_arrays` returns.
+        # The fast path, for ordinary arrays. `flags.carray` would warn of results of `np.broadcast_arrays`.
         if is_flat and values.shape[:1] == shape and flags.c_contiguous and flags.aligned:
             return cls._of_items(values, item_dims, shape, shape)
-        if not flags.aligned:  # which would be compiled for, too
+        if not flags.aligned:  # numba would compile one more version
             values = values.copy()
         leading_dims = values.ndim - item_dims
         given_shape, item_shape = values.shape[:leading_dims], values.shape[leading_dims:]
@@ -64,7 +64,7 @@ class Broadcast(NamedTuple):
 
     @classmethod
     def of_one(cls, items: NDArray[Any], shape: tuple[int, ...]) -> Broadcast:
-        """Broadcast the only item of an array, (1, ...), which is the caller's to give away."""
+        """Broadcast the only item of an array, (1, ...), which becomes read-only."""
         items.flags.writeable = False
         return cls(items, True, True, (), shape)
 
@@ -79,13 +79,13 @@ class Broadcast(NamedTuple):
 
     @property
     def is_contiguous(self) -> bool:
-        """Whether parts are no copies."""
+        """Whether parts are views, not copies."""
         return self.is_flat and self.items.flags.c_contiguous
 
     def part(self, begin: int, end: int, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Return the items of elements `begin` to `end`, or the one for all, contiguous and read-only.
 
-        Read-only, because a compiled function is compiled once more for arrays that can be written to.
+        Read-only, because numba would compile another version of each function for writable arrays.
         """
         if self.is_flat:
             part = self.items if self.is_one else self.items[begin:end]
@@ -107,7 +107,7 @@ class Broadcast(NamedTuple):
         return self._of_items(taken, taken.ndim - 1, shape, shape)
 
     def subject(self, name: str, index: int) -> str:
-        """Return how the user would index the item of an element, given the element's index in C order."""
+        """Return the item of an element as messages name it, such as ``origins[3, 1]``, given its index in C order."""
         if not self.given_shape:
             return name
         if math.prod(self.shape) <= index:

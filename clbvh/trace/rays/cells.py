@@ -98,26 +98,18 @@ def find_cells(rays, grid, first, count, block):
     centre_x, centre_y, centre_z, scale = grid.centre[0], grid.centre[1], grid.centre[2], grid.scale
     x, y, z = lanes[_ORIGIN], lanes[_ORIGIN + 1], lanes[_ORIGIN + 2]
     dx, dy, dz = lanes[_DIRECTION], lanes[_DIRECTION + 1], lanes[_DIRECTION + 2]
-    if origin_step == 0:
-        x[:] = (starts[0, 0] - centre_x) * scale
-        y[:] = (starts[0, 1] - centre_y) * scale
-        z[:] = (starts[0, 2] - centre_z) * scale
-    else:
-        for ray in range(count):
-            x[ray] = (starts[ray, 0] - centre_x) * scale
-            y[ray] = (starts[ray, 1] - centre_y) * scale
-            z[ray] = (starts[ray, 2] - centre_z) * scale
-    if direction_step == 0:
-        dx[:], dy[:], dz[:] = along[0, 0], along[0, 1], along[0, 2]
-    else:
-        for ray in range(count):
-            dx[ray], dy[ray], dz[ray] = along[ray, 0], along[ray, 1], along[ray, 2]
+    for ray in range(count):
+        start = ray * origin_step
+        x[ray] = (starts[start, 0] - centre_x) * scale
+        y[ray] = (starts[start, 1] - centre_y) * scale
+        z[ray] = (starts[start, 2] - centre_z) * scale
+    for ray in range(count):
+        way = ray * direction_step
+        dx[ray], dy[ray], dz[ray] = along[way, 0], along[way, 1], along[way, 2]
     for limits, lane in ((rays.t_min, lanes[_T_NEAR]), (rays.t_max, lanes[_T_FAR])):
-        if len(limits) > 1:
-            for ray in range(count):
-                lane[ray] = limits[first + ray] * scale
-        else:
-            lane[:] = limits[0] * scale
+        limit_step = row_step(limits)
+        for ray in range(count):
+            lane[ray] = limits[(first + ray) * limit_step] * scale
 
     # The interval in the box.
     zero, one, last_cell = np.float32(0.0), np.float32(1.0), np.float32(CELLS_PER_AXIS - 1)

@@ -47,13 +47,16 @@ def _measure_apart(pairs, ray_count, grid, block):
             continue
         considered += 1
         is_alone = meets[ray] != meets[ray + 1]
-        entries += is_alone or _are_apart(cells[ray, :3], cells[ray + 1, :3])
-        exits += is_alone or _are_apart(cells[ray, 3:], cells[ray + 1, 3:])
-        far_entries += _are_apart(cells[ray, :3], cells[(ray + ray_count // 2) % ray_count, :3])
+        entries += is_alone or _are_apart(cells, ray, ray + 1, 0)
+        exits += is_alone or _are_apart(cells, ray, ray + 1, 3)
+        far_entries += _are_apart(cells, ray, (ray + ray_count // 2) % ray_count, 0)
     return entries / max(considered, 1), exits / max(considered, 1), far_entries / max(considered, 1)
 
 
 @compiled
-def _are_apart(one, other):
-    """Say whether two cells neither are the same nor touch."""
-    return max(abs(one[0] - other[0]), abs(one[1] - other[1]), abs(one[2] - other[2])) > 1
+def _are_apart(cells, one, other, first_axis):
+    """Say whether the cells of two rays neither are the same nor touch: entries from axis 0, exits from axis 3."""
+    farthest = 0
+    for axis in range(first_axis, first_axis + 3):
+        farthest = max(farthest, abs(cells[one, axis] - cells[other, axis]))
+    return farthest > 1

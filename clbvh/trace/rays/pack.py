@@ -97,7 +97,7 @@ def pack_rays(
     lanes = packed.view(np.float32).reshape(-1, PACKED_RAY_LANES)
     bad = _pack(rays, box, order, lanes)
     if bad != _ALL_GOOD and order is not None:
-        # In another order, it need not be the first bad one.
+        # In another order, it need not be the first bad ray.
         bad = _pack(rays, box, None, np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32))
     if bad != _ALL_GOOD:
         raise _explain(batch, first_ray + bad)
@@ -138,10 +138,14 @@ def _pack(batch, box, order, packed):
             prefetch(origins, coming * origin_step + 2)
             prefetch(directions, coming * direction_step)
             prefetch(directions, coming * direction_step + 2)
-        start, way = ray * origin_step, ray * direction_step
-        x, y, z = origins[start, 0] - centre_x, origins[start, 1] - centre_y, origins[start, 2] - centre_z
+        origin_id, direction_id = ray * origin_step, ray * direction_step
+        x, y, z = origins[origin_id, 0] - centre_x, origins[origin_id, 1] - centre_y, origins[origin_id, 2] - centre_z
         x, y, z = x * scale, y * scale, z * scale
-        dx, dy, dz = np.float64(directions[way, 0]), np.float64(directions[way, 1]), np.float64(directions[way, 2])
+        dx, dy, dz = (
+            np.float64(directions[direction_id, 0]),
+            np.float64(directions[direction_id, 1]),
+            np.float64(directions[direction_id, 2]),
+        )
         longest = max(abs(dx), abs(dy), abs(dz))
         if each_t_min:
             t_min = t_mins[ray]

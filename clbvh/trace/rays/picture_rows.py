@@ -58,12 +58,12 @@ def find_row_length(batch: RayBatch) -> int | None:
 @compiled
 def _distance(vectors, one, other):
     origins, directions = vectors
-    start, other_start = one * row_step(origins), other * row_step(origins)
-    way, other_way = one * row_step(directions), other * row_step(directions)
+    one_origin, other_origin = one * row_step(origins), other * row_step(origins)
+    one_direction, other_direction = one * row_step(directions), other * row_step(directions)
     squares = 0.0
     for axis in range(3):
-        squares += (np.float64(origins[start, axis]) - np.float64(origins[other_start, axis])) ** 2
-        squares += (np.float64(directions[way, axis]) - np.float64(directions[other_way, axis])) ** 2
+        squares += (np.float64(origins[one_origin, axis]) - np.float64(origins[other_origin, axis])) ** 2
+        squares += (np.float64(directions[one_direction, axis]) - np.float64(directions[other_direction, axis])) ** 2
     return math.sqrt(squares)
 
 

@@ -69,7 +69,7 @@ MACHINE = number_devices([RADEON, GEFORCE, IRIS, BOARD, INTEL_CPU, POCL_6, POCL_
         ("pocl cpu", POCL_6),
     ],
 )
-def test_what_a_specification_means(spec, expected):
+def test_the_device_that_a_specification_means(spec, expected):
     assert pick_device(MACHINE, spec).name == expected.name
 
 

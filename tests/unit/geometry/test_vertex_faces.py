@@ -8,8 +8,8 @@ from clbvh.geometry.vertex_faces import find_vertex_faces
 
 
 def faces_at(around, vertex):
-    place = around.place[vertex]
-    return around.faces[around.begin[place] : around.begin[place + 1]].tolist()
+    point_id = around.point_ids[vertex]
+    return around.faces[around.begin[point_id] : around.begin[point_id + 1]].tolist()
 
 
 def test_two_triangles_with_an_edge():

@@ -105,7 +105,7 @@ def test_a_camera_with_a_field_of_view_has_a_matrix_and_a_pose():
 
 
 @pytest.mark.parametrize("scale", [2, 0.5])
-def test_a_picture_of_another_size_and_the_same_shape_shows_the_same(scale):
+def test_a_picture_of_another_size_and_the_same_aspect_ratio_shows_the_same(scale):
     camera = Camera.from_intrinsics(K, make_pose(3), SIZE)
     size = int(SIZE[0] * scale), int(SIZE[1] * scale)
     resized = Camera.from_intrinsics(np.diag([scale, scale, 1]) @ K, make_pose(3), size)
@@ -115,14 +115,14 @@ def test_a_picture_of_another_size_and_the_same_shape_shows_the_same(scale):
     assert (camera.rays(height=size[1])[1] == camera.rays(*size)[1]).all()
 
 
-def test_half_of_an_odd_size_has_its_shape():
+def test_half_of_an_odd_size_has_its_aspect_ratio():
     camera = Camera.from_intrinsics([[700, 0, 610], [0, 700, 170], [0, 0, 1]], np.eye(4), (1241, 376))
     assert camera.rays(620, 188)[1].shape == (188, 620, 3)
 
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 64), (800, 450), (64, 40)])
-def test_another_shape_is_refused(size):
-    with pytest.raises(SceneError, match=rf"64 x 48, and {size[0]} x {size[1]} has another shape"):
+def test_another_aspect_ratio_is_refused(size):
+    with pytest.raises(SceneError, match=rf"64 x 48, and {size[0]} x {size[1]} has another aspect ratio"):
         Camera.from_intrinsics(K, np.eye(4), SIZE).rays(*size)
 
 
@@ -147,7 +147,7 @@ def test_origins_are_one_point_that_is_not_copied():
     assert not origins.flags.writeable
 
 
-def test_a_pose_of_rounded_numbers_is_mended():
+def test_a_pose_of_rounded_numbers_is_corrected():
     pose = make_pose(6)
     rounded = Camera.from_intrinsics(K, pose.round(5), SIZE)
     assert_allclose(np.linalg.norm(rounded.axes(), axis=1), 1, rtol=1e-15)
@@ -163,7 +163,7 @@ def test_a_camera_is_a_value():
     assert Camera(np.array([0.0, 0, 5]), [0, 0, 0]) == Camera((0, 0, 5), (0, 0, 0))
 
 
-def test_what_is_given_is_not_kept():
+def test_changing_the_given_arrays_changes_no_camera():
     k, pose = K.copy(), make_pose(1)
     camera = Camera.from_intrinsics(k, pose, SIZE)
     before = camera.rays()[1].copy()
@@ -291,7 +291,7 @@ class TestOrbit:
         pose, turn = make_pose(8), trimesh.transformations.rotation_matrix(np.radians(25), [0, 0, 1], [1, 2, 3])
         turned = Camera.from_intrinsics(K, pose, SIZE).orbit(25, about=(1, 2, 3), axis=(0, 0, 1))
         assert_allclose(turned.camera_to_world(), turn @ pose, atol=1e-12)
-        with pytest.raises(SceneError, match="by `about`"):
+        with pytest.raises(SceneError, match="as `about`"):
             Camera.from_intrinsics(K, pose, SIZE).orbit(25)
 
     @pytest.mark.parametrize(
@@ -304,6 +304,6 @@ class TestOrbit:
             ({"degrees": 90, "about": (0, 0)}, "three finite numbers"),
         ],
     )
-    def test_what_is_no_turn_is_refused(self, arguments, message):
+    def test_an_invalid_turn_is_refused(self, arguments, message):
         with pytest.raises(SceneError, match=message):
             self.CAMERA.orbit(**arguments)

@@ -151,7 +151,7 @@ class TestMemory:
     RAYS = 3_000_000
 
     @pytest.mark.parametrize("case", ["one origin", "broadcast by the caller", "one direction", "outer", "limits"])
-    def test_what_is_broadcast_is_not_copied(self, tracer, monkeypatch, case):
+    def test_broadcast_arrays_are_not_copied(self, tracer, monkeypatch, case):
         monkeypatch.setattr(pieces, "CHUNK_RAYS", 2**16)
         count, one = self.RAYS, np.array([0.0, 0.0, 9.0])
         many = np.tile([0.0, 0.0, 1.0], (count, 1))

@@ -19,6 +19,7 @@ from clbvh.trace.oracle.reference import find_differences
 from clbvh.trace.rays import pieces
 
 from ...concurrency.queries import ask, make_queries
+from ...deform import deform
 from ...rays import hard_rays
 from ..hand_made import make_leaf, make_tree
 from .test_tracer import record_allocations
@@ -37,12 +38,6 @@ def mesh():
 @pytest.fixture(scope="module")
 def bvh(mesh):
     return build(mesh)
-
-
-def deform(mesh, frame):
-    """Vertices that have moved by up to a tenth of the mesh."""
-    size = np.ptp(mesh.vertices)
-    return mesh.vertices + 0.1 * size * np.sin(mesh.vertices[:, ::-1] / size * 5 + frame)
 
 
 def answers(tracer, sizes=(1, 300), seed=0):

@@ -1,8 +1,8 @@
-"""The time of a driver for getting a kernel: it compiles the kernel, or takes it from a cache of its own.
+"""Times how long a driver takes to compile a kernel, or to load it from a cache of its own.
 
-A driver does not say which, but the times are far apart: PoCL 3.0 takes 0.4 to 1.3 s to compile a program and 0.4 to
-0.7 s more when a kernel is launched for the first time with a size of work-groups, against 15 to 70 ms and 1 to 13 ms
-with its cache, on a 2-core x86-64 server.
+A driver does not say which of the two it does, but the times are far apart: PoCL 3.0 takes 0.4 to 1.3 s to compile a
+program and 0.4 to 0.7 s more when a kernel is launched for the first time with a size of work-groups, against 15 to 70
+ms and 1 to 13 ms with its cache, on a 2-core x86-64 server.
 """
 
 from __future__ import annotations
@@ -14,33 +14,34 @@ from types import TracebackType
 
 from ..support.code_times import LoadingCode, announce_compilation
 
-# A step that takes longer is a compilation.
+# A step that takes longer than this is a compilation.
 _LONGEST_LOAD_S = 0.25
 
 
-class GettingKernel:
-    """A `with` block in which a driver builds a program, or launches a kernel in a way in which it has not before.
+class CompileTimer:
+    """A `with` block in which a driver builds a program, or launches a kernel for the first time with a size.
 
     Parameters
     ----------
     announces : bool
-        Whether to announce the compilation as soon as it is known for one; not where a kernel may run for long.
+        Whether a compilation is announced while it lasts. False where a kernel runs inside the block: a long run would
+        be announced as a compilation, so it is announced afterwards.
 
     Attributes
     ----------
     run_ms : float
-        Time in which the kernel ran, to be set inside the block.
+        Time in which the kernel ran, to be set inside the block. It does not count.
     """
 
     def __init__(self, *, announces: bool) -> None:
         self.run_ms = 0.0
         self._loading = LoadingCode()
-        # A driver that holds Python's lock meanwhile lets it be said afterwards.
+        # Announces late if the driver holds Python's lock while it compiles.
         self._timer = threading.Timer(_LONGEST_LOAD_S, announce_compilation)
         self._timer.daemon = True
         self._announces = announces
 
-    def __enter__(self) -> GettingKernel:
+    def __enter__(self) -> CompileTimer:
         self._begin = time.perf_counter()
         self._loading.__enter__()
         if self._announces:
@@ -56,3 +57,5 @@ class GettingKernel:
         self._loading.is_compiled = time.perf_counter() - self._begin - self.run_ms * 1e-3 > _LONGEST_LOAD_S
         self._loading.is_loaded = not self._loading.is_compiled
         self._loading.__exit__(kind, error, trace)
+        if self._loading.is_compiled:
+            announce_compilation()

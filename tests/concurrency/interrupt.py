@@ -1,0 +1,17 @@
+"""Interrupts work at a chosen time, as Ctrl-C does."""
+
+import signal
+
+
+def interrupt(work, delay_s):
+    """Call a function and interrupt it after a while; return whether it came to its end, and its result or None."""
+    is_done, result = False, None
+    try:
+        signal.setitimer(signal.ITIMER_REAL, delay_s)
+        result = work()
+        is_done = True
+    except KeyboardInterrupt:
+        pass
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    return is_done, result
