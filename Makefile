@@ -10,9 +10,11 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
 INSTALLED_DOCS := $(VENV)/.installed-docs
+INSTALLED_STUDY := $(VENV)/.installed-study
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs clean
+.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs study \
+  results clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,6 +63,14 @@ lint: $(INSTALLED_DEV) ## ruff, mypy, import-linter, and the rules for kernels
 bench: $(INSTALLED_PEERS) ## measure, beside the peers (installs Open3D and embreex)
 	$(BIN)/python -m pytest bench tests/peers -q -s
 
+# `make study QUICK=1` takes four minutes; `make study ONLY="ladder scaling"` runs two experiments. A run goes on where the
+# one before was interrupted.
+study: $(INSTALLED_STUDY) ## repeat the report's experiments, and write out/study/index.html (installs the peers)
+	$(BIN)/clbvh study -o $(OUT)/study $(if $(QUICK),--quick) $(ONLY)
+
+results: $(INSTALLED_STUDY) ## write docs/results.md and the README's table from the study in out/study
+	$(BIN)/python -m clbvh.study.publish $(OUT)/study
+
 # The examples are the docstrings', the pages' and the scripts'. `make docs PAGES=only` leaves them out, where `make test`
 # has run them. The variable silences an announcement of mkdocs-material's about MkDocs 2.
 docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site in out/site
@@ -91,3 +101,7 @@ $(INSTALLED_DOCS): $(INSTALLED_DEV)
 $(INSTALLED_PEERS): $(INSTALLED_DEV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,peers]'
 	@touch $@
+
+$(INSTALLED_STUDY): pyproject.toml | $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[study,peers]'
+	@touch $@ $(INSTALLED)

@@ -10,7 +10,7 @@ import typer
 
 from ..errors import ClbvhError, DeviceError
 from ..support.code_times import on_first_compilation
-from . import devices, doctor, fetch, render, stats, tune, warmup
+from . import devices, doctor, fetch, render, stats, study, tune, warmup
 from .first_run import say_first_run
 from .streams import flush_output
 
@@ -32,6 +32,7 @@ app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)
 app.command(name="doctor")(doctor.doctor)
 app.command(name="tune")(tune.tune)
+app.command(name="study")(study.study)
 app.command(name="warmup")(warmup.warmup)
 
 

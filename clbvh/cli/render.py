@@ -36,7 +36,7 @@ _PHASES = {
     "download": "device to host, by the device's clock",
     "other": "launches, and whatever lies between the phases",
     "total": "wall time",
-    "write": "write the picture, not in the total",
+    "write": "write the picture, or count and draw the heat map; not in the total",
 }
 
 
@@ -107,6 +107,13 @@ def render(
     layout: Annotated[
         str, typer.Option(help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8.", rich_help_panel=_DEVICE)
     ] = "auto",
+    heatmap: Annotated[
+        str | None,
+        typer.Option(
+            metavar="nodes|triangles",
+            help="Show the node steps or the triangle tests of each ray instead, with a colour bar below.",
+        ),
+    ] = None,
     validate: Annotated[
         bool, typer.Option("--validate", help="Check the tree, and a sample of pixels against a slow reference.")
     ] = False,
@@ -122,6 +129,8 @@ def render(
         check_picture_path(path)
     if hits is not None:
         check_hits_path(hits)
+    if heatmap is not None:
+        _check_heat_map(heatmap, builder)
     scene = open_scene(source).with_changes(
         width=width,
         height=height,
@@ -148,7 +157,7 @@ def render(
 
     picture = _render_with_status(scene, wanted)
     report = picture.report()
-    report["timings_ms"]["write"] = _write(picture, output, hits)
+    report["timings_ms"]["write"] = _write(picture, output, hits, heatmap)
     if as_json:
         print(json.dumps(report, indent=2))
     else:
@@ -183,13 +192,26 @@ def _render_with_status(scene: Scene, options: RenderOptions) -> Picture:
         return render_scene(scene, options, on_phase=lambda phase: status.update(f"{phase} ..."))
 
 
-def _write(picture: Picture, output: list[Path], hits: Path | None) -> float:
+def _check_heat_map(quantity: str, builder: str) -> None:
+    from ..errors import ConfigError
+    from ..rendering.heat_map import check_quantity
+
+    check_quantity(quantity)
+    if builder == "brute":
+        raise ConfigError("a heat map shows the steps through a tree, and the builder brute has none: take another one")
+
+
+def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
     """Write all files and return the time in milliseconds."""
+    from ..rendering.heat_map import draw_heat_map_of
     from ..rendering.image_files import write_hits, write_picture
 
     begin = time.perf_counter()
+    rgb = picture.rgb
+    if heatmap is not None and picture.bvh is not None:
+        rgb = draw_heat_map_of(picture.bvh, picture.camera, picture.rgb.shape[1], picture.rgb.shape[0], heatmap)
     for path in output:
-        write_picture(path, picture.rgb)
+        write_picture(path, rgb)
     if hits is not None:
         write_hits(hits, picture.hits)
     return (time.perf_counter() - begin) * 1e3

@@ -17,9 +17,12 @@ from ..geometry import Mesh, load_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh
+from ..rendering.heat_map import draw_heat_map_of
 from ..rendering.ray_cost import measure_rays
 from ..stats import measure_tree
-from ..structs import LAYOUT_WIDTHS
+from ..stats.ladder_work import count_ladder_work
+from ..structs import LAYOUT_WIDTHS, WIDE_NODES
+from ..trace.oracle.wide_visits import count_wide_visits
 
 # Enough for a top with several subtrees.
 TRIANGLES = 3_000
@@ -27,6 +30,9 @@ _THRESHOLD = 500
 
 # More triangles than a block of any layout has.
 _LARGE_LEAF = 64
+
+# Of pictures whose rays are counted.
+_SIDE = 8
 
 _QUALITIES = (DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY)
 
@@ -49,6 +55,7 @@ def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
     if not quick:
         work.append(("cost of rays", partial(_for_both, mesh, _measure_rays)))
         work.append(("builders of the ladder", partial(_build_ladder, mesh)))
+        work.append(("counts of the study", partial(_for_both, mesh, _count_for_study)))
     return work
 
 
@@ -83,7 +90,17 @@ def _make_triangle() -> Mesh:
 
 
 def _measure_rays(bvh: Bvh) -> None:
-    measure_rays(bvh, frame_mesh(bvh.mesh, aspect=1.0), 1.0)
+    camera = frame_mesh(bvh.mesh, aspect=1.0)
+    measure_rays(bvh, camera, 1.0)
+    draw_heat_map_of(bvh, camera, _SIDE, _SIDE, "nodes")
+
+
+def _count_for_study(bvh: Bvh) -> None:
+    origins, directions = frame_mesh(bvh.mesh, aspect=1.0).rays(_SIDE, _SIDE)
+    for width in WIDE_NODES:
+        count_wide_visits(bvh, width, origins.reshape(-1, 3), directions.reshape(-1, 3))
+    for name in LADDER:
+        count_ladder_work(bvh.mesh, name)
 
 
 def _load_files() -> None:

@@ -142,6 +142,7 @@ def test_no_command_compiles_after_it(warmed, folder):
         ["render", scene, "-o", "a.png", "--builder", "median", "--bins", "12", "--json"],
         ["render", "bunny.ply", "-o", "a.ppm", "--builder", "brute"],
         ["render", scene, "-o", "a.png", "--workers", "2", "--task-threshold", "500"],
+        ["render", scene, "-o", "a.png", "--heatmap", "triangles"],
         ["stats", "bunny.ply"],
         ["stats", scene, "--rays", "--exact", "--builder", "frontier"],
     ]

@@ -31,6 +31,7 @@ NOT_RUN = {
     "clbvh tune": "measures for a minute",
     "clbvh doctor": "starts a process for each driver",
     "clbvh warmup": "compiles everything",
+    "clbvh study": "measures for minutes",
 }
 
 # Words in capitals that stand for something, as in `clbvh stats MESH|SCENE`.

@@ -1,7 +1,8 @@
 """The source of a primitive's box and centroid: the mesh, each time anew, or two arrays filled before.
 
 The first three variants recompute both in every comparison, all later ones look them up. The rest of the ladder asks
-`bound_prim` and `centroid_of` and does not know which of the two it gets; numba compiles it once for each.
+`bound_prim` and `centroid_of` and does not know which of the two it gets; numba compiles it once for each. So it also
+runs on a source that counts (`clbvh.stats.ladder_work`).
 """
 
 from __future__ import annotations
@@ -63,7 +64,9 @@ def _bound_prim(prims, prim):
             aabbs = prims.aabbs
             return aabbs[prim, 0], aabbs[prim, 1], aabbs[prim, 2], aabbs[prim, 3], aabbs[prim, 4], aabbs[prim, 5]
 
-    else:
+        return bound
+
+    if prims.instance_class is Recomputed:
 
         def bound(prims, prim):
             min_x, max_x = _bound_corners(prims.vertices, prims.faces, prim, 0)
@@ -71,7 +74,9 @@ def _bound_prim(prims, prim):
             min_z, max_z = _bound_corners(prims.vertices, prims.faces, prim, 2)
             return min_x, min_y, min_z, max_x, max_y, max_z
 
-    return bound
+        return bound
+
+    return None
 
 
 @overload(centroid_of)
@@ -81,14 +86,18 @@ def _centroid_of(prims, prim, axis):
         def centroid(prims, prim, axis):
             return prims.centroids[prim, axis]
 
-    else:
+        return centroid
+
+    if prims.instance_class is Recomputed:
 
         def centroid(prims, prim, axis):
             # The whole box, as the report's comparison does, although one axis of it is asked for.
             box = bound_prim(prims, prim)
             return _centre(box[axis], box[axis + 3])
 
-    return centroid
+        return centroid
+
+    return None
 
 
 @compiled

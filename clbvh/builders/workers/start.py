@@ -82,9 +82,12 @@ if hasattr(os, "register_at_fork"):
 
 
 def _choose_socket_folder() -> str:
-    """Return the folder for the fork server's socket: this process's own, unless `multiprocessing` has one already."""
+    """Return the folder for the fork server's socket: this process's own, unless `multiprocessing` has one already.
+
+    A child process inherits its parent's, which is not its own: the workers of a killed child would remove it.
+    """
     settings = multiprocessing.current_process()._config  # type: ignore[attr-defined] # as `get_temp_dir` itself does
-    if settings.get("tempdir") is None:
+    if settings.get("tempdir") is None or multiprocessing.parent_process() is not None:
         settings["tempdir"] = str(get_run_folder())
     return get_temp_dir()
 

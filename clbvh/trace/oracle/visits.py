@@ -28,6 +28,8 @@ from ...structs import (
     TRIANGLE_PRIM_ID,
 )
 from ...support.compiled import compiled
+from ...support.host_threads import HostThreads
+from ...support.ranges import cut_range
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
 
@@ -43,6 +45,11 @@ _AXIS_PADDING = _error_bound(14)
 _TIME_PADDING = _error_bound(28)
 _LARGEST_COORDINATE = np.float32(1.0)
 _MIN_SLOPE = np.float32(2.0**-30)
+
+# Rays that a thread takes at a time: rays of one picture differ much in their steps, so threads take many small shares.
+_CHUNK_RAYS = 1 << 14
+
+_FIELDS = 4
 
 _ZERO, _ONE, _TWO, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(np.inf)
 
@@ -130,16 +137,57 @@ def count_visits(
     -----
     In this thread: about a million node steps in 10 ms.
     """
-    batch, _ = read_rays(origins, directions, t_min, t_max)
-    rays = np.empty(batch.ray_count, PACKED_RAY)
-    pack_rays(batch, batch.part(0, batch.ray_count), TreeBox.around(bvh), rays)
-    nodes = make_bvh2_nodes(bvh).view(np.float32).reshape(-1, BVH2_LANES)
-    triangles = gather_triangles(bvh.mesh, bvh.prim_ids).view(np.float32).reshape(-1, TRIANGLE_LANES)
-    tree = _Tree(nodes, nodes.view(np.int32), triangles, triangles.view(np.int32), max(1, bvh.depth))
-    packed = _Rays(rays["origin"], rays["direction"], rays["t_min"], rays["t_max"])
-    counts = np.zeros((4, len(rays)), np.int32)
-    _walk(tree, packed, any_hit, counts)
-    return Visits(*counts)
+    return HostTraversal(bvh).count_visits(origins, directions, t_min=t_min, t_max=t_max, any_hit=any_hit)
+
+
+class HostTraversal:
+    """A tree that is ready to be traversed on the host, by compiled code, in any number of threads.
+
+    Parameters
+    ----------
+    bvh : Bvh
+    """
+
+    def __init__(self, bvh: Bvh) -> None:
+        nodes = make_bvh2_nodes(bvh).view(np.float32).reshape(-1, BVH2_LANES)
+        triangles = gather_triangles(bvh.mesh, bvh.prim_ids).view(np.float32).reshape(-1, TRIANGLE_LANES)
+        self._tree = _Tree(nodes, nodes.view(np.int32), triangles, triangles.view(np.int32), max(1, bvh.depth))
+        self._box = TreeBox.around(bvh)
+
+    def count_visits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        any_hit: bool = False,
+        threads: HostThreads | None = None,
+    ) -> Visits:
+        """Cast rays and count their steps; see the function `count_visits`.
+
+        Parameters
+        ----------
+        origins, directions, t_min, t_max, any_hit
+            See `count_visits`.
+        threads : HostThreads, optional
+            Threads that share the rays. Without them the calling thread casts all.
+        """
+        batch, _ = read_rays(origins, directions, t_min, t_max)
+        rays = np.empty(batch.ray_count, PACKED_RAY)
+        counts = np.zeros((batch.ray_count, _FIELDS), np.int32)
+
+        def cast(begin: int, end: int) -> None:
+            part = rays[begin:end]
+            pack_rays(batch, batch.part(begin, end), self._box, part)
+            packed = _Rays(part["origin"], part["direction"], part["t_min"], part["t_max"])
+            _walk(self._tree, packed, any_hit, counts[begin:end])
+
+        if threads is None:
+            cast(0, batch.ray_count)
+        else:
+            threads.run(cast, cut_range(0, batch.ray_count, -(-batch.ray_count // _CHUNK_RAYS)))
+        return Visits(*np.ascontiguousarray(counts.T))
 
 
 class _Tree(NamedTuple):
@@ -163,7 +211,7 @@ class _Rays(NamedTuple):
 
 @compiled(error_model="numpy")
 def _walk(tree, rays, any_hit, counts):
-    """Traverse the tree with every ray; `counts` holds the fields of `Visits`."""
+    """Traverse the tree with every ray; `counts`, (n, 4), holds the fields of `Visits` of each."""
     nodes, node_ints, triangles, triangle_ints = tree.nodes, tree.node_ints, tree.triangles, tree.triangle_ints
     stack = np.empty(tree.stack_size, np.int64)
     near_origin = np.empty(3, np.float32)
@@ -174,8 +222,8 @@ def _walk(tree, rays, any_hit, counts):
     for ray in range(len(rays.origins)):
         origin, direction = rays.origins[ray], rays.directions[ray]
         t_min, t_max = rays.t_mins[ray], rays.t_maxs[ray]
-        z_axis = _make_shear(origin, direction, shear, perturbation)
-        _pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
+        z_axis = make_shear(origin, direction, shear, perturbation)
+        pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = triangle_tests = 0
         stack_size = 0
@@ -207,7 +255,7 @@ def _walk(tree, rays, any_hit, counts):
                 leaf_visits += 1
                 triangle_tests += count
                 for triangle in range(begin, begin + count):
-                    t = _intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation)
+                    t = intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation)
                     prim = triangle_ints[triangle, TRIANGLE_PRIM_ID]
                     if t >= t_min and t <= t_max and (t < nearest_t or (t == nearest_t and prim < nearest_prim)):
                         nearest_t, nearest_prim = t, prim
@@ -217,12 +265,12 @@ def _walk(tree, rays, any_hit, counts):
                 stack_size -= 1
                 child = stack[stack_size]
             node = node_ints[child >> 1, BVH2_FIRST + (child & 1)]
-        counts[0, ray], counts[1, ray], counts[2, ray] = node_steps, leaf_visits, triangle_tests
-        counts[3, ray] = nearest_prim
+        counts[ray, 0], counts[ray, 1], counts[ray, 2] = node_steps, leaf_visits, triangle_tests
+        counts[ray, 3] = nearest_prim
 
 
 @compiled(error_model="numpy")
-def _pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse):
+def pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse):
     """Write the origins from which planes are seen, and the inverse of the direction; see `pad_ray` in cl/boxes."""
     longest_reach = abs(origin[z_axis]) + _LARGEST_COORDINATE
     distance = _TWO * _MIN_SLOPE * longest_reach
@@ -251,7 +299,7 @@ def _meets_child(nodes, node, child, near_origin, far_origin, inverse, t_min, t_
 
 
 @compiled(error_model="numpy")
-def _make_shear(origin, direction, shear, perturbation):
+def make_shear(origin, direction, shear, perturbation):
     """Write the shear that makes the ray the z axis, and the perturbation; return the axis that becomes z.
 
     See `make_ray` in cl/rays/ray.cl.
@@ -267,7 +315,7 @@ def _make_shear(origin, direction, shear, perturbation):
 
 
 @compiled(error_model="numpy")
-def _intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation):
+def intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation):
     """Return t where the ray crosses a triangle, NaN if it does not; see cl/triangles/triangle.cl."""
     ax, ay, az = _shear_vertex(triangles, triangle, 0, origin, z_axis, shear)
     bx, by, bz = _shear_vertex(triangles, triangle, 1, origin, z_axis, shear)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -72,8 +73,8 @@ def test_functions_that_are_not_compiled_are_annotated(name):
 @pytest.mark.parametrize("room", INTERPRETED_ROOMS)
 def test_rooms_outside_the_digest_compile_nothing(room):
     for path in (PACKAGE / room).rglob("*.py"):
-        assert "numba" not in path.read_text()
-        assert "support.compiled" not in path.read_text()
+        # The study names numba among the versions of a machine.
+        assert re.search(r"(import|from) numba|support\.compiled", path.read_text()) is None
 
 
 def test_any_change_of_a_source_is_another_digest(tmp_path):

@@ -1,0 +1,90 @@
+"""`clbvh study`: the report's experiments and the contest with other engines, as one page."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..study.run import Progress
+
+_MINUTE_S = 60
+
+
+def study(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[EXPERIMENT]...", help="Only these experiments; see --list.", show_default=False),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the page and the samples.")
+    ] = Path("out/study"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer and smaller cases: about four minutes on two cores.")
+    ] = False,
+    only_page: Annotated[
+        bool, typer.Option("--page", help="Measure nothing: write the page again from the samples that are there.")
+    ] = False,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
+        ),
+    ] = None,
+    show_list: Annotated[bool, typer.Option("--list", help="List the experiments and end.")] = False,
+) -> None:
+    """Repeat the report's experiments on this machine, and write one page with all figures.
+
+    Every sample is kept at once: after Ctrl-C the same command goes on where it was.
+    """
+    if show_list:
+        _print_list()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    from ..study.run import run_study
+    from ..study.scale import FULL, QUICK
+
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
+        bar = shown.add_task("", total=1.0, left="")
+        begun: set[str] = set()
+
+        def follow(progress: Progress) -> None:
+            left = f", {_describe_time(progress.remaining_s)} left" if progress.remaining_s is not None else ""
+            shown.update(bar, description=progress.experiment, completed=progress.share, left=left)
+            if not console.is_terminal and progress.experiment not in begun:
+                # A line for each experiment is enough for a log.
+                begun.add(progress.experiment)
+                note(f"{progress.experiment} begins at {100 * progress.share:.0f} %{left}")
+
+        def note(text: str) -> None:
+            shown.console.print(f"clbvh: {text}", markup=False, highlight=False, soft_wrap=True)
+
+        done = run_study(
+            output, names or (), scale=QUICK if quick else FULL, device=device, only_page=only_page,
+            on_progress=follow, on_note=note,
+        )  # fmt: skip
+    print(done.page)
+    print(done.samples)
+    print(done.table)
+    sys.stdout.flush()
+
+
+def _describe_time(seconds: float) -> str:
+    """Return a rough duration."""
+    return f"{round(seconds)} s" if seconds < 2 * _MINUTE_S else f"{round(seconds / _MINUTE_S)} min"
+
+
+def _print_list() -> None:
+    from ..study.registry import EXPERIMENTS
+
+    longest = max(map(len, EXPERIMENTS))
+    for experiment in EXPERIMENTS.values():
+        print(f"{experiment.name:{longest}}  {experiment.question}")

@@ -1,0 +1,156 @@
+"""A number for each pixel as a colour, with a bar that says which colour is which number.
+
+The colours run from dark blue over green to light yellow, evenly in lightness, so that they keep their order in grey
+and for colour-blind people.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..bvh import Bvh
+from ..errors import ConfigError
+from ..support.host_threads import HostThreads
+from ..trace.oracle.visits import HostTraversal, Visits
+from .camera import Camera
+
+# Quantities that `clbvh render --heatmap` can show, and the title of their bar.
+QUANTITIES = {"nodes": "NODE STEPS", "triangles": "TRIANGLE TESTS"}
+
+# Evenly spaced stops of the scale, in sRGB. Their lightness (CIE L*) rises by equal steps from 10 to 95.
+_STOPS = np.array(
+    [(19, 23, 63), (31, 55, 109), (32, 96, 130), (46, 138, 136), (103, 178, 132), (184, 210, 138), (253, 243, 169)],
+    np.float64,
+)
+
+# The highest colour stands for this percentile: a few pixels of the silhouette would darken all others.
+_HIGH_PERCENTILE = 99.5
+
+# Layout of the bar below the picture, in pixels of the font.
+_FONT_COLUMNS, _FONT_ROWS, _GAP = 5, 7, 1
+_INK = np.array([235, 238, 242], np.uint8)
+_GROUND = np.array([20, 24, 29], np.uint8)
+_TICKS = 5
+
+# Letters and digits of 5 x 7 pixels, one number for each row; the highest of five bits is the left pixel.
+_FONT = {
+    " ": (0, 0, 0, 0, 0, 0, 0),
+    "0": (14, 17, 19, 21, 25, 17, 14),
+    "1": (4, 12, 4, 4, 4, 4, 14),
+    "2": (14, 17, 1, 6, 8, 16, 31),
+    "3": (30, 1, 1, 14, 1, 1, 30),
+    "4": (2, 6, 10, 18, 31, 2, 2),
+    "5": (31, 16, 30, 1, 1, 17, 14),
+    "6": (6, 8, 16, 30, 17, 17, 14),
+    "7": (31, 1, 2, 4, 8, 8, 8),
+    "8": (14, 17, 17, 14, 17, 17, 14),
+    "9": (14, 17, 17, 15, 1, 2, 12),
+    "A": (14, 17, 17, 31, 17, 17, 17),
+    "D": (30, 17, 17, 17, 17, 17, 30),
+    "E": (31, 16, 16, 30, 16, 16, 31),
+    "G": (14, 17, 16, 23, 17, 17, 14),
+    "I": (14, 4, 4, 4, 4, 4, 14),
+    "L": (16, 16, 16, 16, 16, 16, 31),
+    "N": (17, 25, 21, 19, 17, 17, 17),
+    "O": (14, 17, 17, 17, 17, 17, 14),
+    "P": (30, 17, 17, 30, 16, 16, 16),
+    "R": (30, 17, 17, 30, 20, 18, 17),
+    "S": (15, 16, 16, 14, 1, 1, 30),
+    "T": (31, 4, 4, 4, 4, 4, 4),
+    "Y": (17, 17, 10, 4, 4, 4, 4),
+}
+
+
+def check_quantity(quantity: str) -> None:
+    """Raise `ConfigError` unless this is a key of `QUANTITIES`."""
+    if quantity not in QUANTITIES:
+        raise ConfigError(f"the heat map must be one of {', '.join(QUANTITIES)}, not '{quantity}'")
+
+
+def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
+    """Count the steps of the rays of a picture on the host, on all cores; each count is (height * width,) int32."""
+    origins, directions = camera.rays(width, height)
+    with HostThreads() as threads:
+        return HostTraversal(bvh).count_visits(
+            np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
+        )
+
+
+def draw_heat_map_of(bvh: Bvh, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
+    """Return the heat map of a picture of this size; see `draw_heat_map`."""
+    visits = count_picture(bvh, camera, width, height)
+    counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
+    check_quantity(quantity)
+    return draw_heat_map(counts[quantity].reshape(height, width), quantity)
+
+
+def draw_heat_map(counts: ArrayLike, quantity: str) -> NDArray[np.uint8]:
+    """Return counts as colours, with a colour bar below.
+
+    Parameters
+    ----------
+    counts : (height, width) int
+        The steps of each pixel.
+    quantity : str
+        ``"nodes"`` or ``"triangles"``: the title of the bar.
+
+    Returns
+    -------
+    (height + bar, width, 3) uint8
+        Linear from 0 to the number at the right end of the bar; higher counts have its colour.
+
+    Raises
+    ------
+    ConfigError
+        Another quantity.
+    """
+    check_quantity(quantity)
+    counts = np.asarray(counts)
+    highest = _choose_highest(counts)
+    colours = _colour_of(counts / highest)
+    return np.concatenate((colours, _draw_bar(counts.shape[1], highest, f"{QUANTITIES[quantity]} PER RAY")))
+
+
+def _choose_highest(counts: NDArray[np.int_]) -> int:
+    """Return the number at the right end of the bar: a multiple of the number of ticks, and at least one for each."""
+    high = float(np.percentile(counts, _HIGH_PERCENTILE)) if counts.size else 0.0
+    steps = _TICKS - 1
+    return max(steps, math.ceil(high / steps) * steps)
+
+
+def _colour_of(shares: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the colours of shares from 0 to 1; others get the colour of the nearer end."""
+    stops = np.linspace(0, 1, len(_STOPS))
+    channels = [np.interp(shares, stops, _STOPS[:, channel]) for channel in range(3)]
+    return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def _draw_bar(width: int, highest: int, title: str) -> NDArray[np.uint8]:
+    """Return a colour bar with a title above and numbers below."""
+    scale = max(1, width // 400)
+    text_rows = (_FONT_ROWS + 2 * _GAP) * scale
+    bar = np.empty((4 * text_rows, width, 3), np.uint8)
+    bar[:] = _GROUND
+    margin = min(4 * _FONT_COLUMNS * scale, width // 4)
+    length = max(1, width - 2 * margin)
+    bar[2 * text_rows : 3 * text_rows - _GAP * scale, margin : margin + length] = _colour_of(
+        np.linspace(0, 1, length)[None]
+    )
+    _write(bar, title, text_rows // 2, width // 2, scale)
+    for tick in range(_TICKS):
+        share = tick / (_TICKS - 1)
+        _write(bar, str(round(highest * share)), 3 * text_rows, margin + round(share * (length - 1)), scale)
+    return bar
+
+
+def _write(pixels: NDArray[np.uint8], text: str, top: int, middle: int, scale: int) -> None:
+    """Write text into pixels, centred at a column; what does not fit is cut off."""
+    columns = np.arange(_FONT_COLUMNS - 1, -1 - _GAP, -1)  # bits from the left; -1 is the gap to the next sign
+    signs = [np.where(columns >= 0, np.array(_FONT[sign])[:, None] >> np.maximum(columns, 0) & 1, 0) for sign in text]
+    mask = np.concatenate(signs, axis=1).astype(bool).repeat(scale, axis=0).repeat(scale, axis=1)
+    left = max(0, middle - mask.shape[1] // 2)
+    part = pixels[top : top + mask.shape[0], left : left + mask.shape[1]]
+    part[mask[: part.shape[0], : part.shape[1]]] = _INK

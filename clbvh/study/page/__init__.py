@@ -1,0 +1,1 @@
+"""The page of a study: its parts, the figures, and the HTML."""

@@ -1,0 +1,74 @@
+"""Heat maps: colours, the bar, its numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clbvh import build, make_shape
+from clbvh.errors import ConfigError
+from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.heat_map import _FONT, QUANTITIES, _colour_of, count_picture, draw_heat_map, draw_heat_map_of
+from clbvh.trace.oracle.visits import count_visits
+
+
+def lightness(colours):
+    """Return CIE L* of sRGB colours."""
+    share = np.asarray(colours, float) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    luminance = linear @ [0.2126, 0.7152, 0.0722]
+    return np.where(luminance > 0.008856, 116 * np.cbrt(luminance) - 16, 903.3 * luminance)
+
+
+def test_lightness_rises_evenly():
+    steps = np.diff(lightness(_colour_of(np.linspace(0, 1, 18))))
+    assert (steps > 0).all()
+    assert steps.max() < 1.5 * steps.min()
+
+
+def test_more_is_lighter_and_the_bar_is_below():
+    counts = np.arange(200).reshape(1, 200).repeat(4, axis=0)
+    picture = draw_heat_map(counts, "nodes")
+    assert picture.shape[0] > 4
+    assert picture.shape[1:] == (200, 3)
+    assert picture.dtype == np.uint8
+    assert (np.diff(lightness(picture[0])) >= -1e-9).all()
+    assert (picture[:4] == picture[0]).all()
+
+
+@pytest.mark.parametrize("counts", [np.zeros((3, 40), int), np.full((3, 40), 7), np.eye(40, dtype=int)[:3]])
+def test_few_different_counts(counts):
+    assert draw_heat_map(counts, "triangles").shape[1] == 40
+
+
+def test_a_few_bright_pixels_do_not_darken_the_others():
+    counts = np.full((100, 100), 50)
+    counts[0, 0] = 10_000
+    picture = draw_heat_map(counts, "nodes")
+    assert lightness(picture[50, 50]) > 80
+    assert (picture[0, 0] == _colour_of(np.array(1.0))).all()
+
+
+@pytest.mark.parametrize("width", [1, 5, 33, 800, 3840])
+def test_pictures_of_any_width(width):
+    assert draw_heat_map(np.ones((2, width), int), "nodes").shape[1] == width
+
+
+def test_every_sign_of_the_titles_is_in_the_font():
+    assert set("".join(QUANTITIES.values()) + " PER RAY0123456789") <= _FONT.keys()
+    assert all(len(rows) == 7 and max(rows) < 32 for rows in _FONT.values())
+
+
+def test_an_unknown_quantity_is_refused():
+    with pytest.raises(ConfigError, match="the heat map must be one of nodes, triangles, not 'boxes'"):
+        draw_heat_map(np.ones((2, 2), int), "boxes")
+
+
+def test_counts_are_those_of_the_pictures_rays():
+    bvh = build(make_shape("knot", triangles=1000))
+    camera = frame_mesh(bvh.mesh, aspect=2)
+    origins, directions = camera.rays(40, 20)
+    expected = count_visits(bvh, origins.reshape(-1, 3), directions.reshape(-1, 3))
+    assert np.array_equal(count_picture(bvh, camera, 40, 20).triangle_tests, expected.triangle_tests)
+    picture = draw_heat_map_of(bvh, camera, 40, 20, "triangles")
+    assert np.array_equal(picture, draw_heat_map(expected.triangle_tests.reshape(20, 40), "triangles"))
