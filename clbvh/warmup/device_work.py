@@ -35,12 +35,16 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
             origins, directions = make(*shape), make(*shape)
             hits = tracer.closest_hit(origins, directions)
             hits.locations, hits.normals  # noqa: B018 - computed when they are asked for
+            seen = hits[hits.is_hit]
+            seen.offset_origins()
+            seen.offset_origins(towards=seen.normals)
             tracer.closest_prim(origins, directions)
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
             crossings = tracer.all_hits(origins, directions, max_hits=4)
             crossings.locations, crossings.counts  # noqa: B018
             tracer.all_hits(origins, directions)
+            tracer.hits_by_depth(origins, directions)
             tracer.hits_by_depth(origins, directions, with_locations=True)
             points = make(*shape)
             tracer.closest_point(points)
@@ -57,6 +61,9 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike, *, wri
                     tracer.any_hit(origins, directions)
         limits = np.zeros(3), np.full(3, size)
         tracer.closest_hit(make(3), make(3), t_min=limits[0], t_max=limits[1])
+        vertices = bvh.mesh.vertices.astype(dtype)
+        vertices.flags.writeable = writable
+        tracer.update(vertices)
 
 
 def draw(device: DeviceInfo, layout: str, *, validate: bool = False, builder: str = DEFAULT_BUILDER) -> None:
