@@ -4,7 +4,7 @@ COPY . /source
 RUN pip install --no-cache-dir /source && rm -r /source
 # Kernels and machine code that the container compiles stay in it; a user without a home can write there, too.
 ENV CLBVH_CACHE=/cache XDG_CACHE_HOME=/cache
-RUN mkdir -m 777 /cache /data && clbvh render demo -o /tmp/demo.ppm && rm /tmp/demo.ppm && chmod -R a+rwX /cache
+RUN mkdir -m 777 /cache /data && clbvh warmup && chmod -R a+rwX /cache
 WORKDIR /data
 ENTRYPOINT ["clbvh"]
 CMD ["devices"]

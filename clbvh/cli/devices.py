@@ -66,10 +66,11 @@ def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("", "device", "platform", "version", "driver", "memory", "units", "fp64", "layout"):
         table.add_column(heading, justify="right" if heading in ("", "memory", "units") else "left", overflow="fold")
+    rows = []
     for device in survey.devices:
         is_default = device == default
         name = device.name if device.is_available else f"{device.name} (not available)"
-        table.add_row(
+        row = (
             f"{'*' if is_default else ' '} {device.number}",
             f"{escape(name)} [dim]{device.kind}[/dim]",
             escape(device.platform),
@@ -79,14 +80,32 @@ def _print_table(survey: DeviceSurvey, default: DeviceInfo | None) -> None:
             str(device.compute_units),
             "yes" if device.has_fp64 else "no",
             find_settings(device).layout,
-            style="bold" if is_default else "",
         )
+        table.add_row(*row, style="bold" if is_default else "")
+        rows.append(row)
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=_PIPE_WIDTH)
-    console.print(table)
+    unlimited = console.options.update(max_width=_PIPE_WIDTH)
+    if console.measure(table, options=unlimited).maximum <= console.width:
+        console.print(table)
+    else:  # columns of a few letters would be unreadable
+        for row in rows:
+            console.print(_make_list(row))
     if default is not None:
         console.print("* used by default; choose with --device NUMBER, a part of a name, gpu or cpu", style="dim")
+
+
+def _make_list(row: tuple[str, ...]) -> Any:
+    """Return the row of a device as a short list, for a narrow terminal."""
+    from rich.table import Table
+
+    mark, name, platform, version, driver, memory, units, fp64, layout = row
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    facts.add_row(mark, name)
+    facts.add_row("", f"{platform}, {version}, driver {driver}")
+    facts.add_row("", f"{memory}, {units} units, fp64 {fp64}, layout {layout}")
+    return facts
 
 
 def _shorten_version(version: str) -> str:

@@ -9,7 +9,7 @@ import typer
 
 def fetch(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="bunny, dragon, drill.", show_default=False)
+        list[str] | None, typer.Argument(metavar="NAME", help="bunny, dragon, drill.", show_default=False)
     ] = None,
     list_all: Annotated[bool, typer.Option("--list", help="List the known meshes and their paths.")] = False,
     base_url: Annotated[

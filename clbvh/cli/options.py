@@ -24,7 +24,7 @@ Source = Annotated[
     str,
     typer.Argument(
         metavar="MESH|SCENE",
-        help="A mesh file (PLY, OBJ, STL, OFF, GLB), a scene file (.toml), or a shipped scene: "
+        help="A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
         "demo, bunny, dragon, drill, knot, palace, terrain.",
         show_default=False,
     ),

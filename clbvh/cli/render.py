@@ -29,7 +29,7 @@ _PHASES = {
     "build": "build the tree",
     "open": "open the device",
     "layout": "arrange the tree for the device",
-    "compile": "compile functions and kernels for this machine, in a first run",
+    "compile": "compile functions and kernels, in a first run only",
     "load_code": "load compiled functions and kernels",
     "upload": "host to device, by the device's clock",
     "kernel": "trace and shade, by the device's clock",

@@ -185,7 +185,7 @@ def _make_time_table(build: dict[str, Any]) -> Any:
         "build": f"builder {build['builder']}, {describe_workers(build['workers'])}; of this:",
         "measure": "the measures above",
         "rays": "cast on the host, step for step as layout bvh2",
-        "compile": "compile functions for this machine, in a first run",
+        "compile": "compile functions, in a first run only",
         "load_code": "load compiled functions",
         "other": "between the phases",
         "total": "wall time",

@@ -91,7 +91,9 @@ def _print_report(report: dict[str, Any], steps: list[WarmStep]) -> None:
         )
     facts = make_facts()
     if report["compiled"]:
-        done = f"{report['compiled']:,} functions and kernels in {report['compile_ms'] / 1e3:.1f} s"
+        count = report["compiled"]
+        many = "functions and kernels" if count > 1 else "function or kernel"
+        done = f"{count:,} {many} in {report['compile_ms'] / 1e3:.1f} s"
     else:
         done = "nothing: all is there"
     facts.add_row("compiled", done)

@@ -41,7 +41,7 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
     """
     if spec is None:
         return devices[0]
-    there_are = "there are " + "; ".join(str(device) for device in devices)
+    there_are = f"the device{'s are' if len(devices) > 1 else ' is'} " + "; ".join(str(device) for device in devices)
 
     word = _simplify(str(spec))
     if isinstance(spec, int) or word.isdecimal():

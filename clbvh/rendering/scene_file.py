@@ -51,8 +51,11 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
     if text.endswith(SCENE_SUFFIX):
         return read_scene(Path(text))
     shipped = find_folder("scenes") / f"{text}{SCENE_SUFFIX}"
-    if not Path(text).exists() and Path(text).name == text and shipped.is_file():
-        return read_scene(shipped)
+    if not Path(text).exists() and Path(text).name == text and not Path(text).suffix:
+        if shipped.is_file():
+            return read_scene(shipped)
+        names = sorted(path.stem for path in shipped.parent.glob(f"*{SCENE_SUFFIX}"))
+        raise SceneError(f"{text}: no such file, and no shipped scene: these are {', '.join(names)}")
     return Scene(MeshSource(path=text))
 
 

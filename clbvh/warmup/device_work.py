@@ -38,13 +38,16 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
             origins, directions = make(*shape), make(*shape)
             hits = tracer.closest_hit(origins, directions)
             hits.locations, hits.normals  # noqa: B018 - computed when they are asked for
-            hits.offset_origins(), hits.offset_origins(towards=directions)
+            seen = hits[hits.is_hit]
+            seen.offset_origins()
+            seen.offset_origins(towards=seen.normals)
             tracer.closest_prim(origins, directions)
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
             crossings = tracer.all_hits(origins, directions, max_hits=4)
             crossings.locations, crossings.counts  # noqa: B018
             tracer.all_hits(origins, directions)
+            tracer.hits_by_depth(origins, directions)
             tracer.hits_by_depth(origins, directions, with_locations=True)
             points = make(*shape)
             tracer.closest_point(points)

@@ -1,6 +1,7 @@
 """`clbvh devices`: the table, the JSON object, and machines that lack something, each in a process of its own."""
 
 import json
+import re
 
 import pytest
 
@@ -53,6 +54,25 @@ def test_names_with_brackets_are_printed_as_they_are(monkeypatch, capsys):
     monkeypatch.delenv("CLBVH_DEVICE", raising=False)
     devices(as_json=False)
     assert "* 0  Graphics [bold] (not available) " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_a_narrow_terminal_has_a_list_with_whole_words(columns, monkeypatch, capsys):
+    from clbvh.cli.devices import devices
+    from clbvh.device import select
+
+    found = select.list_devices()[:1]
+    monkeypatch.setattr(select, "survey_devices", lambda: select.DeviceSurvey(tuple(found), ()))
+    monkeypatch.delenv("CLBVH_DEVICE", raising=False)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", str(columns))
+    devices(as_json=False)
+    output = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out)
+    assert max(map(len, output.splitlines())) <= columns
+    words = output.split()
+    for word in (*found[0].name.split(), *found[0].platform.split(), found[0].kind, "fp64", "units,"):
+        assert word in words or f"{word}," in words
 
 
 def test_a_wrong_choice_in_the_environment_is_named_but_does_not_hide_the_list():

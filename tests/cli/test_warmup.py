@@ -191,5 +191,25 @@ def test_no_example_compiles_after_it(warmed, folder):
     check(warmed, folder, [run.format([str(path), *EXAMPLES[path.stem]]) for path in examples])
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_no_query_of_the_api_compiles_after_it(warmed, folder, dtype):
+    code = f"""
+import clbvh, numpy as np
+mesh = clbvh.make_shape("knot", triangles=5000)
+random = np.random.default_rng(0)
+with clbvh.Tracer(mesh) as tracer:
+    for shape in ((3,), (20, 30, 3), (70_000, 3)):
+        origins, directions = (random.normal(size=shape).astype("{dtype}") for _ in range(2))
+        hits = tracer.closest_hit(origins, directions)
+        seen = hits[hits.is_hit]
+        seen.offset_origins(), seen.offset_origins(towards=seen.normals)
+        tracer.hits_by_depth(origins, directions)
+        tracer.all_hits(origins, directions, max_hits=3).locations
+    tracer.update(mesh.vertices.astype("{dtype}") * 1.1)
+    tracer.closest_hit(origins, directions)
+"""
+    check(warmed, folder, [code])
+
+
 def test_an_unknown_device_exits_3():
     refuses(run_clbvh("warmup", "--device", "no such card"), 3, "no such card")

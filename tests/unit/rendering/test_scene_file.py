@@ -114,6 +114,11 @@ def test_a_missing_scene_file_is_named(tmp_path):
         read_scene(tmp_path / "gone.toml")
 
 
+def test_a_misspelt_scene_is_told_the_names():
+    with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, demo"):
+        open_scene("bunni")
+
+
 def test_the_shipped_scenes_are_the_promised_ones():
     assert sorted(path.stem for path in find_folder("scenes").glob("*.toml")) == sorted(SHIPPED)
 
