@@ -35,7 +35,7 @@ class DeviceInfo:
     is_available : bool
         False if the driver reports that the device or its compiler cannot be used.
     cl_device : pyopencl.Device
-        The handle; None in a description that comes from elsewhere.
+        The handle; None in a description that comes from elsewhere, and in one that was copied or pickled.
 
     Examples
     --------
@@ -92,6 +92,10 @@ class DeviceInfo:
         # `dataclasses.asdict` would try to copy the handle, which belongs to the driver.
         facts = {name: value for name, value in vars(self).items() if name != "cl_device"}
         return facts | {"layout": self.layout}
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The handle belongs to this process; a session finds the device again.
+        return vars(self) | {"cl_device": None}
 
     def __str__(self) -> str:
         return f"{self.number}: {self.name} ({self.platform})"

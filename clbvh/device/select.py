@@ -8,7 +8,7 @@ without a working OpenCL loader gets a `DeviceError` instead of a traceback.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import DeviceError
@@ -156,6 +156,22 @@ def choose_device(spec: str | int | None = None) -> DeviceInfo:
         reason = f" ({survey.problems[0]})" if survey.problems else ""
         raise DeviceError(f"no OpenCL device was found{reason}: run `clbvh doctor` to find the cause")
     return pick_device(survey.devices, spec, asked_by)
+
+
+def find_again(device: DeviceInfo) -> DeviceInfo:
+    """Return a description with its handle, which copies and pickles have lost.
+
+    Raises
+    ------
+    DeviceError
+        This process has no such device.
+    """
+    if device.cl_device is not None:
+        return device
+    for found in list_devices():
+        if found == replace(device, number=found.number):
+            return found
+    raise DeviceError(f"the device {device.name!r} ({device.platform}) is not here: run `clbvh doctor` for advice")
 
 
 def _describe(cl: Any, platform: Any, cl_device: Any) -> DeviceInfo:

@@ -15,7 +15,7 @@ from .context import DeviceContext, forget_context, open_context
 from .info import DeviceInfo
 from .kernel import Kernel
 from .owner_process import check_process, claim_opencl, hold_handles, is_inherited, keep_for_ever
-from .select import choose_device
+from .select import choose_device, find_again
 from .settings import Settings, find_settings
 from .timing import EventTimes
 
@@ -66,7 +66,7 @@ class DeviceSession(ContextManager):
     """
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
-        info = device if isinstance(device, DeviceInfo) else choose_device(device)
+        info = find_again(device) if isinstance(device, DeviceInfo) else choose_device(device)
         self._open(info, find_settings(info), EventTimes(), None)
 
     def branch(self) -> DeviceSession:

@@ -61,7 +61,7 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
         return load_mesh(thing)
     if isinstance(thing, tuple | list) and len(thing) == 2:
         return Mesh.from_arrays(*thing)
-    if isinstance(thing, HasTriangles):
+    if isinstance(thing, HasTriangles) and not isinstance(thing, type):
         return Mesh.from_arrays(thing.vertices, thing.faces, name=type(thing).__name__)
     raise MeshError(
         f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a trimesh.Trimesh, the path of a mesh file, or a "

@@ -25,15 +25,29 @@ def is_closed(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> bool:
         Vertices at one point count as one: a file may list them once for each triangle.
     faces : (F, 3) int32
     """
-    for seed in _SEEDS:
-        point_hashes = _hash_points(vertices, np.uint64(seed))
-        total = np.uint64(0)
-        for begin in range(0, len(faces), _CHUNK_FACES):
-            corners = point_hashes[faces[begin : begin + _CHUNK_FACES]]
-            total ^= _hash_edges(corners)
-        if total != 0:
-            return False
-    return True
+    return all(_do_edges_cancel(_hash_points(vertices, np.uint64(seed)), faces) for seed in _SEEDS)
+
+
+def is_joined(vertex_count: int, faces: NDArray[np.int32]) -> bool:
+    """Return whether every edge between two vertex indices belongs to an even number of triangles.
+
+    A mesh of such faces is closed wherever its vertices are.
+
+    Parameters
+    ----------
+    vertex_count : int
+    faces : (F, 3) int32
+    """
+    indices = np.arange(vertex_count, dtype=np.uint64)
+    return all(_do_edges_cancel(_mix(_mix(indices) ^ np.uint64(seed)), faces) for seed in _SEEDS)
+
+
+def _do_edges_cancel(point_hashes: NDArray[np.uint64], faces: NDArray[np.int32]) -> bool:
+    """Return whether the exclusive or of the hashes of all edges is zero."""
+    total = np.uint64(0)
+    for begin in range(0, len(faces), _CHUNK_FACES):
+        total ^= _hash_edges(point_hashes[faces[begin : begin + _CHUNK_FACES]])
+    return bool(total == 0)
 
 
 def _hash_points(points: NDArray[np.float32], seed: np.uint64) -> NDArray[np.uint64]:

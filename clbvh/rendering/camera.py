@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from .lens import Lens, Window, check_size, window_of
+from ..support.memory import check_memory
+from .lens import Lens, Window, check_size, is_finite_number, window_of
 from .pose import make_axes, make_pose, read_pose, rotate_about_axis
 from .vectors import Vector, as_vector, check_vector
+
+# Directions, and a copy of them on the way.
+_BYTES_PER_RAY = 48
 
 DEFAULT_FOV = 35.0
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
@@ -78,6 +82,7 @@ class Camera:
                 )
             object.__setattr__(self, "fov", self.lens.fov)
         check_fov(self.fov)
+        object.__setattr__(self, "fov", float(self.fov))
         self.axes()
 
     @classmethod
@@ -150,7 +155,9 @@ class Camera:
         >>> right, up, forward
         (array([1., 0., 0.]), array([0., 0., 1.]), array([0., 1., 0.]))
         """
-        return make_axes(np.subtract(self.look_at, self.eye), np.asarray(self.up, np.float64))
+        with np.errstate(over="ignore"):  # refused by name
+            forward = np.subtract(self.look_at, self.eye)
+        return make_axes(forward, np.asarray(self.up, np.float64))
 
     def intrinsics(
         self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half"
@@ -197,7 +204,8 @@ class Camera:
         Raises
         ------
         SceneError
-            A camera without a lens lacks a side, or the aspect ratio is not the lens's.
+            A camera without a lens lacks a side, the aspect ratio is not the lens's, or rows that the picture does not
+            have.
 
         Examples
         --------
@@ -209,10 +217,14 @@ class Camera:
         (48, 64)
         """
         width, height = self.size_for(width, height)
+        rows = range(height) if rows is None else rows
+        if not isinstance(rows, range) or (rows and not (min(rows) >= 0 and max(rows) < height)):
+            raise SceneError(f"the rows of a picture of {height} rows must be a range within them, not {rows!r}")
+        check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * _BYTES_PER_RAY, SceneError)
         right, up, forward = self.axes()
         window = find_window(self, width, height)
         x = (2 * np.arange(width) + 1) / width - 1
-        y = 1 - (2 * np.asarray(rows or range(height)) + 1) / height
+        y = 1 - (2 * np.asarray(rows, np.int64) + 1) / height
         upwards = window.centre_y + y * window.half_height
         across = (window.centre_x + x * window.half_width)[None, :]
         if window.shear:
@@ -272,7 +284,7 @@ class Camera:
         >>> [round(part, 6) for part in camera.orbit(90).eye]
         [5.0, 0.0, 0.0]
         """
-        if isinstance(degrees, bool) or not isinstance(degrees, Real) or not math.isfinite(degrees):
+        if not is_finite_number(degrees):
             raise SceneError(f"a camera orbits by a finite number of degrees, not {degrees!r}")
         if about is None and self.lens is not None:
             raise SceneError("a camera with a lens has no point to orbit: give one as `about`")
@@ -281,7 +293,9 @@ class Camera:
         check_vector("the axis that a camera orbits around", direction)
         if not any(direction):
             raise SceneError("the axis that a camera orbits around must not be zero")
-        rotation = rotate_about_axis(np.asarray(direction, np.float64), math.radians(float(degrees)))
+        # Whole turns are left out in degrees, where they are exact.
+        angle = math.radians(math.fmod(degrees, 360.0))
+        centre, rotation = as_vector(np.asarray(centre)), rotate_about_axis(np.asarray(direction, np.float64), angle)
 
         def turn(point: Vector) -> Vector:
             return as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
@@ -310,7 +324,7 @@ class Camera:
         if width is None or height is None:
             raise SceneError("a camera without a lens has no size: give the width and the height of the picture")
         check_size(width, height)
-        return width, height
+        return int(width), int(height)
 
     def _lens_for(self, width: int, height: int) -> Lens:
         """Return the intrinsics of a picture of this size."""
@@ -329,5 +343,5 @@ def find_window(camera: Camera, width: int, height: int) -> Window:
 
 def check_fov(fov: float) -> None:
     """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
-    if not isinstance(fov, Real) or not 0 < fov < 180:
+    if isinstance(fov, bool) or not isinstance(fov, Real) or not 0 < fov < 180:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")

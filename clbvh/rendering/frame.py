@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from ..device.program import build_kernels
 from ..device.session import DeviceSession
 from ..device.timing import EventTimes
-from ..errors import DeviceMemoryError
+from ..errors import DeviceMemoryError, SceneError
 from ..structs import HIT, VIEW
 from ..support.context_manager import ContextManager
+from ..support.memory import check_memory
 from ..trace.device_tree import DeviceTree
 from ..trace.rays.entry_points import find_entry_points
 from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
@@ -19,6 +20,9 @@ from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
 BAND_PIXELS = 2**24
 
 _CHANNELS = 4
+
+# Of the host: the channels, once more without the fourth, and the hits.
+_BYTES_PER_PIXEL = 2 * _CHANNELS - 1 + HIT.itemsize
 
 
 class FrameRenderer(ContextManager):
@@ -83,6 +87,7 @@ class FrameRenderer(ContextManager):
             memory = loan.memory
             shared_times, memory.session.times = memory.session.times, times or memory.session.times
             try:
+                check_memory(f"a picture of {width} x {height}", width * height * _BYTES_PER_PIXEL, SceneError)
                 colours = np.empty((height, width, _CHANNELS), np.uint8)
                 hits = np.empty((height, width), HIT)
                 band_rows = min(height, max(1, self._band_pixels // width))

@@ -43,9 +43,10 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     ConfigError
         The path has another suffix, or the file cannot be written.
     """
-    if not isinstance(path, str | os.PathLike) or not isinstance(os.fspath(path), str):
-        raise ConfigError(f"the file of a picture is a path, not {path!r}")
-    path = Path(path)
+    try:
+        path = Path(path)
+    except TypeError as error:
+        raise ConfigError(f"the file of a picture is a path, not {path!r}") from error
     check_picture_path(path)
     encoded = encode_picture(rgb, path.suffix.lower())
     write_atomically(path, lambda file: file.write(encoded))

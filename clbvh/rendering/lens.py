@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,8 +83,12 @@ class Lens:
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
         for name, value in (("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy), ("skew", self.skew)):
-            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            if not is_finite_number(value):
                 raise SceneError(f"the camera's {name} must be a finite number of pixels, not {value!r}")
+            # Python's numbers, whatever was given: sizes of a short type would overflow in products.
+            object.__setattr__(self, name, float(value))
+        for name in ("width", "height"):
+            object.__setattr__(self, name, int(getattr(self, name)))
         for name, value, side in (("fx", self.fx, self.width), ("fy", self.fy, self.height)):
             if not value > 0:
                 raise SceneError(
@@ -171,6 +175,7 @@ class Lens:
         if (width, height) == (self.width, self.height):
             return self
         check_size(width, height)
+        width, height = int(width), int(height)
         off_width = abs(width - height * self.width / self.height)
         off_height = abs(height - width * self.height / self.width)
         if min(off_width, off_height) > _SHAPE_SLACK_PIXELS:
@@ -199,12 +204,12 @@ class Lens:
         """
         if width is None:
             check_size(1, height if height is not None else 1)
-            width = self.width if height is None else max(1, round(height * self.width / self.height))
+            width = self.width if height is None else max(1, round(int(height) * self.width / self.height))
         check_size(width, height if height is not None else 1)
         if height is None:
-            height = max(1, round(width * self.height / self.width))
+            height = max(1, round(int(width) * self.height / self.width))
         self.resized(width, height)
-        return width, height
+        return int(width), int(height)
 
     @property
     def fov(self) -> float:
@@ -225,11 +230,23 @@ def window_of(lens: Lens) -> Window:
     )
 
 
+def is_finite_number(value: object) -> TypeGuard[Real]:
+    """Return whether a value is a real number that float64 can hold."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a longer integer
+        return False
+
+
 def check_size(width: object, height: object) -> None:
     """Raise `SceneError` unless these are the sides of a picture in pixels."""
     for name, side in (("width", width), ("height", height)):
         if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
             raise SceneError(f"the {name} of a camera's picture must be a whole number of pixels, not {side!r}")
+        if int(side) > _MOST:
+            raise SceneError(f"the {name} of a camera's picture must be at most {_MOST:g} pixels")
 
 
 def _find_centre(pixel_centres: str) -> float:

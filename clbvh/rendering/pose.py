@@ -64,10 +64,14 @@ def make_axes(forward: _Vector, up: _Vector) -> tuple[_Vector, _Vector, _Vector]
     """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
     # Scaled first: the squares of a short or long vector need not be in float64.
     longest = np.abs(forward).max()
+    if not np.isfinite(longest):
+        raise SceneError("the camera's eye and look_at are farther apart than float64 can hold")
     if not longest > 0:
         raise SceneError("the camera's eye and look_at are the same point")
     forward = forward / longest
     forward /= np.linalg.norm(forward)
+    longest = np.abs(up).max()
+    up = up / longest if longest > 0 else up
     right = np.cross(forward, up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
     length = np.linalg.norm(right)
     if not length > 1e-9:

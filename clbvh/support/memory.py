@@ -8,9 +8,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..errors import ClbvhError
+
 _PROC = Path("/proc")
 _CGROUPS = Path("/sys/fs/cgroup")
 _KIB = 1024
+
+# Less is not checked: to ask how much is free takes 0.1 ms.
+_LEAST_CHECKED = 2**28
 
 # Per version of control groups: the mount point, the files of the limit and of the memory in use, and the part of the
 # latter that the kernel gives back on demand (pages of files), as named in `memory.stat`.
@@ -21,6 +26,32 @@ _LEGACY = (_CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
 def free_memory_bytes() -> int:
     """Return how many bytes this process can still take without swapping; 0 when a limit is already exceeded."""
     return max(0, min([_system_bytes(), *_cgroup_bytes(), *_address_space_bytes()]))
+
+
+def check_memory(subject: str, needed_bytes: int, error: type[ClbvhError], advice: str = "") -> None:
+    """Raise an error if arrays would not fit the memory that is free; for checks before they are allocated.
+
+    Systems promise more memory than they have, and end the process that believes them. Arrays of less than 256 MiB are
+    not checked.
+
+    Parameters
+    ----------
+    subject : str
+        What needs the memory, in a word or two.
+    needed_bytes : int
+    error : type
+        The class of the error.
+    advice : str, optional
+        What to do instead.
+    """
+    if needed_bytes < _LEAST_CHECKED:
+        return
+    free = free_memory_bytes()
+    if needed_bytes > free:
+        raise error(
+            f"{subject} need{'s' * subject.startswith('a ')} about {needed_bytes / 1e6:,.0f} MB of memory, "
+            f"but {free / 1e6:,.0f} MB are free{': ' if advice else ''}{advice}"
+        )
 
 
 def _system_bytes() -> int:

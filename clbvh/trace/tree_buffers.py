@@ -29,7 +29,6 @@ class TreeBuffers:
     ----------
     arguments : dict of str to buffer
         By the names of the kernels' arguments.
-    byte_count : int
     """
 
     def __init__(self, session: DeviceSession, arrays: DeviceArrays) -> None:
@@ -37,25 +36,36 @@ class TreeBuffers:
         by_name: dict[str, NDArray[np.void]] = {name: getattr(arrays, name) for name in _NAMES}
         self._shapes = {name: (len(array), array.dtype) for name, array in by_name.items()}
         self.arguments: dict[str, Any] = {name: session.upload(array) for name, array in by_name.items()}
-        self.byte_count = sum(array.nbytes for array in by_name.values())
 
     def twin(self) -> TreeBuffers:
-        """Return buffers of the same sizes, with undefined content.
+        """Return buffers of the same sizes, which are not allocated yet."""
+        twin = TreeBuffers.__new__(TreeBuffers)
+        twin._session, twin._shapes, twin.arguments = self._session, self._shapes, {}
+        return twin
+
+    def allocate(self) -> None:
+        """Allocate the buffers that are missing.
 
         Raises
         ------
         DeviceError
-            The device has no room for them.
+            The device has no room for them; then there are none.
         """
-        twin = TreeBuffers.__new__(TreeBuffers)
-        twin._session, twin._shapes, twin.byte_count, twin.arguments = self._session, self._shapes, self.byte_count, {}
         try:
-            for name, (count, dtype) in self._shapes.items():
-                twin.arguments[name] = self._session.allocate(count * dtype.itemsize, writable=False)
+            for name in self._shapes.keys() - self.arguments.keys():
+                self.arguments[name] = self._session.allocate(self._byte_count(name), writable=False)
         except BaseException:
-            twin.release()
+            self.release()
             raise
-        return twin
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of the buffers that are on the device."""
+        return sum(map(self._byte_count, list(self.arguments)))
+
+    def _byte_count(self, name: str) -> int:
+        count, dtype = self._shapes[name]
+        return count * dtype.itemsize
 
     @contextmanager
     def mapped(self, session: DeviceSession, *, write: bool) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:

@@ -96,4 +96,6 @@ class TreeCopies:
         for surplus in free[1:]:
             self._copies.remove(surplus)
             surplus.buffers.release()
+        # Listed above first: Ctrl-C in between would leave buffers that nobody knows.
+        free[0].buffers.allocate()
         return free[0]

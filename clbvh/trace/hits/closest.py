@@ -13,16 +13,21 @@ from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
 from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
+from ..room import check_room
 from .hits import Hits
 from .refine import RefinedHits, refine_closest
 
 Shape = tuple[int, ...]
+
+# t, u, v, prim_id and is_front of a ray.
+_HIT_BYTES = 29
 
 
 @cut_smaller_when_full
 def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count = batch.ray_count
+    check_room(count, _HIT_BYTES)
     refined, prim_id = RefinedHits.make(count), np.empty(count, np.int32)
     for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
 
@@ -37,6 +42,7 @@ def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape,
 @cut_smaller_when_full
 def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
     """Return the face of the closest hit of each ray; see `Tracer.closest_prim`."""
+    check_room(batch.ray_count, 4)
     prim_id = np.empty(batch.ray_count, np.int32)
     for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
 
@@ -50,6 +56,7 @@ def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: 
 @cut_smaller_when_full
 def find_any_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
     """Return whether each ray hits anything; see `Tracer.any_hit`."""
+    check_room(batch.ray_count, 1)
     is_blocked = np.empty(batch.ray_count, np.bool_)
     for begin, found in _cast_rays(caster, ANY_HIT, batch, shape, progress):
         is_blocked[begin : begin + len(found)] = found
@@ -61,6 +68,7 @@ def count_hits(
     caster: Caster, batch: RayBatch, shape: Shape, max_hits: int | None, progress: Progress | None
 ) -> NDArray[np.int32]:
     """Return the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`."""
+    check_room(batch.ray_count, 4)
     counts = np.empty(batch.ray_count, np.int32)
     most = np.int32(max_hits or NO_LIMIT)
     for begin, found in _cast_rays(caster, COUNT_HITS, batch, shape, progress, max_hits=most):

@@ -19,6 +19,7 @@ from ..launch import FIRST_HITS, Call, Caster
 from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress, RayPiece
+from ..room import check_room
 
 # Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
 MOST_SLOTS = 2**21
@@ -26,6 +27,9 @@ MOST_SLOTS = 2**21
 # Slots of each ray in the first round, and their growth from round to round. Few rays of real meshes need a second one.
 FIRST_SLOTS = 8
 SLOT_GROWTH = 4
+
+# Count and source of a ray.
+_RAY_BYTES = 12
 
 # The source of a ray's crossings: the number of a segment, and the offset in it in this many bits.
 OFFSET_BITS = 40
@@ -79,6 +83,7 @@ def find_crossings(
 ) -> Crossings:
     """Return the crossings of each ray, the nearest `max_hits` at most."""
     count = batch.ray_count
+    check_room(count, _RAY_BYTES)
     with caster.open_call() as call:
         search = _Search(call, max_hits, progress, np.zeros(count, np.int32), np.zeros(count, np.int64))
         rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, mesh.face_count + 1)

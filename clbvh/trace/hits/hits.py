@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,8 +14,13 @@ from ...errors import ConfigError, QueryError
 from ...geometry import Mesh
 from ...structs import NO_PRIM
 from ..rays.batch import read_vectors
+from ..rays.broadcast import broadcast_shape
+from ..room import check_room
 from .locations import find_locations, find_normals
 from .offsets import find_offset_points, find_sides
+
+# A start point, and one on each side of the triangle.
+_POINT_BYTES = 3 * 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +145,8 @@ class Hits:
         ConfigError
             These hits do not know their mesh or, without `towards`, the side from which the rays came.
         QueryError
-            `towards` has a shape that does not broadcast.
+            `towards` has a shape that does not broadcast or, for a hit, a direction that is not finite or has length
+            zero.
 
         Notes
         -----
@@ -169,12 +176,14 @@ class Hits:
             return find_offset_points(mesh, self.prim_id, self.locations, self.is_front)
         directions = read_vectors(towards, "towards")
         try:
-            shape = np.broadcast_shapes(self.shape, directions.shape[:-1])
+            shape = broadcast_shape(self.shape, directions.shape[:-1])
         except ValueError:
             raise QueryError(
                 f"towards must have a shape that broadcasts against that of the hits, {self.shape}, and 3 coordinates, "
                 f"not {directions.shape}"
             ) from None
+        check_room(math.prod(shape), _POINT_BYTES)
+        self._refuse_wrong(directions, shape)
         locations, sides = self.locations, np.broadcast_to(find_sides(mesh, self.prim_id, directions), shape)
         front = find_offset_points(mesh, self.prim_id, locations, np.ones(self.shape, np.bool_))
         back = find_offset_points(mesh, self.prim_id, locations, np.zeros(self.shape, np.bool_))
@@ -209,6 +218,16 @@ class Hits:
         is_front = None if self.is_front is None else change(self.is_front)
         t, u, v, prim_id = (change(values) for values in (self.t, self.u, self.v, self.prim_id))
         return Hits(t, u, v, prim_id, self.mesh, is_front=is_front)
+
+    def _refuse_wrong(self, directions: NDArray[Any], shape: tuple[int, ...]) -> None:
+        """Raise `QueryError` for the first direction that leads nowhere, and that is the direction of a hit."""
+        is_right = np.isfinite(directions).all(axis=-1) & directions.any(axis=-1)
+        is_wrong = np.broadcast_to(~is_right, shape) & self.is_hit
+        if is_wrong.any():
+            first = np.unravel_index(np.argmax(is_wrong), shape)
+            wrong = np.broadcast_to(directions, (*shape, 3))[first]
+            place = f" of the hit {tuple(map(int, first))}" if shape else ""
+            raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
     def _known_mesh(self) -> Mesh:
         if self.mesh is None:

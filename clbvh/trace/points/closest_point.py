@@ -13,9 +13,13 @@ from ..launch import CLOSEST_POINT, Call, Caster
 from ..less_memory import cut_smaller_when_full
 from ..rays.broadcast import Broadcast
 from ..rays.pieces import Progress
+from ..room import check_room
 from .order import find_point_order
 from .pack import pack_points, take_points
 from .refine import ClosestPoints, refine_points
+
+# Distance, point and prim_id of a point.
+_POINT_BYTES = 36
 
 
 @cut_smaller_when_full
@@ -24,6 +28,7 @@ def find_closest_points(
 ) -> ClosestPoints:
     """Return the closest points of the surface; see `Tracer.closest_point`."""
     shape, count = points.shape, math.prod(points.shape)
+    check_room(count, _POINT_BYTES, "points")
     found = ClosestPoints(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32))
     with caster.open_call() as call:
         for begin, end in call.cut_points(count, progress):

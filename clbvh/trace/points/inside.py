@@ -12,6 +12,7 @@ from ..launch import Caster
 from ..rays.batch import read_rays
 from ..rays.broadcast import Broadcast
 from ..rays.pieces import Progress, cut_points
+from ..room import check_room
 from .pack import take_points
 
 # Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
@@ -21,6 +22,7 @@ GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
 def find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
+    check_room(math.prod(points.shape), 1, "points")
     box, is_inside = caster.box, np.zeros(math.prod(points.shape), np.bool_)
     with caster.open_call():  # refuses a closed tracer, even without points
         pass

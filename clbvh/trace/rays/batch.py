@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...errors import QueryError
-from .broadcast import Broadcast
+from ...support.masked import has_masked_values
+from .broadcast import Broadcast, broadcast_shape
 from .ray_rows import RayRows
 
 _FLOAT64 = np.dtype(np.float64)
@@ -95,16 +96,13 @@ def read_rays(
         A wrong shape, shapes that do not broadcast, or a limit that is out of range.
     """
     origins, directions = read_vectors(origins, "origins"), read_vectors(directions, "directions")
-    if origins.shape == directions.shape:
-        shape = origins.shape[:-1]
-    else:
-        try:
-            shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1])
-        except ValueError:
-            raise QueryError(
-                f"origins and directions must have shapes that broadcast against each other, "
-                f"not {origins.shape} and {directions.shape}"
-            ) from None
+    try:
+        shape = broadcast_shape(origins.shape[:-1], directions.shape[:-1])
+    except ValueError:
+        raise QueryError(
+            f"origins and directions must have shapes that broadcast against each other, "
+            f"not {origins.shape} and {directions.shape}"
+        ) from None
     limits = _read_limits(t_min, "t_min", shape), _read_limits(t_max, "t_max", shape)
     return RayBatch(Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape), *limits), shape
 
@@ -134,8 +132,10 @@ def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
         numbers = np.asarray(values)
         if numbers.dtype == object:
             numbers = numbers.astype(np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise QueryError(f"{name} must be numbers: {error}") from error
+    if has_masked_values(values):
+        raise QueryError(f"{name} must be numbers, but some are masked: fill them, or leave them out")
     if numbers.dtype.kind not in "iuf":
         raise QueryError(f"{name} must be numbers, not {numbers.dtype}")
     return numbers

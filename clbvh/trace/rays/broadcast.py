@@ -6,10 +6,14 @@ Owns how parts of broadcast and strided arrays become contiguous. Must not know 
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+# Vectors of float64 that an array can have.
+_MOST_ITEMS = sys.maxsize // 24
 
 
 class Broadcast(NamedTuple):
@@ -115,6 +119,26 @@ class Broadcast(NamedTuple):
         along = np.unravel_index(index, self.shape)[len(self.shape) - len(self.given_shape) :]
         own = (0 if length == 1 else at for length, at in zip(self.given_shape, along, strict=True))
         return f"{name}[{', '.join(map(str, own))}]"
+
+
+def broadcast_shape(one: tuple[int, ...], other: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the leading shape that two are broadcast to.
+
+    Raises
+    ------
+    ValueError
+        They do not fit each other; they have more than 32 axes, unless they are the same; or no array is so large.
+    """
+    if one == other:
+        return one
+    try:
+        shape = np.broadcast_shapes(one, other)
+    except RuntimeError as error:
+        raise ValueError(str(error)) from error
+    # Axes of length 0 do not make numpy's views any smaller.
+    if math.prod(max(length, 1) for length in shape) > _MOST_ITEMS:
+        raise ValueError(f"no array has the shape {shape}")
+    return shape
 
 
 def _copy_range(grid: NDArray[Any], leading_dims: int, begin: int, end: int, target: NDArray[Any]) -> None:

@@ -87,3 +87,35 @@ def test_a_tracer_also_names_a_tree():
 def test_invalid_arrays_are_refused_as_in_from_arrays():
     with pytest.raises(clbvh.MeshError, match="refers to vertex 3"):
         clbvh.build((CORNERS, [[0, 1, 3]]))
+
+
+@pytest.mark.parametrize("thing", [trimesh.Trimesh, trimesh.primitives.Box, clbvh.Mesh])
+def test_a_class_is_no_mesh(thing):
+    with pytest.raises(clbvh.MeshError, match=r"expected a clbvh.Mesh.*not "):
+        as_mesh(thing)
+
+
+class NoArray:
+    def __array__(self, *args, **how):
+        raise TypeError("no numbers here")
+
+
+@pytest.mark.parametrize("pair", [(NoArray(), FACES), (CORNERS, NoArray())])
+def test_objects_that_are_no_arrays(pair):
+    with pytest.raises(clbvh.MeshError, match="no numbers here"):
+        as_mesh(pair)
+
+
+def test_masked_values_are_no_numbers():
+    masked = np.ma.masked_array(CORNERS, mask=np.eye(3))
+    for pair in ((masked, FACES), (CORNERS, np.ma.masked_equal(FACES, 2))):
+        with pytest.raises(clbvh.MeshError, match="some are masked"):
+            as_mesh(pair)
+    with pytest.raises(clbvh.MeshError, match="some are masked"):
+        MESH.with_vertices(masked)
+    assert as_mesh((np.ma.masked_array(CORNERS), FACES)).fingerprint == MESH.fingerprint
+
+
+def test_more_vertices_than_the_memory_holds():
+    with pytest.raises(clbvh.MeshError, match=r"a mesh of 1,099,511,627,776 vertices needs about .* MB are free"):
+        as_mesh((np.broadcast_to(CORNERS[:1], (2**40, 3)), FACES))

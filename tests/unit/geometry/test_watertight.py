@@ -3,6 +3,7 @@ import pytest
 import trimesh
 
 from clbvh import Mesh
+from clbvh.geometry import watertight
 
 SPHERE = trimesh.creation.icosphere(subdivisions=3)
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
@@ -80,3 +81,58 @@ def test_random_bodies_are_judged_as_counted_edges_say(seed):
 @pytest.mark.parametrize("exponent", [-100, 100])
 def test_size_does_not_matter(exponent):
     assert is_watertight(SPHERE.vertices * 10.0**exponent, SPHERE.faces)
+
+
+class TestMovedMeshes:
+    """Faces that share vertices along all edges stay closed however the vertices move, and are not tested again."""
+
+    @pytest.fixture
+    def tested(self, monkeypatch):
+        """The numbers of faces whose edges have been hashed."""
+        tested, hash_edges = [], watertight._hash_edges
+        monkeypatch.setattr(
+            watertight, "_hash_edges", lambda corners: tested.append(len(corners)) or hash_edges(corners)
+        )
+        return tested
+
+    def test_joined_faces_are_not_tested_again(self, tested):
+        mesh = Mesh.from_arrays(SPHERE.vertices, SPHERE.faces)
+        assert mesh.is_watertight
+        tested.clear()
+        for factor in (2, 0, [1, 0, 1], 1e9):
+            mesh = mesh.with_vertices(SPHERE.vertices * factor)
+            assert mesh.is_watertight
+        assert tested == []
+
+    def test_joined_faces_that_were_not_tested_yet_are_tested_once(self, tested):
+        mesh = Mesh.from_arrays(SPHERE.vertices, SPHERE.faces).with_vertices(SPHERE.vertices * 2)
+        assert tested == []
+        assert mesh.is_watertight
+        assert tested == [len(SPHERE.faces)] * 2
+        assert mesh.with_vertices(SPHERE.vertices).is_watertight
+        assert len(tested) == 2
+
+    @pytest.mark.parametrize("missing", [0, 5])
+    def test_joined_faces_with_a_hole_may_be_closed_by_moving(self, missing):
+        mesh = Mesh.from_arrays(SPHERE.vertices, np.delete(SPHERE.faces, missing, axis=0))
+        assert not mesh.is_watertight
+        closed = SPHERE.vertices.copy()
+        closed[SPHERE.faces[missing]] = closed[SPHERE.faces[missing, 0]]
+        assert mesh.with_vertices(closed).is_watertight
+        assert not mesh.with_vertices(closed).with_vertices(SPHERE.vertices).is_watertight
+
+    def test_corners_listed_for_each_triangle_are_tested_again(self):
+        corners = SPHERE.vertices[SPHERE.faces].reshape(-1, 3)
+        mesh = Mesh.from_arrays(corners, np.arange(len(corners)).reshape(-1, 3))
+        assert mesh.is_watertight
+        torn = corners.copy()
+        torn[0] *= 1.5
+        assert not mesh.with_vertices(torn).is_watertight
+        assert mesh.with_vertices(torn).with_vertices(corners).is_watertight
+
+    def test_faces_with_the_same_vertex_twice(self):
+        faces = [*TETRAHEDRON.tolist(), [0, 0, 1], [2, 2, 2]]
+        mesh = Mesh.from_arrays(CORNERS, faces)
+        assert mesh.is_watertight
+        assert mesh.with_vertices(CORNERS * [1, 2, 0]).is_watertight
+        assert not Mesh.from_arrays(CORNERS, [*faces, [0, 1, 2]]).is_watertight

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceMemoryError, MeshError, QueryError
 from clbvh.layouts.refit_arrays import RefitArrays
 from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace import tree_buffers, tree_copies
 from clbvh.trace.oracle.reference import find_differences
 from clbvh.trace.rays import pieces
 
@@ -47,6 +50,32 @@ def answers(tracer, sizes=(1, 300), seed=0):
 def answers_of_new(bvh, vertices, layout="auto"):
     with Tracer(bvh.refit(vertices), layout=layout) as tracer:
         return answers(tracer)
+
+
+def strikes_at(line, work):
+    """Do some work with Ctrl-C before one of the lines that copies and their buffers run; false if there are fewer."""
+    left = [line]
+
+    def strike(frame, event, _):
+        if event == "line":
+            left[0] -= 1
+            if left[0] < 0:
+                sys.settrace(None)
+                raise KeyboardInterrupt
+        return strike
+
+    def watch(frame, event, _):
+        return strike if frame.f_code.co_filename in (tree_copies.__file__, tree_buffers.__file__) else None
+
+    traced = sys.gettrace()
+    sys.settrace(watch)
+    try:
+        work()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(traced)
+    return False
 
 
 class TestAnswers:
@@ -302,6 +331,23 @@ class TestFailures:
             tracer.update(deform(mesh, 1))
             assert answers(tracer) == answers_of_new(bvh, deform(mesh, 1))
 
+    def test_ctrl_c_at_any_line_leaves_no_buffers_behind(self, bvh, mesh):
+        is_struck, line = True, 0
+        while is_struck:
+            with Tracer(bvh) as tracer:
+                session, moved = tracer._caster.session, tracer.mesh
+                buffers = len(session._buffers)
+                is_struck = strikes_at(line, lambda tracer=tracer: tracer.update(deform(mesh, 1)))
+                assert tracer.mesh is moved or not is_struck
+                tracer.update(deform(mesh, 2))
+                tracer.update(deform(mesh, 3))
+                assert len(session._buffers) == 2 * buffers
+                assert tracer.memory_bytes == 2 * tracer._caster.tree.memory_bytes
+                if line % 10 == 0:
+                    assert answers(tracer) == answers_of_new(bvh, deform(mesh, 3))
+            line += 1
+        assert line > 20
+
     def test_a_closed_tracer_refuses(self, bvh, mesh):
         tracer = Tracer(bvh)
         tracer.update(deform(mesh, 1))
@@ -334,6 +380,25 @@ class TestRunningQueries:
             hits = tracer.closest_hit(*rays, progress=lambda done, total: tracer.update(deform(mesh, 1)))
             assert hits.mesh is mesh
             assert tracer.mesh is not mesh
+
+    def test_updates_wait_for_each_other(self, bvh, mesh, monkeypatch):
+        writing, most, write = [], [], RefitArrays.write
+
+        def write_slowly(self, *given):
+            writing.append(None)
+            most.append(len(writing))
+            time.sleep(0.05)
+            write(self, *given)
+            writing.pop()
+
+        monkeypatch.setattr(RefitArrays, "write", write_slowly)
+        with Tracer(bvh) as tracer:
+            threads = [threading.Thread(target=tracer.update, args=(deform(mesh, frame),)) for frame in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert max(most) == 1
 
     def test_an_update_does_not_wait_for_queries_of_other_threads(self, bvh, mesh):
         rays = hard_rays(mesh, 100, np.random.default_rng(3))
