@@ -36,7 +36,7 @@ _PHASES = {
     "download": "device to host, by the device's clock",
     "other": "launches, and whatever lies between the phases",
     "total": "wall time",
-    "write": "write the picture, or count and draw the heat map; not in the total",
+    "write": "write the picture or heat map, not in the total",
 }
 
 

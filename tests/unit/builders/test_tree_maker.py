@@ -113,7 +113,7 @@ def test_every_option_but_the_threshold_is_in_the_name(tmp_path):
 
 def test_another_version_builds_again(cached, monkeypatch):
     make(cached)
-    monkeypatch.setattr("clbvh.builders.tree_cache.version", lambda package: "99.0")
+    monkeypatch.setattr("clbvh.builders.tree_cache.__version__", "99.0")
     assert not make(cached).from_cache
 
 

@@ -21,6 +21,14 @@ def threads(request):
         yield opened
 
 
+@pytest.fixture
+def ctrl_c():
+    """Let SIGINT raise, which it does not in a process that a shell has put in the background."""
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, handler)
+
+
 def test_results_are_in_the_order_of_the_tasks(threads):
     assert threads.run(lambda a, b: a - b, [(10 * number, number) for number in range(20)]) == list(range(0, 180, 9))
     assert threads.run(len, []) == []
@@ -126,7 +134,7 @@ def test_closing_while_another_thread_runs_tasks(monkeypatch):
     assert errors == []
 
 
-def test_ctrl_c_while_waiting_for_another_thread_waits_on():
+def test_ctrl_c_while_waiting_for_another_thread_waits_on(ctrl_c):
     main_thread, is_running, ended = threading.main_thread(), threading.Event(), []
 
     def work(number):
@@ -145,7 +153,7 @@ def test_ctrl_c_while_waiting_for_another_thread_waits_on():
         assert len(ended) == 1
 
 
-def test_after_ctrl_c_in_a_task_no_other_is_running():
+def test_after_ctrl_c_in_a_task_no_other_is_running(ctrl_c):
     is_running, ended = threading.Event(), []
 
     def work(number):
