@@ -25,7 +25,7 @@ from .statistics import NOISY_SPREAD
 PAGE_NAME = "index.html"
 PICTURES_NAME = "pictures"
 
-NO_FIGURES = "matplotlib is not installed, so the page has tables and no figures: run 'pip install clbvh[study]'"
+NO_FIGURES = "matplotlib is not installed, so the page has tables and no figures: run 'pip install matplotlib'"
 
 _NOISY = f"{100 * NOISY_SPREAD:.0f} %"
 

@@ -61,7 +61,7 @@ def _measure(bench: Bench, case: Case) -> Sample:
     engine = ENGINES[name]
     missing = [package for package in engine.packages if find_version(package) is None]
     if missing:
-        raise NotMeasuredError(f"{', '.join(missing)} is not installed: run 'pip install clbvh[peers]'")
+        raise NotMeasuredError(f"{', '.join(missing)} is not installed: run 'pip install {' '.join(missing)}'")
     if query not in engine.queries:
         raise NotMeasuredError(f"{name} has no such query")
     mesh = bench.mesh(mesh_name)

@@ -153,7 +153,8 @@ class Hits:
         A ray from there into the half space above the triangle, or along its plane, meets neither that triangle nor any
         other one below the plane: of a convex mesh, none at all. The half space is that of `normals`, on the side
         chosen. The distance is derived from the roundings on the way, and is at most 1e-5 of the largest side of the
-        mesh's box; there is no constant to choose.
+        mesh's box; there is no constant to choose. A neighbouring triangle that rises above the plane, as at a concave
+        edge, is met, however near it is.
 
         Examples
         --------
