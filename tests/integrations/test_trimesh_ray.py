@@ -170,7 +170,7 @@ class TestContract:
         for query in (box.ray.intersects_id, box.ray.intersects_first, box.ray.intersects_any):
             with pytest.raises(ValueError, match="Ray origin and direction don't match!"):
                 query([[0, 0, 0]], [[0, 0, 1]] * 2)
-            with pytest.raises(ValueError, match=r"must be \(n,3\), not \(3,\)"):
+            with pytest.raises(ValueError, match="shape"):
                 query([0, 0, 5], [0, 0, -1])
         with pytest.raises(ValueError, match=r"points must be \(n,3\)"):
             box.ray.contains_points([0, 0, 0])
