@@ -15,12 +15,14 @@ def get(monkeypatch):
     """A function from the times of driver and kernel to the numbers of compiled, loaded and announced things."""
     told = []
     code_times.on_first_compilation(lambda: told.append(True))
-    clock = iter(())
-    monkeypatch.setattr(compile_timer, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    clock = cpu = iter(())
+    times = SimpleNamespace(perf_counter=lambda: next(clock), process_time=lambda: next(cpu))
+    monkeypatch.setattr(compile_timer, "time", times)
 
-    def run(took_s, run_ms=0.0, *, announces=False):
-        nonlocal clock
+    def run(took_s, run_ms=0.0, *, cpu_s=None, announces=False):
+        nonlocal clock, cpu
         clock = iter((100.0, 100.0 + took_s))
+        cpu = iter((7.0, 7.0 + (took_s if cpu_s is None else cpu_s)))
         before = code_times.read_code_times()
         with CompileTimer(announces=announces) as getting:
             getting.run_ms = run_ms
@@ -38,6 +40,14 @@ def test_a_slow_driver_compiles_and_that_is_said(get, announces):
 
 def test_a_quick_driver_loads(get):
     assert get(0.1) == (0, 1, 0)
+
+
+def test_a_quick_driver_on_a_busy_machine_loads(get):
+    assert get(2.0, cpu_s=0.1) == (0, 1, 0)
+
+
+def test_work_of_other_threads_is_no_compilation(get):
+    assert get(0.2, cpu_s=0.4) == (0, 1, 0)
 
 
 def test_the_time_of_the_kernel_itself_is_no_compilation(get):
