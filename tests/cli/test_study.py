@@ -19,8 +19,16 @@ from .command import TIMEOUT_S, make_environment, refuses, run_clbvh, run_proces
 
 SCENE = '[mesh]\nshape = "knot"\ntriangles = 1000\n[image]\nwidth = 60\nheight = 30\n'
 
-# The command with a tiny study in place of the quick one.
-TINY = "import clbvh.study.scale as s; s.QUICK = s.TINY; from clbvh.cli import main; main()"
+# The command with a tiny study in place of the quick one. Where the tests run in the background, their children ignore
+# Ctrl-C unless told so.
+TINY = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import clbvh.study.scale as s
+s.QUICK = s.TINY
+from clbvh.cli import main
+main()
+"""
 
 
 @pytest.fixture
