@@ -211,7 +211,7 @@ def test_threads_that_ask_about_a_mesh_that_has_moved(torus):
 
 
 def test_a_second_copy_counts_as_memory(torus, monkeypatch):
-    """The bound is looked at again when the first update takes memory, and not at every frame."""
+    """The memory bound is checked at the first update, which takes memory, and at no later one."""
     looked, make_room = [], torus.ray._tracer._on_open
     monkeypatch.setattr(torus.ray._tracer, "_on_open", lambda tracer: looked.append(tracer) or make_room(tracer))
     counts = []

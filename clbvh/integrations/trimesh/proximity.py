@@ -214,11 +214,11 @@ def signed_distance(mesh: Any, points: ArrayLike) -> NDArray[np.float64]:
     return ProximityQuery(mesh).signed_distance(points)
 
 
-def read_points(points: ArrayLike) -> NDArray[np.float64]:
+def read_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
     """Return (n, 3) float64, C-contiguous, or raise `QueryError`; the name in the message is trimesh's."""
     array = np.ascontiguousarray(np.asarray(points, dtype=np.float64))
     if array.ndim != 2 or array.shape[1] != 3:
-        raise QueryError(f"points must be (n,3), not of shape {array.shape}")
+        raise QueryError(f"{name} must be (n,3), not of shape {array.shape}")
     return array
 
 

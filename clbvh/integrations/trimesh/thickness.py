@@ -227,9 +227,7 @@ def _read_normals(mesh: Any, points: NDArray[np.float64], normals: ArrayLike | N
 
 def _read_vectors(vectors: ArrayLike, points: ArrayLike, name: str) -> NDArray[np.float64]:
     """Return (n, 3) float64, one for each point, or raise `QueryError`."""
-    array = np.ascontiguousarray(np.asarray(vectors, dtype=np.float64))
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise QueryError(f"{name} must be (n,3), not of shape {array.shape}")
+    array = read_points(vectors, name)
     if len(array) != len(np.asarray(points)):
         raise QueryError(f"{name} must be as many as the {len(np.asarray(points))} points, not {len(array)}")
     return array
