@@ -217,6 +217,13 @@ class Mesh:
         return is_joined(len(self.vertices), self.faces)
 
     @cached_property
+    def loose_vertices(self) -> NDArray[np.int64]:
+        """(n,) int64, ascending: the vertices of no face."""
+        is_loose = np.ones(len(self.vertices), np.bool_)
+        is_loose[self.faces] = False
+        return np.flatnonzero(is_loose)
+
+    @cached_property
     def fingerprint(self) -> bytes:
         """32 bytes that identify faces and local vertices: the SHA-256 of their counts and bytes.
 

@@ -7,7 +7,7 @@ vertices would be a second tree; the boxes of the first one hold the vertices as
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,16 @@ _BOX_SLACK = 2.0**-23
 _FAR_SHARE = 2.0**20
 
 
+class _Tree(NamedTuple):
+    """The arrays of a tree that a descent on the host reads."""
+
+    boxes: NDArray[np.float32]
+    first: NDArray[np.int32]
+    counts: NDArray[np.int32]
+    prim_ids: NDArray[np.int32]
+    depth: int
+
+
 def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the distance to the nearest vertex of a tree's mesh, and its index, for each point.
 
@@ -42,19 +52,15 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
     vertex_id : (n,) int64
         At equal distance the smallest. Vertices without a face count, too; each of them is compared.
     """
-    mesh = bvh.mesh
+    mesh, nodes = bvh.mesh, bvh.nodes
     points = np.ascontiguousarray(points, np.float64)
-    is_loose = np.ones(len(mesh.vertices), np.bool_)
-    is_loose[mesh.faces] = False
-    loose = np.flatnonzero(is_loose)
-    lanes: NDArray[Any] = bvh.nodes.view(np.float32).reshape(-1, NODE_LANES)
+    loose = mesh.loose_vertices
+    lanes: NDArray[Any] = nodes.view(np.float32).reshape(-1, NODE_LANES)
+    tree = _Tree(lanes, nodes["first"], nodes["count"], bvh.prim_ids, bvh.depth)
     vertex_id = np.empty(len(points), np.int64)
 
     def find(begin: int, end: int) -> None:
-        _find(
-            points[begin:end], mesh.origin, triangles_of(mesh), lanes, bvh.nodes["first"], bvh.nodes["count"],
-            bvh.prim_ids, loose, bvh.depth, vertex_id[begin:end],
-        )  # fmt: skip
+        _find(points[begin:end], mesh.origin, triangles_of(mesh), tree, loose, vertex_id[begin:end])
 
     with HostThreads() as threads:
         threads.for_ranges(len(points), find)
@@ -75,11 +81,12 @@ def _is_extreme(lengths: NDArray[np.float64]) -> bool:
 
 
 @compiled(error_model="numpy")
-def _find(points, centre, triangles, boxes, first, count, prim_ids, loose, depth, vertex_id):
+def _find(points, centre, triangles, tree, loose, vertex_id):
     vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
+    boxes, first, count, prim_ids = tree.boxes, tree.first, tree.counts, tree.prim_ids
     local = np.empty(3)
     # A descent leaves one sibling behind at each level.
-    stack, stack_near = np.empty(depth + 2, np.int64), np.empty(depth + 2)
+    stack, stack_near = np.empty(tree.depth + 2, np.int64), np.empty(tree.depth + 2)
     for index in range(len(points)):
         size = 0.0
         for axis in range(3):
