@@ -16,6 +16,7 @@ from .driver_caches import prepare
 from .info import DeviceInfo
 from .match import pick_device
 from .owner_process import claim_opencl
+from .pocl_cpu_name import name_unknown_cpu
 from .preference import number_devices
 from .registered_drivers import note_loader_call, registered_drivers
 from .settings import find_measured_ms
@@ -94,9 +95,12 @@ def survey_devices() -> DeviceSurvey:
             problems.append(f"the platform '{platform_name}' offers no device")
         for cl_device in found:
             try:
-                devices.append(_describe(cl, platform, cl_device))
+                device = _describe(cl, platform, cl_device)
             except cl.Error as error:
                 problems.append(f"a device of the platform '{platform_name}' cannot be described: {error}")
+                continue
+            name_unknown_cpu(device)
+            devices.append(device)
 
     return DeviceSurvey(number_devices(devices, find_measured_ms), tuple(problems))
 

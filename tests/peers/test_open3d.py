@@ -35,7 +35,7 @@ def cast_with_open3d():
 
     def cast(mesh, origins, directions):
         scene = open3d.t.geometry.RaycastingScene()
-        scene.add_triangles(mesh.vertices, mesh.faces.astype(np.uint32))
+        scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
         answer = scene.cast_rays(np.concatenate((origins, directions), axis=1).astype(np.float32))
         prim_id = answer["primitive_ids"].numpy().astype(np.int64)
         return answer["t_hit"].numpy(), np.where(prim_id == NO_GEOMETRY, -1, prim_id)
