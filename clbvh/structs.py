@@ -148,6 +148,67 @@ HIT_U = _lane(HIT, "u")
 HIT_V = _lane(HIT, "v")
 HIT_PRIM_ID = _lane(HIT, "prim_id")
 
+# --- Scenes ---
+
+# A ray in a scene, in the scene's local coordinates: a packed ray, and what float32 has rounded off its origin and its
+# direction. Only the instances whose mask shares a bit with the ray's are visible to it.
+SCENE_RAY = np.dtype(
+    [
+        ("origin", np.float32, 3),
+        ("t_min", np.float32),
+        ("direction", np.float32, 3),
+        ("t_max", np.float32),
+        ("origin_low", np.float32, 3),
+        ("mask", np.uint32),
+        ("direction_low", np.float32, 3),
+        ("spare", np.float32),
+    ]
+)
+SCENE_RAY_LANES = _lane_count(SCENE_RAY)
+SCENE_RAY_ORIGIN_LOW = _lane(SCENE_RAY, "origin_low")
+SCENE_RAY_MASK = _lane(SCENE_RAY, "mask")
+SCENE_RAY_DIRECTION_LOW = _lane(SCENE_RAY, "direction_low")
+
+# A placed geometry: 128 bytes. Matrices are by rows.
+INSTANCE = np.dtype(
+    [
+        # The linear part of the map from the scene's local coordinates to the geometry's.
+        ("to_object", np.float32, (3, 3)),
+        # The zero of the geometry's local coordinates in the scene's, and what float32 has rounded off it.
+        ("centre", np.float32, 3),
+        ("centre_low", np.float32, 3),
+        # No point of the geometry is farther from the centre, in the scene's local coordinates.
+        ("radius", np.float32),
+        # The linear part of the map from the geometry's local coordinates to the scene's.
+        ("to_scene", np.float32, (3, 3)),
+        # The map to the scene shortens no distance by more than this factor.
+        ("least_stretch", np.float32),
+        # Where the geometry's nodes and blocks begin, and how many blocks it has.
+        ("first_node", np.int32),
+        ("first_block", np.int32),
+        ("block_count", np.int32),
+        # One of PRIM_KINDS.
+        ("kind", np.int32),
+        ("mask", np.uint32),
+        ("instance_id", np.int32),
+    ]
+)
+
+# A hit in a scene. The prim_id counts within the geometry. Of a sphere, u is 0 where the ray enters and 1 where it
+# leaves.
+SCENE_HIT = np.dtype(
+    [
+        ("t", np.float32),
+        ("u", np.float32),
+        ("v", np.float32),
+        ("prim_id", np.int32),
+        ("instance_id", np.int32),
+        ("spare", np.int32),
+    ]
+)
+SCENE_HIT_LANES = _lane_count(SCENE_HIT)
+SCENE_HIT_INSTANCE_ID = _lane(SCENE_HIT, "instance_id")
+
 # --- Pictures ---
 
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
@@ -192,6 +253,9 @@ DEVICE_STRUCTS = {
     "block8_t": TRIANGLE_BLOCKS[8],
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
+    "scene_ray_t": SCENE_RAY,
+    "instance_t": INSTANCE,
+    "scene_hit_t": SCENE_HIT,
     "view_t": VIEW,
 }
 
@@ -209,8 +273,12 @@ LAYOUT_WIDTHS = {"bvh2": 2, "bvh4": 4, "bvh8": 8}
 # Layouts that search an entry point for each tile, see cl/traversal/entry_point.cl. Two children are too few.
 ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8")
 
+# The primitives of a geometry.
+PRIM_KINDS = {"triangles": 0, "spheres": 1}
+
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
+    **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }

@@ -1,0 +1,1 @@
+"""The content of a scene: geometries and their instances. Knows nothing of trees, devices and pictures."""
