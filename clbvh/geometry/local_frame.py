@@ -53,8 +53,8 @@ def find_frame(
     exponent = math.frexp(half)[1]
     if half > 0.0 and not _LEAST_EXPONENT <= exponent <= _MOST_EXPONENT:
         raise MeshError(
-            f"{name}: {subject} {half:.3g} units wide to each side of the centre, and float64 has no room to compute with "
-            f"less than {2.0**_LEAST_EXPONENT:.0e} or more than {2.0**_MOST_EXPONENT:.0e}: give it in another unit"
+            f"{name}: {subject} {half:.3g} units wide to each side of the centre, and float64 has no room to compute "
+            f"with less than {2.0**_LEAST_EXPONENT:.0e} or more than {2.0**_MOST_EXPONENT:.0e}: give it in another unit"
         )
     return origin, 2.0**-exponent
 
