@@ -176,8 +176,8 @@ class Transform:
 
     Attributes
     ----------
-    scale : float
-        Not zero.
+    scale : float, or (3,) float
+        Of all axes, or of x, y and z. Not zero.
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
@@ -196,13 +196,16 @@ class Transform:
     array([1., 2., 0.])
     """
 
-    scale: float = 1.0
+    scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scale, Real) or not math.isfinite(self.scale) or self.scale == 0:
-            raise SceneError(f"the transform's scale must be a finite number other than 0, not {self.scale!r}")
+        is_number = isinstance(self.scale, Real) and math.isfinite(self.scale)
+        if not (is_number or is_vector(self.scale)) or not np.all(self.scale):
+            raise SceneError(
+                f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
+            )
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
@@ -219,11 +222,31 @@ class Transform:
         """
         if self == Transform():
             return mesh
+        points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
+        return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Return the (4, 4) float64 matrix that leads from the mesh's coordinates to the scene's.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Transform(scale=2, translate=(0, 0, 5)).matrix[2]
+        array([0., 0., 2., 5.])
+        """
+        matrix = np.eye(4)
+        matrix[:3, :3] = self._rotation * self.scale
+        matrix[:3, 3] = self.translate
+        return matrix
+
+    @property
+    def _rotation(self) -> NDArray[np.float64]:
+        """Return the (3, 3) float64 rotation."""
         rotation = np.eye(3)
         for axis, degrees in enumerate(self.rotate):
             rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
-        points = mesh.vertices * self.scale @ rotation.T + np.asarray(self.translate)
-        return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
+        return rotation
 
 
 @dataclass(frozen=True)
