@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         ValidationError,
     )
     from .geometry import Mesh, MeshLike, load_mesh, make_shape
+    from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
     from .rendering.lens import Lens
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
     from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
     from .rendering.vectors import Vector
+    from .scene.geometry import Geometry
+    from .scene.instance import Instance
+    from .scene.state import SceneState
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
@@ -53,6 +57,7 @@ _HOME_OF = {
     "__version__": "support.version",
     "Mesh": "geometry",
     "MeshLike": "geometry",
+    "Shape": "geometry.shape",
     "load_mesh": "geometry",
     "make_shape": "geometry",
     "Bvh": "bvh",
@@ -79,6 +84,9 @@ _HOME_OF = {
     "RenderOptions": "rendering.render_options",
     "Renderer": "rendering.renderer",
     "Scene": "rendering.scene",
+    "Geometry": "scene.geometry",
+    "Instance": "scene.instance",
+    "SceneState": "scene.state",
     "SceneLike": "rendering.as_scene",
     "Transform": "rendering.scene",
     "Vector": "rendering.vectors",
@@ -103,6 +111,7 @@ _HOME_OF = {
 __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Mesh",
     "MeshLike",
+    "Shape",
     "load_mesh",
     "make_shape",
     "Bvh",
@@ -129,6 +138,9 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "RenderOptions",
     "Renderer",
     "Scene",
+    "Geometry",
+    "Instance",
+    "SceneState",
     "SceneLike",
     "Transform",
     "Vector",
