@@ -17,6 +17,7 @@ from ..errors import SceneError
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
+from ..geometry.spheres import Spheres
 from .geometry import Geometry
 from .instance import ALL_BITS, Instance
 from .names import name_of_file
@@ -375,7 +376,7 @@ class SceneContents:
 
 
 def _as_shape(source: Any) -> Shape:
-    if isinstance(source, Mesh):
+    if isinstance(source, Mesh | Spheres):
         return source
     return as_mesh(source, or_else="a trimesh.Scene, a clbvh.Scene")
 

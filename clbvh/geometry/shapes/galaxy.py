@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError
 
-# Shares of the spheres; the rest is in the arms.
-_BULGE, _DISK, _HALO = 0.18, 0.22, 0.02
+# Shares of the spheres outside the bulge; the rest of them is in the arms.
+_DISK, _HALO = 0.27, 0.025
 
 # In disk radii: the mean distance of the bulge's spheres, the scale length of the disk, and the radius of the halo.
 _BULGE_SIZE, _DISK_LENGTH, _HALO_SIZE = 0.07, 0.28, 1.1
@@ -28,11 +28,14 @@ def make_galaxy(
     winding: float = 2.6,
     radius: float = 10.0,
     thickness: float = 0.03,
+    bulge: float = 0.18,
     size: float = 1.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return centres (count, 3) and radii (count,); `make_spheres` describes the options."""
     if arms != int(arms) or not 1 <= arms <= _MOST_ARMS:
         raise ConfigError(f"the option 'arms' of the spheres 'galaxy' must be 1 to {_MOST_ARMS}, not {arms!r}")
+    if bulge > 1:
+        raise ConfigError(f"the option 'bulge' of the spheres 'galaxy' must be at most 1, not {bulge!r}")
     # All numbers of a sphere are drawn whatever part it is in, so that its part does not shift the draws of the others.
     part, along, around, which = generator.random((4, count))
     sideways = generator.normal(size=(3, count))
@@ -42,9 +45,10 @@ def make_galaxy(
     disk = np.minimum(-_DISK_LENGTH * (np.log1p(-along) + np.log1p(-which * 0.999)), 1.2)
     # The arms are logarithmic spirals, brighter inside.
     arm = _INNERMOST + (1 - _INNERMOST) * along**1.3
-    is_bulge = part < _BULGE
-    is_disk = ~is_bulge & (part < _BULGE + _DISK)
-    is_halo = ~is_bulge & ~is_disk & (part < _BULGE + _DISK + _HALO)
+    is_bulge = part < bulge
+    disk_end, halo_end = (bulge + (1 - bulge) * share for share in (_DISK, _DISK + _HALO))
+    is_disk = ~is_bulge & (part < disk_end)
+    is_halo = (part >= disk_end) & (part < halo_end)
     is_arm = ~(is_bulge | is_disk | is_halo)
 
     distance = np.where(is_arm, arm, disk)

@@ -40,8 +40,8 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
         Of the set, with these defaults:
 
         - `galaxy`: a spiral galaxy in the plane of x and z: ``arms=2`` with ``winding=2.6`` radians for each factor of
-          e in distance, ``radius=10`` of the disk, ``thickness=0.03`` of it in radii; ``size=1`` scales the spheres,
-          which are the smaller the more there are.
+          e in distance, ``radius=10`` of the disk, ``thickness=0.03`` of it in radii, ``bulge=0.18``, the share of the
+          spheres in the middle; ``size=1`` scales the spheres, which are the smaller the more there are.
 
     Returns
     -------

@@ -59,6 +59,7 @@ def test_options_change_the_size():
         ({"loops": 3}, "no option 'loops': they have arms, winding"),
         ({"arms": 0}, "'arms' .* must be 1 to 100, not 0"),
         ({"arms": 2.5}, "'arms' .* must be 1 to 100, not 2.5"),
+        ({"bulge": 1.5}, "'bulge' .* must be at most 1, not 1.5"),
         ({"radius": -1}, "'radius' .* must be a number from 0, not -1"),
         ({"radius": float("nan")}, "must be a number from 0"),
         ({"count": 0}, "count must be a whole number from 1, not 0"),
