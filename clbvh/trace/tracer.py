@@ -72,7 +72,11 @@ class Tracer(ContextManager):
     """
 
     def __init__(
-        self, source: SceneContents | Bvh | MeshLike, *, device: DeviceInfo | str | int | None = None, layout: str = "auto"
+        self,
+        source: SceneContents | Bvh | MeshLike,
+        *,
+        device: DeviceInfo | str | int | None = None,
+        layout: str = "auto",
     ) -> None:
         check_layout(layout)
         self._scene = _open_scene(source) if isinstance(source, SceneContents) else None
@@ -435,9 +439,7 @@ class Tracer(ContextManager):
             mesh = self.mesh.with_vertices(vertices)
             self._caster = self._copies.move(self._caster, mesh, call.memory.session)
 
-    def set_transforms(
-        self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike
-    ) -> None:
+    def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
 
         Parameters
@@ -563,7 +565,9 @@ class Tracer(ContextManager):
     def memory_bytes(self) -> int:
         """Device memory that trees, primitives and instances take; the first `update` of a mesh doubles it."""
         tree = self._caster.tree
-        return tree.memory_bytes if self._copies is None or not isinstance(tree, DeviceTree) else self._copies.memory_bytes
+        return (
+            tree.memory_bytes if self._copies is None or not isinstance(tree, DeviceTree) else self._copies.memory_bytes
+        )
 
     @property
     def timings_ms(self) -> dict[str, float]:

@@ -273,5 +273,3 @@ def _store_hits(t_mins, t_maxs, block, count, hits):
         t_max = t_maxs[ray] if len(t_maxs) > 1 else t_maxs[0]
         t[target] = min(max(tuv[0, hit], t_min), t_max, _MOST_T)
         u[target], v[target], is_front[target] = tuv[1, hit], tuv[2, hit], volumes[hit] > 0.0
-
-
