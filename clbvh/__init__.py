@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         TreeFileError,
         ValidationError,
     )
-    from .geometry import Mesh, MeshLike, load_mesh, make_shape
+    from .geometry import Mesh, MeshLike, Spheres, load_mesh, make_shape
     from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
@@ -57,6 +57,7 @@ _HOME_OF = {
     "__version__": "support.version",
     "Mesh": "geometry",
     "MeshLike": "geometry",
+    "Spheres": "geometry",
     "Shape": "geometry.shape",
     "load_mesh": "geometry",
     "make_shape": "geometry",
@@ -111,6 +112,7 @@ _HOME_OF = {
 __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Mesh",
     "MeshLike",
+    "Spheres",
     "Shape",
     "load_mesh",
     "make_shape",

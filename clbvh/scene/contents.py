@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.as_mesh import MeshLike, as_mesh
-from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
+from ..geometry.spheres import Spheres
 from .geometry import Geometry
 from .instance import ALL_BITS, Instance
 from .names import name_of_file
@@ -399,9 +399,9 @@ class SceneContents:
 
 
 def _as_shape(source: Any) -> Shape:
-    if isinstance(source, Mesh):
+    if isinstance(source, Spheres):
         return source
-    return as_mesh(source, or_else="a trimesh.Scene, a clbvh.Scene")
+    return as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene, a clbvh.Scene")
 
 
 def _find_parts(source: Any) -> Parts:
