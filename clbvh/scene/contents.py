@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.as_mesh import MeshLike, as_mesh
-from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
 from .geometry import Geometry
@@ -315,11 +314,28 @@ class SceneContents:
         return found
 
     def snapshot(self) -> SceneState:
-        """Return what the scene holds now. It is immutable, and the same object until something is added."""
+        """Return what the scene holds now. It is immutable, and the same object until something is added.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.snapshot().geometry_ids
+        array([0], dtype=int32)
+        """
         return self._store.snapshot()
 
     def geometry_id(self, geometry: Geometry) -> int:
-        """Return the id of a geometry; raise `SceneError` unless it is one of this scene."""
+        """Return the id of a geometry; raise `SceneError` unless it is one of this scene.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> ball = clbvh.Scene().add(clbvh.make_shape("icosphere", triangles=320))
+        >>> clbvh.Scene().geometry_id(ball)
+        Traceback (most recent call last):
+        clbvh.errors.SceneError: Geometry(0, 'icosphere', ...) belongs to another scene: add its shape to this one
+        """
         if not isinstance(geometry, Geometry):
             raise SceneError(f"expected a geometry that Scene.add returned, not {_show(geometry)}")
         if geometry.owner is not self._store:
@@ -338,6 +354,13 @@ class SceneContents:
         ------
         SceneError
             One is not an instance of this scene.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.instance_ids([scene.find("icosphere")])
+        array([0])
         """
         mine = self.instances
         if instances is mine:
@@ -376,9 +399,9 @@ class SceneContents:
 
 
 def _as_shape(source: Any) -> Shape:
-    if isinstance(source, Mesh | Spheres):
+    if isinstance(source, Spheres):
         return source
-    return as_mesh(source, or_else="a trimesh.Scene, a clbvh.Scene")
+    return as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene, a clbvh.Scene")
 
 
 def _find_parts(source: Any) -> Parts:

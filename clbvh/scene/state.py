@@ -83,8 +83,8 @@ class SceneState:
         --------
         >>> import clbvh
         >>> state = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot()
-        >>> state.with_transforms([0], [clbvh.Transform(translate=(0, 0, 5)).matrix]).transforms[0, 2, 3]
-        np.float64(5.0)
+        >>> state.with_transforms([0], [clbvh.Transform(translate=(0, 0, 5)).matrix]).transforms[0, :3, 3]
+        array([0., 0., 5.])
         """
         moved = self.transforms.copy()
         moved[np.asarray(instance_ids, np.int64)] = transforms
@@ -98,6 +98,6 @@ class SceneState:
         >>> import clbvh
         >>> state = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot()
         >>> state.with_shape(0, clbvh.make_shape("knot", triangles=1000)).shapes
-        (Mesh('knot', vertices=500, faces=1,000),)
+        (Mesh('knot', vertices=497, faces=994),)
         """
         return dataclasses.replace(self, shapes=(*self.shapes[:geometry_id], shape, *self.shapes[geometry_id + 1 :]))
