@@ -51,9 +51,7 @@ def frame_mesh(
     return view.find_camera(_bound(view, mesh), mesh, up, fov)
 
 
-def frame_turn(
-    mesh: Mesh | SceneExtent, *, aspect: float, up: Vector = DEFAULT_UP, fov: float = DEFAULT_FOV
-) -> Camera:
+def frame_turn(mesh: Mesh | SceneExtent, *, aspect: float, up: Vector = DEFAULT_UP, fov: float = DEFAULT_FOV) -> Camera:
     """Return a camera that sees all of a mesh while it orbits the axis `up` through the middle of the mesh's box.
 
     Parameters

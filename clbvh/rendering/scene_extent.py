@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from .view_bounds import Reaches
+from .view_bounds import LocalSpace, Reaches
 
 if TYPE_CHECKING:
     from ..geometry.shape import Shape
@@ -86,9 +86,9 @@ class SceneExtent:
         self._offsets = (self._centres - self.origin) * self.scale
         self._linear = self._place[:, :3, :3] * self.scale
 
-    def to_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., 3) points of the scene in local coordinates."""
-        return (np.asarray(points, np.float64) - self.origin) * self.scale
+    def box_in(self, space: LocalSpace) -> NDArray[np.float64]:
+        """Return (2, 3) float64: the box in the local coordinates of another space."""
+        return ((self.origin - space.origin) + self.local_box / self.scale) * space.scale
 
     def largest(self, reaches: Reaches) -> NDArray[np.float64]:
         """Return (k,) float64: the largest value of each function over all vertices and spheres, or a little more."""

@@ -26,10 +26,12 @@ class LocalSpace(Protocol):
     """Anything with local coordinates, which are ``(point - origin) * scale``."""
 
     @property
-    def origin(self) -> NDArray[np.float64]: ...
+    def origin(self) -> NDArray[np.float64]:
+        """(3,) float64, the scene's coordinates."""
 
     @property
-    def scale(self) -> float: ...
+    def scale(self) -> float:
+        """A power of two."""
 
 
 class Reaches(NamedTuple):
@@ -133,9 +135,7 @@ class View(NamedTuple):
     def reaches(self) -> Reaches:
         """Return the functions that `include` evaluates, for `bounds_of`."""
         leaning = self.tangents[:, None] * self.forward
-        slopes = np.concatenate(
-            (self.across.T - leaning, -self.across.T - leaning, [-self.forward, self.forward])
-        )
+        slopes = np.concatenate((self.across.T - leaning, -self.across.T - leaning, [-self.forward, self.forward]))
         return Reaches(slopes, np.zeros(len(slopes)), self.forward)
 
     def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
