@@ -88,6 +88,7 @@ class Tracer(ContextManager):
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Hits:
         """Return the nearest crossing of each ray with the mesh, from either side of the triangles.
@@ -102,6 +103,9 @@ class Tracer(ContextManager):
         t_min, t_max : float or (...,) float, lengths of the direction
             Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is
             at least 0.
+        mask : int or (...,) int, optional
+            32 bits, broadcast to the rays: each sees only the instances whose mask shares a bit with its own; without
+            it, all of them.
         progress : function, optional
             Called with the number of rays that are done, and of all rays, after each piece of the work.
 
@@ -131,9 +135,9 @@ class Tracer(ContextManager):
         >>> tracer.closest_hit(origins, directions, t_min=5).t
         array([5.5, inf])
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         caster = self._caster
-        return find_closest_hits(caster, caster.tree.mesh, batch, shape, progress)
+        return find_closest_hits(caster, batch, shape, progress)
 
     def closest_prim(
         self,
@@ -142,6 +146,7 @@ class Tracer(ContextManager):
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; with less work on the host.
@@ -155,7 +160,7 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
         array([ 0, -1], dtype=int32)
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_closest_prims(self._caster, batch, shape, progress)
 
     def any_hit(
@@ -165,6 +170,7 @@ class Tracer(ContextManager):
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
         """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
@@ -183,7 +189,7 @@ class Tracer(ContextManager):
         >>> tracer.any_hit(start, end - start, t_max=1)
         array([ True, False])
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_any_hits(self._caster, batch, shape, progress)
 
     def count_hits(
@@ -194,6 +200,7 @@ class Tracer(ContextManager):
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
@@ -209,7 +216,7 @@ class Tracer(ContextManager):
         array([2, 1], dtype=int32)
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return count_hits(self._caster, batch, shape, limit, progress)
 
     def all_hits(
@@ -221,6 +228,7 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
         with_locations: bool = False,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> AllHits:
         """Return every crossing of each ray, in the order along it; a shared edge or vertex is one crossing.
@@ -246,9 +254,9 @@ class Tracer(ContextManager):
         array([1., 1.])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         caster = self._caster
-        return find_all_hits(caster, caster.tree.mesh, batch, shape, limit, progress, with_locations=with_locations)
+        return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def hits_by_depth(
         self,
@@ -259,6 +267,7 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
         with_locations: bool = False,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
         """Return the crossings that `all_hits` finds: the first ones of all rays, then the second ones, and so on.
@@ -288,11 +297,9 @@ class Tracer(ContextManager):
         array([ 0.5,  0.5, -0.5, -0.5])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         caster = self._caster
-        return find_hits_by_depth(
-            caster, caster.tree.mesh, batch, shape, limit, progress, with_locations=with_locations
-        )
+        return find_hits_by_depth(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def closest_point(self, points: ArrayLike, *, progress: Progress | None = None) -> ClosestPoints:
         """Return the closest point of the surface for each point.
