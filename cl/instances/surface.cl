@@ -25,12 +25,12 @@ INLINED float3 transform_bound(const global float rows[3][3], const float3 bound
 }
 
 // Moves a surface from the geometry's local coordinates to the scene's.
-INLINED placed_surface_t place_surface(const global instance_t *instance, const surface_t *local)
+INLINED placed_surface_t place_surface(const global instance_t *instance, const surface_t *surface)
 {
     const float3 centre = load3(instance->centre);
-    const float3 reach = transform_bound(instance->to_scene, magnitude(local->position));
+    const float3 reach = transform_bound(instance->to_scene, magnitude(surface->position));
     const float3 error = ROUND_TRIP_ERROR * reach + PAIR_ERROR * (magnitude(centre) + reach);
-    surface_t padded = *local;
+    surface_t padded = *surface;
     padded.error += transform_bound(instance->to_object, error);
 
     placed_surface_t placed;
@@ -38,7 +38,7 @@ INLINED placed_surface_t place_surface(const global instance_t *instance, const 
     placed.above = add_exactly(centre, transform_vector(instance->to_scene, point_above(&padded)), &low);
     placed.above_low = low + load3(instance->centre_low);
     // Normals are transformed by the transpose of the inverse.
-    const float3 normal = local->normal;
+    const float3 normal = surface->normal;
     placed.normal = unit_vector(
         normal.x * load3(instance->to_object[0]) + normal.y * load3(instance->to_object[1])
         + normal.z * load3(instance->to_object[2]));
@@ -54,6 +54,6 @@ INLINED placed_surface_t scene_surface_at(
     const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
     const float3 direction = transform_vector(instance->to_object, ray->ray.direction);
     const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
-    const surface_t local = surface_at(&corners, &search->nearest, direction);
-    return place_surface(instance, &local);
+    const surface_t surface = surface_at(&corners, &search->nearest, direction);
+    return place_surface(instance, &surface);
 }
