@@ -75,6 +75,8 @@ class TracedTree(Protocol):
     @property
     def most_crossings(self) -> int: ...  # noqa: D102
 
+    def buffers_of_own(self) -> list[Any]: ...  # noqa: D102
+
 
 CLOSEST_HIT = Query("closest_hit", "hits", HIT)
 ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))

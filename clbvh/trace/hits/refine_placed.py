@@ -15,7 +15,7 @@ from ..rays.ray_rows import row_step
 from .refine_block import AB, AC, CORNER, DIRECTION, TUV
 from .scene_arrays import place_point, place_vector
 from .sphere_coordinates import sphere_point, sphere_uv
-from .sphere_roots import refine_sphere
+from .sphere_roots import sphere_crossing
 
 _SPHERES = PRIM_KINDS["spheres"]
 
@@ -93,7 +93,7 @@ def _refine_on_sphere(rays, arrays, found_ints, block, hit, instance):
         np.float64(directions[direction_id, 2]),
     )  # fmt: skip
     centre = arrays.spheres[sphere, 0], arrays.spheres[sphere, 1], arrays.spheres[sphere, 2]
-    t, x, y, z = refine_sphere(origin, direction, centre, arrays.spheres[sphere, 3], is_leaving)
+    t, x, y, z = sphere_crossing(origin, direction, centre, arrays.spheres[sphere, 3], is_leaving)
     block.vectors[TUV, 0, hit] = t
     block.vectors[TUV, 1, hit], block.vectors[TUV, 2, hit] = sphere_uv(x, y, z)
     block.volumes[hit] = -1.0 if is_leaving else 1.0

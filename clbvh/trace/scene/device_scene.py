@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,14 @@ from ...geometry.box_mesh import box_mesh
 from ...layouts.bvh2 import make_bvh2_nodes
 from ...layouts.device_arrays import DeviceArrays, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import BVH2_NODE, INSTANCE, LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_RAY
+from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_RAY
+from ...support.host_threads import HostThreads
 from ..device_tree import pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
 from .placed import find_boxes, make_records
+from .refit_geometry import RefitGeometry
 
 BuildTree = Callable[[Mesh], Bvh]
 
@@ -126,32 +128,103 @@ class DeviceScene:
             "HAS_SPHERES": int(has_spheres), "TOP_STACK_SIZE": _TOP_STACK_SIZE,
         }  # fmt: skip
         self.node_bytes = arrays[0].nodes.itemsize
+        self._node_counts = [len(part.nodes) for part in arrays]
         triangle_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["triangles"]]
         sphere_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["spheres"]]
-        for name, parts in (
-            ("nodes", [part.nodes for part in arrays]), ("blocks", triangle_blocks), ("spheres", sphere_blocks)
-        ):  # fmt: skip
-            self._upload(session, name, parts)
+        self._upload(session, "nodes", [part.nodes for part in arrays])
+        self._upload(session, "blocks", triangle_blocks)
+        self._upload(session, "spheres", sphere_blocks)
+        self._dtypes = {"nodes": arrays[0].nodes.dtype}
+        if triangle_blocks:
+            self._dtypes["blocks"] = triangle_blocks[0].dtype
         self.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        self.top = TopTree.build(self.surface, self._parts, state.masks, build_top)
-        self._upload(session, "top_nodes", [self.top.nodes])
-        self._upload(session, "instances", [self.top.instances])
+        self._put_top(session, session)
 
-    def moved(self, session: DeviceSession, state: SceneState) -> Self:
-        """Return the scene with other transforms or masks of the same instances; this one does not change."""
-        moved = copy(self)
-        moved.state = state
+    def moved(self, owner: DeviceSession, session: DeviceSession, state: SceneState) -> Self:
+        """Return the scene with other transforms of the same instances; this one does not change.
+
+        Parameters
+        ----------
+        owner : DeviceSession
+            Owns the buffers.
+        session : DeviceSession
+            A branch of it, for this thread.
+        state : SceneState
+        """
+        moved = self._copy(state)
         moved.surface = move_instances(self.surface, state.transforms)
-        moved.top = TopTree.build(moved.surface, self._parts, state.masks, self._build_top)
-        moved.arguments, moved._byte_counts = dict(self.arguments), dict(self._byte_counts)
-        moved._upload(session, "top_nodes", [moved.top.nodes])
-        moved._upload(session, "instances", [moved.top.instances])
+        moved._put_top(owner, session)
         return moved
 
-    def release_top(self, session: DeviceSession) -> None:
-        """Give back the buffers that `moved` replaces."""
-        for name in ("top_nodes", "instances"):
-            session.release(self.arguments[name])
+    def with_geometry(
+        self,
+        owner: DeviceSession,
+        session: DeviceSession,
+        state: SceneState,
+        geometry_id: int,
+        refit: RefitGeometry,
+        threads: HostThreads,
+    ) -> Self:
+        """Return the scene with a mesh of it whose vertices have moved; see `moved`."""
+        moved = self._copy(state)
+        for name in ("nodes", "blocks"):
+            begin, count, dtype = self._range(name, geometry_id)
+            byte_count = self._byte_counts[name]
+            buffer = owner.allocate(byte_count, writable=False)
+            moved.arguments[name] = buffer
+            first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
+            session.copy(self.arguments[name], buffer, 0, first)
+            session.copy(self.arguments[name], buffer, end, byte_count - end)
+        mesh = state.shapes[geometry_id]
+        with moved.mapped(session, geometry_id, write=True) as arrays:
+            refit.write(cast(Mesh, mesh), *arrays, threads)
+        moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        moved._put_top(owner, session)
+        return moved
+
+    def release_other_than(self, other: DeviceScene, owner: DeviceSession) -> None:
+        """Give back the buffers that another scene does not share."""
+        for name, buffer in self.arguments.items():
+            if buffer is not other.arguments[name]:
+                owner.release(buffer)
+
+    @contextmanager
+    def mapped(
+        self, session: DeviceSession, geometry_id: int, *, write: bool
+    ) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
+        """Map the nodes and the blocks of a geometry into the host's memory; see `DeviceSession.mapped`."""
+        nodes, blocks = (self._range(name, geometry_id) for name in ("nodes", "blocks"))
+        with (
+            session.mapped(self.arguments["nodes"], nodes[1], nodes[2], write=write, first=nodes[0]) as node_array,
+            session.mapped(self.arguments["blocks"], blocks[1], blocks[2], write=write, first=blocks[0]) as block_array,
+        ):
+            yield node_array, block_array
+
+    def buffers_of_own(self) -> list[Any]:
+        """Return all buffers of the scene."""
+        return list(self.arguments.values())
+
+    def _copy(self, state: SceneState) -> Self:
+        """Return a scene of another state, which shares all buffers."""
+        made = copy(self)
+        made.state = state
+        made.arguments, made._byte_counts = dict(self.arguments), dict(self._byte_counts)
+        return made
+
+    def _put_top(self, owner: DeviceSession, session: DeviceSession) -> None:
+        """Build the tree over the instances, and put it into new buffers."""
+        self.top = TopTree.build(self.surface, self._parts, self.state.masks, self._build_top)
+        for name, array in (("top_nodes", self.top.nodes), ("instances", self.top.instances)):
+            self.arguments[name] = owner.allocate(array.nbytes, writable=False)
+            self._byte_counts[name] = array.nbytes
+            session.write(self.arguments[name], array)
+
+    def _range(self, name: str, geometry_id: int) -> tuple[int, int, np.dtype]:
+        """Return where a mesh's nodes or blocks begin, how many there are, and their dtype."""
+        part, dtype = self._parts[geometry_id], self._dtypes[name]
+        if name == "blocks":
+            return int(part[1]), int(part[2]), dtype
+        return int(part[0]), self._node_counts[geometry_id], dtype
 
     @property
     def scene_surface(self) -> SceneSurface:
