@@ -153,8 +153,6 @@ class FrameRenderer(ContextManager):
                 )
             elif not self._tree.has_instances:
                 arguments["entry_points"] = None
-            session.run(
-                self._kernel, work_size, self._tile, **arguments, colours=colour_buffer, hits=hit_buffer
-            )
+            session.run(self._kernel, work_size, self._tile, **arguments, colours=colour_buffer, hits=hit_buffer)
             session.download(colour_buffer, colours[first_row : first_row + row_count])
             session.download(hit_buffer, hits[first_row : first_row + row_count])
