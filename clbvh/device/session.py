@@ -185,7 +185,12 @@ class DeviceSession(ContextManager):
         with self._errors(f"{self._unfinished}share {item_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
             # As bytes: PyOpenCL takes no dtype that holds arrays.
             array, event = self._cl.enqueue_map_buffer(
-                self.queue, buffer, flags, first * dtype.itemsize, item_count * dtype.itemsize, np.uint8,
+                self.queue,
+                buffer,
+                flags,
+                first * dtype.itemsize,
+                item_count * dtype.itemsize,
+                np.uint8,
                 is_blocking=True,
             )
         self._unfinished = ""

@@ -41,9 +41,7 @@ def find_all_hits(
     next_slots[:, 0] = [offsets[begin] for begin, _ in ranges]
 
     def refine(begin: int, end: int, next_slot: NDArray[np.int64]) -> None:
-        refine_crossings(
-            batch, surface, crossings, begin, end, next_slot, ids=ids, hits=refined, locations=locations
-        )
+        refine_crossings(batch, surface, crossings, begin, end, next_slot, ids=ids, hits=refined, locations=locations)
 
     caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
     hits = refined.as_hits(ids, (total,), mesh=tree.mesh, scene_surface=tree.scene_surface)

@@ -116,7 +116,9 @@ def _search_round(
     for piece in call.cut_rays(batch, shape, most_rays=most_rays, progress=search.progress):
         packed = call.pack_rays(batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
-            crowded += _compact_piece(search, piece, ray_ids, kept.view(np.int64).reshape(len(kept) // wanted, wanted, -1))
+            crowded += _compact_piece(
+                search, piece, ray_ids, kept.view(np.int64).reshape(len(kept) // wanted, wanted, -1)
+            )
     return np.concatenate(crowded)
 
 

@@ -28,7 +28,6 @@ PREFETCH_HITS = 12
 DIRECTION, CORNER, AB, AC, TUV = range(5)
 
 
-
 class RefineBlock(NamedTuple):
     """Working memory for a block of hits.
 

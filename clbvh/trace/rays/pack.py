@@ -117,9 +117,7 @@ def pack_rays(
         packed["mask"] = _ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
 
 
-def _masks_of(
-    masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None, count: int
-) -> NDArray[np.uint32]:
+def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None, count: int) -> NDArray[np.uint32]:
     """Return the masks of rays that are packed, (n,) or (1,)."""
     if masks.is_one:
         return masks.items

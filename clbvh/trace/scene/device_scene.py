@@ -110,7 +110,12 @@ class DeviceScene:
     mesh = None
 
     def __init__(
-        self, session: DeviceSession, state: SceneState, trees: Sequence[Bvh], build_top: BuildTree, layout: str = "auto"
+        self,
+        session: DeviceSession,
+        state: SceneState,
+        trees: Sequence[Bvh],
+        build_top: BuildTree,
+        layout: str = "auto",
     ) -> None:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
