@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from .geometry import Geometry
 # Bits of a mask. A ray sees the instances whose mask shares a bit with its own.
 MASK_BITS = 32
 ALL_BITS = 2**MASK_BITS - 1
+
+Colour: TypeAlias = tuple[float, float, float]
+"""Linear red, green and blue, 0 to 1."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,6 +31,8 @@ class Instance:
     geometry : Geometry
     mask : int, 0 to 2^32 - 1
         A ray sees the instance if its own mask shares a bit with this one.
+    colour : (3,) float, or None
+        Linear colour in pictures; None: that of the picture's surfaces.
 
     Examples
     --------
@@ -44,6 +50,7 @@ class Instance:
     name: str
     geometry: Geometry
     mask: int
+    colour: Colour | None = None
 
     @property
     def transform(self) -> NDArray[np.float64]:

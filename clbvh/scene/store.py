@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry.shape import Shape
 from .geometry import Geometry
-from .instance import ALL_BITS, Instance
+from .instance import ALL_BITS, Colour, Instance
 from .names import UniqueNames, clean_name
 from .state import SceneState
 
@@ -55,6 +55,7 @@ class SceneStore:
         self._instances: list[Instance] = []
         self._transforms = np.empty((_FIRST_CAPACITY, 4, 4))
         self._masks = np.empty(_FIRST_CAPACITY, np.uint32)
+        self._colours = np.empty((_FIRST_CAPACITY, 3))
         self._geometry_ids = np.empty(_FIRST_CAPACITY, np.int32)
         self._start()
 
@@ -114,6 +115,7 @@ class SceneStore:
                     transforms=self._transforms[:count],
                     masks=self._masks[:count],
                     instance_names=tuple(instance.name for instance in instances),
+                    colours=self._colours[:count],
                 )
             return self._snapshot
 
@@ -144,7 +146,13 @@ class SceneStore:
             return self._add(shape, name, wish)
 
     def place(
-        self, geometry: Geometry, transforms: NDArray[np.float64], names: Sequence[str] | None, wish: str, mask: int
+        self,
+        geometry: Geometry,
+        transforms: NDArray[np.float64],
+        names: Sequence[str] | None,
+        wish: str,
+        mask: int,
+        colour: Colour | None = None,
     ) -> tuple[Instance, ...]:
         """Place a geometry by each of (n, 4, 4) transforms."""
         with self.lock:
@@ -154,7 +162,7 @@ class SceneStore:
                     self._instance_names.check(name)
                 if len(set(names)) < len(names):
                     raise SceneError("two of the names are the same, but the names of instances are unique")
-            return self._place(geometry, transforms, names, wish, mask)
+            return self._place(geometry, transforms, names, wish, mask, colour)
 
     def copy(self) -> SceneStore:
         """Return a store of the same content, with handles of its own."""
@@ -166,7 +174,13 @@ class SceneStore:
                 Geometry(geometry.id, geometry.name, geometry.shape, copied) for geometry in self._geometries
             ]
             copied._instances = [
-                Instance(instance.id, instance.name, copied._geometries[instance.geometry.id], instance.mask)
+                Instance(
+                    instance.id,
+                    instance.name,
+                    copied._geometries[instance.geometry.id],
+                    instance.mask,
+                    instance.colour,
+                )
                 for instance in self._instances
             ]
             count = len(self._instances)
@@ -192,7 +206,13 @@ class SceneStore:
         return geometry
 
     def _place(
-        self, geometry: Geometry, transforms: NDArray[np.float64], names: Sequence[str] | None, wish: str, mask: int
+        self,
+        geometry: Geometry,
+        transforms: NDArray[np.float64],
+        names: Sequence[str] | None,
+        wish: str,
+        mask: int,
+        colour: Colour | None = None,
     ) -> tuple[Instance, ...]:
         begin, end = len(self._instances), len(self._instances) + len(transforms)
         if end > MAX_INSTANCE_COUNT:
@@ -201,13 +221,14 @@ class SceneStore:
             setattr(self, array, _grow(getattr(self, array), begin, end))
         self._transforms[begin:end] = transforms
         self._masks[begin:end] = mask
+        self._colours[begin:end] = np.nan if colour is None else colour
         self._geometry_ids[begin:end] = geometry.id
         unique: Iterable[str]
         if names is None:
             unique = (self._instance_names.add_numbered(clean_name(wish)) for _ in range(begin, end))
         else:
             unique = map(self._instance_names.add, names)
-        placed = tuple(Instance(index, name, geometry, mask) for index, name in enumerate(unique, begin))
+        placed = tuple(Instance(index, name, geometry, mask, colour) for index, name in enumerate(unique, begin))
         self._instances += placed
         self._snapshot = self._tuples = None
         return placed
@@ -228,7 +249,7 @@ class SceneStore:
 
 
 # One row per instance, and room for more.
-_ARRAYS = ("_transforms", "_masks", "_geometry_ids")
+_ARRAYS = ("_transforms", "_masks", "_colours", "_geometry_ids")
 
 
 def _grow(rows: NDArray[Any], count: int, needed: int) -> NDArray[Any]:
