@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import SceneError
@@ -26,12 +27,15 @@ class UniqueNames:
     def __len__(self) -> int:
         return len(self._ids)
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._ids)
+
     def find(self, name: str) -> int | None:
         """Return the id of a name."""
         return self._ids.get(name)
 
     def check(self, name: object) -> None:
-        """Raise `SceneError` unless a name that a user chose is a text that nothing else has."""
+        """Raise `SceneError` unless a name is a text that nothing else has."""
         if not is_name(name):
             raise SceneError(f"the name of {self.kind} must be a text that is not empty, not {_show(name)}")
         if name in self._ids:

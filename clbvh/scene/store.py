@@ -65,6 +65,22 @@ class SceneStore:
         self._snapshot: SceneState | None = None
         self._tuples: tuple[tuple[Geometry, ...], tuple[Instance, ...]] | None = None
 
+    @classmethod
+    def from_state(cls, state: SceneState, first: FirstObject | None = None) -> SceneStore:
+        """Return a store of the content of a state; `first` says what geometry 0 and instance 0 are made from."""
+        store = cls()
+        store.first = first
+        for shape, name in zip(state.shapes, state.names, strict=True):
+            store.add(shape, name, name)
+        store._transforms = state.transforms.copy()
+        store._masks, store._geometry_ids = state.masks.copy(), state.geometry_ids.copy()
+        for number, name in enumerate(state.instance_names):
+            geometry = store._geometries[state.geometry_ids[number]]
+            placed = Instance(number, store._instance_names.add(name), geometry, int(state.masks[number]))
+            store._instances.append(placed)
+        store._snapshot = store._tuples = None
+        return store
+
     @property
     def is_as_made(self) -> bool:
         """Whether the store holds its first object, if it has one, and nothing else."""
