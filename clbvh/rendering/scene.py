@@ -72,6 +72,8 @@ class Transform:
             raise SceneError(
                 f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
             )
+        if not is_number:
+            object.__setattr__(self, "scale", tuple(map(float, self.scale)))  # type: ignore[arg-type]
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
