@@ -27,6 +27,7 @@ from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .framing import frame_mesh
+from .scene_extent import SceneExtent
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
@@ -383,8 +384,8 @@ class Scene(SceneContents):
             )
         return SceneStore(first)
 
-    def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+    def camera(self, mesh: Mesh | SceneExtent) -> Camera:
+        """Return the camera: the one that was asked for, or one that sees the whole mesh, or all of the scene.
 
         Examples
         --------
@@ -414,6 +415,11 @@ class Scene(SceneContents):
         ('depth', 1280)
         """
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
+
+    @property
+    def is_one_mesh(self) -> bool:
+        """Whether the scene holds its `mesh` and nothing else."""
+        return self.mesh is not None and self._store.is_as_made
 
     def only_mesh(self) -> MeshSource:
         """Return the source of the mesh of a scene that holds nothing else; raise `SceneError` for any other scene.
