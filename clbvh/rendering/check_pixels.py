@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import ValidationError
+from ..errors import ConfigError, ValidationError
 from ..trace.oracle.reference import find_differences
 from .picture import Picture
 
@@ -21,7 +21,11 @@ def check_pixels(picture: Picture) -> Picture:
     ------
     ValidationError
         A pixel differs; the message names the first one.
+    ConfigError
+        The picture shows several objects.
     """
+    if picture.mesh is None:
+        raise ConfigError("pictures of several objects cannot be validated yet: leave the check out")
     height, width = picture.found.shape
     pixel_count = min(width * height, max(1, _MOST_TESTS // picture.mesh.face_count))
     # Spread evenly over the picture, the same ones each time; all of them if there are few.
