@@ -21,8 +21,9 @@ The text is one object:
     settings     an object of the caller
 
 The arrays are, in this order: of each mesh vertices (V, 3) float64 and faces (F, 3) int32, of each spheres centres
-(n, 3) float64 and radii (n,) float64; then of all instances transforms (n, 4, 4) float64, geometry ids (n,) int32 and
-masks (n,) uint32. Local coordinates and trees are not stored: they follow from the arrays.
+(n, 3) float64 and radii (n,) float64; then of all instances transforms (n, 4, 4) float64, colours (n, 3) float64 with
+NaN for those without, geometry ids (n,) int32 and masks (n,) uint32. Local coordinates and trees are not stored: they
+follow from the arrays.
 """
 
 from __future__ import annotations
@@ -163,7 +164,8 @@ def get_item(table: object, key: str, kind: type) -> Any:
     if not isinstance(table, dict) or key not in table:
         raise SceneError(f"its text has no '{key}'")
     value: Any = table[key]
-    if not isinstance(value, kind) or (kind is int and (isinstance(value, bool) or value < 0)):
+    is_right = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+    if not is_right or (kind is int and value < 0):
         raise SceneError(f"its text has a wrong '{key}'")
     return value
 
@@ -210,6 +212,7 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
     instances = get_item(document, "instances", dict)
     count = get_item(instances, "count", int)
     transforms = arrays.take((count, 4, 4), "<f8")
+    colours = arrays.take((count, 3), "<f8")
     geometry_ids = arrays.take((count,), "<i4")
     masks = arrays.take((count,), "<u4")
     arrays.check_end()
@@ -222,6 +225,9 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
     wrong = np.flatnonzero((geometry_ids < 0) | (geometry_ids >= len(shapes)))
     if len(wrong):
         raise SceneError(f"instance {wrong[0]} is of geometry {geometry_ids[wrong[0]]}, but it has {len(shapes):,}")
+    is_colour = np.isfinite(colours).all(axis=1) | np.isnan(colours).all(axis=1)
+    if not is_colour.all():
+        raise SceneError(f"the colour of instance {np.argmin(is_colour)} is not three finite numbers")
     state = SceneState(
         shapes=tuple(shapes),
         names=tuple(names),
@@ -229,6 +235,7 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
         transforms=check_transforms(transforms, lambda index: f"the transform of instance {index}"),
         masks=masks.astype(np.uint32),
         instance_names=tuple(instance_names),
+        colours=colours.astype(np.float64),
     )
     return SavedScene(state, get_item(document, "settings", dict))
 
@@ -295,6 +302,7 @@ def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
             yield shape.centres, "<f8"
             yield shape.radii, "<f8"
     yield state.transforms, "<f8"
+    yield state.colours, "<f8"
     yield state.geometry_ids, "<i4"
     yield state.masks, "<u4"
 

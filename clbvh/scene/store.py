@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry.shape import Shape
 from .geometry import Geometry
-from .instance import ALL_BITS, Colour, Instance
+from .instance import ALL_BITS, Colour, Instance, colour_of_row
 from .names import UniqueNames, clean_name
 from .state import SceneState
 
@@ -74,10 +74,11 @@ class SceneStore:
             store.add(shape, name, name)
         store._transforms = state.transforms.copy()
         store._masks, store._geometry_ids = state.masks.copy(), state.geometry_ids.copy()
+        store._colours = state.colours.copy()
         for number, name in enumerate(state.instance_names):
             geometry = store._geometries[state.geometry_ids[number]]
-            placed = Instance(number, store._instance_names.add(name), geometry, int(state.masks[number]))
-            store._instances.append(placed)
+            mask, colour = int(state.masks[number]), colour_of_row(state.colours[number])
+            store._instances.append(Instance(number, store._instance_names.add(name), geometry, mask, colour))
         store._snapshot = store._tuples = None
         return store
 
