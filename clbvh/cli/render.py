@@ -297,6 +297,8 @@ def _print_report(report: dict[str, Any], picture: Picture) -> None:
     times = make_times()
     for phase, description in _PHASES.items():
         ms = report["timings_ms"][phase]
+        if phase == "load" and picture.objects is not None:
+            description = "load and place the objects"
         if phase != "cache" or ms:
             add_time(times, phase, ms, description, style="bold" if phase == "total" else "")
     print_tables(facts, times)
