@@ -2,6 +2,9 @@
 // decides whether it is kept, and how far the traversal has to go on.
 //
 // The query is a constant wherever these functions are called, so inlining removes the code of the others.
+//
+// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_search leaves it
+// at triangles.
 
 #include "hits/crossing.cl"
 #include "rays/ray.cl"
@@ -18,6 +21,9 @@ typedef struct {
     int count;
     int max_count;       // at least 1
     global hit_t *heap;  // [max_count]: binary heap with the farthest hit on top
+#if HAS_SPHERES
+    int kind;            // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
+#endif
 } search_t;
 
 INLINED search_t make_search(const int max_count, global hit_t *heap)
@@ -44,6 +50,12 @@ INLINED float search_limit(const search_t *search, const ray_t *ray, const int q
 // The order of hits along a ray.
 INLINED bool comes_first(const hit_t *a, const hit_t *b)
 {
+#if HAS_SPHERES
+    // A ray enters a sphere before it leaves it, also where float32 has one t for both.
+    if (a->t == b->t && a->prim_id == b->prim_id) {
+        return a->u < b->u;
+    }
+#endif
     return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
 }
 
