@@ -28,7 +28,7 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
 }
 
 #if HAS_SPHERES
-INLINED void test_sphere(nearest_t *nearest, const global sphere_t *sphere)
+INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere)
 {
     const float squared = distance_squared_to_sphere(relative_corner(nearest, load3(sphere->centre)), sphere->radius);
     add_distance(nearest, squared, sphere->prim_id);
@@ -39,7 +39,7 @@ INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const
 {
 #if HAS_SPHERES
     if (nearest->kind == KIND_SPHERES) {
-        test_sphere(nearest, (const global sphere_t *)blocks + prim_index);
+        test_sphere(nearest, (const global sphere_block_t *)blocks + prim_index);
         return;
     }
 #endif

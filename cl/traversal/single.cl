@@ -12,7 +12,7 @@ INLINED void intersect_single(
     const global block_t *blocks, const int prim_index, const ray_t *ray, search_t *search, const int query)
 {
     if (search->kind == KIND_SPHERES) {
-        intersect_sphere((const global sphere_t *)blocks, prim_index, ray, search, query);
+        intersect_sphere((const global sphere_block_t *)blocks, prim_index, ray, search, query);
     } else {
         intersect_triangle(blocks, prim_index, ray, search, query);
     }
