@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options
-from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
+from .render_report import print_render_report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,24 +22,6 @@ if TYPE_CHECKING:
 
 _SCENE = "Scene"
 _DEVICE = "Device"
-
-# The rows of the time table, in the order of the work.
-_PHASES = {
-    "load": "load the mesh, find its local coordinates",
-    "pool_start": "start the workers, alongside: not in the total",
-    "cache": "look the tree up in the cache, or keep it there",
-    "build": "build the tree",
-    "open": "open the device",
-    "layout": "arrange the tree for the device",
-    "compile": "compile functions and kernels, in a first run only",
-    "load_code": "load compiled functions and kernels",
-    "upload": "host to device, by the device's clock",
-    "kernel": "trace and shade, by the device's clock",
-    "download": "device to host, by the device's clock",
-    "other": "launches, and whatever lies between the phases",
-    "total": "wall time",
-    "write": "write the picture or heat map, not in the total",
-}
 
 
 def render(
@@ -174,7 +156,7 @@ def render(
     if as_json:
         print(json.dumps(report, indent=2))
     else:
-        _print_report(report, picture)
+        print_render_report(report, picture)
     for note in picture.notes:
         print(f"clbvh: {note}", file=sys.stderr)
 
@@ -242,63 +224,9 @@ def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None
     return (time.perf_counter() - begin) * 1e3
 
 
-def _describe_counts(report: dict[str, Any]) -> str:
-    instances, geometries = report["instances"], report["geometries"]
-    return (
-        f"{instances:,} instance{'s' * (instances > 1)} of {geometries:,} geometr{'ies' if geometries > 1 else 'y'}, "
-        f"{report['placed_primitives']:,} primitives placed"
-    )
-
-
 def _list_names(picture: Picture, scene: Scene) -> tuple[Sequence[str], Sequence[str]]:
     """Return the names of the geometries and of the instances, by their ids."""
     if picture.mesh is not None:
         return (picture.mesh.name,), (picture.mesh.name,)
     state = scene.snapshot()
     return state.names, state.instance_names
-
-
-def _print_report(report: dict[str, Any], picture: Picture) -> None:
-    from rich.markup import escape
-
-    facts = make_facts()
-    degenerate = report["degenerate_triangles"]
-    triangles = (
-        f"{report['triangles']:,} triangles",
-        f"{degenerate:,} of them degenerate: never hit" if degenerate else "",
-    )
-    if picture.objects is None:
-        facts.add_row("mesh", describe_mesh(report["mesh"], *triangles))
-    else:
-        spheres = f"{report['spheres']:,} spheres" if report["spheres"] else ""
-        facts.add_row("scene", _describe_counts(report))
-        facts.add_row("geometry", ", ".join(filter(None, (*(triangles if report["triangles"] else ()), spheres))))
-        facts.add_row(
-            "trees",
-            f"{report['nodes']:,} nodes, depth {report['depth']} of both levels, "
-            + ("from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])),
-        )
-    if picture.bvh is not None:
-        facts.add_row(
-            "tree",
-            f"{report['nodes']:,} nodes, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, "
-            + ("from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])),
-        )
-    facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
-    facts.add_row(
-        "picture",
-        f"{report['width']} x {report['height']}, {report['hits']:,} of {report['rays']:,} rays hit, "
-        f"{report['mrays_per_s']:.2f} Mray/s",
-    )
-    if report["validated_pixels"]:
-        trees = "tree" if picture.objects is None else "all trees"
-        facts.add_row("validated", f"{trees} and {report['validated_pixels']:,} pixels agree with the reference")
-
-    times = make_times()
-    for phase, description in _PHASES.items():
-        ms = report["timings_ms"][phase]
-        if phase == "load" and picture.objects is not None:
-            description = "load and place the objects"
-        if phase != "cache" or ms:
-            add_time(times, phase, ms, description, style="bold" if phase == "total" else "")
-    print_tables(facts, times)

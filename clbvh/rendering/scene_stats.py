@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..builders.build import build
 from ..bvh.bvh import Bvh
 from ..bvh.sah_cost import sah_cost
 from ..errors import SceneError
@@ -18,7 +19,6 @@ from ..geometry.box_mesh import box_mesh
 from ..geometry.mesh import Mesh
 from ..geometry.sphere_boxes import mesh_of
 from ..layouts.device_arrays import measure_device_bytes
-from ..layouts.sphere_blocks import measure_sphere_bytes
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
 from ..trace.hits.scene_arrays import make_scene_arrays
@@ -131,7 +131,7 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
     state : SceneState
         At least one instance.
     build_tree : function
-        Returns the tree of a mesh; of spheres and of instances it gets the mesh of their boxes.
+        Returns the tree of a geometry's mesh; of spheres it gets the mesh of their boxes.
     traversal_cost : float, optional
         Cost of an interior node, in primitive tests.
 
@@ -152,7 +152,6 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
     geometries = []
     for name, shape, instance_count in zip(state.names, state.shapes, placed, strict=True):
         bvh = build_tree(mesh_of(shape))
-        measure = measure_device_bytes if isinstance(shape, Mesh) else measure_sphere_bytes
         geometries.append(
             GeometryStats(
                 name=name,
@@ -163,11 +162,12 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
                 depth=bvh.depth,
                 sah_cost=sah_cost(bvh, traversal_cost=traversal_cost),
                 host_bytes=bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-                device_bytes={layout: measure(bvh, layout) for layout in LAYOUT_WIDTHS},
+                device_bytes={layout: measure_device_bytes(bvh, layout, shape) for layout in LAYOUT_WIDTHS},
             )
         )
     lower, upper = find_boxes(make_scene_arrays(state.shapes, state.geometry_ids, state.transforms))
-    top = build_tree(box_mesh(lower, upper, "the instances"))
+    # As a tracer and a renderer build it, whatever builds the others.
+    top = build(box_mesh(lower, upper, "the instances"), leaf_size=1)
     return SceneStats(
         geometries=tuple(geometries),
         top=TopStats(
