@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _MIB = 1 << 20
 
-# More geometries are one row together; `--json` has all of them.
+# Most geometries that the table shows.
 _MOST_ROWS = 40
 
 _PHASES = {
@@ -97,6 +97,9 @@ def _print_report(measured: SceneStats, build: dict[str, Any]) -> None:
     for layout, size in measured.device_bytes.items():
         facts.add_row(f"as {layout}", f"{size / _MIB:,.1f} MiB, both levels")
 
+    if len(measured.geometries) > _MOST_ROWS:
+        facts.add_row("below", f"the {_MOST_ROWS} largest geometries; --json has all of them")
+
     times = make_times()
     for phase, description in _PHASES.items():
         ms = build["timings_ms"][phase]
@@ -105,7 +108,7 @@ def _print_report(measured: SceneStats, build: dict[str, Any]) -> None:
 
 
 def _make_geometry_table(measured: SceneStats) -> Any:
-    """Return one row for each geometry; a scene of very many shows the largest ones."""
+    """Return one row for each geometry; in a scene of very many, for each of the largest ones."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -127,8 +130,6 @@ def _make_geometry_table(measured: SceneStats) -> Any:
             f"{geometry.sah_cost:.3f}",
             f"{geometry.device_bytes['bvh2'] / _MIB:,.2f} MiB",
         )
-    if len(shown) < len(measured.geometries):
-        table.add_row(f"[dim]and {len(measured.geometries) - len(shown):,} smaller ones: --json has them[/dim]")
     return table
 
 
