@@ -2,6 +2,9 @@
 
 #include "instances/traverse.cl"
 #include "shading/surface.cl"
+#if HAS_SPHERES
+#include "spheres/surface.cl"
+#endif
 
 // A point on its way from the geometry to the scene and back has at most 10 roundings: 4 for each linear part, whose
 // entries are rounded, too, one where the pair becomes a float, and one where the point is moved above the surface.
@@ -52,6 +55,15 @@ INLINED placed_surface_t scene_surface_at(
 {
     const global instance_t *instance = instances + search->instance_index;
     const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
+#if HAS_SPHERES
+    if (instance->kind == KIND_SPHERES) {
+        float t_shift;
+        const ray_t inside = enter_instance(ray, instance, INFINITY, &t_shift);
+        const ball_t ball = ball_at((const global sphere_block_t *)own_blocks, search->nearest.triangle_index);
+        const surface_t surface = sphere_surface_at(&ball, search->nearest.u > 0.0f, &inside);
+        return place_surface(instance, &surface);
+    }
+#endif
     const float3 direction = transform_vector(instance->to_object, ray->ray.direction);
     const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
     const surface_t surface = surface_at(&corners, &search->nearest, direction);
