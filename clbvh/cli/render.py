@@ -141,7 +141,7 @@ def render(
         validate=validate,
     )
 
-    scene, load_ms = _open(sources)
+    scene, load_timings_ms = _open(sources)
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
@@ -150,8 +150,8 @@ def render(
 
     picture = _render_with_status(scene, wanted)
     report = picture.report()
-    for phase in ("load", "total"):
-        report["timings_ms"][phase] += load_ms
+    for phase, ms in load_timings_ms.items():
+        report["timings_ms"][phase] += ms
     report["timings_ms"]["write"] = _write(picture, scene, output, hits, heatmap)
     if as_json:
         print(json.dumps(report, indent=2))
@@ -161,15 +161,19 @@ def render(
         print(f"clbvh: {note}", file=sys.stderr)
 
 
-def _open(sources: list[str]) -> tuple[Scene, float]:
-    """Return the scene of the command line, and the milliseconds in which its objects were loaded."""
+def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
+    """Return the scene of the command line, and the times of the phases in which its objects were loaded."""
     from ..rendering.mesh_files import open_mesh_files
     from ..rendering.scene_file import open_scene
+    from ..support.stopwatch import Stopwatch
 
-    begin = time.perf_counter()
+    watch = Stopwatch()
     scene = open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
-    # A single mesh is loaded by the renderer, while the workers start.
-    return scene, 0.0 if scene.is_one_mesh else (time.perf_counter() - begin) * 1e3
+    if scene.is_one_mesh:
+        return scene, {}  # loaded by the renderer, while the workers start
+    watch.lap("load")
+    timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
+    return scene, {**timings_ms, "total": sum(timings_ms.values())}
 
 
 def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:

@@ -32,9 +32,9 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
     Parameters
     ----------
     source : str or path
-        A scene file (``.toml``), the name of a shipped scene (``knot``), the name of a known mesh (``bunny``), or a
-        mesh file. Objects of a scene file, and the parts of an OBJ, GLB or glTF file with several of them, are loaded
-        now; a single mesh is loaded when it is needed.
+        A scene file (``.toml``), the name of a shipped scene (``knot``), the name of a known mesh (``bunny``), a mesh
+        file, or a file that `Scene.save` wrote. Objects of a scene file, and the parts of an OBJ, GLB or glTF file with
+        several of them, are loaded now; a single mesh is loaded when it is needed.
 
     Raises
     ------

@@ -59,13 +59,14 @@ class SpheresSource:
             return Spheres.from_arrays(centres, radii, name=self.name)
         if self.centres is not None:
             return Spheres.from_arrays(np.array(self.centres), np.array(self.radii), name=self.name)
-        centres, found = read_spheres(str(self.path))
-        if (found is None) == (self.radii is None):
-            raise SceneError(
-                f"{self.path}: the file has {'no' if found is None else 'its own'} radii: "
-                + ("give 'radii', one for all" if found is None else "leave 'radii' out")
-            )
-        return Spheres.from_arrays(centres, self.radii if found is None else found, name=self.name)
+        centres, radii = read_spheres(str(self.path))
+        if radii is not None and self.radii is not None:
+            raise SceneError(f"{self.path}: the file has its own radii: leave 'radii' out")
+        if radii is not None:
+            return Spheres.from_arrays(centres, radii, name=self.name)
+        if self.radii is None:
+            raise SceneError(f"{self.path}: the file has no radii: give 'radii', one for all")
+        return Spheres.from_arrays(centres, self.radii, name=self.name)
 
 
 def is_spheres_file(name: str) -> bool:
