@@ -55,8 +55,8 @@ class SpheresSource:
     def load(self) -> Spheres:
         """Return the spheres; raise `MeshError`, `ConfigError` or `SceneError` if there are none."""
         if self.generator is not None:
-            centres, radii = make_spheres(self.generator, count=self.count, seed=self.seed, **self.options)
-            return Spheres.from_arrays(centres, radii, name=self.name)
+            centres, made_radii = make_spheres(self.generator, count=self.count, seed=self.seed, **self.options)
+            return Spheres.from_arrays(centres, made_radii, name=self.name)
         if self.centres is not None:
             return Spheres.from_arrays(np.array(self.centres), np.array(self.radii), name=self.name)
         centres, radii = read_spheres(str(self.path))
