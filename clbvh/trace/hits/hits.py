@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -377,6 +378,12 @@ class AllHits(Hits):
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
 
     known_locations: NDArray[np.float64] | None = field(default=None, repr=False, kw_only=True)
+
+    @classmethod
+    def of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
+        """Return hits with the ranges of each ray's, and their locations if they are known."""
+        values = {name.name: getattr(hits, name.name) for name in dataclasses.fields(Hits)}
+        return cls(**values, offsets=offsets, known_locations=locations)
 
     @property
     def locations(self) -> NDArray[np.float64]:
