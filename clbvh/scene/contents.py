@@ -84,7 +84,7 @@ class SceneContents:
         >>> scene.is_empty  # nothing is placed yet
         True
         """
-        if isinstance(source, SceneContents | HasGraph) and not isinstance(source, type):
+        if isinstance(source, SceneContents | HasGraph):
             if name is not None:
                 raise SceneError(f"a scene has names for its parts, so it cannot be given the name {_show(name)}")
             return self.add_scene(source)
@@ -417,7 +417,7 @@ def _find_parts(source: Any) -> Parts:
         return parts_of_file(source)
     if isinstance(source, SceneContents):
         return parts_of_state(source.snapshot())
-    if isinstance(source, HasGraph) and not isinstance(source, type):
+    if isinstance(source, HasGraph):
         return parts_of_graph(source)
     raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {_show(source)}")
 

@@ -95,7 +95,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
         "instances": {"count": state.instance_count, "names": state.instance_names},
         "settings": settings,
     }
-    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
+    text = json.dumps(document, allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % _ALIGNMENT)
     digest, array_bytes = hashlib.sha256(text), 0
     for chunk in _list_chunks(state):
@@ -280,8 +280,8 @@ def _read_shape(table: object, arrays: _Arrays) -> Shape:
 def _describe(shape: Shape, name: str) -> dict[str, Any]:
     if isinstance(shape, Mesh):
         counts = {"vertices": len(shape.vertices), "faces": shape.face_count}
-        return {"kind": _MESH, "name": name, "shape_name": shape.name, **counts}
-    return {"kind": _SPHERES, "name": name, "shape_name": shape.name, "count": shape.prim_count}
+        return {"kind": _MESH, "name": name, "shape_name": str(shape.name), **counts}
+    return {"kind": _SPHERES, "name": name, "shape_name": str(shape.name), "count": shape.prim_count}
 
 
 def _list_chunks(state: SceneState) -> Iterator[memoryview | bytes]:

@@ -17,7 +17,7 @@ from ..errors import SceneError
 from ..geometry.shape import Shape
 from .geometry import Geometry
 from .instance import ALL_BITS, Colour, Instance, colour_of_row
-from .names import UniqueNames, clean_name
+from .names import UniqueNames
 from .state import SceneState
 
 # The top tree counts instances as a mesh counts faces.
@@ -200,7 +200,7 @@ class SceneStore:
 
     def _add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
         names = self._geometry_names
-        unique = names.add_numbered(clean_name(wish)) if name is None else names.add(name)
+        unique = names.add_numbered(wish) if name is None else names.add(name)
         geometry = Geometry(len(self._geometries), unique, shape, self)
         self._geometries.append(geometry)
         self._snapshot = self._tuples = None
@@ -226,7 +226,7 @@ class SceneStore:
         self._geometry_ids[begin:end] = geometry.id
         unique: Iterable[str]
         if names is None:
-            unique = (self._instance_names.add_numbered(clean_name(wish)) for _ in range(begin, end))
+            unique = (self._instance_names.add_numbered(wish) for _ in range(begin, end))
         else:
             unique = map(self._instance_names.add, names)
         placed = tuple(Instance(index, name, geometry, mask, colour) for index, name in enumerate(unique, begin))
