@@ -145,13 +145,10 @@ def find_crossings(scene: SceneLike, rays: Rays, blur: Blur | None = None) -> Cr
     """
     granted, placements = blur or Blur(), place_instances(scene)
     twins = _find_twins(scene)
-    parts = []
-    if placements:
-        size = scene_radius(placements)
-        with np.errstate(over="ignore"):
-            slack_of_rays = granted.order * _ADVANCED * granted.near * size / rays.lengths
-        for placed in placements:
-            parts.append(_cross(placed, rays, granted, size, slack_of_rays, twins))
+    size = scene_radius(placements) if placements else 0.0
+    with np.errstate(over="ignore"):
+        slack_of_rays = granted.order * _ADVANCED * granted.near * size / rays.lengths
+    parts = [_cross(placed, rays, granted, size, slack_of_rays, twins) for placed in placements]
     return _sort(parts, len(rays.lengths))
 
 
