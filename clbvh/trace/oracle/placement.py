@@ -102,6 +102,24 @@ class Placement(NamedTuple):
         """Return (n, 3) points of the world in units, seen from the centre."""
         return (points - self.centre) / self.unit
 
+    def blurs(
+        self, blur: Blur, origins: NDArray[np.float64], size: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return how far the device may see rays from where they are, in units, and in local units.
+
+        Parameters
+        ----------
+        blur : Blur
+        origins : (n, 3) float64, units, seen from the centre
+        size : float, world units
+            The radius of the scene.
+        """
+        distances = np.linalg.norm(origins, axis=1)
+        reach = self.radius + np.minimum(distances, blur.near * self.radius)
+        rounded = blur.pair * (distances + size / self.unit)
+        entering = blur.entering * reach
+        return self.growth * entering + rounded, self.local_growth * (entering + rounded)
+
 
 def place_instances(scene: SceneLike) -> list[Placement]:
     """Return the placements of all instances, in the order of their ids."""
@@ -124,7 +142,7 @@ def _place(index: int, geometry_id: int, mask: int, shape: Shape, transform: NDA
     exponent = math.frexp(radius)[1] if radius > 0.0 else 0
     unit = size * 2.0**exponent
     to_world = local_to_world / 2.0**exponent
-    to_local = np.linalg.inv(to_world)
+    to_local = np.asarray(np.linalg.inv(to_world), np.float64)
     growth = float((np.abs(to_world) @ np.abs(to_local)).sum(axis=1).max())
     return Placement(
         index, geometry_id, mask, shape, unit, centre, to_world, to_local, radius / 2.0**exponent, growth,

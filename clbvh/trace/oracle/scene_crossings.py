@@ -60,9 +60,9 @@ class Rays(NamedTuple):
         count = len(one)
         longest = np.abs(other).max(axis=1)
         lengths = longest * np.linalg.norm(other / longest[:, None], axis=1)
-        limits = (np.broadcast_to(np.asarray(limit, np.float64), count) for limit in (t_min, t_max))
+        least, most = (np.broadcast_to(np.asarray(limit, np.float64), count) for limit in (t_min, t_max))
         masks = np.broadcast_to(np.asarray(mask, np.uint32), count)
-        return cls(np.ascontiguousarray(one), np.ascontiguousarray(other), *limits, masks, lengths)
+        return cls(np.ascontiguousarray(one), np.ascontiguousarray(other), least, most, masks, lengths)
 
 
 class Crossings(NamedTuple):
@@ -75,7 +75,7 @@ class Crossings(NamedTuple):
     instance_id, geometry_id, prim_id : (m,) int64
     t : (m,) float64
     t_low, t_high : (m,) float64
-        Where the device may find it.
+        Where the device may find it. A t beyond the limits of the ray is reported as the limit.
     t_slack : (m,) float64
         By how much t may be off besides, where it is compared with t of other instances.
     is_sure : (m,) bool
@@ -123,7 +123,8 @@ class _Found(NamedTuple):
     @classmethod
     def make(cls, room: int) -> _Found:
         """Return arrays that are not yet written."""
-        return cls(*np.empty((3, room), np.int64), np.empty(room, np.bool_), np.empty((room, 3)))
+        rays, prims, sides = np.empty((3, room), np.int64)
+        return cls(rays, prims, sides, np.empty(room, np.bool_), np.empty((room, 3)))
 
 
 class _SeenRays(NamedTuple):
@@ -165,8 +166,6 @@ def _cross(
     t_min, t_max = rays.t_min[ray], rays.t_max[ray]
     can_be = (high + slack >= t_min) & (low - slack <= t_max)
     is_sure = found.is_sure & (low - slack > t_min) & (high + slack < t_max)
-    # A t beyond the limits is reported as the limit.
-    t, low, high = (np.clip(values, t_min, t_max) for values in (t, low, high))
     prims = found.prims
     ids = [np.full(len(ray), value, np.int64) for value in (placed.instance_id, placed.geometry_id)]
     twin_instance = np.full(len(ray), twins.instances[placed.instance_id], np.int64)
@@ -186,11 +185,7 @@ def _see(placed: Placement, rays: Rays, blur: Blur, size: float) -> tuple[_SeenR
     more = -_dot(feet, directions)
     feet, shifts = feet + more[:, None] * directions, shifts + more
 
-    distances = np.linalg.norm(origins, axis=1)
-    reach = placed.radius + np.minimum(distances, blur.near * placed.radius)
-    rounded = blur.pair * (distances + size / placed.unit)
-    blurs = blur.entering * placed.growth * reach + rounded
-    local_blurs = placed.local_growth * (blur.entering * reach + rounded)
+    blurs, local_blurs = placed.blurs(blur, origins, size)
     is_near = np.linalg.norm(feet, axis=1) <= placed.radius + blurs
     indices = np.flatnonzero(is_near & (rays.masks & np.uint32(placed.mask) != 0))
     return _SeenRays(*(values[indices] for values in (feet, directions, shifts, blurs, local_blurs))), indices
@@ -217,7 +212,7 @@ def _find(shape: Shape, placed: Placement, seen: _SeenRays) -> _Found:
             centres, radii = shape.local_centres.astype(np.float64), shape.local_radii.astype(np.float64)
             count = _cross_spheres(centres, radii, local, stretches, found)
         if count <= len(found.rays):
-            return _Found(*(values[:count] for values in found))
+            return _Found._make(values[:count] for values in found)
         found = _Found.make(count)
 
 

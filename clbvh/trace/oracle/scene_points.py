@@ -90,16 +90,17 @@ class ScenePoints:
         The points of the surface are those of the file, in float64.
         """
         given = np.asarray(points, np.float64).reshape(-1, 3)
+        instance_id, geometry_id, prim_id = np.full((3, len(given)), NO_PRIM)
         best = NearestPoints(
-            np.full(len(given), np.inf), np.full(given.shape, np.nan), *np.full((3, len(given)), NO_PRIM),
+            np.full(len(given), np.inf), np.full(given.shape, np.nan), instance_id, geometry_id, prim_id,
             np.zeros(len(given)),
         )  # fmt: skip
         for placed in self._placements:
-            distance, point, prim_id = _find_nearest(placed, given)
+            distance, point, prim = _find_nearest(placed, given)
             is_nearer = distance < best.distance
             best.distance[is_nearer], best.point[is_nearer] = distance[is_nearer], point[is_nearer]
             best.instance_id[is_nearer], best.geometry_id[is_nearer] = placed.instance_id, placed.geometry_id
-            best.prim_id[is_nearer] = prim_id[is_nearer]
+            best.prim_id[is_nearer] = prim[is_nearer]
             # The device may be wrong by the slack of the instance it prefers, and by that of the one it does not.
             np.maximum(best.slack, 2.0 * self._slack(placed, given), out=best.slack)
         return best
@@ -117,9 +118,9 @@ class ScenePoints:
     def contains(self, points: ArrayLike) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return whether the union of the visible instances contains each point, and whether that is decided."""
         lie = self.by_instance(points)
-        is_inside = lie.is_inside.any(axis=1)
-        is_surely_inside = (lie.is_inside & lie.is_decided).any(axis=1)
-        return is_inside, is_surely_inside | lie.is_decided.all(axis=1)
+        is_inside = np.logical_or.reduce(lie.is_inside, axis=1)
+        is_surely_inside = np.logical_or.reduce(lie.is_inside & lie.is_decided, axis=1)
+        return is_inside, is_surely_inside | np.logical_and.reduce(lie.is_decided, axis=1)
 
     def signed_distance(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
         """Return the signed distance from the surface of the union, whether its sign is decided, and its slack.
@@ -132,11 +133,11 @@ class ScenePoints:
             nothing = np.zeros(len(lie.distance))
             return nothing - np.inf, np.ones(len(nothing), np.bool_), nothing
         inside = np.where(lie.is_inside, lie.distance, -np.inf).max(axis=1)
-        is_inside = lie.is_inside.any(axis=1)
+        is_inside = np.logical_or.reduce(lie.is_inside, axis=1)
         distance = np.where(is_inside, inside, -lie.distance.min(axis=1))
         # Where a point is inside, an instance that cannot be decided may have the greatest distance or not.
         could_matter = ~lie.is_decided & (~is_inside[:, None] | (lie.distance + lie.slack >= inside[:, None]))
-        return distance, ~could_matter.any(axis=1), lie.slack.max(axis=1)
+        return distance, ~np.logical_or.reduce(could_matter, axis=1), lie.slack.max(axis=1)
 
     def by_instance(self, points: ArrayLike) -> InstancePoints:
         """Return how (n, 3) points lie to each visible instance.

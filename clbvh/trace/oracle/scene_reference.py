@@ -146,10 +146,10 @@ class SceneReference:
         """
         known = self.crossings(rays) if crossings is None else crossings
         t, instance, prim = _ids(hits)
-        reasons = np.empty(len(t), np.int64)
-        _judge(known, t, instance, prim, reasons)
-        is_hit = (reasons == _RIGHT) & (prim != NO_PRIM)
-        reasons[is_hit] = self._judge_points(rays, hits, np.flatnonzero(is_hit), np.flatnonzero(is_hit))
+        reasons, meant = np.empty(len(t), np.int64), np.full(len(t), -1, np.int64)
+        _judge(known, rays.t_min, rays.t_max, t, instance, prim, reasons, meant)
+        is_hit = np.flatnonzero((reasons == _RIGHT) & (prim != NO_PRIM))
+        reasons[is_hit] = self._judge_points(rays, hits, known, is_hit, is_hit, meant[is_hit])
         miss_ids = np.stack([np.asarray(ids).reshape(-1) for ids in (hits.instance_id, hits.geometry_id)])
         reasons[(prim == NO_PRIM) & (miss_ids != NO_PRIM).any(axis=0)] = _MISS_WITH_T
         expected = self.closest_hit(rays, known)
@@ -181,21 +181,27 @@ class SceneReference:
         """
         known = self.crossings(rays) if crossings is None else crossings
         t, instance, prim = _ids(hits)
-        is_wrong = np.zeros(len(rays.t_min), np.bool_)
-        _judge_crossings(known, np.asarray(hits.offsets, np.int64), t, instance, prim, is_wrong)
-        ray_of_hit = np.repeat(np.arange(len(is_wrong)), np.diff(hits.offsets))
-        is_judged = ~is_wrong[ray_of_hit]
-        of_hits = np.flatnonzero(is_judged)
-        points = self._judge_points(rays, hits, of_hits, ray_of_hit[of_hits])
-        is_wrong[ray_of_hit[of_hits[points != _RIGHT]]] = True
+        is_wrong, meant = np.zeros(len(rays.t_min), np.bool_), np.full(len(t), -1, np.int64)
+        offsets = np.asarray(hits.offsets, np.int64)
+        _judge_crossings(known, rays.t_min, rays.t_max, offsets, t, instance, prim, is_wrong, meant)
+        ray_of_hit = np.repeat(np.arange(len(is_wrong)), np.diff(offsets))
+        judged = np.flatnonzero(~is_wrong[ray_of_hit])
+        points = self._judge_points(rays, hits, known, judged, ray_of_hit[judged], meant[judged])
+        is_wrong[ray_of_hit[judged[points != _RIGHT]]] = True
         return np.flatnonzero(is_wrong)
 
     def _judge_points(
-        self, rays: Rays, hits: Any, indices: NDArray[np.int64], ray_ids: NDArray[np.int64]
+        self,
+        rays: Rays,
+        hits: Any,
+        known: Crossings,
+        indices: NDArray[np.int64],
+        ray_ids: NDArray[np.int64],
+        meant: NDArray[np.int64],
     ) -> NDArray[np.int64]:
-        """Say of hits by their indices, whose ids are right, whether u and v name points of the primitives on the rays.
+        """Say of hits by their indices, whose ids and t are right, whether u and v are.
 
-        The location of a hit is the point of the primitive that is nearest to the ray.
+        They must name the point of the primitive that is nearest to the ray, about where the crossing is that is meant.
         """
         verdicts = np.full(len(indices), _RIGHT, np.int64)
         _, instance, prim = _ids(hits)
@@ -205,13 +211,24 @@ class SceneReference:
         size = scene_radius(self._placements) if self._placements else 0.0
         for placed in self._placements:
             mine = np.flatnonzero(instance[indices] == placed.instance_id)
-            chosen, of_rays = indices[mine], ray_ids[mine]
             if len(mine) == 0:
                 continue
-            is_on_ray = _are_on_rays(
-                placed, self._blur, size, rays, of_rays, prim[chosen], (u[chosen], v[chosen]), is_refined
+            chosen, of_rays = indices[mine], ray_ids[mine]
+            seen = _see(placed, self._blur, size, rays, of_rays)
+            points, is_inside = _place_points(placed, prim[chosen], u[chosen], v[chosen])
+            slack = 2.0 * seen.blurs
+            if not is_refined and isinstance(placed.shape, Mesh):
+                slack = slack * _growth_of_weights(placed, prim[chosen], seen)
+            if not isinstance(placed.shape, Mesh):
+                slack = slack * np.linalg.norm(placed.to_world, 2) * placed.local_growth
+            ways = points - seen.origins
+            along = _dot(ways, seen.directions)
+            beside = np.linalg.norm(ways - along[:, None] * seen.directions, axis=1)
+            low, high = (
+                values[meant[mine]] * (rays.lengths[of_rays] / placed.unit) for values in (known.t_low, known.t_high)
             )
-            verdicts[mine[~is_on_ray]] = _BESIDE
+            is_right = is_inside & (beside <= slack) & (along >= low - slack) & (along <= high + slack)
+            verdicts[mine[~is_right]] = _BESIDE
             verdicts[mine[geometry[chosen] != placed.geometry_id]] = _GEOMETRY
         return verdicts
 
@@ -231,49 +248,51 @@ def _take(values: NDArray, indices: NDArray[np.int64], missing: float) -> NDArra
     return taken
 
 
-def _are_on_rays(
-    placed: Placement,
-    blur: Blur,
-    size: float,
-    rays: Rays,
-    of_rays: NDArray[np.int64],
-    prims: NDArray[np.int64],
-    uv: tuple[NDArray[np.float64], NDArray[np.float64]],
-    is_refined: bool,
-) -> NDArray[np.bool_]:
-    """Say of hits of one instance whether u and v name points of their primitives on the rays."""
-    u, v = uv
+class _Seen(NamedTuple):
+    """Rays as an instance sees them, in its unit around its centre, and their blurs."""
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    blurs: NDArray[np.float64]
+
+
+def _see(placed: Placement, blur: Blur, size: float, rays: Rays, of_rays: NDArray[np.int64]) -> _Seen:
     origins = placed.to_unit(rays.origins[of_rays])
     directions = rays.directions[of_rays] / rays.lengths[of_rays, None]
-    distances = np.linalg.norm(origins, axis=1)
-    reach = placed.radius + np.minimum(distances, blur.near * placed.radius)
-    slack = 2.0 * (blur.entering * placed.growth * reach + blur.pair * (distances + size / placed.unit))
+    return _Seen(origins, directions, placed.blurs(blur, origins, size)[0])
+
+
+def _place_points(
+    placed: Placement, prims: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the points (u, v) of primitives in the instance's unit, and whether they are in the primitives."""
     shape = placed.shape
     if isinstance(shape, Mesh):
         corners = (shape.local_vertices.astype(np.float64) @ placed.to_world.T)[shape.faces[prims]]
         weights = np.stack((1.0 - u - v, u, v), axis=1)
-        points = np.einsum("ni,nij->nj", weights, corners)
-        is_inside = (u >= 0.0) & (v >= 0.0) & (u + v <= _MOST_UV)
-        if not is_refined:
-            # The device's own weights: a blurred corner changes the area opposite it by the blur times an edge.
-            seen = corners - origins[:, None]
-            seen = seen - np.einsum("nij,nj->ni", seen, directions)[..., None] * directions[:, None]
-            reaches = np.linalg.norm(seen, axis=2)
-            longest = np.linalg.norm(seen - np.roll(seen, 1, axis=1), axis=2).max(axis=1)
-            area = np.abs(_dot(np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0]), directions))
-            with np.errstate(divide="ignore"):
-                slack = slack * (1.0 + longest * reaches.sum(axis=1) / area)
-    else:
-        # u is the azimuth in turns, v the angle from the z axis in half turns.
-        azimuth, polar = 2.0 * np.pi * u, np.pi * v
-        normals = np.stack((np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)), axis=1)
-        radii = shape.local_radii.astype(np.float64)[prims, None]
-        points = (shape.local_centres.astype(np.float64)[prims] + radii * normals) @ placed.to_world.T
-        is_inside = (u >= 0.0) & (u < 1.0) & (v >= 0.0) & (v <= 1.0)
-        slack = slack * np.linalg.norm(placed.to_world, 2) * placed.local_growth
-    seen_points = points - origins
-    beside = seen_points - _dot(seen_points, directions)[:, None] * directions
-    return is_inside & (np.linalg.norm(beside, axis=1) <= slack)
+        return np.einsum("ni,nij->nj", weights, corners), (u >= 0.0) & (v >= 0.0) & (u + v <= _MOST_UV)
+    # u is the azimuth in turns, v the angle from the z axis in half turns.
+    azimuth, polar = 2.0 * np.pi * u, np.pi * v
+    normals = np.stack((np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)), axis=1)
+    radii = shape.local_radii.astype(np.float64)[prims, None]
+    points = (shape.local_centres.astype(np.float64)[prims] + radii * normals) @ placed.to_world.T
+    return points, (u >= 0.0) & (u < 1.0) & (v >= 0.0) & (v <= 1.0)
+
+
+def _growth_of_weights(placed: Placement, prims: NDArray[np.int64], seen: _Seen) -> NDArray[np.float64]:
+    """Return how the device's own u and v magnify the blur.
+
+    A blurred corner changes the area opposite it by the blur times an edge, and so the weight of another corner.
+    """
+    assert isinstance(placed.shape, Mesh)
+    corners = (placed.shape.local_vertices.astype(np.float64) @ placed.to_world.T)[placed.shape.faces[prims]]
+    ways = corners - seen.origins[:, None]
+    across = ways - np.einsum("nij,nj->ni", ways, seen.directions)[..., None] * seen.directions[:, None]
+    reaches = np.linalg.norm(across, axis=2).sum(axis=1)
+    longest = np.linalg.norm(across - np.roll(across, 1, axis=1), axis=2).max(axis=1)
+    areas = np.abs(_dot(np.cross(across[:, 1] - across[:, 0], across[:, 2] - across[:, 0]), seen.directions))
+    with np.errstate(divide="ignore"):
+        return 1.0 + longest * reaches / areas
 
 
 def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -319,8 +338,8 @@ def _slack(known, one, other):
 
 
 @compiled
-def _judge(known, ts, instances, prims, reasons):
-    """Write why each hit is wrong; see `find_differences`. Written so that NaN is wrong."""
+def _judge(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
+    """Write why each hit is wrong, and which crossing is meant; see `find_differences`. NaN is wrong."""
     for ray in range(len(reasons)):
         begin, end = known.offsets[ray], known.offsets[ray + 1]
         if prims[ray] == NO_PRIM:
@@ -334,7 +353,8 @@ def _judge(known, ts, instances, prims, reasons):
         for meant in range(begin, end):
             if known.instance_id[meant] != instances[ray] or known.prim_id[meant] != prims[ray]:
                 continue
-            if not known.t_low[meant] <= ts[ray] <= known.t_high[meant]:
+            low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
+            if not low <= ts[ray] <= high:
                 continue
             reason = _RIGHT
             for other in range(begin, end):
@@ -345,27 +365,33 @@ def _judge(known, ts, instances, prims, reasons):
                     or (known.instance_id[other] == instances[ray] and known.prim_id[other] < prims[ray])
                 ):
                     reason = _TWIN
-            reasons[ray] = reason
+            reasons[ray], meant_of[ray] = reason, meant
             if reason == _RIGHT:
                 break
 
 
 @compiled
-def _judge_crossings(known, offsets, ts, instances, prims, is_wrong):
-    """Write which rays' crossings are wrong; see `find_wrong_crossings`."""
+def _limited(known, crossing, t_min, t_max):
+    """Return the interval in which the t of a crossing may be reported."""
+    return min(max(known.t_low[crossing], t_min), t_max), min(max(known.t_high[crossing], t_min), t_max)
+
+
+@compiled
+def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wrong, meant_of):
+    """Write which rays' crossings are wrong, and which crossings are meant; see `find_wrong_crossings`."""
     is_used = np.zeros(len(known.t), np.bool_)
-    meant_of = np.full(len(ts), -1, np.int64)
     for ray in range(len(is_wrong)):
         begin, end = known.offsets[ray], known.offsets[ray + 1]
         latest = -np.inf
         for hit in range(offsets[ray], offsets[ray + 1]):
             # Each crossing found is one that there can be. Its t is raised to that of the crossing before it.
             for meant in range(begin, end):
+                low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
                 if (
                     not is_used[meant]
                     and known.instance_id[meant] == instances[hit]
                     and known.prim_id[meant] == prims[hit]
-                    and known.t_low[meant] <= ts[hit] <= max(known.t_high[meant], latest)
+                    and low <= ts[hit] <= max(high, latest)
                 ):
                     is_used[meant] = True
                     meant_of[hit] = meant
@@ -374,7 +400,7 @@ def _judge_crossings(known, offsets, ts, instances, prims, is_wrong):
             if meant < 0 or (hit > offsets[ray] and not ts[hit] >= ts[hit - 1]):
                 is_wrong[ray] = True
                 break
-            latest = max(latest, known.t_high[meant])
+            latest = max(latest, _limited(known, meant, t_mins[ray], t_maxs[ray])[1])
 
             # None of those before it is surely behind it; and of twins, those with smaller ids come first.
             for before in range(offsets[ray], hit):
