@@ -1,4 +1,4 @@
-"""The oracle for points in scenes: distances by formula and by search, insides of unions, and doubt next to surfaces."""
+"""The oracle for points in scenes: distances by formula and by search, insides of unions, doubt next to surfaces."""
 
 import numpy as np
 import pytest
