@@ -51,7 +51,8 @@ class Blur:
         Of a position in the world, as a share of its distance from the instance and of the size of the scene: a pair of
         float32 has 48 bits.
     near : float
-        A ray that starts farther away than this many radii of the instance is advanced to before it.
+        A ray that starts farther away than this many radii of the instance is advanced to before it: 32 half diagonals
+        of its box, along one axis.
     order : float
         Of t, where hits of different instances are compared, and where t is compared with limits, as a share of t or of
         the size of the scene: t is a float32 there.
@@ -59,7 +60,7 @@ class Blur:
 
     entering: float = 2.0**-20
     pair: float = 2.0**-44
-    near: float = 8.0
+    near: float = 64.0
     order: float = 2.0**-22
 
 
