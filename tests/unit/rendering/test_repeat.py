@@ -26,6 +26,12 @@ def test_a_grid_stands_around_the_object():
     assert copies[:, :3, 3] == pytest.approx(np.array(places, float))
 
 
+def test_x_runs_fastest_and_z_slowest():
+    x, y, z = Grid((2, 3, 4), (1, 10, 100)).matrices(np.eye(4))[:, :3, 3].T
+    order = np.argsort(x + y + z)
+    assert (order == np.arange(24)).all()
+
+
 def test_a_grid_of_one_is_the_object():
     assert (Grid((1, 1, 1), (2, 7, 10)).matrices(BASE) == BASE).all()
 
