@@ -13,8 +13,8 @@ from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from .offsets import DOUBLE_ROUNDING, ROUNDING, ROUNDINGS
-from .placed_locations import make_object_normal
-from .scene_arrays import SceneArrays, place_vector
+from .placed_locations import make_object_normal, turn_normal
+from .scene_arrays import SceneArrays, to_object
 
 _SPHERES = PRIM_KINDS["spheres"]
 
@@ -25,8 +25,11 @@ _DOUBLE_ROUNDINGS = 8
 # No sphere has a smaller radius on the device.
 _LEAST_RADIUS = float(np.finfo(np.float32).tiny)
 
-# Relative error of a position that the device has as a pair of float32.
-_PAIR_ROUNDING = 2.0**-46
+# Relative error of the difference of two positions that the device has as pairs of float32.
+_PAIR_ROUNDING = 2.0**-45
+
+# Float32 cannot tell the sides of an object whose start points would need more; no distance would do.
+_MOST_GROWTH = 0.5
 
 
 def find_placed_offset_points(
@@ -74,6 +77,7 @@ def find_placed_offset_points(
 @compiled(error_model="numpy")
 def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locations, points):
     corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
+    world_normal, ways = np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -93,27 +97,40 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
         else:
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
 
-        # How far rounding can move the point and the primitive along the normal.
+        # The unit normal in the world, and the height in the object that is gained on a unit of the way along it.
+        gain = turn_normal(arrays, instance, normal, world_normal)
+        height, growth = highest, 0.0
         reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
-        distance = highest
+        # The way in the object, in shares of that height.
+        x, y, z = to_object(arrays, instance, world_normal[0], world_normal[1], world_normal[2])
+        ways[0], ways[1], ways[2] = abs(x) / gain, abs(y) / gain, abs(z) / gain
+        sideways = max(ways[0], ways[1], ways[2])
+
+        # How far rounding moves the ray and the primitive along the normal: at the point, and the more the higher the
+        # start point is.
         for axis in range(3):
-            condition, coarseness = 0.0, 0.0
+            entry, growth_of_entry, coarseness = 0.0, 0.0, 0.0
+            for column in range(3):
+                condition = 0.0
+                for world_axis in range(3):
+                    share = abs(arrays.inverse[instance, axis, world_axis])
+                    condition += share * abs(arrays.linear[instance, world_axis, column])
+                entry += condition * (1.0 + abs(local[column]))
+                growth_of_entry += condition * ways[column]
             for world_axis in range(3):
-                breadth, size = 0.0, abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
+                size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
                 for column in range(3):
-                    stretch = abs(arrays.linear[instance, world_axis, column])
-                    breadth += stretch
-                    size += stretch * (abs(local[column]) / scale + abs(arrays.origin[geometry, column]))
-                share = abs(arrays.inverse[instance, axis, world_axis])
-                condition += share * breadth
-                coarseness += share * (_PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size)
-            roundings = (ROUNDINGS + _ENTRY_ROUNDINGS * condition) * ROUNDING
-            distance += abs(normal[axis]) * (roundings * reach + coarseness * scale)
-        distance = min(distance, most) / scale
-        dx, dy, dz = place_vector(arrays, instance, distance * normal[0], distance * normal[1], distance * normal[2])
-        points[hit, 0] = locations[hit, 0] + dx
-        points[hit, 1] = locations[hit, 1] + dy
-        points[hit, 2] = locations[hit, 2] + dz
+                    place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
+                    size += abs(arrays.linear[instance, world_axis, column]) * place
+                coarse = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
+                coarseness += abs(arrays.inverse[instance, axis, world_axis]) * coarse
+            height += abs(normal[axis]) * (
+                ROUNDING * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry) + coarseness * scale
+            )
+            growth += abs(normal[axis]) * ROUNDING * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
+        height = min(height / (1.0 - min(growth, _MOST_GROWTH)), most)
+        for axis in range(3):
+            points[hit, axis] = locations[hit, axis] + height / scale / gain * world_normal[axis]
 
 
 @compiled
