@@ -22,6 +22,9 @@ _SPHERES = PRIM_KINDS["spheres"]
 _ENTRY_ROUNDINGS = 16
 _DOUBLE_ROUNDINGS = 8
 
+# Roundings of float32 relative to a sphere's radius, by the same page.
+_ROOT_ROUNDINGS = 40
+
 # No sphere has a smaller radius on the device.
 _LEAST_RADIUS = float(np.finfo(np.float32).tiny)
 
@@ -93,6 +96,8 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
         most = np.inf
         if arrays.kind[geometry] == _SPHERES:
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
+            highest += _ROOT_ROUNDINGS * ROUNDING * radius
+            # From inside, no farther than to the centre.
             most = np.inf if is_front[hit] else radius
         else:
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
