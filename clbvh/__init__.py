@@ -38,11 +38,13 @@ if TYPE_CHECKING:
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
     from .rendering.lens import Lens
+    from .rendering.light import Light
+    from .rendering.mesh_source import MeshSource
     from .rendering.picture import Picture
     from .rendering.render import render
     from .rendering.render_options import RenderOptions
     from .rendering.renderer import Renderer
-    from .rendering.scene import Light, MeshSource, Scene, Transform
+    from .rendering.scene import Scene, Transform
     from .rendering.scene_file import open_scene
     from .rendering.vectors import Vector
     from .scene.geometry import Geometry
@@ -80,8 +82,8 @@ _HOME_OF = {
     "Tracer": "trace",
     "Camera": "rendering.camera",
     "Lens": "rendering.lens",
-    "Light": "rendering.scene",
-    "MeshSource": "rendering.scene",
+    "Light": "rendering.light",
+    "MeshSource": "rendering.mesh_source",
     "Picture": "rendering.picture",
     "RenderOptions": "rendering.render_options",
     "Renderer": "rendering.renderer",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, SceneError
+from ..scene.serialize import is_saved_scene
 from ..support.regular_file import read_regular
 from ..support.resources import find_folder
 from .scene import Light, MeshSource, Scene, Transform
@@ -24,7 +25,7 @@ _MAX_SHOWN = 80  # characters of a wrong value in a message
 
 
 def open_scene(source: str | os.PathLike[str]) -> Scene:
-    """Return the scene of a path or a name.
+    """Return the scene of a path or a name; a file that `Scene.save` wrote is recognised by its content.
 
     Parameters
     ----------
@@ -50,6 +51,8 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
         raise SceneError(f"a scene is a Scene, or the name or path of one, not {source!r}") from error
     if text.endswith(SCENE_SUFFIX):
         return read_scene(Path(text))
+    if is_saved_scene(text):
+        return Scene.load(text)
     shipped = find_folder("scenes") / f"{text}{SCENE_SUFFIX}"
     if not Path(text).exists() and Path(text).name == text and not Path(text).suffix:
         if shipped.is_file():

@@ -122,7 +122,7 @@ class DeviceScene:
         self.layout = resolve_layout(layout, session)
         self.state, self.trees = state, tuple(trees)
         self._build_top = build_top
-        arrays = [make_device_arrays(bvh, self.layout) for bvh in trees]
+        arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
         self._parts = _list_parts(state, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
