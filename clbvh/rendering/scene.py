@@ -29,6 +29,7 @@ from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
+from .scene_extent import SceneExtent
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
@@ -250,8 +251,8 @@ class Scene(SceneContents):
             )
         return SceneStore(first)
 
-    def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+    def camera(self, mesh: Mesh | SceneExtent) -> Camera:
+        """Return the camera: the one that was asked for, or one that sees the whole mesh, or all of the scene.
 
         Examples
         --------
@@ -352,6 +353,11 @@ class Scene(SceneContents):
         else:
             values["mesh"] = None
         return dataclasses.replace(_make(cls, values), _store=SceneStore.from_state(state, first))
+
+    @property
+    def is_one_mesh(self) -> bool:
+        """Whether the scene holds its `mesh` and nothing else."""
+        return self.mesh is not None and self._store.is_as_made
 
     def only_mesh(self) -> MeshSource:
         """Return the source of the mesh of a scene that holds nothing else; raise `SceneError` for any other scene.
