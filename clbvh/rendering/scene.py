@@ -47,8 +47,8 @@ class Transform:
 
     Attributes
     ----------
-    scale : float
-        Not zero.
+    scale : float, or (3,) float
+        Of all axes, or of x, y and z. Not zero.
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
@@ -67,13 +67,18 @@ class Transform:
     array([1., 2., 0.])
     """
 
-    scale: float = 1.0
+    scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scale, Real) or not math.isfinite(self.scale) or self.scale == 0:
-            raise SceneError(f"the transform's scale must be a finite number other than 0, not {self.scale!r}")
+        is_number = isinstance(self.scale, Real) and math.isfinite(self.scale)
+        if not (is_number or is_vector(self.scale)) or not np.all(self.scale):
+            raise SceneError(
+                f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
+            )
+        if not is_number:
+            object.__setattr__(self, "scale", tuple(map(float, self.scale)))  # type: ignore[arg-type]
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
