@@ -33,7 +33,7 @@ if TYPE_CHECKING:
         TreeFileError,
         ValidationError,
     )
-    from .geometry import Mesh, MeshLike, load_mesh, make_shape
+    from .geometry import Mesh, MeshLike, Spheres, load_mesh, make_shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
     from .rendering.lens import Lens
@@ -53,6 +53,7 @@ _HOME_OF = {
     "__version__": "support.version",
     "Mesh": "geometry",
     "MeshLike": "geometry",
+    "Spheres": "geometry",
     "load_mesh": "geometry",
     "make_shape": "geometry",
     "Bvh": "bvh",
@@ -103,6 +104,7 @@ _HOME_OF = {
 __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Mesh",
     "MeshLike",
+    "Spheres",
     "load_mesh",
     "make_shape",
     "Bvh",

@@ -1,9 +1,11 @@
-"""Meshes in memory: the data, the files they are loaded from, and procedural shapes. Knows nothing of trees."""
+"""Shapes in memory: meshes and spheres, the files they are loaded from, and made-up meshes. Knows nothing of trees."""
 
 from .as_mesh import MeshLike, as_mesh
 from .fetch import find_known_mesh
 from .loading.load import load_mesh
 from .mesh import Mesh
+from .shape import Shape
 from .shapes.make_shape import make_shape
+from .spheres import Spheres
 
-__all__ = ["Mesh", "MeshLike", "as_mesh", "find_known_mesh", "load_mesh", "make_shape"]
+__all__ = ["Mesh", "MeshLike", "Shape", "Spheres", "as_mesh", "find_known_mesh", "load_mesh", "make_shape"]

@@ -1,0 +1,251 @@
+"""Spheres in memory, checked, and once more in the local coordinates that trees and devices use.
+
+Owns the checks of centres and radii. Must not know of files or trees.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import MeshError
+from ..support.memory import check_memory
+from .arrays import as_array, check_numbers, copy_as_float64
+from .local_frame import find_bounds, find_frame, shift_and_scale
+from .mesh import MAX_FACE_COUNT
+
+# Centre and radius in the user's coordinates and in local ones.
+_BYTES_PER_SPHERE = 48
+
+# Boxes of spheres are larger than the spheres by rounding and by the margin of `sphere_boxes`. Room for that stays
+# between the outermost sphere and the end of local coordinates.
+_ROOM = 1.0 + 2.0**-16
+
+# The least local radius. A smaller one would be rounded to zero by devices that have no numbers below the normal ones.
+_LEAST_LOCAL_RADIUS = np.finfo(np.float32).tiny
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Spheres:
+    """Spheres, each with a centre and a radius: particles, atoms, stars.
+
+    Rays hit their surfaces from outside and from inside. Spheres may overlap, and lie within each other. As in a
+    `clbvh.Mesh`, trees and devices work in local coordinates, about 1 in size and around zero; where a sphere is hit is
+    computed in float64 from the centres and radii as they are given.
+
+    Parameters
+    ----------
+    centres : (n, 3) float
+        Any floating-point or integer dtype and any unit; they are copied.
+    radii : (n,) float, or float
+        Above 0, in the same unit. One number is the radius of all spheres.
+    name : str, optional
+        The name of the spheres in messages and reports.
+
+    Attributes
+    ----------
+    centres : (n, 3) float64
+    radii : (n,) float64
+    local_centres : (n, 3) float32, local coordinates
+        ``(centres - origin) * scale``.
+    local_radii : (n,) float32, local units
+        ``radii * scale``, and at least the smallest normal number of float32.
+    origin : (3,) float64
+        Centre of the box around all spheres.
+    scale : float
+        A power of two: local units in one unit of the centres. The largest half side of the box around all spheres is
+        about 0.5 to 1 local units.
+    name : str
+
+    Raises
+    ------
+    MeshError
+        Wrong shape or dtype, no spheres, too many spheres, a coordinate that is not finite, a radius that is not finite
+        or not above 0, or a box whose sides float64 cannot scale: smaller than 1e-150 or larger than 1e150. The message
+        names the first fault.
+
+    Notes
+    -----
+    48 bytes per sphere.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> spheres = clbvh.Spheres([[0, 0, 0], [4, 0, 0]], [1, 0.5])
+    >>> spheres
+    Spheres('spheres', count=2)
+    >>> spheres.origin
+    array([1.75, 0.  , 0.  ])
+    >>> clbvh.Spheres([[0, 0, 0], [4, 0, 0]], [1, -1])
+    Traceback (most recent call last):
+    clbvh.errors.MeshError: spheres: sphere 1 has the radius -1, but radii must be finite and above 0
+    """
+
+    centres: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    local_centres: NDArray[np.float32]
+    local_radii: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    scale: float
+    name: str
+
+    def __init__(self, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres") -> None:
+        checked_centres = _check_centres(centres, name)
+        checked_radii = _check_radii(radii, len(checked_centres), name)
+        origin, scale = _find_frame(checked_centres, checked_radii, name)
+        local_radii = np.maximum((checked_radii * scale).astype(np.float32), _LEAST_LOCAL_RADIUS)
+        attributes = {
+            "centres": checked_centres,
+            "radii": checked_radii,
+            "name": name,
+            "origin": origin,
+            "scale": scale,
+            "local_centres": shift_and_scale(checked_centres, origin, scale),
+            "local_radii": local_radii,
+        }
+        for attribute, value in attributes.items():
+            object.__setattr__(self, attribute, value)
+
+    @classmethod
+    def from_arrays(cls, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres") -> Spheres:
+        """Return spheres, as the constructor does; named like `Mesh.from_arrays`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Spheres.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], 0.5, name="atoms")
+        Spheres('atoms', count=3)
+        """
+        return cls(centres, radii, name=name)
+
+    def with_spheres(self, centres: ArrayLike, radii: ArrayLike | None = None) -> Spheres:
+        """Return as many spheres that have moved.
+
+        Parameters
+        ----------
+        centres : (n, 3) float
+            The same number as before.
+        radii : (n,) float, or float, optional
+            The present radii if left out.
+
+        Returns
+        -------
+        Spheres
+            With their own origin and scale.
+
+        Raises
+        ------
+        MeshError
+            Another number of spheres, or spheres that the constructor refuses.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> spheres = clbvh.Spheres([[0, 0, 0], [4, 0, 0]], [1, 0.5])
+        >>> spheres.with_spheres(spheres.centres + [0, 0, 1]).radii
+        array([1. , 0.5])
+        """
+        array = as_array(centres, f"{self.name}: centres")
+        if array.ndim == 2 and len(array) != self.prim_count:
+            raise MeshError(f"{self.name}: {len(array):,} spheres cannot replace the present {self.prim_count:,}")
+        return Spheres(centres, self.radii if radii is None else radii, name=self.name)
+
+    def to_local(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points in local coordinates.
+
+        Parameters
+        ----------
+        points : (..., 3) float, the coordinates of the centres
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> spheres = clbvh.Spheres([[100, 0, 0], [104, 0, 0]], 1)
+        >>> spheres.origin, spheres.scale
+        (array([102.,   0.,   0.]), 0.25)
+        >>> spheres.to_local([104, 4, 1])
+        array([0.5 , 1.  , 0.25])
+        """
+        return (np.asarray(points, np.float64) - self.origin) * self.scale
+
+    @property
+    def prim_count(self) -> int:
+        """Number of primitives: the spheres."""
+        return len(self.radii)
+
+    @property
+    def is_watertight(self) -> bool:
+        """True: spheres enclose a volume."""
+        return True
+
+    @cached_property
+    def local_box(self) -> NDArray[np.float32]:
+        """(2, 3) float32: the least and the greatest local coordinates of the spheres, rounded."""
+        radii = self.local_radii[:, None]
+        return np.stack(((self.local_centres - radii).min(axis=0), (self.local_centres + radii).max(axis=0)))
+
+    @cached_property
+    def fingerprint(self) -> bytes:
+        """32 bytes that identify local centres and radii: the SHA-256 of their number and bytes.
+
+        Nothing else determines a tree: not the name, nor where the spheres are, nor their unit.
+        """
+        digest = hashlib.sha256(f"{self.prim_count} spheres;".encode())
+        digest.update(np.ascontiguousarray(self.local_centres, "<f4").data)
+        digest.update(np.ascontiguousarray(self.local_radii, "<f4").data)
+        return digest.digest()
+
+    def __repr__(self) -> str:
+        return f"Spheres({self.name!r}, count={self.prim_count:,})"
+
+
+def _check_centres(centres: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return the centres as a finite (n, 3) float64 array of our own."""
+    array = as_array(centres, f"{name}: centres")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise MeshError(f"{name}: centres must have shape (n, 3), not {array.shape}")
+    check_numbers(array, f"{name}: centres")
+    if len(array) == 0:
+        raise MeshError(f"{name}: there are no spheres")
+    if len(array) > MAX_FACE_COUNT:
+        raise MeshError(f"{name}: {len(array):,} spheres are too many: the limit is {MAX_FACE_COUNT:,}")
+    check_memory(f"{len(array):,} spheres", len(array) * _BYTES_PER_SPHERE, MeshError)
+    copied = copy_as_float64(array)
+    finite = np.isfinite(copied)
+    if not finite.all():
+        sphere, axis = np.argwhere(~finite)[0]
+        coordinate = f"{'xyz'[axis]} = {array[sphere, axis]}"
+        raise MeshError(f"{name}: sphere {sphere} has a centre that is not finite: {coordinate}")
+    return copied
+
+
+def _check_radii(radii: ArrayLike, count: int, name: str) -> NDArray[np.float64]:
+    """Return the radii as a (count,) float64 array of our own, finite and above 0."""
+    array = as_array(radii, f"{name}: radii", "(n,)")
+    check_numbers(array, f"{name}: radii")
+    if array.ndim == 0:
+        array = np.full(count, array)
+    if array.shape != (count,):
+        raise MeshError(f"{name}: radii must be one number or have shape ({count},), not {array.shape}")
+    copied = copy_as_float64(array)
+    right = (copied > 0) & (copied < np.inf)
+    if not right.all():
+        sphere = int(np.argmin(right))
+        raise MeshError(f"{name}: sphere {sphere} has the radius {array[sphere]}, but radii must be finite and above 0")
+    return copied
+
+
+def _find_frame(
+    centres: NDArray[np.float64], radii: NDArray[np.float64], name: str
+) -> tuple[NDArray[np.float64], float]:
+    """Return the origin and the scale of local coordinates."""
+    with np.errstate(over="ignore"):  # refused by find_frame
+        lower, _ = find_bounds(centres - radii[:, None])
+        _, upper = find_bounds(centres + radii[:, None])
+        half = max(float(np.max(upper / 2 - lower / 2)), float(radii.max()))
+        # Far from zero, float64 may round the sides of the box away.
+        return find_frame(lower, upper, name, subject="the group of spheres is", least_half=half * _ROOM)
