@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         ValidationError,
     )
     from .geometry import Mesh, MeshLike, Spheres, load_mesh, make_shape
+    from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
     from .rendering.lens import Lens
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
     from .rendering.scene import Light, MeshSource, Scene, Transform
     from .rendering.scene_file import open_scene
     from .rendering.vectors import Vector
+    from .scene.geometry import Geometry
+    from .scene.instance import Instance
+    from .scene.state import SceneState
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
@@ -54,6 +58,7 @@ _HOME_OF = {
     "Mesh": "geometry",
     "MeshLike": "geometry",
     "Spheres": "geometry",
+    "Shape": "geometry.shape",
     "load_mesh": "geometry",
     "make_shape": "geometry",
     "Bvh": "bvh",
@@ -80,6 +85,9 @@ _HOME_OF = {
     "RenderOptions": "rendering.render_options",
     "Renderer": "rendering.renderer",
     "Scene": "rendering.scene",
+    "Geometry": "scene.geometry",
+    "Instance": "scene.instance",
+    "SceneState": "scene.state",
     "SceneLike": "rendering.as_scene",
     "Transform": "rendering.scene",
     "Vector": "rendering.vectors",
@@ -105,6 +113,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Mesh",
     "MeshLike",
     "Spheres",
+    "Shape",
     "load_mesh",
     "make_shape",
     "Bvh",
@@ -131,6 +140,9 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "RenderOptions",
     "Renderer",
     "Scene",
+    "Geometry",
+    "Instance",
+    "SceneState",
     "SceneLike",
     "Transform",
     "Vector",

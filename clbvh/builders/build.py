@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from ..bvh import Bvh
-from ..geometry import Mesh, MeshLike, as_mesh
+from ..geometry import Mesh, MeshLike, Shape, as_mesh
+from ..geometry.sphere_boxes import mesh_of
 from .options import BuildOptions
 from .registry import DEFAULT_BUILDER, find_builder
 from .subtree_pool import SubtreePool
@@ -73,3 +74,21 @@ def build(
 def build_tree(mesh: Mesh, builder: str, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
     """Build a tree as `build` does, with the options in one struct."""
     return find_builder(builder, options)(mesh, pool, options)
+
+
+def build_over(shape: Shape, builder: str, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+    """Build a tree over a shape with any builder.
+
+    Parameters
+    ----------
+    shape : Mesh or Spheres
+    builder, pool, options
+        As of `build`.
+
+    Returns
+    -------
+    Bvh
+        Its mesh is the shape, or, of spheres, the mesh of their boxes: `prim_ids` are the indices of the spheres, and
+        origin and scale are theirs.
+    """
+    return build_tree(mesh_of(shape), builder, pool, options)

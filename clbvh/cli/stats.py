@@ -63,8 +63,8 @@ def stats(
     )
 
     watch = Stopwatch()
-    with TreeMaker(wanted, scene.mesh.estimate_face_count()) as maker:
-        mesh = scene.transform.apply(scene.mesh.load())
+    with TreeMaker(wanted, scene.only_mesh().estimate_face_count()) as maker:
+        mesh = scene.transform.apply(scene.only_mesh().load())
         watch.lap("load")
         made = maker.make(mesh)
     watch.lap("build")

@@ -20,8 +20,9 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
-from ..trace.hits.refine import RefinedHits, refine_closest
+from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
 from ..trace.rays.batch import RayBatch, read_rays
+from ..trace.triangles import triangles_of
 from .camera import Camera
 from .image_files import encode_picture, write_picture
 
@@ -179,7 +180,8 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    refined, prim_id = RefinedHits.make(height * width), np.empty(height * width, np.int32)
+    refined, ids = RefinedHits.make(height * width), HitIds.make(height * width)
+    triangles = triangles_of(mesh)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
@@ -196,8 +198,8 @@ def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
             ) -> None:
                 pixels = first + begin, first + end
                 refine_closest(
-                    batch.part(begin, end), mesh, of_rows[begin:end], refined.part(*pixels), prim_id[slice(*pixels)]
+                    batch.part(begin, end), triangles, of_rows[begin:end], refined.part(*pixels), ids.part(*pixels)
                 )
 
             threads.for_ranges(len(of_rows), refine)
-    return refined.as_hits(prim_id, mesh, (height, width))
+    return refined.as_hits(ids, (height, width), mesh=mesh)

@@ -101,10 +101,10 @@ class Renderer(ContextManager):
             self.scene = as_scene(source)
             maker = None
             if options.builder != BRUTE and not isinstance(source, Bvh):
-                maker = stack.enter_context(TreeMaker(options, self.scene.mesh.estimate_face_count()))
+                maker = stack.enter_context(TreeMaker(options, self.scene.only_mesh().estimate_face_count()))
 
             on_phase("load")
-            self.mesh = self.scene.transform.apply(self.scene.mesh.load())
+            self.mesh = self.scene.transform.apply(self.scene.only_mesh().load())
             self._framed = _frame(self.scene, self.mesh)
             watch.lap("load")
 

@@ -21,6 +21,9 @@ from ..geometry import Mesh, load_mesh
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
+from ..scene.contents import SceneContents
+from ..scene.names import name_of_file
+from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .framing import frame_mesh
@@ -219,22 +222,70 @@ class Transform:
         """
         if self == Transform():
             return mesh
+        points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
+        return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) float64: the transform that `Scene.place` takes.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Transform(scale=2, translate=(0, 0, 5)).matrix
+        array([[2., 0., 0., 0.],
+               [0., 2., 0., 0.],
+               [0., 0., 2., 5.],
+               [0., 0., 0., 1.]])
+        """
+        matrix = np.eye(4)
+        matrix[:3, :3] = self._rotation * self.scale
+        matrix[:3, 3] = self.translate
+        return matrix
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return `matrix`, so that a transform can be given for an array."""
+        return self.matrix if dtype is None else self.matrix.astype(dtype)
+
+    @property
+    def _rotation(self) -> NDArray[np.float64]:
         rotation = np.eye(3)
         for axis, degrees in enumerate(self.rotate):
             rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
-        points = mesh.vertices * self.scale @ rotation.T + np.asarray(self.translate)
-        return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
+        return rotation
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Everything that determines the content of a picture.
+class _FirstMesh:
+    """The mesh that a scene is made with, placed by the scene's transform."""
+
+    source: MeshSource
+    transform: Transform
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        return self.transform.matrix
+
+    def load(self) -> tuple[Mesh, str]:
+        mesh = self.source.load()
+        is_file = self.source.path is not None or self.source.name is not None
+        return mesh, name_of_file(mesh.name) if is_file else mesh.name
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(SceneContents):
+    """Objects, and the settings of their picture: camera, light and colours.
+
+    `Scene()` is empty: `add` takes geometries, and `place` places them. `Scene(mesh)` begins with that mesh, placed
+    once by `transform`, as geometry 0 and instance 0. Rays need no settings; a picture has defaults for all of them.
 
     Attributes
     ----------
-    mesh : MeshSource
-        Or a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)``, which becomes a `MeshSource`.
+    mesh : MeshSource, optional
+        Or a `Mesh`, a `trimesh.Trimesh`, a path or ``(vertices, faces)``, which becomes a `MeshSource`. It is loaded
+        when it is needed.
     transform : Transform
+        Of `mesh`.
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh is visible.
     up : (3,) float
@@ -256,15 +307,29 @@ class Scene:
     SceneError
         A value is out of range.
 
+    Notes
+    -----
+    Settings cannot be changed; `with_changes` returns a scene with other settings that shares the objects. Any number
+    of threads may use a scene, also while one of them adds objects: a tracer has the objects of the moment at which it
+    was made. Two scenes are equal if their settings are, and they share their objects or have none besides `mesh`.
+    `copy.copy` makes a scene of its own with the same geometries. Scenes pickle, with all that they have loaded.
+
     Examples
     --------
     >>> import clbvh
+    >>> scene = clbvh.Scene()
+    >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320), name="ball")
+    >>> left = scene.place(ball)
+    >>> right = scene.place(ball, clbvh.Transform(scale=2, translate=(5, 0, 0)))
+    >>> scene.instances
+    (Instance(0, 'ball', of='ball'), Instance(1, 'ball 2', of='ball'))
+
     >>> scene = clbvh.open_scene("demo").with_changes(eye=(3.0, 2.0, 4.0), look_at=(0.0, 0.0, 0.0))
     >>> scene.camera(scene.mesh.load()).eye
     (3.0, 2.0, 4.0)
     """
 
-    mesh: MeshSource
+    mesh: MeshSource | None = None
     transform: Transform = Transform()
     eye: Vector | None = None
     look_at: Vector | None = None
@@ -276,9 +341,11 @@ class Scene:
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
     width: int = DEFAULT_WIDTH
     height: int = DEFAULT_HEIGHT
+    # A field, so that a copy with other settings shares it.
+    _store: Any = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, MeshSource):
+        if self.mesh is not None and not isinstance(self.mesh, MeshSource):
             object.__setattr__(self, "mesh", _make_source(self.mesh))
         if not isinstance(self.shading, str) or self.shading not in SHADINGS:
             raise SceneError(f"the shading must be one of {', '.join(SHADINGS)}, not '{self.shading}'")
@@ -298,6 +365,23 @@ class Scene:
             raise SceneError(f"the background must be a colour, or two: top and bottom, not {self.background!r}")
         for colour in self.background:
             check_vector("a background colour", colour)
+        object.__setattr__(self, "_store", self._find_store())
+
+    def _find_store(self) -> SceneStore:
+        """Return the store of the scene that this one is made from, or a new one."""
+        if self.mesh is None and self.transform != Transform():
+            raise SceneError("the transform is that of `mesh`, which the scene lacks: give it to `Scene.place`")
+        first = None if self.mesh is None else _FirstMesh(self.mesh, self.transform)
+        if self._store is None:
+            return SceneStore(first)
+        if self._store.first == first:
+            return self._store
+        if not self._store.is_as_made:
+            raise SceneError(
+                "the mesh and the transform of a scene to which objects were added cannot be changed: "
+                "make a new scene, and add them there"
+            )
+        return SceneStore(first)
 
     def camera(self, mesh: Mesh) -> Camera:
         """Return the camera: the one that was asked for, or one that sees the whole mesh.
@@ -315,7 +399,12 @@ class Scene:
         return frame_mesh(mesh, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
 
     def with_changes(self, **changes: Any) -> Scene:
-        """Return a copy with those changes that are not None.
+        """Return a scene with those changes that are not None; it shares the objects.
+
+        Raises
+        ------
+        SceneError
+            A value is out of range, or another mesh or transform is given for a scene to which objects were added.
 
         Examples
         --------
@@ -325,6 +414,33 @@ class Scene:
         ('depth', 1280)
         """
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
+
+    def only_mesh(self) -> MeshSource:
+        """Return the source of the mesh of a scene that holds nothing else; raise `SceneError` for any other scene.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.open_scene("knot").only_mesh().shape
+        'knot'
+        """
+        if self.mesh is None and self.is_empty:
+            raise SceneError("the scene is empty: add a geometry, and place it")
+        if self.mesh is None or not self._store.is_as_made:
+            raise SceneError("the scene has several objects, but one mesh is needed here")
+        return self.mesh
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scene):
+            return NotImplemented
+        mine, others = self._store, other._store
+        return self._settings() == other._settings() and (mine is others or (mine.is_as_made and others.is_as_made))
+
+    def __hash__(self) -> int:
+        return hash(self._settings())
+
+    def _settings(self) -> tuple[object, ...]:
+        return tuple(getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "_store")
 
 
 def _make_source(mesh: MeshLike) -> MeshSource:

@@ -1,4 +1,4 @@
-"""glTF 2.0, as text and as GLB: the triangles of the scene, moved to their positions in it.
+"""glTF 2.0, as text and as GLB: the triangles of the scene, moved to their positions in it, or part by part.
 
 Owns nodes, meshes and primitives. Materials, textures, cameras, lights and animations are skipped; of morph targets and
 skins the base shape is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..face_limit import check_face_count
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
+from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
 from .polygons import cut_fans
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -42,6 +43,7 @@ class _Part(NamedTuple):
 
     mesh: int
     matrix: NDArray[np.float64]
+    name: str = ""
 
 
 class _Primitive(NamedTuple):
@@ -56,9 +58,7 @@ def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.
 
     The vertices of an accessor are listed once for each node that draws it.
     """
-    gltf = GltfData(data, file)
-    _check_extensions(gltf)
-    parts = list(_walk_nodes(gltf))
+    gltf, parts = _find_parts(data, file)
     check_face_count(*_count_faces_and_vertices(gltf, parts))
     primitives: dict[int, list[_Primitive]] = {}
     points: dict[int, NDArray[np.float64]] = {}
@@ -79,6 +79,59 @@ def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.
             # A mirrored triangle is seen from its other side, unless its corners are turned round.
             faces.append((triangles[:, ::-1] if mirrors else triangles) + first_vertices[positions])
     return np.concatenate(vertices), np.concatenate(faces)
+
+
+def read_gltf_parts(data: bytes, file: Path) -> FileParts:
+    """Return the meshes of the scene, each once, and the nodes that place them, in the order of the nodes.
+
+    The primitives of a mesh follow each other. Vertices that no face refers to are left out, because meshes may share
+    one list of points.
+    """
+    gltf, parts = _find_parts(data, file)
+    first_uses = {part.mesh: part for part in reversed(parts)}
+    face_count, vertex_count = _count_faces_and_vertices(gltf, list(first_uses.values()))
+    check_face_count(face_count, min(vertex_count, 3 * face_count))
+    numbers: dict[int, int] = {}
+    parts_of_file = FileParts([], [])
+    points: dict[int, NDArray[np.float64]] = {}
+    for part in parts:
+        mesh_name = _read_name(gltf.item("meshes", part.mesh))
+        if part.mesh not in numbers:
+            numbers[part.mesh] = len(numbers)
+            vertices, faces = drop_loose_vertices(*_join_primitives(gltf, part.mesh, points))
+            parts_of_file.meshes.append(FileMesh(mesh_name or part.name, vertices, faces))
+        matrix = part.matrix.copy()
+        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # `_read_matrix` has seen that it is almost that
+        parts_of_file.nodes.append(FileNode(part.name or mesh_name, numbers[part.mesh], matrix))
+    return parts_of_file
+
+
+def _find_parts(data: bytes, file: Path) -> tuple[GltfData, list[_Part]]:
+    gltf = GltfData(data, file)
+    _check_extensions(gltf)
+    return gltf, list(_walk_nodes(gltf))
+
+
+def _join_primitives(
+    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+    """Return the vertices (V, 3) and faces (F, 3) of a mesh; an accessor's vertices are listed once."""
+    first_vertices: dict[int, int] = {}
+    vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
+    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
+    vertex_count = 0
+    for positions, triangles in _read_primitives(gltf, mesh, points):
+        if positions not in first_vertices:
+            first_vertices[positions] = vertex_count
+            vertices.append(points[positions])
+            vertex_count += len(points[positions])
+        faces.append(triangles + first_vertices[positions])
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _read_name(item: dict[str, Any]) -> str:
+    name = item.get("name")
+    return name if isinstance(name, str) else ""
 
 
 def _check_extensions(gltf: GltfData) -> None:
@@ -110,7 +163,7 @@ def _walk_nodes(gltf: GltfData) -> Iterator[_Part]:
             matrix = parent @ _read_matrix(node, index)
         if "mesh" in node:
             gltf.item("meshes", node["mesh"])
-            yield _Part(node["mesh"], matrix)
+            yield _Part(node["mesh"], matrix, _read_name(node))
         stack += [(child, matrix) for child in reversed(get_list(node, "children"))]
 
 

@@ -9,18 +9,30 @@ import codecs
 import dataclasses
 import os
 import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ...support.regular_file import read_regular
 from ..mesh import Mesh
-from .gltf import read_gltf
-from .obj import read_obj
+from .gltf import read_gltf, read_gltf_parts
+from .obj import read_obj, read_obj_parts
 from .off import OFF_KEYWORD, read_off
+from .parts import FileMesh, FileNode, FileParts
 from .ply import read_ply
 from .stl import is_binary_stl, read_stl
 
 _READERS = {"ply": read_ply, "obj": read_obj, "off": read_off, "stl": read_stl, "glb": read_gltf, "gltf": read_gltf}
+_PART_READERS: dict[str, Callable[[bytes, Path], Any]] = {
+    **_READERS,
+    "obj": read_obj_parts,
+    "glb": read_gltf_parts,
+    "gltf": read_gltf_parts,
+}
 # The first bytes of a file of each format.
 _BEGINNINGS = {
     "ply": re.compile(rb"ply\s"),
@@ -74,17 +86,85 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     (12, 8)
     >>> folder.cleanup()
     """
+    file, source = _check_path(path)
+    vertices, faces = _read(file, source, _READERS)
+    if len(faces) == 0:
+        raise _no_faces(source, len(vertices))
+    return _make_mesh(vertices, faces, source, file.name)
+
+
+class Placement(NamedTuple):
+    """A mesh, by its index, placed by a (4, 4) float64 matrix."""
+
+    name: str
+    mesh: int
+    matrix: NDArray[np.float64]
+
+
+class LoadedParts(NamedTuple):
+    """Meshes and their placements, in the order of the file. Names are not empty, but need not be unique."""
+
+    meshes: list[Mesh]
+    placements: list[Placement]
+
+
+def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
+    """Load the parts of a file as meshes of their own, with their names and places.
+
+    Parameters
+    ----------
+    path : str or path
+        See `load_mesh`. GLB and glTF files have a mesh for each of theirs, and a placement for each node of the scene;
+        OBJ files have a mesh for each object, or for each group if no object is named. Other files are one mesh.
+
+    Returns
+    -------
+    LoadedParts
+        Without the parts that have no faces. What the placements make of the meshes is what `load_mesh` reads, but for
+        vertices that no face of a part refers to, which are left out.
+
+    Raises
+    ------
+    MeshError
+        See `load_mesh`.
+    """
+    file, source = _check_path(path)
+    parts = _read(file, source, _PART_READERS)
+    if isinstance(parts, tuple) and not isinstance(parts, FileParts):
+        parts = FileParts([FileMesh("", *parts)], [FileNode("", 0, np.eye(4))])
+    if not any(len(parts.meshes[node.mesh].faces) for node in parts.nodes):
+        raise _no_faces(source, sum(len(mesh.vertices) for mesh in parts.meshes))
+
+    loaded = LoadedParts([], [])
+    numbers: dict[int, int] = {}
+    for number, (name, vertices, faces) in enumerate(parts.meshes):
+        if len(faces):
+            numbers[number] = len(numbers)
+            part = name.strip() or file.stem or file.name
+            where = f"{source}: {part}" if len(parts.meshes) > 1 else source
+            loaded.meshes.append(_make_mesh(vertices, faces, where, part))
+    for name, mesh, matrix in parts.nodes:
+        if mesh in numbers:
+            placed = numbers[mesh]
+            loaded.placements.append(Placement(name.strip() or loaded.meshes[placed].name, placed, matrix))
+    return loaded
+
+
+def _check_path(path: str | os.PathLike[str]) -> tuple[Path, str]:
     try:
-        file = Path(path)
+        return Path(path), str(path)
     except TypeError as error:
         raise MeshError(f"a mesh file is named by a str or a path, not by {path!r}") from error
-    source = str(path)
+
+
+def _read(file: Path, source: str, readers: Mapping[str, Callable[[bytes, Path], Any]]) -> Any:
+    """Return the result of the reader of the file's format; every error becomes a `MeshError` that names the file."""
     data = _read_bytes(file, source)
     file_format = _find_format(data, file.suffix.lower().lstrip("."))
-    if file_format not in _READERS:
+    if file_format not in readers:
         raise MeshError(f"{source}: not a mesh file of a known kind: PLY, OBJ, STL, OFF, GLB and glTF are read")
     try:
-        vertices, faces = _READERS[file_format](data, file)
+        return readers[file_format](data, file)
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
     except MemoryError as error:
@@ -92,14 +172,19 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     except Exception as error:  # numbers that are none, and other damage that no reader looks for
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:_MAX_DETAIL_LENGTH]
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({detail})") from error
-    if len(faces) == 0:
-        raise MeshError(
-            f"{source}: the file has {len(vertices):,} vertices but no faces: rays need a surface, not a point cloud"
-        )
+
+
+def _make_mesh(vertices: NDArray[np.float64], faces: NDArray[np.integer], source: str, name: str) -> Mesh:
     try:
-        return dataclasses.replace(Mesh.from_arrays(vertices, faces, name=source), name=file.name)
+        return dataclasses.replace(Mesh.from_arrays(vertices, faces, name=source), name=name)
     except MemoryError as error:
         raise _no_memory(source) from error
+
+
+def _no_faces(source: str, vertex_count: int) -> MeshError:
+    return MeshError(
+        f"{source}: the file has {vertex_count:,} vertices but no faces: rays need a surface, not a point cloud"
+    )
 
 
 def _no_memory(source: str) -> MeshError:

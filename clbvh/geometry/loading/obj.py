@@ -1,6 +1,6 @@
-"""The OBJ format: vertices and polygons in the file's order.
+"""The OBJ format: vertices and polygons in the file's order, or object by object.
 
-Groups, materials, normals, texture coordinates, colours, points and lines are skipped; statements whose surfaces would
+Materials, normals, texture coordinates, colours, points and lines are skipped; statements whose surfaces would
 be missing from the mesh are refused. No library is used for it: trimesh reorders faces, misplaces indices that are 0 or
 count back, and loses the end of a file that was cut off.
 """
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
 from .polygons import cut_fans
 from .text_lines import join_polygons, read_coordinates, read_table
 
@@ -23,7 +24,12 @@ _OTHER_INDICES = re.compile(rb"/\S*")  # only the first index of a face's corner
 _CONTINUATION = re.compile(rb"\\[ \t]*\n")
 # Curves and surfaces that the polygons do not cover, and files that are read in between.
 _UNSUPPORTED = (b"surf", b"call", b"fo", b"bsp", b"bzp", b"cdp", b"res")
-_STATEMENT = re.compile(rb"^[ \t]*(v|f|" + b"|".join(_UNSUPPORTED) + rb")(?=\s|\Z)(.*)", re.MULTILINE)
+_KEYWORDS = b"v|f|" + b"|".join(_UNSUPPORTED)
+_STATEMENT = re.compile(rb"^[ \t]*(" + _KEYWORDS + rb")(?=\s|\Z)(.*)", re.MULTILINE)
+# The same with the names of objects and groups, which may hold what would end the index of a corner.
+_OBJECT, _GROUP = b"o", b"g"
+_OTHER_INDICES_OR_NAME = re.compile(rb"^([ \t]*[og][ \t].*)|/\S*", re.MULTILINE)
+_STATEMENT_OR_NAME = re.compile(rb"^[ \t]*(o|g|" + _KEYWORDS + rb")(?=\s|\Z)(.*)", re.MULTILINE)
 
 
 def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
@@ -31,9 +37,52 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
 
     A file that was cut off between two lines cannot be told from a complete one.
     """
-    text = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    text = _CONTINUATION.sub(b" ", _OTHER_INDICES.sub(b"", _COMMENT.sub(b"", text)))
-    statements = _STATEMENT.findall(text)
+    text = _CONTINUATION.sub(b" ", _OTHER_INDICES.sub(b"", _strip_comments(data)))
+    vertices, corners, sizes = _read_polygons(_STATEMENT.findall(text))
+    return vertices, cut_fans(corners, sizes)
+
+
+def read_obj_parts(data: bytes, _: Path) -> FileParts:
+    """Return the objects of an OBJ file, each with the vertices that its faces refer to.
+
+    The parts are those of the `o` statements, or of the `g` statements in a file without any. Faces above the first
+    one are a part without a name; those below a second statement of one name belong to the first one's part.
+    """
+    text = _CONTINUATION.sub(b" ", _OTHER_INDICES_OR_NAME.sub(rb"\1", _strip_comments(data)))
+    statements = _STATEMENT_OR_NAME.findall(text)
+    vertices, corners, sizes = _read_polygons(statements)
+    faces = cut_fans(corners, sizes)
+
+    # The part of each polygon, and of each of its triangles.
+    keywords = [keyword for keyword, _ in statements]
+    mark = _OBJECT if _OBJECT in keywords else _GROUP
+    numbers: dict[bytes, int] = {}
+    parts, part = [], numbers.setdefault(b"", 0)
+    for keyword, words in statements:
+        if keyword == mark:
+            part = numbers.setdefault(b" ".join(words.split()), len(numbers))
+        elif keyword == b"f":
+            parts.append(part)
+    part_of_face = np.repeat(np.array(parts, np.int64), sizes - 2)
+
+    order = np.argsort(part_of_face, kind="stable")
+    ends = np.searchsorted(part_of_face[order], np.arange(len(numbers)), side="right")
+    meshes = [
+        FileMesh(name.decode("utf-8", "replace"), *drop_loose_vertices(vertices, faces[ids]))
+        for name, ids in zip(numbers, np.split(order, ends[:-1]), strict=True)
+        if len(ids)
+    ]
+    return FileParts(meshes, [FileNode(mesh.name, number, np.eye(4)) for number, mesh in enumerate(meshes)])
+
+
+def _strip_comments(data: bytes) -> bytes:
+    return _COMMENT.sub(b"", data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+
+
+def _read_polygons(
+    statements: list[tuple[bytes, bytes]],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the vertices (V, 3), the corners of all polygons as vertex indices from 0, and the number of each."""
     unsupported = {keyword for keyword, _ in statements}.intersection(_UNSUPPORTED)
     if unsupported:
         raise MeshError(
@@ -55,7 +104,7 @@ def read_obj(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
             f"face {face} refers to vertex {corners[wrong[0]]}, but there are {len(vertices)} vertices "
             f"(1 to {len(vertices)})"
         )
-    return vertices, cut_fans(ids, sizes)
+    return vertices, ids, sizes
 
 
 def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -16,8 +17,7 @@ from ...structs import NO_PRIM
 from ..rays.batch import read_vectors
 from ..rays.broadcast import broadcast_shape
 from ..room import check_room
-from .locations import find_locations, find_normals
-from .offsets import find_offset_points, find_sides
+from .surface import MeshSurface, SceneSurface, Surface, SurfacePoints
 
 # A start point, and one on each side of the triangle.
 _POINT_BYTES = 3 * 24
@@ -27,6 +27,9 @@ _POINT_BYTES = 3 * 24
 class Hits:
     """One crossing per ray, at ``(1 - u - v) a + u b + v c`` of the triangle with the corners a, b and c.
 
+    On a sphere, u is the azimuth about the object's z axis in turns, from the x axis towards the y axis, and v is the
+    angle from the z axis in half turns.
+
     Every array has the leading shape of the rays; for a single ray, (3,), that is ``()``. Indexing by anything that
     indexes this shape gives the hits of some rays: ``hits[hits.is_hit]`` are those that hit.
 
@@ -35,13 +38,17 @@ class Hits:
     t : (...,) float64, or float32 in a picture, lengths of the ray's direction
         Distance from the ray's origin; infinite on a miss.
     u, v : (...,) of the same dtype
-        Barycentric coordinates; 0 on a miss.
+        Barycentric coordinates, or those of a sphere; 0 on a miss.
     prim_id : (...,) int32
-        Face of the mesh; -1 on a miss.
+        Face of the mesh, or sphere, by its number in its geometry; -1 on a miss.
     mesh : Mesh or None
-        The mesh that was hit.
+        The mesh that was hit; None for hits in a scene.
     is_front : (...,) bool or None
         Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
+    scene_surface : SceneSurface or None
+        The instances of the scene that was hit; None for hits of a mesh.
+    known_instance_id : (...,) int32 or None
+        `instance_id` of the hits in a scene.
 
     Examples
     --------
@@ -79,6 +86,8 @@ class Hits:
     prim_id: NDArray[np.int32]
     mesh: Mesh | None = field(default=None, repr=False)
     is_front: NDArray[np.bool_] | None = field(default=None, repr=False, kw_only=True)
+    scene_surface: SceneSurface | None = field(default=None, repr=False, kw_only=True)
+    known_instance_id: NDArray[np.int32] | None = field(default=None, repr=False, kw_only=True)
 
     @classmethod
     def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
@@ -110,18 +119,34 @@ class Hits:
         return int(np.count_nonzero(self.is_hit))
 
     @property
+    def instance_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the instance that was hit; 0 for every hit of a mesh, -1 on a miss."""
+        if self.known_instance_id is not None:
+            return self.known_instance_id
+        return np.asarray(np.minimum(self.prim_id, np.int32(0)))
+
+    @property
+    def geometry_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the geometry that was hit; 0 for every hit of a mesh, -1 on a miss."""
+        return self.instance_id if self.scene_surface is None else self.scene_surface.geometry_ids(self._points())
+
+    @property
     def locations(self) -> NDArray[np.float64]:
-        """(..., 3) float64, the file's coordinates: where the triangle is hit; NaN on a miss."""
-        return find_locations(self._known_mesh(), self.prim_id, self.u, self.v)
+        """(..., 3) float64, the file's coordinates, or the world's: where the primitive is hit; NaN on a miss."""
+        return self._known_surface().locate(self._points())
 
     @property
     def normals(self) -> NDArray[np.float64]:
-        """(..., 3) float64: the triangle's normal of length 1, on the side from which a, b, c run anticlockwise.
+        """(..., 3) float64: the normal of length 1, on the side from which a, b, c run anticlockwise.
 
         NaN on a miss. The ray may come from either side, see `is_front`. A triangle thinner than about 2^-31 of its
         length has no reliable normal even in float64, and gets a vector across its longest edge.
+
+        Normals of instances are perpendicular to the transformed surface, and on the object's outer side: that from
+        which a, b, c run anticlockwise in the object, or the outside of a sphere. A mirror takes that side along, so
+        the normals of a mirrored closed object still point outwards.
         """
-        return find_normals(self._known_mesh(), self.prim_id)
+        return self._known_surface().normals(self._points())
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
         """Return start points for rays that leave the surface: just above it, where they cannot meet it by rounding.
@@ -168,13 +193,13 @@ class Hits:
         False True
         False True True
         """
-        mesh = self._known_mesh()
+        surface, points = self._known_surface(), self._points()
         if towards is None:
             if self.is_front is None:
                 raise ConfigError(
                     "these hits do not know from which side the rays came: call offset_origins(towards=directions)"
                 )
-            return find_offset_points(mesh, self.prim_id, self.locations, self.is_front)
+            return surface.offset_points(points, self.locations, self.is_front)
         directions = read_vectors(towards, "towards")
         try:
             shape = broadcast_shape(self.shape, directions.shape[:-1])
@@ -185,9 +210,9 @@ class Hits:
             ) from None
         check_room(math.prod(shape), _POINT_BYTES)
         self._refuse_wrong(directions, shape)
-        locations, sides = self.locations, np.broadcast_to(find_sides(mesh, self.prim_id, directions), shape)
-        front = find_offset_points(mesh, self.prim_id, locations, np.ones(self.shape, np.bool_))
-        back = find_offset_points(mesh, self.prim_id, locations, np.zeros(self.shape, np.bool_))
+        locations, sides = self.locations, np.broadcast_to(surface.find_sides(points, directions), shape)
+        front = surface.offset_points(points, locations, np.ones(self.shape, np.bool_))
+        back = surface.offset_points(points, locations, np.zeros(self.shape, np.bool_))
         return np.where(sides[..., None], front, back)
 
     def take(self, rays: NDArray[np.int64]) -> Hits:
@@ -217,8 +242,12 @@ class Hits:
 
     def _map(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Hits:
         is_front = None if self.is_front is None else change(self.is_front)
+        instance_id = None if self.known_instance_id is None else change(self.known_instance_id)
         t, u, v, prim_id = (change(values) for values in (self.t, self.u, self.v, self.prim_id))
-        return Hits(t, u, v, prim_id, self.mesh, is_front=is_front)
+        return Hits(
+            t, u, v, prim_id, self.mesh,
+            is_front=is_front, scene_surface=self.scene_surface, known_instance_id=instance_id,
+        )  # fmt: skip
 
     def _refuse_wrong(self, directions: NDArray[Any], shape: tuple[int, ...]) -> None:
         """Raise `QueryError` for the first direction that leads nowhere, and that is the direction of a hit."""
@@ -230,10 +259,15 @@ class Hits:
             place = f" of the hit {tuple(map(int, first))}" if shape else ""
             raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
-    def _known_mesh(self) -> Mesh:
+    def _known_surface(self) -> Surface:
+        if self.scene_surface is not None:
+            return self.scene_surface
         if self.mesh is None:
             raise ConfigError("these hits do not know their mesh: make them with Hits(..., mesh=...)")
-        return self.mesh
+        return MeshSurface(self.mesh)
+
+    def _points(self) -> SurfacePoints:
+        return SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,6 +300,12 @@ class AllHits(Hits):
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
 
     known_locations: NDArray[np.float64] | None = field(default=None, repr=False, kw_only=True)
+
+    @classmethod
+    def of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
+        """Return hits with the ranges of each ray's, and their locations if they are known."""
+        values = {name.name: getattr(hits, name.name) for name in dataclasses.fields(Hits)}
+        return cls(**values, offsets=offsets, known_locations=locations)
 
     @property
     def locations(self) -> NDArray[np.float64]:

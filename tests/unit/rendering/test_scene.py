@@ -77,5 +77,5 @@ def test_a_mesh_of_any_form_is_a_source(tmp_path):
     assert Scene(triangle).mesh.load().face_count == 1
     # A file is read when it is needed.
     assert Scene(tmp_path / "part.stl").mesh == MeshSource(path=str(tmp_path / "part.stl"))
-    with pytest.raises(MeshError, match="not NoneType"):
-        Scene(None)
+    with pytest.raises(MeshError, match="not int 5"):
+        Scene(5)

@@ -1,0 +1,103 @@
+"""The state of a scene at one moment: what a tracer works from. Immutable; knows no handles."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.mesh import Mesh
+from ..geometry.shape import Shape
+
+
+@dataclass(frozen=True, eq=False)
+class SceneState:
+    """The geometries of a scene and their instances; arrays are read-only.
+
+    Attributes
+    ----------
+    shapes : tuple of Mesh or Spheres
+        By geometry id.
+    names : tuple of str
+        Of the geometries.
+    geometry_ids : (n,) int32
+        The geometry of each instance.
+    transforms : (n, 4, 4) float64
+        From the coordinates of an instance's geometry to the scene's.
+    masks : (n,) uint32
+    instance_names : tuple of str
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> state = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot()
+    >>> state.names, state.instance_names, state.transforms.shape
+    (('icosphere',), ('icosphere',), (1, 4, 4))
+    """
+
+    shapes: tuple[Shape, ...]
+    names: tuple[str, ...]
+    geometry_ids: NDArray[np.int32]
+    transforms: NDArray[np.float64]
+    masks: NDArray[np.uint32]
+    instance_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for array in (self.geometry_ids, self.transforms, self.masks):
+            array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Through the constructor, because pickled arrays forget that they are read-only.
+        return SceneState, tuple(getattr(self, each.name) for each in dataclasses.fields(self))
+
+    @property
+    def geometry_count(self) -> int:
+        """Number of geometries, also of those that no instance places."""
+        return len(self.shapes)
+
+    @property
+    def instance_count(self) -> int:
+        """Number of instances."""
+        return len(self.geometry_ids)
+
+    @property
+    def is_one_mesh(self) -> bool:
+        """Whether the scene is one mesh in the scene's own coordinates, visible to all rays.
+
+        Other geometries may be there, if nothing places them.
+        """
+        return (
+            self.instance_count == 1
+            and isinstance(self.shapes[self.geometry_ids[0]], Mesh)
+            and bool((self.transforms[0] == np.eye(4)).all())
+            and int(self.masks[0]) == np.iinfo(np.uint32).max
+        )
+
+    def with_transforms(self, instance_ids: ArrayLike, transforms: ArrayLike) -> SceneState:
+        """Return the state with other transforms of some instances: (k,) valid ids, (k, 4, 4) valid matrices.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> state = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot()
+        >>> state.with_transforms([0], [clbvh.Transform(translate=(0, 0, 5)).matrix]).transforms[0, :3, 3]
+        array([0., 0., 5.])
+        """
+        moved = self.transforms.copy()
+        moved[np.asarray(instance_ids, np.int64)] = transforms
+        return dataclasses.replace(self, transforms=moved)
+
+    def with_shape(self, geometry_id: int, shape: Shape) -> SceneState:
+        """Return the state with another shape of one geometry.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> state = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot()
+        >>> state.with_shape(0, clbvh.make_shape("knot", triangles=1000)).shapes
+        (Mesh('knot', vertices=497, faces=994),)
+        """
+        return dataclasses.replace(self, shapes=(*self.shapes[:geometry_id], shape, *self.shapes[geometry_id + 1 :]))

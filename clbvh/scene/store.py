@@ -1,0 +1,224 @@
+"""The store of a scene: its geometries and instances in the order of adding, behind one lock.
+
+Owns ids, names and the growing arrays. Its callers have checked shapes and matrices. Several scenes share a store when
+they differ only in the settings of their pictures.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..geometry.shape import Shape
+from .geometry import Geometry
+from .instance import ALL_BITS, Instance
+from .names import UniqueNames, clean_name
+from .state import SceneState
+
+# The top tree counts instances as a mesh counts faces.
+MAX_INSTANCE_COUNT = 2**30
+
+_FIRST_CAPACITY = 8
+
+
+class FirstObject(Protocol):
+    """An object that a scene has from its beginning, and that is loaded when it is needed."""
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) float64: its transform."""
+
+    def load(self) -> tuple[Shape, str]:
+        """Return its shape and its name."""
+
+
+class SceneStore:
+    """Geometries and instances.
+
+    Parameters
+    ----------
+    first : FirstObject, optional
+        Geometry 0 and instance 0. Loaded by the first call that needs it, which raises what `load` raises.
+    """
+
+    def __init__(self, first: FirstObject | None = None) -> None:
+        self.first = first
+        self._is_pending = first is not None
+        self._geometry_names = UniqueNames("a geometry")
+        self._instance_names = UniqueNames("an instance")
+        self._geometries: list[Geometry] = []
+        self._instances: list[Instance] = []
+        self._transforms = np.empty((_FIRST_CAPACITY, 4, 4))
+        self._masks = np.empty(_FIRST_CAPACITY, np.uint32)
+        self._geometry_ids = np.empty(_FIRST_CAPACITY, np.int32)
+        self._start()
+
+    def _start(self) -> None:
+        # Re-entrant: several parts are added as one step.
+        self.lock = threading.RLock()
+        self._snapshot: SceneState | None = None
+        self._tuples: tuple[tuple[Geometry, ...], tuple[Instance, ...]] | None = None
+
+    @property
+    def is_as_made(self) -> bool:
+        """Whether the store holds its first object, if it has one, and nothing else."""
+        with self.lock:
+            count = int(self.first is not None and not self._is_pending)
+            return len(self._geometries) == len(self._instances) == count
+
+    @property
+    def has_instances(self) -> bool:
+        """Whether anything is placed; nothing is loaded for the answer."""
+        return self._is_pending or bool(self._instances)
+
+    def handles(self) -> tuple[tuple[Geometry, ...], tuple[Instance, ...]]:
+        """Return the geometries and the instances; the same tuples until something is added."""
+        with self.lock:
+            self._load_first()
+            if self._tuples is None:
+                self._tuples = tuple(self._geometries), tuple(self._instances)
+            return self._tuples
+
+    def snapshot(self) -> SceneState:
+        """Return the present state; the same one until something is added."""
+        with self.lock:
+            geometries, instances = self.handles()
+            if self._snapshot is None:
+                count = len(instances)
+                # Rows are written once, before they are counted, so a state can share them.
+                self._snapshot = SceneState(
+                    shapes=tuple(geometry.shape for geometry in geometries),
+                    names=tuple(geometry.name for geometry in geometries),
+                    geometry_ids=self._geometry_ids[:count],
+                    transforms=self._transforms[:count],
+                    masks=self._masks[:count],
+                    instance_names=tuple(instance.name for instance in instances),
+                )
+            return self._snapshot
+
+    def transform(self, instance_id: int) -> NDArray[np.float64]:
+        """Return a copy of the transform of an instance."""
+        return self._transforms[instance_id].copy()
+
+    def find_geometry(self, name: str) -> Geometry | None:
+        """Return the geometry of a name."""
+        with self.lock:
+            self._load_first()
+            index = self._geometry_names.find(name)
+            return None if index is None else self._geometries[index]
+
+    def find_instance(self, name: str) -> Instance | None:
+        """Return the instance of a name."""
+        with self.lock:
+            self._load_first()
+            index = self._instance_names.find(name)
+            return None if index is None else self._instances[index]
+
+    def add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
+        """Add a geometry; `wish` is its name if the user has chosen none, with a number where it is taken."""
+        with self.lock:
+            self._load_first()
+            if name is not None:
+                self._geometry_names.check(name)
+            return self._add(shape, name, wish)
+
+    def place(
+        self, geometry: Geometry, transforms: NDArray[np.float64], names: Sequence[str] | None, wish: str, mask: int
+    ) -> tuple[Instance, ...]:
+        """Place a geometry by each of (n, 4, 4) transforms."""
+        with self.lock:
+            self._load_first()
+            if names is not None:
+                for name in names:
+                    self._instance_names.check(name)
+                if len(set(names)) < len(names):
+                    raise SceneError("two of the names are the same, but the names of instances are unique")
+            return self._place(geometry, transforms, names, wish, mask)
+
+    def copy(self) -> SceneStore:
+        """Return a store of the same content, with handles of its own."""
+        with self.lock:
+            copied = SceneStore(self.first)
+            copied._is_pending = self._is_pending
+            copied._geometry_names, copied._instance_names = self._geometry_names.copy(), self._instance_names.copy()
+            copied._geometries = [
+                Geometry(geometry.id, geometry.name, geometry.shape, copied) for geometry in self._geometries
+            ]
+            copied._instances = [
+                Instance(instance.id, instance.name, copied._geometries[instance.geometry.id], instance.mask)
+                for instance in self._instances
+            ]
+            count = len(self._instances)
+            for array in _ARRAYS:
+                setattr(copied, array, getattr(self, array)[:count].copy())
+            return copied
+
+    def _load_first(self) -> None:
+        if not self._is_pending:
+            return
+        assert self.first is not None
+        (shape, name), matrix = self.first.load(), self.first.matrix
+        self._is_pending = False
+        geometry = self._add(shape, None, name)
+        self._place(geometry, matrix[None], None, geometry.name, ALL_BITS)
+
+    def _add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
+        names = self._geometry_names
+        unique = names.add_numbered(clean_name(wish)) if name is None else names.add(name)
+        geometry = Geometry(len(self._geometries), unique, shape, self)
+        self._geometries.append(geometry)
+        self._snapshot = self._tuples = None
+        return geometry
+
+    def _place(
+        self, geometry: Geometry, transforms: NDArray[np.float64], names: Sequence[str] | None, wish: str, mask: int
+    ) -> tuple[Instance, ...]:
+        begin, end = len(self._instances), len(self._instances) + len(transforms)
+        if end > MAX_INSTANCE_COUNT:
+            raise SceneError(f"{end:,} instances are too many: the limit is {MAX_INSTANCE_COUNT:,}")
+        for array in _ARRAYS:
+            setattr(self, array, _grow(getattr(self, array), begin, end))
+        self._transforms[begin:end] = transforms
+        self._masks[begin:end] = mask
+        self._geometry_ids[begin:end] = geometry.id
+        unique: Iterable[str]
+        if names is None:
+            unique = (self._instance_names.add_numbered(clean_name(wish)) for _ in range(begin, end))
+        else:
+            unique = map(self._instance_names.add, names)
+        placed = tuple(Instance(index, name, geometry, mask) for index, name in enumerate(unique, begin))
+        self._instances += placed
+        self._snapshot = self._tuples = None
+        return placed
+
+    def __getstate__(self) -> dict[str, Any]:
+        with self.lock:
+            state = vars(self).copy()
+            for array in _ARRAYS:
+                state[array] = state[array][: len(self._instances)].copy()
+            state["_geometries"], state["_instances"] = self._geometries.copy(), self._instances.copy()
+            for name in ("lock", "_snapshot", "_tuples"):
+                del state[name]
+            return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._start()
+
+
+# One row per instance, and room for more.
+_ARRAYS = ("_transforms", "_masks", "_geometry_ids")
+
+
+def _grow(rows: NDArray[Any], count: int, needed: int) -> NDArray[Any]:
+    """Return an array with room for `needed` rows and the first `count` of the given one, or that one itself."""
+    if needed <= len(rows):
+        return rows
+    grown = np.empty((max(needed, 2 * len(rows)), *rows.shape[1:]), rows.dtype)
+    grown[:count] = rows[:count]
+    return grown
