@@ -92,3 +92,8 @@ def build_over(shape: Shape, builder: str, pool: SubtreePool | None, options: Bu
         origin and scale are theirs.
     """
     return build_tree(mesh_of(shape), builder, pool, options)
+
+
+def build_shape(shape: Shape) -> Bvh:
+    """Build a tree over a shape in this process, as `build` does over a mesh."""
+    return build_over(shape, DEFAULT_BUILDER, None, BuildOptions())

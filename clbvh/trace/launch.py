@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
+from .traced_tree import TracedTree
 
 
 class Query(NamedTuple):
@@ -53,29 +54,6 @@ class Query(NamedTuple):
         if not tree.has_instances:
             return self
         return Query(f"scene_{self.kernel}", self.results, SCENE_HIT if self.dtype == HIT else self.dtype)
-
-
-class TracedTree(Protocol):
-    """A tree or a scene on a device: a `DeviceTree` or a `DeviceScene`, which describe the attributes."""
-
-    layout: str
-    arguments: dict[str, Any]
-    defines: dict[str, int]
-    has_entry_points: bool
-    has_instances: bool
-    ray_dtype: np.dtype
-    hit_dtype: np.dtype
-    node_bytes: int
-    mesh: Any
-    scene_surface: Any
-
-    @property
-    def surface(self) -> Any: ...  # noqa: D102
-
-    @property
-    def most_crossings(self) -> int: ...  # noqa: D102
-
-    def buffers_of_own(self) -> list[Any]: ...  # noqa: D102
 
 
 CLOSEST_HIT = Query("closest_hit", "hits", HIT)

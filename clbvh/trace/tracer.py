@@ -8,7 +8,9 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Iterable
+from functools import partial
 from numbers import Integral
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +20,6 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..errors import ConfigError, OpenMeshWarning
 from ..geometry import Mesh, MeshLike, as_mesh
-from ..geometry.shape import Shape
 from ..scene.contents import SceneContents
 from ..scene.geometry import Geometry
 from ..scene.instance import Instance
@@ -33,6 +34,7 @@ from .points.inside import find_inside
 from .points.refine import ClosestPoints
 from .rays.batch import RayBatch, TreeBox, read_points, read_rays
 from .rays.pieces import Progress
+from .scene.device_scene import DeviceScene
 from .scene.moving_scene import MovingScene
 from .tree_copies import TreeCopies
 
@@ -84,6 +86,7 @@ class Tracer(ContextManager):
         self._has_warned = False
         self._updating = threading.Lock()
         session = DeviceSession(device)
+        tree: DeviceTree | DeviceScene
         try:
             if self._scene is not None:
                 tree, box = self._scene.open(session, layout)
@@ -435,9 +438,10 @@ class Tracer(ContextManager):
         """
         if self._scene is not None:
             raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
+        copies = cast(TreeCopies, self._copies)
         with self._caster.open_call() as call, self._updating:
             mesh = self.mesh.with_vertices(vertices)
-            self._caster = self._copies.move(self._caster, mesh, call.memory.session)
+            self._caster = copies.move(self._caster, mesh, call.memory.session)
 
     def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
@@ -469,12 +473,11 @@ class Tracer(ContextManager):
         Examples
         --------
         >>> import clbvh
-        >>> import numpy as np
         >>> scene = clbvh.Scene()
         >>> ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)))
         >>> with clbvh.Tracer(scene) as tracer:
         ...     before = tracer.any_hit([[0, 0, 5]], [[0, 0, -1]])
-        ...     tracer.set_transforms(ball, np.diag([1, 1, 1, 1]) + [[0, 0, 0, 9], [0] * 4, [0] * 4, [0] * 4])
+        ...     tracer.set_transforms(ball, [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
         ...     before, tracer.any_hit([[0, 0, 5], [9, 0, 5]], [[0, 0, -1], [0, 0, -1]])
         (array([ True]), array([False,  True]))
         """
@@ -483,7 +486,7 @@ class Tracer(ContextManager):
             self._caster = scene.set_transforms(self._caster, instances, transforms, call.memory.session)
 
     def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
-        """Move the vertices of a geometry of a scene: its tree is refitted, and built anew when that has become worth it.
+        """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
 
         Parameters
         ----------
@@ -511,7 +514,8 @@ class Tracer(ContextManager):
         >>> scene = clbvh.Scene()
         >>> mesh = clbvh.make_shape("icosphere", triangles=320)
         >>> ball = scene.add(mesh)
-        >>> first, second = scene.place(ball), scene.place(ball, [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> aside = [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        >>> first, second = scene.place(ball), scene.place(ball, aside)
         >>> with clbvh.Tracer(scene) as tracer:
         ...     tracer.set_vertices(ball, mesh.vertices * 0.5)
         ...     tracer.any_hit([[0.7, 0, 5], [9.7, 0, 5], [9.4, 0, 5]], [0, 0, -1])
@@ -548,7 +552,7 @@ class Tracer(ContextManager):
         this factor, and a new tree would share part of it: larger triangles cost more in any tree. From about 2 on, a
         new tracer may be faster.
         """
-        tree = self._caster.tree
+        tree: object = self._caster.tree
         return tree.sah_growth if isinstance(tree, DeviceTree) else 1.0
 
     @property
@@ -623,17 +627,9 @@ class Tracer(ContextManager):
 
 def _open_scene(contents: SceneContents) -> MovingScene:
     """Return the scene with the trees of its geometries."""
-    from ..builders.build import build, build_over
-    from ..builders.options import BuildOptions
-    from ..builders.registry import DEFAULT_BUILDER
+    from ..builders.build import build, build_shape
 
-    def build_tree(shape: Shape) -> Bvh:
-        return build_over(shape, DEFAULT_BUILDER, None, BuildOptions())
-
-    def build_top(boxes: Mesh) -> Bvh:
-        return build(boxes, leaf_size=1)
-
-    return MovingScene(contents, build_tree, build_top)
+    return MovingScene(contents, build_shape, partial(build, leaf_size=1))
 
 
 def _find_tree(source: Bvh | MeshLike) -> Bvh:

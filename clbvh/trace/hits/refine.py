@@ -6,7 +6,7 @@ not on the layout, the device, or its compiler. Hits are refined in blocks, see 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ class HitIds(NamedTuple):
         Only in scenes.
     """
 
-    prim_id: NDArray[np.integer]
+    prim_id: NDArray[Any]
     instance_id: NDArray[np.int32] | None
 
     @classmethod
@@ -78,11 +78,11 @@ class RefinedHits(NamedTuple):
         self, ids: HitIds, shape: tuple[int, ...], *, mesh: Mesh | None, scene_surface: SceneSurface | None = None
     ) -> Hits:
         """Return the hits of rays of a leading shape, on a mesh or in a scene."""
-        t, u, v, is_front, prim_id = (values.reshape(shape) for values in (*self, ids.prim_id))
-        instance_id = None if ids.instance_id is None else ids.instance_id.reshape(shape)
+        t, u, v = (values.reshape(shape) for values in (self.t, self.u, self.v))
         return Hits(
-            t, u, v, prim_id, mesh,
-            is_front=is_front, scene_surface=scene_surface, known_instance_id=instance_id,
+            t, u, v, ids.prim_id.reshape(shape), mesh,
+            is_front=self.is_front.reshape(shape), scene_surface=scene_surface,
+            known_instance_id=None if ids.instance_id is None else ids.instance_id.reshape(shape),
         )  # fmt: skip
 
 

@@ -5,8 +5,6 @@ Compiled functions call `refine_block` and `locate`; numba chooses the functions
 
 from __future__ import annotations
 
-from typing import Any
-
 from numba.extending import overload
 
 from .refine_block import gather_triangles, intersect_planes, locate_on_triangles, settle
@@ -25,7 +23,7 @@ def locate(surface, found_ints, block, count, locations):
 
 
 @overload(refine_block)
-def _choose_refinement(rays: Any, surface: Any, found_ints: Any, block: Any, count: Any) -> Any:
+def _choose_refinement(rays, surface, found_ints, block, count):
     def on_mesh(rays, surface, found_ints, block, count):
         gather_triangles(rays, surface, found_ints, block, count)
         intersect_planes(block.vectors, block.volumes, count)
@@ -41,7 +39,7 @@ def _choose_refinement(rays: Any, surface: Any, found_ints: Any, block: Any, cou
 
 
 @overload(locate)
-def _choose_location(surface: Any, found_ints: Any, block: Any, count: Any, locations: Any) -> Any:
+def _choose_location(surface, found_ints, block, count, locations):
     def on_mesh(surface, found_ints, block, count, locations):
         locate_on_triangles(surface, found_ints, block, count, locations)
 

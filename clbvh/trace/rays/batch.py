@@ -48,7 +48,8 @@ class RayBatch(NamedTuple):
 
     def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
         """Return some of the rays, by their indices in C order."""
-        return RayBatch(*(None if values is None else values.take(ray_ids) for values in self))
+        origins, directions, t_min, t_max = (values.take(ray_ids) for values in self[:4])
+        return RayBatch(origins, directions, t_min, t_max, None if self.mask is None else self.mask.take(ray_ids))
 
     def part(self, begin: int, end: int) -> RayRows:
         """Return rays `begin` to `end`, counted in C order."""
@@ -177,7 +178,7 @@ def _read_masks(values: ArrayLike, shape: tuple[int, ...]) -> Broadcast:
         raise QueryError(
             f"mask must be a number or have a shape that broadcasts to that of the rays, {shape}, not {masks.shape}"
         )
-    if masks.size and not (0 <= int(masks.min()) and int(masks.max()) <= _MOST_MASK):
+    if masks.size and not (int(masks.min()) >= 0 and int(masks.max()) <= _MOST_MASK):
         raise QueryError(f"mask must be from 0 to {_MOST_MASK:#x}, which has 32 bits")
     return Broadcast.to_shape(masks.astype(np.uint32), 0, shape)
 

@@ -1,19 +1,17 @@
 """The scene of a tracer, as it opens and as it moves.
 
 Every change makes a new `DeviceScene`, which shares the buffers that stay the same. So a query sees one scene from
-beginning to end, a change waits for none, and one that fails has changed nothing. Buffers that a change has replaced are
-given back once no query uses them: a query holds the caster that it began with.
+beginning to end, a change waits for none, and one that fails has changed nothing. Buffers that a change has replaced
+are given back once no query uses them: a query holds the caster that it began with.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 from weakref import ref
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...bvh import Bvh
 from ...device.session import DeviceSession
@@ -25,7 +23,6 @@ from ...scene.contents import SceneContents
 from ...scene.geometry import Geometry
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
-from ...support.host_threads import HostThreads
 from ..device_tree import DeviceTree
 from ..launch import Caster
 from ..rays.batch import TreeBox
@@ -34,8 +31,6 @@ from .refit_geometry import RefitGeometry
 
 # A geometry's tree is built anew when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
-
-_IDENTITY = np.eye(4)
 
 
 class MovingScene:
@@ -81,11 +76,11 @@ class MovingScene:
         if len(ids) and ids.max() >= self.state.instance_count:
             raise SceneError(f"the instance {ids.max()} was placed after the tracer was opened: open a new tracer")
         state = self.state.with_transforms(ids, transforms)
-        tree = caster.tree
+        tree: object = caster.tree
         if isinstance(tree, DeviceScene):
             moved = tree.moved(caster.session, session, state)
         else:
-            moved = DeviceScene(caster.session, state, self._trees_now(), self._build_top, tree.layout)
+            moved = DeviceScene(caster.session, state, self._trees_now(), self._build_top, caster.tree.layout)
         return self._replace(caster, moved, state)
 
     def set_vertices(self, caster: Caster, geometry: Geometry, vertices: ArrayLike, session: DeviceSession) -> Caster:
@@ -94,7 +89,7 @@ class MovingScene:
         if geometry_id >= len(self.state.shapes):
             raise SceneError(f"{geometry!r} was added after the tracer was opened: open a new tracer")
         shape = self.state.shapes[geometry_id]
-        tree = caster.tree
+        tree: object = caster.tree
         moved_shape: Shape
         if isinstance(shape, Spheres):
             moved_shape = shape.with_spheres(vertices, shape.radii)
@@ -110,7 +105,7 @@ class MovingScene:
             scene.release_other_than(tree, caster.session)
         trees = self._trees_now()
         trees[geometry_id] = self._build_tree(moved_shape)
-        built = DeviceScene(caster.session, state, trees, self._build_top, tree.layout)
+        built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
         self.trees = trees
         self._refits.clear()
         return self._replace(caster, built, state)
