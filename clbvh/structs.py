@@ -113,6 +113,22 @@ TRIANGLE = np.dtype(
 TRIANGLE_LANES = _lane_count(TRIANGLE)
 TRIANGLE_PRIM_ID = _lane(TRIANGLE, "prim_id")
 
+# A sphere of the `bvh2` layout, in leaf order.
+SPHERE = np.dtype(
+    [
+        ("centre", np.float32, 3),
+        ("radius", np.float32),
+        ("prim_id", np.int32),
+    ]
+)
+
+# The spheres of a leaf of the wide layouts, side by side: `centre[axis]` is one coordinate of all spheres. Lanes
+# without a sphere are NaN, which no ray hits.
+SPHERE_BLOCKS = {
+    width: np.dtype([("centre", np.float32, (3, width)), ("radius", np.float32, width), ("prim_id", np.int32, width)])
+    for width in (4, 8)
+}
+
 # --- Queries ---
 
 # A ray as it is uploaded, in local coordinates. The longest component of the direction is from 1 to 2; the unit of t is
@@ -251,6 +267,9 @@ DEVICE_STRUCTS = {
     "bvh8_node_t": WIDE_NODES[8],
     "block4_t": TRIANGLE_BLOCKS[4],
     "block8_t": TRIANGLE_BLOCKS[8],
+    "sphere_t": SPHERE,
+    "sphere4_t": SPHERE_BLOCKS[4],
+    "sphere8_t": SPHERE_BLOCKS[8],
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
     "scene_ray_t": SCENE_RAY,

@@ -1,21 +1,35 @@
-// A point, and the nearest triangle found so far.
+// A point, and the nearest primitive found so far.
 //
 // In local coordinates the mesh is about as large as 1, so that no product leaves float32. Triangles are translated so
 // that the point is zero. Corners and edges shared by two triangles then have the same coordinates in both, hence the
 // same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the tests does not
 // matter.
+//
+// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_nearest leaves it
+// at triangles.
 
 #include "math/vectors.cl"
 
 // Bound on the error of a computed distance, relative to the farthest corner: one rounding of the difference to the
 // point, seven of the weighted sum of corners, three of its length, and those of the box's distance.
-#define NEAREST_SLACK ERROR_BOUND(16)
+//
+// The distance of a sphere has ten roundings relative to the farthest corner of its box, six of them those of a square
+// root by OpenCL's bound; the root of its square has seven more, the box's distance three, and the comparison two.
+#if HAS_SPHERES
+#define NEAREST_ROUNDINGS 22
+#else
+#define NEAREST_ROUNDINGS 16
+#endif
+#define NEAREST_SLACK ERROR_BOUND(NEAREST_ROUNDINGS)
 
 typedef struct {
     float3 point;
     float distance_squared;
     float distance;
     int prim_id;
+#if HAS_SPHERES
+    int kind;  // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
+#endif
 } nearest_t;
 
 INLINED nearest_t make_nearest(const float3 point)
@@ -24,7 +38,7 @@ INLINED nearest_t make_nearest(const float3 point)
     return nearest;
 }
 
-// Whether a triangle in a box may be as near as the nearest so far; *distance_squared is that of the box.
+// Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
 INLINED bool may_be_nearer(
     const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
 {
@@ -37,7 +51,7 @@ INLINED bool may_be_nearer(
     return *distance_squared <= limit * limit;
 }
 
-// Takes a triangle's squared distance into account.
+// Takes a primitive's squared distance into account.
 INLINED void add_distance(nearest_t *nearest, const float distance_squared, const int prim_id)
 {
     const bool wins_tie = prim_id < nearest->prim_id || nearest->prim_id == NO_PRIM;

@@ -1,10 +1,13 @@
-// The distance of a point from a single triangle, in the layouts whose blocks are one triangle.
+// The distance of a point from a single primitive, in the layouts whose blocks are one primitive.
 
 #include "nearest/point_triangle.cl"
 #include "nearest/search.cl"
 #include "triangles/single.cl"
+#if HAS_SPHERES
+#include "nearest/point_sphere.cl"
+#endif
 
-// A corner in the coordinates whose zero is the point.
+// A corner or a centre in the coordinates whose zero is the point.
 INLINED point_t relative_corner(const nearest_t *nearest, const float3 corner)
 {
     const float3 moved = corner - nearest->point;
@@ -22,4 +25,23 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
     const float squared = distance_squared_to_triangle(
         relative_corner(nearest, corners.a), relative_corner(nearest, corners.b), relative_corner(nearest, corners.c));
     add_distance(nearest, squared, blocks[triangle_index].prim_id);
+}
+
+#if HAS_SPHERES
+INLINED void test_sphere(nearest_t *nearest, const global sphere_t *sphere)
+{
+    const float squared = distance_squared_to_sphere(relative_corner(nearest, load3(sphere->centre)), sphere->radius);
+    add_distance(nearest, squared, sphere->prim_id);
+}
+#endif
+
+INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const int prim_index)
+{
+#if HAS_SPHERES
+    if (nearest->kind == KIND_SPHERES) {
+        test_sphere(nearest, (const global sphere_t *)blocks + prim_index);
+        return;
+    }
+#endif
+    test_triangle(nearest, blocks, prim_index);
 }
