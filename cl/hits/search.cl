@@ -41,7 +41,7 @@ typedef struct {
     float t_shift;
 #endif
 #if HAS_SPHERES
-    int kind;            // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
+    int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
 #endif
 } search_t;
 
@@ -99,18 +99,18 @@ INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
         return a->instance_id < b->instance_id;
     }
 #endif
-    return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
-}
-
-// The order of crossings with one geometry along a ray.
-INLINED bool is_nearer(const crossing_t *a, const crossing_t *b)
-{
 #if HAS_SPHERES
     // A ray enters a sphere before it leaves it, also where float32 has one t for both.
     if (a->t == b->t && a->prim_id == b->prim_id) {
         return a->u < b->u;
     }
 #endif
+    return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
+}
+
+// The order of crossings with one geometry along a ray.
+INLINED bool is_nearer(const crossing_t *a, const crossing_t *b)
+{
     return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
 }
 

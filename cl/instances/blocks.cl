@@ -2,10 +2,6 @@
 
 #include "traversal/traverse.cl"
 
-#if HAS_SPHERES && !defined(WIDTH)
-typedef sphere_t sphere_block_t;
-#endif
-
 INLINED const global block_t *find_blocks(
     const global instance_t *instance, const global block_t *blocks, const global float *spheres)
 {

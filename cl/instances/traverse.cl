@@ -39,10 +39,16 @@ INLINED void visit_instance(
     if (query == QUERY_FIRST) {
         search->instance_id = instance->instance_id;
         search->t_shift = t_shift;
+#if HAS_SPHERES
+        search->kind = instance->kind;
+#endif
         traverse(root, root, own_blocks, instance->block_count, &inside, search, query);
         return;
     }
     search_t own = make_search(search->max_count - search->count, 0);
+#if HAS_SPHERES
+    own.kind = instance->kind;
+#endif
     traverse(root, root, own_blocks, instance->block_count, &inside, &own, query);
     if (query == QUERY_COUNT) {
         search->count += own.count;

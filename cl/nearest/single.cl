@@ -35,7 +35,7 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
 }
 
 #if HAS_SPHERES
-INLINED void test_sphere(nearest_t *nearest, const global sphere_t *sphere)
+INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere)
 {
 #if HAS_INSTANCES
     const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
@@ -43,9 +43,7 @@ INLINED void test_sphere(nearest_t *nearest, const global sphere_t *sphere)
 #else
     const float squared = distance_squared_to_sphere(relative_corner(nearest, load3(sphere->centre)), sphere->radius);
 #endif
-    if (squared <= nearest->distance_squared) {
-        add_distance(nearest, squared, sphere->prim_id);
-    }
+    add_distance(nearest, squared, sphere->prim_id);
 }
 #endif
 
@@ -53,7 +51,7 @@ INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const
 {
 #if HAS_SPHERES
     if (nearest->kind != KIND_TRIANGLES) {
-        test_sphere(nearest, (const global sphere_t *)blocks + prim_index);
+        test_sphere(nearest, (const global sphere_block_t *)blocks + prim_index);
         return;
     }
 #endif

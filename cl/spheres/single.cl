@@ -2,10 +2,12 @@
 
 #include "spheres/sphere.cl"
 
+typedef sphere_t sphere_block_t;
+
 INLINED void intersect_sphere(
-    const global sphere_t *spheres, const int sphere_index, const ray_t *ray, search_t *search, const int query)
+    const global sphere_block_t *spheres, const int sphere_index, const ray_t *ray, search_t *search, const int query)
 {
-    const global sphere_t *sphere = spheres + sphere_index;
+    const global sphere_block_t *sphere = spheres + sphere_index;
     intersect_sheared_origin(
         shear_origin(load3(sphere->centre), ray), sphere->radius, sphere->prim_id, sphere_index, ray, search, query);
 }

@@ -17,6 +17,10 @@ from ..support.compiled import compiled
 BLOCK_COST = 1.0
 BLOCK_PRICE = 16.0
 
+# The same of blocks of spheres.
+SPHERE_BLOCK_COST = 1.0
+SPHERE_BLOCK_PRICE = 16.0
+
 
 @compiled
 def choose_children(nodes, node_ints, width, block_cost, block_price, splits):

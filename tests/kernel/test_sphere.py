@@ -146,7 +146,7 @@ def test_small_spheres_far_away_are_hit_to_their_rim(cross, distance, radius, ax
     shares = np.array([0.0, 0.5, 0.999, 1.001, 2.0, 1e3])
     offsets = np.zeros((len(shares), 3))
     offsets[:, 1] = -shares * radius
-    origins = np.roll(offsets + [distance, 0, 0], axis, axis=1)
+    origins = np.roll(np.add(offsets, [distance, 0, 0]), axis, axis=1)
     hits, counts = cross(origins, np.roll([[-1.0, 0, 0]] * len(shares), axis, axis=1), np.zeros((6, 3)), radius)
     assert counts.tolist() == [2, 2, 2, 0, 0, 0]
     # Where float32 has one t for both, the ray still enters first.

@@ -5,9 +5,9 @@ import pytest
 
 from clbvh import BuildOptions
 from clbvh.builders.build import build_over
-from clbvh.geometry.sphere_boxes import sphere_boxes
-from clbvh.layouts.sphere_blocks import gather_spheres, make_sphere_arrays
-from clbvh.structs import BVH2_NODE, HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM, SPHERE_BLOCKS
+from clbvh.layouts.device_arrays import make_device_arrays
+from clbvh.layouts.sphere_blocks import gather_spheres
+from clbvh.structs import BVH2_NODE, HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
 
 from ..profiles import seeds
 from ..spheres import make_spheres, sphere_rays, spheres_as_on_device
@@ -33,7 +33,7 @@ def check_all_layouts_agree(run_shell, spheres, rays, **options):
     expected = trace(run_shell, rays, np.zeros(1, BVH2_NODE), all_spheres, "brute", count)
     bvh = build_over(spheres, "sah", None, BuildOptions(**options))
     for layout in LAYOUT_WIDTHS:
-        arrays = make_sphere_arrays(spheres, bvh, layout)
+        arrays = make_device_arrays(bvh, layout, spheres)
         assert arrays.stack_size <= STACK_SIZE
         obtained = trace(run_shell, rays, arrays.nodes, arrays.blocks, layout, count)
         for name, one, other in zip(("closest", "counts", "first", "nearest"), obtained, expected, strict=True):
@@ -126,15 +126,3 @@ def test_equal_spheres_are_ordered_by_their_ids(run_shell, make_rays):
     assert (counts.tolist(), closest["prim_id"].tolist(), nearest.tolist()) == ([40, 20], [0, 0], [0, 0])
     assert first["prim_id"].tolist() == [list(range(6))] * 2
     assert (first["u"] == [[0], [1]]).all()
-
-
-@pytest.mark.parametrize("layout", SPHERE_BLOCKS and ("bvh4", "bvh8"))
-def test_lanes_without_a_sphere_are_nan_and_their_ids_none(layout):
-    spheres = spheres_as_on_device(np.random.default_rng(0).uniform(-0.5, 0.5, (13, 3)), 0.1)
-    bvh = build_over(spheres, "sah", None, BuildOptions())
-    blocks = make_sphere_arrays(spheres, bvh, layout).blocks
-    empty = blocks["prim_id"] == NO_PRIM
-    assert (np.isnan(blocks["radius"]) == empty).all()
-    assert (np.isnan(blocks["centre"]) == empty[:, None]).all()
-    assert sorted(blocks["prim_id"][~empty].tolist()) == list(range(13))
-    assert bvh.mesh.face_count == sphere_boxes(spheres).face_count

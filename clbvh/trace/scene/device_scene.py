@@ -17,10 +17,8 @@ from ...errors import SceneError
 from ...geometry import Mesh
 from ...geometry.box_mesh import box_mesh
 from ...geometry.shape import Shape
-from ...geometry.spheres import Spheres
 from ...layouts.bvh2 import make_bvh2_nodes
 from ...layouts.device_arrays import DeviceArrays, make_device_arrays
-from ...layouts.sphere_blocks import make_sphere_arrays
 from ...scene.state import SceneState
 from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
 from ...support.host_threads import HostThreads
@@ -126,12 +124,7 @@ class DeviceScene:
         self.layout = resolve_layout(layout, session)
         self.state, self.trees = state, tuple(trees)
         self._build_top = build_top
-        arrays = [
-            make_sphere_arrays(shape, bvh, self.layout)
-            if isinstance(shape, Spheres)
-            else make_device_arrays(bvh, self.layout)
-            for shape, bvh in zip(state.shapes, trees, strict=True)
-        ]
+        arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
         self._parts = _list_parts(state, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
