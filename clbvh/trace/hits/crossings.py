@@ -117,7 +117,7 @@ def _search_round(
         packed = call.pack_rays(batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
             crowded += _compact_piece(
-                search, piece, ray_ids, kept.view(np.int64).reshape(len(kept) // wanted, wanted, -1)
+                search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8)
             )
     return np.concatenate(crowded)
 

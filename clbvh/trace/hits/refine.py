@@ -103,7 +103,7 @@ def refine_closest(
         primitive's point that is nearest to the ray.
     ids : HitIds of (n,) arrays, written
     """
-    lanes = np.ascontiguousarray(found).view(np.float32).reshape(len(found), -1)
+    lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, found.dtype.itemsize // 4)
     _refine_closest(rays, surface, lanes.view(np.int32), RefineBlock.make(), hits, ids.prim_id, ids.instance_id)
 
 

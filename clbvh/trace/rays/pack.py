@@ -106,7 +106,7 @@ def pack_rays(
         A value is not finite, a direction has length zero, or an origin's distance in sizes of the mesh is beyond
         float64; the message names the first bad ray.
     """
-    lanes = packed.view(np.float32).reshape(len(packed), -1)
+    lanes = packed.view(np.float32).reshape(-1, packed.dtype.itemsize // 4)
     bad = _pack(rays, box, order, lanes)
     if bad != _ALL_GOOD and order is not None:
         # In another order, it need not be the first bad ray.
