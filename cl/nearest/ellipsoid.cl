@@ -18,8 +18,8 @@ INLINED float3 shares_at(const float3 pulls, const float3 above, const float shi
 // The closest point x of y has x_i = l_i^2 y_i / (t + l_i^2) with the one t above -l_min^2 for which it is on the
 // ellipsoid (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid", 2013). With t = l_min^2
 // (s - 1) the shares x_i / l_i are pulls_i / (s + above_i), and s > 0 keeps its digits where it is small. One over the
-// length of the shares is concave in s, so Newton's steps to where it is 1 never pass it, from where a share alone is 1
-// on (More and Sorensen, "Computing a trust region step", 1983).
+// length of the shares is concave in s, so Newton's steps, which begin where a share alone is 1, never pass the s where
+// that length is 1 (More and Sorensen, "Computing a trust region step", 1983).
 //
 // position : not negative
 // lengths  : half lengths of the axes

@@ -58,9 +58,7 @@ def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> Dev
         return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
     tree = _widen(bvh, width, shape)
     blocks = (
-        gather_sphere_blocks(shape, tree.blocks)
-        if isinstance(shape, Spheres)
-        else gather_blocks(bvh.mesh, tree.blocks)
+        gather_sphere_blocks(shape, tree.blocks) if isinstance(shape, Spheres) else gather_blocks(bvh.mesh, tree.blocks)
     )
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.

@@ -12,6 +12,7 @@ from ..geometry import Spheres
 from ..structs import NO_PRIM, SPHERE, SPHERE_BLOCKS
 from ..support.compiled import compiled
 
+
 def gather_spheres(spheres: Spheres, prim_ids: NDArray[np.int32]) -> NDArray[np.void]:
     """Return spheres in the given order.
 

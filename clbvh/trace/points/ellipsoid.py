@@ -4,9 +4,9 @@ The point on the surface that is closest to y is at x with ``x_i = l_i^2 y_i / (
 axes, whose half lengths are l. The one t above -l_min^2 for which x is on the surface is found by Newton's method
 (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid", 2013, with bisection).
 
-With ``t = l_min^2 (s - 1)`` the shares ``x_i / l_i`` are ``pulls_i / (s + above_i)``, and s > 0 keeps its digits where it
-is small. One over the length of the shares is concave in s. So Newton's steps never pass the s where it is 1, from where
-a share alone is 1 on (More and Sorensen, "Computing a trust region step", 1983).
+With ``t = l_min^2 (s - 1)`` the shares ``x_i / l_i`` are ``pulls_i / (s + above_i)``, and s > 0 keeps its digits where
+it is small. One over the length of the shares is concave in s. So Newton's steps, which begin where a share alone is 1,
+never pass the s where that length is 1 (More and Sorensen, "Computing a trust region step", 1983).
 """
 
 from __future__ import annotations

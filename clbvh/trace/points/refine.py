@@ -75,6 +75,7 @@ class SceneClosestPoints(ClosestPoints):
         geometry_id: NDArray[np.int32],
         instance_id: NDArray[np.int32],
     ) -> SceneClosestPoints:
+        """Return the closest points with their ids."""
         closest = super().__new__(cls, distance, point, prim_id)
         closest._ids = geometry_id, instance_id
         return closest

@@ -55,7 +55,7 @@ def find_scene_inside(
     check_room(count, 1, "points")
     is_inside = np.empty(count, np.bool_)
     with caster.open_call() as call:
-        for begin, end, chunk, order in _cut(call, points, progress):
+        for begin, chunk, order in _cut(call, points, progress):
             with _cast(call, INSIDE, masks, begin, chunk, order) as inside:
                 is_inside[begin + order] = inside
     return is_inside.reshape(points.shape)
@@ -109,8 +109,8 @@ def _find_points(
     check_room(count, _POINT_BYTES, "points")
     found, arrays = FoundPoints.make(count), caster.tree.surface
     with caster.open_call() as call:
-        for begin, end, chunk, order in _cut(call, points, progress):
-            part = found.part(begin, end)
+        for begin, chunk, order in _cut(call, points, progress):
+            part = found.part(begin, begin + len(chunk))
             with _cast(call, query, masks, begin, chunk, order) as prims:
 
                 def refine(
@@ -129,11 +129,11 @@ def _find_points(
 
 def _cut(
     call: Call, points: Broadcast, progress: Progress | None
-) -> Iterator[tuple[int, int, NDArray[Any], NDArray[np.int32]]]:
-    """Yield begin and end of each chunk of points, the chunk, and the order in which to cast it."""
+) -> Iterator[tuple[int, NDArray[Any], NDArray[np.int32]]]:
+    """Yield the begin of each chunk of points, the chunk, and the order in which to cast it."""
     for begin, end in call.cut_points(math.prod(points.shape), progress):
         chunk = take_points(points, begin, end, call.box)
-        yield begin, end, chunk, find_point_order(chunk, call.box, call.threads)
+        yield begin, chunk, find_point_order(chunk, call.box, call.threads)
 
 
 @contextmanager

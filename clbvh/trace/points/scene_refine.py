@@ -1,4 +1,4 @@
-"""The closest points of the primitives that the device found in a scene, computed in float64 from the placed geometry."""
+"""The closest points of the primitives that the device found in a scene, in float64 from the placed geometry."""
 
 from __future__ import annotations
 
