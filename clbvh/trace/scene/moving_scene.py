@@ -7,12 +7,12 @@ are given back once no query uses them: a query holds the caster that it began w
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, cast
 from weakref import ref
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...device.session import DeviceSession
@@ -22,6 +22,7 @@ from ...geometry.shape import Shape
 from ...geometry.spheres import Spheres
 from ...scene.contents import SceneContents
 from ...scene.geometry import Geometry
+from ...scene.instance import Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree
@@ -71,6 +72,20 @@ class MovingScene:
         scene = DeviceScene(session, self.state, self.trees, self._build_top, layout)
         return scene, scene.box
 
+    def choose_instances(
+        self, geometry: Geometry | None, instance: Instance | int | Iterable[Instance | int] | None
+    ) -> NDArray[np.int64]:
+        """Return the ids of the given instances of a geometry, or of either alone; see `Tracer.closest_point`."""
+        if instance is None:
+            chosen = np.arange(self.state.instance_count)
+        else:
+            chosen = self._contents.instance_ids([instance] if isinstance(instance, int | np.integer) else instance)
+            self._check_known(chosen)
+        if geometry is not None:
+            geometry_id = self._contents.geometry_id(geometry)
+            chosen = chosen[self.state.geometry_ids[chosen] == geometry_id]
+        return chosen
+
     def set_transforms(self, caster: Caster, instances: Any, matrices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with other transforms; see `Tracer.set_transforms`."""
         ids = self._contents.instance_ids(instances)
@@ -78,8 +93,7 @@ class MovingScene:
         transforms = check_transforms(given[None] if given.ndim == 2 else given)
         if len(transforms) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
-        if len(ids) and ids.max() >= self.state.instance_count:
-            raise SceneError(f"the instance {ids.max()} was placed after the tracer was opened: open a new tracer")
+        self._check_known(ids)
         state = self.state.with_transforms(ids, transforms)
         tree: object = caster.tree
         if isinstance(tree, DeviceScene):
@@ -125,6 +139,13 @@ class MovingScene:
         if self._copies is None:
             self._copies = TreeCopies(caster)
         return self._copies
+
+    def _check_known(self, instance_ids: NDArray[np.int64]) -> None:
+        """Raise unless the instances were there when the tracer was opened."""
+        if len(instance_ids) and instance_ids.max() >= self.state.instance_count:
+            raise SceneError(
+                f"the instance {instance_ids.max()} was placed after the tracer was opened: open a new tracer"
+            )
 
     def _trees_now(self) -> list[Bvh]:
         """Return the trees of all geometries around the vertices as they are now."""
