@@ -119,7 +119,7 @@ class Picture:
 
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
-        return refine_pixels(self._shown().surface if self.mesh is None else self.mesh, self.camera, self.found)
+        return refine_pixels(self.shown.surface if self.mesh is None else self.mesh, self.camera, self.found)
 
     @cached_property
     def depth(self) -> NDArray[np.float64]:
@@ -133,9 +133,11 @@ class Picture:
     @property
     def name(self) -> str:
         """The name of the mesh, or of what a picture of several objects shows."""
-        return self._shown().name if self.mesh is None else self.mesh.name
+        return self.shown.name if self.mesh is None else self.mesh.name
 
-    def _shown(self) -> SceneObjects:
+    @property
+    def shown(self) -> SceneObjects:
+        """The objects; only of a picture of several."""
         if self.objects is None:
             raise InternalError("a picture shows a mesh or objects, but this one has neither")
         return self.objects
@@ -159,7 +161,7 @@ class Picture:
         """
         rays = self.found.size
         return {
-            **(self._report_mesh(self.mesh) if self.mesh is not None else self._shown().report()),
+            **(self._report_mesh(self.mesh) if self.mesh is not None else self.shown.report()),
             "tree_from_cache": self.tree_from_cache,
             "workers": self.workers,
             "device": self.device.name,

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..bvh import Bvh
 from ..geometry import Mesh
+from ..scene.state import SceneState
 from ..trace.hits.surface import SceneSurface
 
 
@@ -16,14 +19,16 @@ class SceneObjects:
 
     Attributes
     ----------
+    state : SceneState
     surface : SceneSurface
-        Shapes and instances.
+        What hits are refined on.
     trees : tuple of Bvh
         One for each geometry.
     top : Bvh
         The tree over the instances; its primitives are their ids.
     """
 
+    state: SceneState
     surface: SceneSurface
     trees: tuple[Bvh, ...]
     top: Bvh
@@ -31,12 +36,12 @@ class SceneObjects:
     @property
     def instance_count(self) -> int:
         """Number of instances."""
-        return len(self.surface.arrays.geometry_id)
+        return self.state.instance_count
 
     @property
     def name(self) -> str:
         """The name of the only geometry, or the number of instances."""
-        names = self.surface.names
+        names = self.state.names
         return names[0] if len(names) == 1 else f"{self.instance_count:,} instances"
 
     def report(self) -> dict[str, Any]:
@@ -45,17 +50,18 @@ class SceneObjects:
         Triangles, spheres and nodes are those in memory, each geometry once; the depth is the greatest of both levels
         together.
         """
-        shapes = self.surface.shapes
+        shapes = self.state.shapes
         meshes = [shape for shape in shapes if isinstance(shape, Mesh)]
-        prim_counts = [shape.prim_count for shape in shapes]
+        prim_counts = np.array([shape.prim_count for shape in shapes], np.int64)
+        face_count = sum(mesh.face_count for mesh in meshes)
         return {
             "mesh": self.name,
-            "triangles": sum(mesh.face_count for mesh in meshes),
+            "triangles": face_count,
             "degenerate_triangles": sum(mesh.degenerate_count for mesh in meshes),
-            "spheres": sum(prim_counts) - sum(mesh.face_count for mesh in meshes),
+            "spheres": int(prim_counts.sum()) - face_count,
             "geometries": len(shapes),
             "instances": self.instance_count,
-            "placed_primitives": sum(prim_counts[geometry] for geometry in self.surface.arrays.geometry_id.tolist()),
+            "placed_primitives": int(prim_counts[self.state.geometry_ids].sum()),
             "nodes": self.top.node_count + sum(bvh.node_count for bvh in self.trees),
             "depth": self.top.depth + max(bvh.depth for bvh in self.trees),
             "sah_cost": None,

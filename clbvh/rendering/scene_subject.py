@@ -118,7 +118,11 @@ class SceneSubject:
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""
         surface = SceneSurface(self._scene.surface, self._state.shapes, self._state.names)
-        return {"mesh": None, "bvh": None, "objects": SceneObjects(surface, self._trees, self._scene.top.bvh)}
+        return {
+            "mesh": None,
+            "bvh": None,
+            "objects": SceneObjects(self._state, surface, self._trees, self._scene.top.bvh),
+        }
 
 
 def _build_top(boxes: Mesh) -> Bvh:

@@ -11,7 +11,7 @@ import pytest
 import clbvh
 from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.registry import BUILDERS
-from clbvh.errors import ConfigError, SceneError
+from clbvh.errors import ConfigError, SceneError, ValidationError
 from clbvh.rendering import frame as frame_module
 from clbvh.structs import SHADINGS
 
@@ -332,3 +332,24 @@ class TestRenderer:
     @pytest.mark.parametrize("builder", BUILDERS)
     def test_every_builder_builds_the_trees(self, renderer, builder):
         assert same_picture(clbvh.render(still_life(), RenderOptions(builder=builder)), renderer.render())
+
+
+class TestValidation:
+    def test_every_pixel_of_a_small_picture_is_validated(self, renderer):
+        options = RenderOptions(validate=True)
+        with Renderer(still_life(), options) as checked:
+            picture = checked.render(width=40, height=30)
+            assert picture.validated_pixels == 40 * 30
+            assert same_picture(picture, renderer.render(width=40, height=30))
+
+    @pytest.mark.parametrize(("field", "value"), [("prim_id", 3), ("instance_id", 2)])
+    def test_a_wrong_pixel_is_found(self, monkeypatch, field, value):
+        def render_wrongly(self, view, times=None):
+            colours, hits = render_rightly(self, view, times)
+            hits[field][20, 16] = value
+            return colours, hits
+
+        render_rightly = frame_module.FrameRenderer.render
+        monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
+        with pytest.raises(ValidationError, match=r"1 of 1200 pixels differ .* column 16, row 20"):
+            clbvh.render(still_life().with_changes(width=40, height=30), RenderOptions(validate=True))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+import clbvh
 from clbvh import Mesh, Tracer
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.oracle.scene_crossings import Rays
@@ -61,12 +62,12 @@ def compare_layouts(scene, opened, limits):
 
 def make_limits(scene, first):
     """Limits and masks for all rays: many a limit is exactly the t of a hit."""
-    generator = scene.generator
+    generator, count = scene.generator, len(first.t)
     t = np.where(first.is_hit, first.t, 1.0)
     return {
-        "t_min": np.where(generator.random(RAYS) < 0.4, t * generator.choice([0.5, 1.0], RAYS), 0.0),
-        "t_max": np.where(generator.random(RAYS) < 0.4, t * generator.choice([1.0, 1.5], RAYS), np.inf),
-        "mask": generator.choice(RAY_MASKS, RAYS).astype(np.uint32),
+        "t_min": np.where(generator.random(count) < 0.4, t * generator.choice([0.5, 1.0], count), 0.0),
+        "t_max": np.where(generator.random(count) < 0.4, t * generator.choice([1.0, 1.5], count), np.inf),
+        "mask": generator.choice(RAY_MASKS, count).astype(np.uint32),
     }
 
 
@@ -93,7 +94,9 @@ def check_against_the_oracle(scene, answers, limits):
         is_closest = np.ones(len(crossings.t), np.bool_)
         for name in ("t", "u", "v", "instance_id", "prim_id"):
             is_closest &= getattr(crossings, name) == getattr(closest, name)[crossings.ray_id]
-        np.testing.assert_array_equal(np.bincount(crossings.ray_id[is_closest], minlength=RAYS), closest.is_hit)
+        # Twice, where a sphere is entered and left at once.
+        found = np.bincount(crossings.ray_id[is_closest], minlength=len(closest.t)) > 0
+        np.testing.assert_array_equal(found, closest.is_hit)
     limited = answers["all_hits, limits"].counts
     np.testing.assert_array_equal(answers["count_hits"], limited)
     np.testing.assert_array_equal(answers["any_hit"], limited > 0)
@@ -126,6 +129,7 @@ def test_most_rays_are_decided(opened, seed, is_far, scale):
     """So that the test above can fail."""
     scene = scale_scene(make_scene(seed, tuple(KINDS), tuple(LINEAR), is_far=is_far), scale)
     decided, answers = check(scene, opened)
+    assert len(scene.origins) > 0.7 * RAYS
     assert decided > 0.3 * 2 * RAYS
     assert answers["closest_hit"].count > 0.3 * RAYS
     assert len(np.unique(answers["all_hits"].instance_id)) > 2
@@ -206,3 +210,27 @@ def test_meshes_are_hit_as_in_the_flattened_mesh(opened, scene):
     both &= hits.is_hit & flat_hits.is_hit
     reach = np.linalg.norm(scene.origins, axis=1) / np.linalg.norm(scene.directions, axis=1)
     assert (np.abs(hits.t[both] - flat_hits.t[both]) <= 1e-4 * (reach + flat_hits.t)[both]).all()
+
+
+@pytest.mark.xfail(strict=True, reason="t, u and v of a triangle seen edge-on are rounding errors: see refine_block.py")
+@pytest.mark.parametrize("is_placed", [False, True], ids=["mesh", "instance"])
+def test_a_hit_on_a_triangle_seen_edge_on_is_where_the_ray_is(opened, is_placed):
+    """Rays in the plane of a square: float32 may see them hit it, but then near its edges."""
+    square = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]], [[0, 1, 2], [0, 2, 3]])
+    generator = np.random.default_rng(0)
+    beside = []
+    for _ in range(40):
+        transform = affine(LINEAR["turn"](generator), generator.integers(-9, 9, 3))
+        origins = np.column_stack((generator.integers(-20, 20, (50, 2)), np.zeros(50)))
+        directions = np.column_stack((generator.integers(1, 4, (50, 2)), np.zeros(50)))
+        origins = origins @ transform[:3, :3].T + transform[:3, 3]
+        directions = directions @ transform[:3, :3].T
+        source = clbvh.Scene()
+        if is_placed:
+            source.place(source.add(square), transform)
+        else:
+            source = Mesh.from_arrays(square.vertices @ transform[:3, :3].T + transform[:3, 3], square.faces)
+        with Tracer(source, device=opened.info) as tracer:
+            hits = tracer.closest_hit(origins, directions)
+        beside.append(np.linalg.norm(hits.locations - (origins + hits.t[:, None] * directions), axis=1)[hits.is_hit])
+    assert (np.concatenate(beside) < 1e-3).all()

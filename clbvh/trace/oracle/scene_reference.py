@@ -21,6 +21,10 @@ from .scene_crossings import Crossings, Rays, find_crossings
 # Of u + v, in float64 and in float32.
 _MOST_UV = 1.0 + 2.0**-20
 
+# Of the point where a ray crosses a plane, as a share of its distance, for a ray at right angles to it: even float64
+# cannot tell where a ray crosses a plane that it lies in.
+_FLOAT64_SLACK = 2.0**-44
+
 
 class ReferenceHits(NamedTuple):
     """The nearest crossing of each ray.
@@ -217,9 +221,12 @@ class SceneReference:
             seen = _see(placed, self._blur, size, rays, of_rays)
             points, is_inside = _place_points(placed, prim[chosen], u[chosen], v[chosen])
             slack = 2.0 * seen.blurs
-            if not is_refined and isinstance(placed.shape, Mesh):
-                slack = slack * _growth_of_weights(placed, prim[chosen], seen)
-            if not isinstance(placed.shape, Mesh):
+            if isinstance(placed.shape, Mesh):
+                growth, angle = _see_triangles(placed, prim[chosen], seen)
+                slack = slack + _FLOAT64_SLACK * np.linalg.norm(seen.origins, axis=1) / angle
+                if not is_refined:
+                    slack = slack * growth
+            else:
                 slack = slack * np.linalg.norm(placed.to_world, 2) * placed.local_growth
             ways = points - seen.origins
             along = _dot(ways, seen.directions)
@@ -279,20 +286,22 @@ def _place_points(
     return points, (u >= 0.0) & (u < 1.0) & (v >= 0.0) & (v <= 1.0)
 
 
-def _growth_of_weights(placed: Placement, prims: NDArray[np.int64], seen: _Seen) -> NDArray[np.float64]:
-    """Return how the device's own u and v magnify the blur.
+def _see_triangles(
+    placed: Placement, prims: NDArray[np.int64], seen: _Seen
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how the device's own u and v magnify the blur, and the sine of the angle between ray and triangle.
 
     A blurred corner changes the area opposite it by the blur times an edge, and so the weight of another corner.
     """
     assert isinstance(placed.shape, Mesh)
     corners = (placed.shape.local_vertices.astype(np.float64) @ placed.to_world.T)[placed.shape.faces[prims]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.maximum(np.abs(_dot(normals, seen.directions)), np.finfo(np.float64).tiny)
     ways = corners - seen.origins[:, None]
     across = ways - np.einsum("nij,nj->ni", ways, seen.directions)[..., None] * seen.directions[:, None]
     reaches = np.linalg.norm(across, axis=2).sum(axis=1)
     longest = np.linalg.norm(across - np.roll(across, 1, axis=1), axis=2).max(axis=1)
-    areas = np.abs(_dot(np.cross(across[:, 1] - across[:, 0], across[:, 2] - across[:, 0]), seen.directions))
-    with np.errstate(divide="ignore"):
-        return 1.0 + longest * reaches / areas
+    return 1.0 + longest * reaches / areas, areas / np.linalg.norm(normals, axis=1)
 
 
 def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -384,18 +393,19 @@ def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wr
         begin, end = known.offsets[ray], known.offsets[ray + 1]
         latest = -np.inf
         for hit in range(offsets[ray], offsets[ray + 1]):
-            # Each crossing found is one that there can be. Its t is raised to that of the crossing before it.
-            for meant in range(begin, end):
-                low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
-                if (
-                    not is_used[meant]
-                    and known.instance_id[meant] == instances[hit]
-                    and known.prim_id[meant] == prims[hit]
-                    and low <= ts[hit] <= max(high, latest)
-                ):
-                    is_used[meant] = True
-                    meant_of[hit] = meant
-                    break
+            # Each crossing found is one that there can be. A t may be raised to that of the crossing before it.
+            for raised in (-np.inf, latest):
+                for meant in range(begin, end):
+                    low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
+                    if (
+                        meant_of[hit] < 0
+                        and not is_used[meant]
+                        and known.instance_id[meant] == instances[hit]
+                        and known.prim_id[meant] == prims[hit]
+                        and low <= ts[hit] <= max(high, raised)
+                    ):
+                        is_used[meant] = True
+                        meant_of[hit] = meant
             meant = meant_of[hit]
             if meant < 0 or (hit > offsets[ray] and not ts[hit] >= ts[hit - 1]):
                 is_wrong[ray] = True

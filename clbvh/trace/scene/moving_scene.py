@@ -7,11 +7,12 @@ are given back once no query uses them: a query holds the caster that it began w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, cast
 from weakref import ref
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...device.session import DeviceSession
@@ -21,11 +22,13 @@ from ...geometry.shape import Shape
 from ...geometry.spheres import Spheres
 from ...scene.contents import SceneContents
 from ...scene.geometry import Geometry
+from ...scene.instance import Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree
 from ..launch import Caster
 from ..rays.batch import TreeBox
+from ..tree_copies import TreeCopies
 from .device_scene import DeviceScene
 from .refit_geometry import RefitGeometry
 
@@ -54,6 +57,8 @@ class MovingScene:
         self.state: SceneState = contents.snapshot()
         self.trees: list[Bvh] = [build_tree(shape) for shape in self.state.shapes]
         self._refits: dict[int, RefitGeometry] = {}
+        # Of the mesh, as long as the scene is nothing but one mesh in its place.
+        self._copies: TreeCopies | None = None
         self._retired: list[tuple[ref[Caster], list[Any]]] = []
 
     def open(self, session: DeviceSession, layout: str) -> tuple[DeviceTree | DeviceScene, TreeBox]:
@@ -67,14 +72,28 @@ class MovingScene:
         scene = DeviceScene(session, self.state, self.trees, self._build_top, layout)
         return scene, scene.box
 
+    def choose_instances(
+        self, geometry: Geometry | None, instance: Instance | int | Iterable[Instance | int] | None
+    ) -> NDArray[np.int64]:
+        """Return the ids of the given instances of a geometry, or of either alone; see `Tracer.closest_point`."""
+        if instance is None:
+            chosen = np.arange(self.state.instance_count)
+        else:
+            chosen = self._contents.instance_ids([instance] if isinstance(instance, int | np.integer) else instance)
+            self._check_known(chosen)
+        if geometry is not None:
+            geometry_id = self._contents.geometry_id(geometry)
+            chosen = chosen[self.state.geometry_ids[chosen] == geometry_id]
+        return chosen
+
     def set_transforms(self, caster: Caster, instances: Any, matrices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with other transforms; see `Tracer.set_transforms`."""
         ids = self._contents.instance_ids(instances)
-        transforms = check_transforms(matrices)
+        given = np.asarray(matrices)
+        transforms = check_transforms(given[None] if given.ndim == 2 else given)
         if len(transforms) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
-        if len(ids) and ids.max() >= self.state.instance_count:
-            raise SceneError(f"the instance {ids.max()} was placed after the tracer was opened: open a new tracer")
+        self._check_known(ids)
         state = self.state.with_transforms(ids, transforms)
         tree: object = caster.tree
         if isinstance(tree, DeviceScene):
@@ -96,6 +115,11 @@ class MovingScene:
         else:
             moved_shape = shape.with_vertices(vertices)
         state = self.state.with_shape(geometry_id, moved_shape)
+        if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
+            moved = self._copies_of(caster).move(caster, moved_shape, session)
+            if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
+                self.state = state
+                return moved
         if isinstance(moved_shape, Mesh) and isinstance(tree, DeviceScene):
             refit = self._refits.get(geometry_id) or RefitGeometry(tree, geometry_id, session)
             scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
@@ -103,12 +127,25 @@ class MovingScene:
             if refit.sah_growth <= REBUILD_GROWTH:
                 return self._replace(caster, scene, state)
             scene.release_other_than(tree, caster.session)
+        self._refits.clear()
         trees = self._trees_now()
         trees[geometry_id] = self._build_tree(moved_shape)
         built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
         self.trees = trees
-        self._refits.clear()
         return self._replace(caster, built, state)
+
+    def _copies_of(self, caster: Caster) -> TreeCopies:
+        """Return the copies of the only mesh."""
+        if self._copies is None:
+            self._copies = TreeCopies(caster)
+        return self._copies
+
+    def _check_known(self, instance_ids: NDArray[np.int64]) -> None:
+        """Raise unless the instances were there when the tracer was opened."""
+        if len(instance_ids) and instance_ids.max() >= self.state.instance_count:
+            raise SceneError(
+                f"the instance {instance_ids.max()} was placed after the tracer was opened: open a new tracer"
+            )
 
     def _trees_now(self) -> list[Bvh]:
         """Return the trees of all geometries around the vertices as they are now."""
@@ -123,6 +160,10 @@ class MovingScene:
         kept = {id(buffer) for buffer in scene.arguments.values()}
         surplus = [buffer for buffer in caster.tree.buffers_of_own() if id(buffer) not in kept]
         self._retired.append((ref(caster), surplus))
+        if not isinstance(caster.tree, DeviceScene):
+            # The copies of the mesh go, too.
+            self._retired += self._copies_of(caster).list_users()
+            self._copies = None
         moved = caster.over(scene, scene.box)
         self._release_unused(caster.session)
         return moved
