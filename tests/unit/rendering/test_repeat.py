@@ -9,6 +9,7 @@ from clbvh import make_shape
 from clbvh.errors import SceneError
 from clbvh.rendering.repeat import MAX_COPIES, Grid, Scatter
 from clbvh.rendering.scene import Transform
+from clbvh.support import memory
 
 UP = (0.0, 1.0, 0.0)
 # A square of side 4 at height 3, seen from above.
@@ -118,3 +119,12 @@ def test_the_same_seed_gives_the_same_bytes(seed):
 def test_what_cannot_be_repeated_is_refused(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+def test_copies_must_fit_the_free_memory(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 1e8)
+    Scatter("g", 100)
+    with pytest.raises(SceneError, match="900,000 copies need about 900 MB of memory, but 100 MB are free"):
+        Scatter("g", 900_000)
+    with pytest.raises(SceneError, match="1,000,000 copies need"):
+        Grid((1000, 1, 1000), (1, 1, 1))
