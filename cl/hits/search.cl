@@ -2,6 +2,9 @@
 // decides whether it is kept, and how far the traversal has to go on.
 //
 // The query is a constant wherever these functions are called, so inlining removes the code of the others.
+//
+// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_search leaves it
+// at triangles.
 
 #include "hits/crossing.cl"
 #include "rays/ray.cl"
@@ -36,6 +39,9 @@ typedef struct {
     int instance_index;
     int instance_id;
     float t_shift;
+#endif
+#if HAS_SPHERES
+    int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
 #endif
 } search_t;
 
@@ -91,6 +97,12 @@ INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
 #if HAS_INSTANCES
     if (a->t == b->t && a->instance_id != b->instance_id) {
         return a->instance_id < b->instance_id;
+    }
+#endif
+#if HAS_SPHERES
+    // A ray enters a sphere before it leaves it, also where float32 has one t for both.
+    if (a->t == b->t && a->prim_id == b->prim_id) {
+        return a->u < b->u;
     }
 #endif
     return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
