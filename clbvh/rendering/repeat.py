@@ -137,11 +137,17 @@ class Scatter:
         ------
         MeshError
             The surface has no area.
+        SceneError
+            The up direction is zero.
         """
         # One row of random numbers per copy, so that copy i depends on the seed and on i alone.
         draws = np.random.default_rng(self.seed).random((self.count, DRAWS_PER_POINT + 2))
         points, normals = sample_surface(vertices, faces, draws[:, :DRAWS_PER_POINT], name=self.on)
-        upward = np.asarray(up, np.float64) / np.linalg.norm(up)
+        if not any(up):
+            raise SceneError("the camera's up must not be zero: copies stand upright by it")
+        # Not by the sum of the squares, which may leave float64.
+        upward = np.asarray(up, np.float64) / max(map(abs, up))
+        upward /= np.linalg.norm(upward)
         low, high = self.scale
         linear = np.eye(3)[None] * (low + (high - low) * draws[:, -2])[:, None, None]
         if self.turn:

@@ -56,15 +56,21 @@ def test_copies_are_scaled_within_the_limits(seed):
     assert np.allclose(copies[:, 1, 3], 3 + 0.5 * scales)
 
 
-@pytest.mark.parametrize("up", [UP, (0, 0, -2.5), (1, 2, 3)])
+@pytest.mark.parametrize("up", [UP, (0, 0, -2.5), (1, 2, 3), (0, 1e-200, 1e-200), (1e300, 0, -1e300)])
 def test_turned_copies_stay_upright_and_face_all_ways(up):
     copies = Scatter("ground", 500, 1).matrices(np.eye(4), SQUARE, FACES, up)
-    axis = np.array(up) / np.linalg.norm(up)
+    axis = np.array(up) / np.max(np.abs(up))
+    axis /= np.linalg.norm(axis)
     assert np.allclose(copies[:, :3, :3] @ axis, axis)
     level = np.cross(axis, [0.3, 0.2, 0.9])
     level /= np.linalg.norm(level)
     cosines = (copies[:, :3, :3] @ level) @ level
     assert (np.histogram(cosines, bins=4, range=(-1, 1))[0] > 50).all()
+
+
+def test_there_must_be_an_up_direction():
+    with pytest.raises(SceneError, match="up must not be zero"):
+        Scatter("ground", 3).matrices(np.eye(4), SQUARE, FACES, (0, 0, 0))
 
 
 @pytest.mark.parametrize("turn", [True, False])
