@@ -8,9 +8,10 @@ are given back once no query uses them: a query holds the caster that it began w
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 from weakref import ref
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ...bvh import Bvh
@@ -26,6 +27,7 @@ from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree
 from ..launch import Caster
 from ..rays.batch import TreeBox
+from ..tree_copies import TreeCopies
 from .device_scene import DeviceScene
 from .refit_geometry import RefitGeometry
 
@@ -54,6 +56,8 @@ class MovingScene:
         self.state: SceneState = contents.snapshot()
         self.trees: list[Bvh] = [build_tree(shape) for shape in self.state.shapes]
         self._refits: dict[int, RefitGeometry] = {}
+        # Of the mesh, as long as the scene is nothing but one mesh in its place.
+        self._copies: TreeCopies | None = None
         self._retired: list[tuple[ref[Caster], list[Any]]] = []
 
     def open(self, session: DeviceSession, layout: str) -> tuple[DeviceTree | DeviceScene, TreeBox]:
@@ -70,7 +74,8 @@ class MovingScene:
     def set_transforms(self, caster: Caster, instances: Any, matrices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with other transforms; see `Tracer.set_transforms`."""
         ids = self._contents.instance_ids(instances)
-        transforms = check_transforms(matrices)
+        given = np.asarray(matrices)
+        transforms = check_transforms(given[None] if given.ndim == 2 else given)
         if len(transforms) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
         if len(ids) and ids.max() >= self.state.instance_count:
@@ -96,6 +101,11 @@ class MovingScene:
         else:
             moved_shape = shape.with_vertices(vertices)
         state = self.state.with_shape(geometry_id, moved_shape)
+        if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
+            moved = self._copies_of(caster).move(caster, moved_shape, session)
+            if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
+                self.state = state
+                return moved
         if isinstance(moved_shape, Mesh) and isinstance(tree, DeviceScene):
             refit = self._refits.get(geometry_id) or RefitGeometry(tree, geometry_id, session)
             scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
@@ -103,12 +113,18 @@ class MovingScene:
             if refit.sah_growth <= REBUILD_GROWTH:
                 return self._replace(caster, scene, state)
             scene.release_other_than(tree, caster.session)
+        self._refits.clear()
         trees = self._trees_now()
         trees[geometry_id] = self._build_tree(moved_shape)
         built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
         self.trees = trees
-        self._refits.clear()
         return self._replace(caster, built, state)
+
+    def _copies_of(self, caster: Caster) -> TreeCopies:
+        """Return the copies of the only mesh."""
+        if self._copies is None:
+            self._copies = TreeCopies(caster)
+        return self._copies
 
     def _trees_now(self) -> list[Bvh]:
         """Return the trees of all geometries around the vertices as they are now."""
@@ -123,6 +139,10 @@ class MovingScene:
         kept = {id(buffer) for buffer in scene.arguments.values()}
         surplus = [buffer for buffer in caster.tree.buffers_of_own() if id(buffer) not in kept]
         self._retired.append((ref(caster), surplus))
+        if not isinstance(caster.tree, DeviceScene):
+            # The copies of the mesh go, too.
+            self._retired += self._copies_of(caster).list_users()
+            self._copies = None
         moved = caster.over(scene, scene.box)
         self._release_unused(caster.session)
         return moved
