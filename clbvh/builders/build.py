@@ -100,6 +100,6 @@ def build_over(shape: Shape, builder: str, pool: SubtreePool | None, options: Bu
 
 
 def build_shape(shape: Shape) -> Bvh:
-    """Build a tree over a shape in this process, as `build` does over a mesh; of spheres, with leaves that suit them."""
+    """Build a tree over a shape in this process, as `build` does; over spheres with leaves that suit them."""
     options = BuildOptions(traversal_cost=_SPHERE_TRAVERSAL_COST) if isinstance(shape, Spheres) else BuildOptions()
     return build_over(shape, DEFAULT_BUILDER, None, options)

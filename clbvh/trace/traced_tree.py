@@ -35,6 +35,10 @@ class TracedTree(Protocol):
         """Of packed rays."""
 
     @property
+    def point_dtype(self) -> np.dtype:
+        """Of packed points."""
+
+    @property
     def hit_dtype(self) -> np.dtype:
         """Of hits on the device."""
 
