@@ -249,6 +249,11 @@ class TestSnapshot:
         assert (after.transforms[:3] == transforms).all()
         assert (after.transforms[3:] == shifted(9, 9, 9)).all()
 
+    def test_a_new_geometry_is_seen_before_it_is_placed(self, scene):
+        assert scene.snapshot().geometry_count == len(scene.geometries) == 2
+        scene.add(KNOT)
+        assert scene.snapshot().geometry_count == len(scene.geometries) == 3
+
     def test_it_cannot_be_written(self, scene):
         state = scene.snapshot()
         for array in (state.geometry_ids, state.transforms, state.masks):
