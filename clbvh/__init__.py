@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from .scene.state import SceneState
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
-    from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
+    from .trace import AllHits, ClosestPoints, Hits, Normals, Progress, Tracer
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
@@ -77,6 +77,7 @@ _HOME_OF = {
     "AllHits": "trace",
     "ClosestPoints": "trace",
     "Hits": "trace",
+    "Normals": "trace",
     "Progress": "trace",
     "Tracer": "trace",
     "Camera": "rendering.camera",
@@ -132,6 +133,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "AllHits",
     "ClosestPoints",
     "Hits",
+    "Normals",
     "Progress",
     "Tracer",
     "Camera",

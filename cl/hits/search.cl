@@ -2,6 +2,9 @@
 // decides whether it is kept, and how far the traversal has to go on.
 //
 // The query is a constant wherever these functions are called, so inlining removes the code of the others.
+//
+// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_search leaves it
+// at triangles.
 
 #include "hits/crossing.cl"
 #include "rays/ray.cl"
@@ -13,17 +16,55 @@
 // The first `max_count` crossings along the ray, in `heap`.
 #define QUERY_FIRST 2
 
+// A hit in the heap.
+#if HAS_INSTANCES
+typedef scene_hit_t kept_hit_t;
+#else
+typedef hit_t kept_hit_t;
+#endif
+
+#if HAS_INSTANCES
+// More than the rounding of a t that is moved from the ray inside an instance to the one outside, and back.
+#define T_SLACK ERROR_BOUND(4)
+#endif
+
 typedef struct {
-    crossing_t nearest;  // the nearest crossing; of a count, the last one
+    crossing_t nearest;       // the nearest crossing; of a count, the last one
     int count;
-    int max_count;       // at least 1
-    global hit_t *heap;  // [max_count]: binary heap with the farthest hit on top
+    int max_count;            // at least 1
+    global kept_hit_t *heap;  // [max_count]: binary heap with the farthest hit on top
+#if HAS_INSTANCES
+    // The instance in which crossings are found now, and where its ray begins on the ray outside, see
+    // instances/instance.cl. After a traversal for the nearest crossing: those of the nearest crossing.
+    int instance_index;
+    int instance_id;
+    float t_shift;
+#endif
+#if HAS_SPHERES
+    int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
+#endif
 } search_t;
 
-INLINED search_t make_search(const int max_count, global hit_t *heap)
+INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {
+#if HAS_INSTANCES
+    const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f};
+#else
     const search_t search = {no_crossing(), 0, max_count, heap};
+#endif
     return search;
+}
+
+// A crossing as it is kept in the heap.
+INLINED kept_hit_t as_kept_hit(const search_t *search, const crossing_t *crossing)
+{
+#if HAS_INSTANCES
+    const kept_hit_t hit = {
+        crossing->t + search->t_shift, crossing->u, crossing->v, crossing->prim_id, search->instance_id, 0};
+    return hit;
+#else
+    return as_hit(crossing);
+#endif
 }
 
 // Whether no further crossing can change the answer.
@@ -38,22 +79,48 @@ INLINED float search_limit(const search_t *search, const ray_t *ray, const int q
     if (query == QUERY_CLOSEST) {
         return smaller(search->nearest.t, ray->t_max);
     }
-    return query == QUERY_FIRST && search->count >= search->max_count ? search->heap[0].t : ray->t_max;
+    if (query == QUERY_FIRST && search->count >= search->max_count) {
+        const float farthest = search->heap[0].t;
+#if HAS_INSTANCES
+        // As t in the instance, rounded up.
+        return farthest - search->t_shift + farthest * T_SLACK;
+#else
+        return farthest;
+#endif
+    }
+    return ray->t_max;
 }
 
 // The order of hits along a ray.
-INLINED bool comes_first(const hit_t *a, const hit_t *b)
+INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
+{
+#if HAS_INSTANCES
+    if (a->t == b->t && a->instance_id != b->instance_id) {
+        return a->instance_id < b->instance_id;
+    }
+#endif
+#if HAS_SPHERES
+    // A ray enters a sphere before it leaves it, also where float32 has one t for both.
+    if (a->t == b->t && a->prim_id == b->prim_id) {
+        return a->u < b->u;
+    }
+#endif
+    return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
+}
+
+// The order of crossings with one geometry along a ray.
+INLINED bool is_nearer(const crossing_t *a, const crossing_t *b)
 {
     return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
 }
 
 // Replaces the hit in a slot; it moves down until none of its children is farther (Williams, "Heapsort", 1964).
-INLINED void sink_hit(global hit_t *heap, const int count, int slot, const hit_t hit)
+INLINED void sink_hit(global kept_hit_t *heap, const int count, int slot, const kept_hit_t hit)
 {
     for (int child = 2 * slot + 1; child < count; child = 2 * slot + 1) {
-        hit_t farther = heap[child];
+        kept_hit_t farther = heap[child];
         if (child + 1 < count) {
-            const hit_t other = heap[child + 1];
+            const kept_hit_t other = heap[child + 1];
             if (comes_first(&farther, &other)) {
                 farther = other;
                 child++;
@@ -69,10 +136,10 @@ INLINED void sink_hit(global hit_t *heap, const int count, int slot, const hit_t
 }
 
 // Appends a hit in the slot behind the last one: it moves up until its parent is farther.
-INLINED void append_hit(global hit_t *heap, int slot, const hit_t hit)
+INLINED void append_hit(global kept_hit_t *heap, int slot, const kept_hit_t hit)
 {
     while (slot > 0) {
-        const hit_t parent = heap[(slot - 1) / 2];
+        const kept_hit_t parent = heap[(slot - 1) / 2];
         if (!comes_first(&parent, &hit)) {
             break;
         }
@@ -86,7 +153,7 @@ INLINED void append_hit(global hit_t *heap, int slot, const hit_t hit)
 INLINED void sort_hits(const search_t *search)
 {
     for (int end = search->count - 1; end > 0; end--) {
-        const hit_t last = search->heap[end];
+        const kept_hit_t last = search->heap[end];
         search->heap[end] = search->heap[0];
         sink_hit(search->heap, end, 0, last);
     }
@@ -96,9 +163,7 @@ INLINED void sort_hits(const search_t *search)
 INLINED void add_crossing(search_t *search, const crossing_t crossing, const int query)
 {
     if (query == QUERY_CLOSEST) {
-        const hit_t hit = as_hit(&crossing);
-        const hit_t nearest = as_hit(&search->nearest);
-        if (comes_first(&hit, &nearest)) {
+        if (is_nearer(&crossing, &search->nearest)) {
             search->nearest = crossing;
         }
     } else if (query == QUERY_COUNT) {
@@ -108,10 +173,10 @@ INLINED void add_crossing(search_t *search, const crossing_t crossing, const int
             search->count++;
         }
     } else if (search->count < search->max_count) {
-        append_hit(search->heap, search->count++, as_hit(&crossing));
+        append_hit(search->heap, search->count++, as_kept_hit(search, &crossing));
     } else {
-        const hit_t hit = as_hit(&crossing);
-        const hit_t farthest = search->heap[0];
+        const kept_hit_t hit = as_kept_hit(search, &crossing);
+        const kept_hit_t farthest = search->heap[0];
         if (comes_first(&hit, &farthest)) {
             sink_hit(search->heap, search->count, 0, hit);
         }

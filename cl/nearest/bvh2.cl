@@ -1,4 +1,4 @@
-// The triangle nearest to a point in the `bvh2` layout: depth first, nearer child first. A popped child is tested
+// The primitive nearest to a point in the `bvh2` layout: depth first, nearer child first. A popped child is tested
 // again, because the nearest distance may have become smaller.
 //
 // Assumes STACK_SIZE >= the depth of the tree, at least 1. A child is named by its slot, 2 * node + child, which is
@@ -42,8 +42,8 @@ INLINED void find_nearest(
             if (next >= 0) {
                 const int first = nodes[next >> 1].first[next & 1];
                 const int end = first + nodes[next >> 1].count[next & 1];
-                for (int triangle_index = first; triangle_index < end; triangle_index++) {
-                    test_triangle(nearest, blocks, triangle_index);
+                for (int prim_index = first; prim_index < end; prim_index++) {
+                    test_single(nearest, blocks, prim_index);
                 }
             }
             float distance_squared;

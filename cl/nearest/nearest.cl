@@ -1,5 +1,5 @@
-// The triangle nearest to a point, in the layout that the host asks for by LAYOUT. Each layout defines `find_nearest`,
-// which tests every triangle that may be the nearest.
+// The primitive nearest to a point, in the layout that the host asks for by LAYOUT. Each layout defines `find_nearest`,
+// which tests every primitive that may be the nearest.
 
 // keep: defines node_t, block_t and WIDTH of the layout
 #include "traversal/traverse.cl"
@@ -7,6 +7,12 @@
 // keep: files that several layouts include are expanded before the branches, see traversal/traverse.cl
 #include "nearest/point_triangle.cl"
 #include "nearest/search.cl"
+#if HAS_SPHERES
+#include "nearest/point_sphere.cl"
+#if HAS_INSTANCES
+#include "nearest/placed_sphere.cl"
+#endif
+#endif
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
 #include "nearest/single.cl"
 #endif

@@ -1,43 +1,74 @@
-// A point, and the nearest triangle found so far.
+// A point, and the nearest primitive found so far.
 //
 // In local coordinates the mesh is about as large as 1, so that no product leaves float32. Triangles are translated so
 // that the point is zero. Corners and edges shared by two triangles then have the same coordinates in both, hence the
 // same distance, bit for bit; of equally near triangles the smaller prim_id wins, so the order of the tests does not
 // matter.
+//
+// HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_nearest leaves it
+// at triangles.
+//
+// HAS_INSTANCES, if defined as 1: the tree is that of a placed geometry, and distances are those of the scene, see
+// nearest/metric.cl.
 
+#include "structs.cl"
 #include "math/vectors.cl"
+#if HAS_INSTANCES
+#include "nearest/metric.cl"
+#endif
 
 // Bound on the error of a computed distance, relative to the farthest corner: one rounding of the difference to the
 // point, seven of the weighted sum of corners, three of its length, and those of the box's distance.
-#define NEAREST_SLACK ERROR_BOUND(16)
+//
+// The distance of a sphere has ten roundings relative to the farthest corner of its box, six of them those of a square
+// root by OpenCL's bound; the root of its square has seven more, the box's distance three, and the comparison two.
+#if HAS_SPHERES
+#define NEAREST_ROUNDINGS 22
+#else
+#define NEAREST_ROUNDINGS 16
+#endif
+#define NEAREST_SLACK ERROR_BOUND(NEAREST_ROUNDINGS)
 
 typedef struct {
     float3 point;
     float distance_squared;
     float distance;
     int prim_id;
+#if HAS_SPHERES
+    int kind;  // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
+#endif
+#if HAS_INSTANCES
+    metric_t metric;
+#endif
 } nearest_t;
 
+#if !HAS_INSTANCES
 INLINED nearest_t make_nearest(const float3 point)
 {
     const nearest_t nearest = {point, INFINITY, INFINITY, NO_PRIM};
     return nearest;
 }
+#endif
 
-// Whether a triangle in a box may be as near as the nearest so far; *distance_squared is that of the box.
+// Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
 INLINED bool may_be_nearer(
     const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
 {
     const float3 below = aabb_min - nearest->point;
     const float3 above = aabb_max - nearest->point;
+#if HAS_INSTANCES
+    const float3 outside = fmax(fmax(below, -above), 0.0f) * nearest->metric.weights;
+    const float limit = nearest->distance + nearest->metric.slack;
+#else
     const float3 outside = fmax(fmax(below, -above), 0.0f);
     const float3 farthest = fmax(fabs(below), fabs(above));
-    *distance_squared = dot_product(outside, outside);
     const float limit = nearest->distance + NEAREST_SLACK * (farthest.x + farthest.y + farthest.z);
+#endif
+    *distance_squared = dot_product(outside, outside);
     return *distance_squared <= limit * limit;
 }
 
-// Takes a triangle's squared distance into account.
+// Takes a primitive's squared distance into account.
 INLINED void add_distance(nearest_t *nearest, const float distance_squared, const int prim_id)
 {
     const bool wins_tie = prim_id < nearest->prim_id || nearest->prim_id == NO_PRIM;

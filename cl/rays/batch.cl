@@ -23,13 +23,20 @@
 // The ray_id of work-items beyond the edges of the batch.
 #define NO_RAY -1
 
+// Returns the index in the batch of this work-item's ray, or NO_RAY beyond the edges of the batch.
+INLINED int find_ray_index(const int ray_count, const int row_length)
+{
+    const int column = get_global_id(0);
+    const int ray_index = (int)get_global_id(1) * row_length + column;
+    return column >= row_length || ray_index >= ray_count ? NO_RAY : ray_index;
+}
+
 // Loads the ray of this work-item. Returns its ray_id, or NO_RAY, with `ray` untouched, beyond the edges of the batch.
 INLINED int load_ray(
     const global packed_ray_t *rays, const int ray_count, const int row_length, const global int *order, ray_t *ray)
 {
-    const int column = get_global_id(0);
-    const int ray_index = (int)get_global_id(1) * row_length + column;
-    if (column >= row_length || ray_index >= ray_count) {
+    const int ray_index = find_ray_index(ray_count, row_length);
+    if (ray_index == NO_RAY) {
         return NO_RAY;
     }
     *ray = unpack_ray(rays + ray_index);

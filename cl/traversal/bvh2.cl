@@ -4,7 +4,7 @@
 // named by its slot, 2 * node + child, which is also the stack entry.
 
 #include "boxes/aabb.cl"
-#include "triangles/single.cl"
+#include "traversal/single.cl"
 
 typedef bvh2_node_t node_t;
 
@@ -46,8 +46,8 @@ INLINED void traverse(
         while (nodes[next >> 1].count[next & 1] > 0) {
             const int first = nodes[next >> 1].first[next & 1];
             const int end = first + nodes[next >> 1].count[next & 1];
-            for (int triangle_index = first; triangle_index < end; triangle_index++) {
-                intersect_triangle(blocks, triangle_index, ray, search, query);
+            for (int prim_index = first; prim_index < end; prim_index++) {
+                intersect_single(blocks, prim_index, ray, search, query);
             }
             if (is_complete(search, query) || stack_count == 0) {
                 return;

@@ -1,18 +1,23 @@
 // Traversal in the layout that the host asks for by LAYOUT. Each layout defines
 //
-// node_t, block_t     element types of `nodes` and `blocks`; a block is the triangles that are tested together
+// node_t, block_t     element types of `nodes` and `blocks`; a block is the primitives that are tested together
 // traverse            reports each crossing of a ray to a search, until that is complete, from the node `start` down
 // corners_at          corners of a triangle, by its index
 //
-// Assumes LAYOUT, one of the LAYOUT_ constants, and STACK_SIZE, see the layouts.
+// Assumes LAYOUT, one of the LAYOUT_ constants, and STACK_SIZE, see the layouts. HAS_INSTANCES is defined where the
+// tree is that of a geometry in a scene, see instances/traverse.cl. HAS_SPHERES: see hits/search.cl; the blocks of a
+// tree over spheres are passed as if they were block_t.
 
 // keep: files that several layouts include are expanded before the branches. The host expands each file once, where it
 // is first included, and that must not be inside a branch that is left out
 #include "boxes/padding.cl"
 #include "hits/search.cl"
 #include "triangles/triangle.cl"
+#if HAS_SPHERES
+#include "spheres/sphere.cl"
+#endif
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
-#include "triangles/single.cl"
+#include "traversal/single.cl"
 #elif LAYOUT == LAYOUT_BVH4
 #define WIDTH 4
 typedef bvh4_node_t node_t;

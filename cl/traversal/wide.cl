@@ -5,6 +5,23 @@
 
 #include "triangles/block.cl"
 #include "boxes/slabs.cl"
+#if HAS_SPHERES
+#include "spheres/block.cl"
+#endif
+
+// The test of a leaf's primitives. HAS_SPHERES: see hits/search.cl.
+INLINED void intersect_leaf(
+    const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
+    search_t *search, const int query)
+{
+#if HAS_SPHERES
+    if (search->kind == KIND_SPHERES) {
+        intersect_sphere_block((const global sphere_block_t *)blocks, block, ray, permutation, search, query);
+        return;
+    }
+#endif
+    intersect_block(blocks, block, ray, permutation, search, query);
+}
 
 // A stack entry: a key in the upper half, the node's `child` in the lower one. The key is t_near of the child's box, or
 // its distance from a point; it is never negative, so its bits as an integer keep its order, and stack entries are
@@ -96,7 +113,7 @@ INLINED void traverse_in_order(
                 continue;
             }
         } else {
-            intersect_block(blocks, ~next, ray, &permutation, search, query);
+            intersect_leaf(blocks, ~next, ray, &permutation, search, query);
             if (is_complete(search, query)) {
                 return;
             }
@@ -145,7 +162,7 @@ INLINED void traverse_as_stored(
             next = child[lowest_bit(remaining)];
             remaining &= remaining - 1;
             if (next < 0) {
-                intersect_block(blocks, ~next, ray, &permutation, search, query);
+                intersect_leaf(blocks, ~next, ray, &permutation, search, query);
                 if (is_complete(search, query)) {
                     return;
                 }

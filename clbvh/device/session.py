@@ -116,6 +116,15 @@ class DeviceSession(ContextManager):
             event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
         self.times.note("upload", event)
 
+    def copy(self, source: Any, target: Any, begin: int, size: int) -> None:
+        """Copy `size` bytes from byte `begin` of a buffer to the same place of another one."""
+        if size > 0:
+            with self._errors(f"copy {size / 1e6:,.1f} MB"):
+                event = self._cl.enqueue_copy(
+                    self.queue, target, source, byte_count=size, src_offset=begin, dst_offset=begin
+                )
+            self.times.note("upload", event)
+
     def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> Any:
         """Return a new buffer of `size` bytes; `for_mapping` where the host can reach it without a copy.
 
@@ -146,6 +155,11 @@ class DeviceSession(ContextManager):
         self._buffers.remove(buffer)
         buffer.release()
 
+    def release_if_held(self, buffer: Any) -> None:
+        """Give a buffer back, unless it has been already."""
+        if any(held is buffer for held in self._buffers):
+            self.release(buffer)
+
     def download(self, buffer: Any, into: NDArray[Any]) -> None:
         """Copy the beginning of a buffer into a contiguous array, filling it."""
         if into.nbytes:
@@ -155,8 +169,10 @@ class DeviceSession(ContextManager):
             self.times.note("download", event)
 
     @contextmanager
-    def mapped(self, buffer: Any, item_count: int, dtype: np.dtype, *, write: bool) -> Iterator[NDArray[Any]]:
-        """Give the beginning of a buffer as an array, to fill or to read. Nothing is copied on a CPU.
+    def mapped(
+        self, buffer: Any, item_count: int, dtype: np.dtype, *, write: bool, first: int = 0
+    ) -> Iterator[NDArray[Any]]:
+        """Give a part of a buffer as an array, to fill or to read. Nothing is copied on a CPU.
 
         Parameters
         ----------
@@ -166,13 +182,21 @@ class DeviceSession(ContextManager):
         dtype : numpy.dtype
         write : bool
             True: all of the array is to be filled. False: it may only be read.
+        first : int
+            Items before the part.
         """
         flags = self._cl.map_flags.WRITE_INVALIDATE_REGION if write else self._cl.map_flags.READ
         label = "upload" if write else "download"
         with self._errors(f"{self._unfinished}share {item_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
             # As bytes: PyOpenCL takes no dtype that holds arrays.
             array, event = self._cl.enqueue_map_buffer(
-                self.queue, buffer, flags, 0, item_count * dtype.itemsize, np.uint8, is_blocking=True
+                self.queue,
+                buffer,
+                flags,
+                first * dtype.itemsize,
+                item_count * dtype.itemsize,
+                np.uint8,
+                is_blocking=True,
             )
         self._unfinished = ""
         self.times.note(label, event)

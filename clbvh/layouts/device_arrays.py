@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
-from ..structs import BVH2_NODE, LAYOUT_WIDTHS, TRIANGLE, TRIANGLE_BLOCKS
+from ..geometry import Shape, Spheres
+from ..structs import BVH2_NODE, LAYOUT_WIDTHS, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from .bvh2 import make_bvh2_nodes
 from .leaf_blocks import gather_blocks, gather_triangles
+from .sphere_blocks import gather_sphere_blocks, gather_spheres
 from .wide import widen
 
 
@@ -24,7 +26,7 @@ class DeviceArrays:
     Attributes
     ----------
     nodes, blocks : arrays of structs
-        See `clbvh.structs`. A block of `bvh2` is one triangle.
+        See `clbvh.structs`. A block of `bvh2` is one primitive.
     stack_size : int
         Most entries on the stack of a traversal.
     """
@@ -34,22 +36,42 @@ class DeviceArrays:
     stack_size: int
 
 
-def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
-    """Return a tree in the layout of that name, one of `structs.LAYOUT_WIDTHS`."""
+def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> DeviceArrays:
+    """Return a tree in a layout.
+
+    Parameters
+    ----------
+    bvh : Bvh
+    layout : str
+        One of `structs.LAYOUT_WIDTHS`.
+    shape : Mesh or Spheres, optional
+        What the tree was built over, see `builders.build.build_over`; the tree's own mesh if left out.
+    """
     width = LAYOUT_WIDTHS[layout]
     if width == 2:
-        return DeviceArrays(make_bvh2_nodes(bvh), gather_triangles(bvh.mesh, bvh.prim_ids), bvh.depth)
+        blocks = (
+            gather_spheres(shape, bvh.prim_ids)
+            if isinstance(shape, Spheres)
+            else gather_triangles(bvh.mesh, bvh.prim_ids)
+        )
+        return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
     tree = widen(bvh, width)
+    blocks = (
+        gather_sphere_blocks(shape, tree.blocks) if isinstance(shape, Spheres) else gather_blocks(bvh.mesh, tree.blocks)
+    )
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
-    return DeviceArrays(tree.nodes, gather_blocks(bvh.mesh, tree.blocks), tree.stack_size + width - 1)
+    return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)
 
 
-def measure_device_bytes(bvh: Bvh, layout: str) -> int:
+def measure_device_bytes(bvh: Bvh, layout: str, shape: Shape | None = None) -> int:
     """Return the size of the arrays; the blocks are only counted, not made."""
     width = LAYOUT_WIDTHS[layout]
+    is_spheres = isinstance(shape, Spheres)
     if width == 2:
         # A tree of one leaf still has one node on the device.
-        return max(1, bvh.node_count // 2) * BVH2_NODE.itemsize + len(bvh.prim_ids) * TRIANGLE.itemsize
+        prim_bytes = (SPHERE if is_spheres else TRIANGLE).itemsize
+        return max(1, bvh.node_count // 2) * BVH2_NODE.itemsize + len(bvh.prim_ids) * prim_bytes
     tree = widen(bvh, width)
-    return int(tree.nodes.nbytes) + len(tree.blocks) * TRIANGLE_BLOCKS[width].itemsize
+    blocks = SPHERE_BLOCKS if is_spheres else TRIANGLE_BLOCKS
+    return int(tree.nodes.nbytes) + len(tree.blocks) * blocks[width].itemsize

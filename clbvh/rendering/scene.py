@@ -29,6 +29,7 @@ from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
+from .scene_extent import SceneExtent
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
@@ -46,8 +47,8 @@ class Transform:
 
     Attributes
     ----------
-    scale : float
-        Not zero.
+    scale : float, or (3,) float
+        Of all axes, or of x, y and z. Not zero.
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
@@ -66,13 +67,18 @@ class Transform:
     array([1., 2., 0.])
     """
 
-    scale: float = 1.0
+    scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scale, Real) or not math.isfinite(self.scale) or self.scale == 0:
-            raise SceneError(f"the transform's scale must be a finite number other than 0, not {self.scale!r}")
+        is_number = isinstance(self.scale, Real) and math.isfinite(self.scale)
+        if not (is_number or is_vector(self.scale)) or not np.all(self.scale):
+            raise SceneError(
+                f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
+            )
+        if not is_number:
+            object.__setattr__(self, "scale", tuple(map(float, self.scale)))  # type: ignore[arg-type]
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
@@ -250,8 +256,8 @@ class Scene(SceneContents):
             )
         return SceneStore(first)
 
-    def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+    def camera(self, mesh: Mesh | SceneExtent) -> Camera:
+        """Return the camera: the one that was asked for, or one that sees the whole mesh, or all of the scene.
 
         Examples
         --------
@@ -352,6 +358,11 @@ class Scene(SceneContents):
         else:
             values["mesh"] = None
         return dataclasses.replace(_make(cls, values), _store=SceneStore.from_state(state, first))
+
+    @property
+    def is_one_mesh(self) -> bool:
+        """Whether the scene holds its `mesh` and nothing else."""
+        return self.mesh is not None and self._store.is_as_made
 
     def only_mesh(self) -> MeshSource:
         """Return the source of the mesh of a scene that holds nothing else; raise `SceneError` for any other scene.

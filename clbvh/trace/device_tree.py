@@ -14,8 +14,9 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..layouts.device_arrays import DeviceArrays, make_device_arrays
 from ..layouts.leaf_blocks import gather_triangles
-from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, LAYOUTS
+from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
 from .tree_buffers import TreeBuffers
+from .triangles import Triangles, triangles_of
 
 BRUTE = "brute"
 
@@ -61,34 +62,52 @@ class DeviceTree:
         Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl.
     node_bytes, memory_bytes : int
         Size of a node, and of all buffers.
+    ray_dtype, point_dtype, hit_dtype : numpy.dtype
+        Of rays, points and hits on the device.
     mesh : Mesh
+    surface : Triangles
+        What hits are refined on.
+    most_crossings : int
+        Most crossings that a ray can have.
     buffers : TreeBuffers
     sah_growth : float
         The SAH cost of the tree on the device, divided by that of the tree that was built; see `Tracer.sah_growth`.
     """
 
+    has_instances = False
+    scene_surface = None
+    ray_dtype = PACKED_RAY
+    point_dtype = PACKED_POINT
+    hit_dtype = HIT
+
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:
         self.mesh = mesh
         self.sah_growth = 1.0
-        self.layout = _resolve_layout(layout, session, bvh)
+        self.layout = BRUTE if bvh is None else resolve_layout(layout, session)
         if bvh is None:
             order = np.arange(mesh.face_count, dtype=np.int32)
             arrays = DeviceArrays(np.empty(0, BVH2_NODE), gather_triangles(mesh, order), 0)
         else:
             arrays = make_device_arrays(bvh, self.layout)
-            if arrays.stack_size > _LONGEST_STACK:
-                raise ConfigError(
-                    f"the tree is {bvh.depth} levels deep: as {self.layout} it needs a stack of {arrays.stack_size} "
-                    f"entries, and the traversal's holds {_LONGEST_STACK}"
-                )
+        stack_size = pad_stack(self.layout, arrays.stack_size, 0 if bvh is None else bvh.depth)
         self.buffers = TreeBuffers(session, arrays)
         self.arguments: dict[str, Any] = {**self.buffers.arguments, "block_count": np.int32(len(arrays.blocks))}
-        common = _COMMON_STACK.get(self.layout, _STACK_STEP)
-        stack_size = max(common, _STACK_STEP * math.ceil(arrays.stack_size / _STACK_STEP))
         self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.node_bytes = arrays.nodes.itemsize
         self.memory_bytes = self.buffers.byte_count
+
+    def buffers_of_own(self) -> list[Any]:
+        """Return the buffers that are the tree's alone: none, they belong to its copies."""
+        return []
+
+    @property
+    def surface(self) -> Triangles:  # noqa: D102
+        return triangles_of(self.mesh)
+
+    @property
+    def most_crossings(self) -> int:  # noqa: D102
+        return self.mesh.face_count
 
     def moved(self, mesh: Mesh, buffers: TreeBuffers, sah_growth: float) -> Self:
         """Return the tree over a moved mesh, whose arrays `buffers` already hold; this tree does not change."""
@@ -105,8 +124,23 @@ def check_layout(layout: str) -> None:
         raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
 
 
-def _resolve_layout(layout: str, session: DeviceSession, bvh: Bvh | None) -> str:
+def resolve_layout(layout: str, session: DeviceSession) -> str:
+    """Return the layout of a tree: the one of that name or, for ``"auto"``, what suits the device."""
     check_layout(layout)
-    if bvh is None:
-        return BRUTE
     return session.settings.layout if layout == "auto" else layout
+
+
+def pad_stack(layout: str, needed: int, depth: int) -> int:
+    """Return the size of the stack to compile in, where the tree needs one of `needed` entries.
+
+    Raises
+    ------
+    ConfigError
+        The tree, `depth` levels deep, needs more than a work-item has.
+    """
+    if needed > _LONGEST_STACK:
+        raise ConfigError(
+            f"the tree is {depth} levels deep: as {layout} it needs a stack of {needed} entries, and the traversal's "
+            f"holds {_LONGEST_STACK}"
+        )
+    return max(_COMMON_STACK.get(layout, _STACK_STEP), _STACK_STEP * math.ceil(needed / _STACK_STEP))

@@ -21,15 +21,15 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..structs import HIT, PACKED_POINT, PACKED_RAY
+from ..structs import HIT, SCENE_HIT
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
-from .device_tree import DeviceTree
 from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
+from .traced_tree import TracedTree
 
 
 class Query(NamedTuple):
@@ -48,6 +48,12 @@ class Query(NamedTuple):
     kernel: str
     results: str
     dtype: np.dtype
+
+    def over(self, tree: TracedTree) -> Query:
+        """Return the query as the kernels for a tree or a scene answer it."""
+        if not tree.has_instances:
+            return self
+        return Query(f"scene_{self.kernel}", self.results, SCENE_HIT if self.dtype == HIT else self.dtype)
 
 
 CLOSEST_HIT = Query("closest_hit", "hits", HIT)
@@ -91,12 +97,12 @@ class Caster(ContextManager):
     ----------
     session : DeviceSession
         Closed with the caster.
-    tree : DeviceTree
+    tree : DeviceTree or DeviceScene
     box : TreeBox
         Around the tree.
     """
 
-    def __init__(self, session: DeviceSession, tree: DeviceTree, box: TreeBox) -> None:
+    def __init__(self, session: DeviceSession, tree: TracedTree, box: TreeBox) -> None:
         self.session = session
         self.tree = tree
         self.box = box
@@ -106,7 +112,7 @@ class Caster(ContextManager):
         self._lock = threading.Lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
 
-    def over(self, tree: DeviceTree, box: TreeBox) -> Caster:
+    def over(self, tree: TracedTree, box: TreeBox) -> Caster:
         """Return a caster at another copy of the tree, which shares all else with this one."""
         caster = copy(self)
         caster.tree, caster.box = tree, box
@@ -169,6 +175,11 @@ class Call(MemoryLoan):
         self.box = caster.box
         self._tree = caster.tree
 
+    @property
+    def hit_dtype(self) -> np.dtype:
+        """Of hits on the device."""
+        return self._tree.hit_dtype
+
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""
         return self._session.fit_items(dtype.itemsize, max(1, wanted >> self.caster.halvings))
@@ -184,7 +195,7 @@ class Call(MemoryLoan):
         """Yield the pieces in which to cast a batch of rays; see `pieces.cut_rays`."""
         return cut_rays(
             batch, self.box, self.threads, shape=shape, tile_rows=self._session.settings.tile[1],
-            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, CHUNK_RAYS),
+            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(self._tree.ray_dtype, CHUNK_RAYS),
             most_rays=most_rays, progress=progress,
         )  # fmt: skip
 
@@ -211,13 +222,15 @@ class Call(MemoryLoan):
                 order = piece.order[first:last]
                 pack_rays(batch, chunk, self.box, packed, order=order, first_ray=piece.begin)
 
-        rays = self._fill("packed", PACKED_RAY, count, pack)
+        rays = self._fill("packed", self._tree.ray_dtype, count, pack)
         order = None
         if piece.order is not None and in_ray_order:
             order = self._fill("order", piece.order.dtype, count, partial(_copy, piece.order))
         row_length = piece.row_length or count
         work_size, work_group = (row_length, -(-count // row_length)), self._work_group(piece)
         described = {"rays": rays, "ray_count": np.int32(count), "row_length": np.int32(row_length)}
+        if self._tree.has_instances:
+            return Batch(count, work_size, work_group, described | {"order": order})
         entry_points = None
         if piece.is_coherent and self._tree.has_entry_points:
             kernel, buffer = self.caster.kernel(ENTRY_POINT_KERNEL), self._buffer("entry points")
@@ -228,7 +241,7 @@ class Call(MemoryLoan):
 
     def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
         """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(PACKED_POINT, CHUNK_RAYS), progress=progress)
+        return cut_points(point_count, most_points=self.fit(self._tree.point_dtype, CHUNK_RAYS), progress=progress)
 
     def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
         """Put points on the device.
@@ -237,10 +250,10 @@ class Call(MemoryLoan):
         ----------
         count : int
         pack : function
-            Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write; from
-            several threads.
+            Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write, or
+            `structs.SCENE_POINT` for a scene; from several threads.
         """
-        points = self._fill("packed", PACKED_POINT, count, pack)
+        points = self._fill("packed", self._tree.point_dtype, count, pack)
         work_group = (self._session.settings.work_group_size, 1)
         return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 
@@ -259,7 +272,7 @@ class Call(MemoryLoan):
         **arguments
             The kernel's own arguments, by name.
         """
-        count = batch.item_count * results_per_item
+        query, count = query.over(self._tree), batch.item_count * results_per_item
         results = self._buffer("results").take(count * query.dtype.itemsize)
         self._session.run(
             self.caster.kernel(query.kernel), batch.work_size, batch.work_group,

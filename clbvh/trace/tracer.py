@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import threading
 import warnings
+from collections.abc import Iterable
+from functools import partial
 from numbers import Integral
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,17 +20,21 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..errors import ConfigError, OpenMeshWarning
 from ..geometry import Mesh, MeshLike, as_mesh
+from ..scene.contents import SceneContents
+from ..scene.geometry import Geometry
+from ..scene.instance import Instance
 from ..support.context_manager import ContextManager
 from .device_tree import DeviceTree, check_layout
 from .hits.all_hits import find_all_hits, find_hits_by_depth
 from .hits.closest import count_hits, find_any_hits, find_closest_hits, find_closest_prims
 from .hits.hits import AllHits, Hits
 from .launch import NO_LIMIT, Caster
-from .points.closest_point import find_closest_points
-from .points.inside import find_inside
+from .points.queries import SeenPoints, closest_points, is_contained, signed_distances
 from .points.refine import ClosestPoints
-from .rays.batch import TreeBox, read_points, read_rays
+from .rays.batch import RayBatch, TreeBox, read_rays
 from .rays.pieces import Progress
+from .scene.device_scene import DeviceScene
+from .scene.moving_scene import MovingScene
 from .tree_copies import TreeCopies
 
 
@@ -39,8 +46,9 @@ class Tracer(ContextManager):
 
     Parameters
     ----------
-    source : Bvh, or Mesh, trimesh.Trimesh, str, path or (vertices, faces)
-        A tree; or a mesh, whose tree is built in this process as `clbvh.build` does. A path names a mesh file.
+    source : Scene, Bvh, or Mesh, trimesh.Trimesh, str, path or (vertices, faces)
+        A scene as it is now; a tree; or a mesh. Trees are built in this process, as `clbvh.build` does. A path names a
+        mesh file.
     device : DeviceInfo, str, int or None
         The device: a number, part of its name, ``"gpu"`` or ``"cpu"``; by default a GPU, if there is one.
     layout : str
@@ -65,21 +73,30 @@ class Tracer(ContextManager):
     """
 
     def __init__(
-        self, source: Bvh | MeshLike, *, device: DeviceInfo | str | int | None = None, layout: str = "auto"
+        self,
+        source: SceneContents | Bvh | MeshLike,
+        *,
+        device: DeviceInfo | str | int | None = None,
+        layout: str = "auto",
     ) -> None:
         check_layout(layout)
-        bvh = _find_tree(source)
+        self._scene = _open_scene(source) if isinstance(source, SceneContents) else None
+        bvh = None if isinstance(source, SceneContents) else _find_tree(source)
         self._has_warned = False
         self._updating = threading.Lock()
         session = DeviceSession(device)
+        tree: DeviceTree | DeviceScene
         try:
-            tree = DeviceTree(session, bvh.mesh, bvh, layout)
+            if self._scene is not None:
+                tree, box = self._scene.open(session, layout)
+            elif bvh is not None:
+                tree, box = DeviceTree(session, bvh.mesh, bvh, layout), TreeBox.around(bvh)
         except BaseException:
             session.close()
             raise
         # Each query reads it once, because an update replaces it.
-        self._caster = Caster(session, tree, TreeBox.around(bvh))
-        self._copies = TreeCopies(self._caster)
+        self._caster = Caster(session, tree, box)
+        self._copies = TreeCopies(self._caster) if self._scene is None else None
 
     def closest_hit(
         self,
@@ -88,6 +105,7 @@ class Tracer(ContextManager):
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Hits:
         """Return the nearest crossing of each ray with the mesh, from either side of the triangles.
@@ -102,6 +120,9 @@ class Tracer(ContextManager):
         t_min, t_max : float or (...,) float, lengths of the direction
             Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is
             at least 0.
+        mask : int or (...,) int, optional
+            32 bits, broadcast to the rays: each sees only the instances whose mask shares a bit with its own; without
+            it, all of them.
         progress : function, optional
             Called with the number of rays that are done, and of all rays, after each piece of the work.
 
@@ -131,9 +152,9 @@ class Tracer(ContextManager):
         >>> tracer.closest_hit(origins, directions, t_min=5).t
         array([5.5, inf])
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         caster = self._caster
-        return find_closest_hits(caster, caster.tree.mesh, batch, shape, progress)
+        return find_closest_hits(caster, batch, shape, progress)
 
     def closest_prim(
         self,
@@ -142,6 +163,7 @@ class Tracer(ContextManager):
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; with less work on the host.
@@ -155,7 +177,7 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
         array([ 0, -1], dtype=int32)
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_closest_prims(self._caster, batch, shape, progress)
 
     def any_hit(
@@ -165,6 +187,7 @@ class Tracer(ContextManager):
         *,
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
         """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
@@ -183,7 +206,7 @@ class Tracer(ContextManager):
         >>> tracer.any_hit(start, end - start, t_max=1)
         array([ True, False])
         """
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_any_hits(self._caster, batch, shape, progress)
 
     def count_hits(
@@ -194,6 +217,7 @@ class Tracer(ContextManager):
         t_min: ArrayLike = 0.0,
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.int32]:
         """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
@@ -209,7 +233,7 @@ class Tracer(ContextManager):
         array([2, 1], dtype=int32)
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return count_hits(self._caster, batch, shape, limit, progress)
 
     def all_hits(
@@ -221,6 +245,7 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
         with_locations: bool = False,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> AllHits:
         """Return every crossing of each ray, in the order along it; a shared edge or vertex is one crossing.
@@ -246,9 +271,9 @@ class Tracer(ContextManager):
         array([1., 1.])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         caster = self._caster
-        return find_all_hits(caster, caster.tree.mesh, batch, shape, limit, progress, with_locations=with_locations)
+        return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def hits_by_depth(
         self,
@@ -259,6 +284,7 @@ class Tracer(ContextManager):
         t_max: ArrayLike = np.inf,
         max_hits: int | None = None,
         with_locations: bool = False,
+        mask: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
         """Return the crossings that `all_hits` finds: the first ones of all rays, then the second ones, and so on.
@@ -288,31 +314,55 @@ class Tracer(ContextManager):
         array([ 0.5,  0.5, -0.5, -0.5])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = read_rays(origins, directions, t_min, t_max)
+        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         caster = self._caster
-        return find_hits_by_depth(
-            caster, caster.tree.mesh, batch, shape, limit, progress, with_locations=with_locations
-        )
+        return find_hits_by_depth(caster, batch, shape, limit, progress, with_locations=with_locations)
 
-    def closest_point(self, points: ArrayLike, *, progress: Progress | None = None) -> ClosestPoints:
+    def closest_point(
+        self,
+        points: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> ClosestPoints:
         """Return the closest point of the surface for each point.
 
         Parameters
         ----------
         points : (..., 3) float, the file's coordinates
+        mask : int or (...,) int, optional
+            32 bits, broadcast to the points: each sees only the instances whose mask shares a bit with its own; without
+            it, all.
+        geometry : Geometry, optional
+            Of the tracer's scene: only its instances are seen.
+        instance : Instance, id, or several of them, optional
+            Of the tracer's scene: only they are seen.
         progress : function, optional
             Called with the number of points that are done, and of all points, after each piece of the work.
 
         Returns
         -------
         ClosestPoints
-            Distance, point and face, in the leading shape of the points, in float64. On an edge or a vertex, the
-            smallest face number there. Degenerate triangles have no closest point.
+            Distance, point and primitive, in the leading shape of the points, in float64; of a scene also the ids of
+            the geometry and of the instance. On an edge or a vertex, the smallest face number there; of equally near
+            instances the smallest, as far as float32 can tell. Degenerate triangles have no closest point. Where
+            nothing is seen, the distance is infinite.
 
         Raises
         ------
         QueryError
             Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
+        ConfigError
+            A geometry or an instance is named, but the tracer has no scene.
+        SceneError
+            The geometry or the instance is not one of the scene.
+
+        Notes
+        -----
+        Distances are those of the scene under any transform, with which spheres may become ellipsoids. A point of a
+        sphere's surface has no u and v; the middle of a sphere has one of the closest points.
 
         Examples
         --------
@@ -325,21 +375,42 @@ class Tracer(ContextManager):
         >>> closest.point
         array([[0.1, 0.2, 0.5],
                [0.5, 0.5, 0.5]])
+
+        In a scene:
+
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.add(clbvh.Spheres([[0, 0, 0]], 1))
+        >>> left, right = scene.place(ball), scene.place(ball, clbvh.Transform(translate=(5, 0, 0)))
+        >>> tracer = clbvh.Tracer(scene)
+        >>> tracer.closest_point([[2, 0, 0], [3, 0, 0]]).instance_id
+        array([0, 1], dtype=int32)
+        >>> tracer.closest_point([2, 0, 0], instance=right).distance
+        array(2.)
         """
         caster = self._caster
-        return find_closest_points(caster, caster.tree.mesh, read_points(points), progress)
+        return closest_points(caster, self._see(points, mask, geometry, instance), progress)
 
-    def contains(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.bool_]:
-        """Return (...,) bool: whether a closed mesh contains each point.
+    def contains(
+        self,
+        points: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.bool_]:
+        """Return (...,) bool: whether a closed mesh, or anything in a scene, contains each point.
 
-        A point is inside if a ray from it crosses the surface an odd number of times. So the orientation of triangles
-        does not matter, and a point inside two nested shells is outside. On the surface, as far as float32 can tell,
-        the answer is either. Parameters and errors are those of `closest_point`.
+        A point is inside a mesh if a ray from it crosses the surface an odd number of times. So the orientation of
+        triangles does not matter, and a point inside two nested shells is outside. It is inside spheres if it is in one
+        of them, and inside a scene if it is in one of the instances that it sees. On the surface, as far as float32 can
+        tell, the answer is either. Parameters and errors are those of `closest_point`.
 
         Warns
         -----
         OpenMeshWarning
-            Once for each tracer, if the mesh is not closed (`Mesh.is_watertight`): the answer is not defined.
+            Once for each tracer, if a mesh that is asked for is not closed (`Mesh.is_watertight`): the answer is not
+            defined.
 
         Examples
         --------
@@ -348,15 +419,28 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(trimesh.creation.box()).contains([[0.4, 0.4, 0.4], [0.4, 0.4, 0.6]])
         array([ True, False])
         """
-        caster = self._caster
-        self._warn_if_open("contains", caster.tree.mesh)
-        return find_inside(caster, read_points(points), progress)
+        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        self._warn_if_open("contains", caster, seen)
+        return is_contained(caster, seen, progress)
 
-    def signed_distance(self, points: ArrayLike, *, progress: Progress | None = None) -> NDArray[np.float64]:
+    def signed_distance(
+        self,
+        points: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.float64]:
         """Return (...,) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
 
         The distance is that of `closest_point`, the sign that of `contains`, as is the warning. Parameters and errors
         are those of `closest_point`.
+
+        Inside a scene it is the distance to the surface of one instance: of those that contain the point, the one whose
+        surface is the farthest. So it is exact where instances do not overlap. Where they do, the surface of their
+        union is at least as far, and the same holds for spheres that overlap. Where nothing is seen, it is minus
+        infinity.
 
         Examples
         --------
@@ -365,11 +449,9 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(trimesh.creation.box()).signed_distance([[0, 0, 0.25], [0, 0, 2]])
         array([ 0.25, -1.5 ])
         """
-        caster = self._caster
-        self._warn_if_open("signed_distance", caster.tree.mesh)
-        read = read_points(points)
-        distance = find_closest_points(caster, caster.tree.mesh, read, progress).distance
-        return np.where(find_inside(caster, read), distance, -distance)
+        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        self._warn_if_open("signed_distance", caster, seen)
+        return signed_distances(caster, seen, progress)
 
     def update(self, vertices: ArrayLike) -> None:
         """Move the vertices of the mesh: the tree is refitted and uploaded; buffers and kernels are kept.
@@ -411,14 +493,113 @@ class Tracer(ContextManager):
         ...     tracer.closest_hit([[0.25, 0.25, 3]], [[0, 0, -1]]).t
         array([2.])
         """
+        if self._scene is not None:
+            raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
+        copies = cast(TreeCopies, self._copies)
         with self._caster.open_call() as call, self._updating:
             mesh = self.mesh.with_vertices(vertices)
-            self._caster = self._copies.move(self._caster, mesh, call.memory.session)
+            self._caster = copies.move(self._caster, mesh, call.memory.session)
+
+    def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
+        """Move instances of a scene: only the tree over the instances is built anew.
+
+        Parameters
+        ----------
+        instances : Instance, int, or several
+            Those to move, as `Scene.place` returned them, or their ids. The others stay where they are.
+        transforms : (n, 4, 4) float
+            From the coordinates of each instance's geometry to the scene's; (4, 4) for one.
+
+        Raises
+        ------
+        SceneError
+            An instance of another scene, or one that was placed after the tracer was opened; a matrix that is not
+            finite, not affine, or singular; or an instance that is too small beside the scene.
+        ConfigError
+            This is no tracer of a scene.
+        QueryError
+            The tracer is closed.
+        DeviceError
+            The device refuses, or this process was forked from one that has used OpenCL.
+
+        Notes
+        -----
+        Changes wait for each other, but not for queries: a query that is running ends on the scene that it began with.
+        The scene that the tracer was opened with does not change.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)))
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     before = tracer.any_hit([[0, 0, 5]], [[0, 0, -1]])
+        ...     tracer.set_transforms(ball, [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        ...     before, tracer.any_hit([[0, 0, 5], [9, 0, 5]], [[0, 0, -1], [0, 0, -1]])
+        (array([ True]), array([False,  True]))
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_transforms(self._caster, instances, transforms, call.memory.session)
+
+    def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
+        """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            As `Scene.add` returned it.
+        vertices : (V, 3) float, the geometry's coordinates
+            The same number as before; of spheres, their centres.
+
+        Raises
+        ------
+        MeshError
+            Another number of vertices, wrong shape or dtype, or vertices that `Mesh.from_arrays` refuses.
+        SceneError
+            A geometry of another scene, or one that was added after the tracer was opened.
+        ConfigError, QueryError, DeviceError
+            As of `set_transforms`.
+
+        Notes
+        -----
+        A tree whose SAH cost has grown by 1.3 is built anew, and so are those of spheres. See `set_transforms`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> mesh = clbvh.make_shape("icosphere", triangles=320)
+        >>> ball = scene.add(mesh)
+        >>> aside = [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        >>> first, second = scene.place(ball), scene.place(ball, aside)
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     tracer.set_vertices(ball, mesh.vertices * 0.5)
+        ...     tracer.any_hit([[0.7, 0, 5], [9.7, 0, 5], [9.4, 0, 5]], [0, 0, -1])
+        array([False, False,  True])
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_vertices(self._caster, geometry, vertices, call.memory.session)
+
+    def _known_scene(self) -> MovingScene:
+        if self._scene is None:
+            raise ConfigError("this tracer has no instances: open it with a clbvh.Scene, or call update(vertices)")
+        return self._scene
 
     @property
     def mesh(self) -> Mesh:
-        """The mesh as it is now."""
-        return self._caster.tree.mesh
+        """The mesh as it is now.
+
+        Raises
+        ------
+        ConfigError
+            The tracer has a scene of several objects.
+        """
+        mesh = self._caster.tree.mesh
+        if mesh is None:
+            raise ConfigError("a tracer of a scene has no single mesh: see scene.geometries")
+        return mesh
 
     @property
     def sah_growth(self) -> float:
@@ -428,7 +609,8 @@ class Tracer(ContextManager):
         this factor, and a new tree would share part of it: larger triangles cost more in any tree. From about 2 on, a
         new tracer may be faster.
         """
-        return self._caster.tree.sah_growth
+        tree: object = self._caster.tree
+        return tree.sah_growth if isinstance(tree, DeviceTree) else 1.0
 
     @property
     def device(self) -> DeviceInfo:
@@ -442,8 +624,11 @@ class Tracer(ContextManager):
 
     @property
     def memory_bytes(self) -> int:
-        """Device memory that the tree and the triangles take; the first `update` doubles it."""
-        return self._copies.memory_bytes
+        """Device memory that trees, primitives and instances take; the first `update` of a mesh doubles it."""
+        tree = self._caster.tree
+        return (
+            tree.memory_bytes if self._copies is None or not isinstance(tree, DeviceTree) else self._copies.memory_bytes
+        )
 
     @property
     def timings_ms(self) -> dict[str, float]:
@@ -470,20 +655,56 @@ class Tracer(ContextManager):
         """
         self._caster.close()
 
-    def _warn_if_open(self, query: str, mesh: Mesh) -> None:
-        """Warn once that the mesh has no inside, on behalf of the public method `query`."""
-        if self._has_warned or mesh.is_watertight:
+    def _read_rays(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
+    ) -> tuple[RayBatch, tuple[int, ...]]:
+        """Return rays as a batch. A mesh without instances is seen by every mask but 0."""
+        batch, shape = read_rays(origins, directions, t_min, t_max, mask)
+        if batch.mask is None or self._caster.tree.has_instances:
+            return batch, shape
+        return read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+
+    def _see(
+        self,
+        points: ArrayLike,
+        mask: ArrayLike | None,
+        geometry: Geometry | None,
+        instance: Instance | int | Iterable[Instance | int] | None,
+    ) -> SeenPoints:
+        """Return points with the instances that are visible to them."""
+        chosen = None
+        if geometry is not None or instance is not None:
+            chosen = self._known_scene().choose_instances(geometry, instance)
+        return SeenPoints.read(points, mask, chosen)
+
+    def _warn_if_open(self, query: str, caster: Caster, seen: SeenPoints) -> None:
+        """Warn once that a mesh has no inside, on behalf of the public method `query`."""
+        if self._has_warned:
+            return
+        tree: object = caster.tree
+        shapes = tree.shapes_of(seen.instance_ids) if isinstance(tree, DeviceScene) else [caster.tree.mesh]
+        shape = next((shape for shape in shapes if not shape.is_watertight), None)
+        if shape is None:
             return
         self._has_warned = True
         warnings.warn(
-            f"{mesh.name} is not closed, so it has no inside: the answer of {query} is not defined where a ray "
+            f"{shape.name} is not closed, so it has no inside: the answer of {query} is not defined where a ray "
             "can leave through a hole",
             OpenMeshWarning,
             stacklevel=3,
         )
 
     def __repr__(self) -> str:
-        return f"Tracer({self.mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
+        mesh = self._caster.tree.mesh
+        name = "scene" if mesh is None else mesh.name
+        return f"Tracer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
+
+
+def _open_scene(contents: SceneContents) -> MovingScene:
+    """Return the scene with the trees of its geometries."""
+    from ..builders.build import build, build_shape
+
+    return MovingScene(contents, build_shape, partial(build, leaf_size=1))
 
 
 def _find_tree(source: Bvh | MeshLike) -> Bvh:

@@ -11,12 +11,14 @@ back, so nothing is lost when Ctrl-C strikes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 from weakref import ref
 
 from ..device.session import DeviceSession
 from ..geometry import Mesh
 from ..layouts.refit_arrays import RefitArrays
 from ..layouts.topology import read_topology
+from .device_tree import DeviceTree
 from .launch import Caster
 from .rays.batch import TreeBox
 from .tree_buffers import TreeBuffers
@@ -44,7 +46,7 @@ class TreeCopies:
     """
 
     def __init__(self, caster: Caster) -> None:
-        self._copies = [_Copy(caster.tree.buffers, ref(caster))]
+        self._copies = [_Copy(_tree_of(caster).buffers, ref(caster))]
         self._arrays: RefitArrays | None = None
         self._built_cost = 0.0
 
@@ -70,28 +72,35 @@ class TreeCopies:
         DeviceError
             The device has no room for another copy, or its driver refuses.
         """
-        arrays, held = self._arrays, self._take_free(caster)
+        tree = _tree_of(caster)
+        arrays, held = self._arrays, self._take_free(tree)
         if arrays is None:
-            with caster.tree.buffers.mapped(session, write=False) as built:
-                arrays = RefitArrays(read_topology(*built, caster.tree.layout))
+            with tree.buffers.mapped(session, write=False) as built:
+                arrays = RefitArrays(read_topology(*built, tree.layout))
         with held.buffers.mapped(session, write=True) as target:
             if self._arrays is None:
                 # The cost of the tree as it was built: only those who update ask how it has grown.
-                arrays.write(caster.tree.mesh, *target, caster.threads)
+                arrays.write(tree.mesh, *target, caster.threads)
                 self._built_cost, self._arrays = arrays.sah_cost, arrays
             arrays.write(mesh, *target, caster.threads)
         # Queries have queues of their own, which do not wait for this one.
         session.finish()
-        tree = caster.tree.moved(mesh, held.buffers, arrays.sah_cost / self._built_cost)
-        moved = caster.over(tree, TreeBox(mesh.origin, mesh.scale, arrays.half))
+        copied = tree.moved(mesh, held.buffers, arrays.sah_cost / self._built_cost)
+        moved = caster.over(copied, TreeBox(mesh.origin, mesh.scale, arrays.half))
         held.caster = ref(moved)
         return moved
 
-    def _take_free(self, caster: Caster) -> _Copy:
+    def list_users(self) -> list[tuple[ref[Caster], list[Any]]]:
+        """Return the buffers of each copy, with the last caster that uses them."""
+        return [
+            (held.caster, list(held.buffers.arguments.values())) for held in self._copies if held.caster is not None
+        ]
+
+    def _take_free(self, tree: DeviceTree) -> _Copy:
         """Return a copy that no query uses, a new one if there is none; release any other unused copies."""
         free = [held for held in self._copies if held.is_free]
         if not free:
-            free = [_Copy(caster.tree.buffers.twin())]
+            free = [_Copy(tree.buffers.twin())]
             self._copies += free
         for surplus in free[1:]:
             self._copies.remove(surplus)
@@ -99,3 +108,8 @@ class TreeCopies:
         # Listed above first: Ctrl-C in between would leave buffers that nobody knows.
         free[0].buffers.allocate()
         return free[0]
+
+
+def _tree_of(caster: Caster) -> DeviceTree:
+    """Return the tree of a caster at a mesh."""
+    return cast(DeviceTree, caster.tree)

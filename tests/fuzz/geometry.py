@@ -107,12 +107,12 @@ def _ask(caster: Caster, mesh: Mesh, rays: Rays, points: NDArray[np.float64], li
     free, shape = read_rays(*rays, 0.0, np.inf)
     limited, _ = read_rays(*rays, *limits)
     return {
-        "closest_hit": find_closest_hits(caster, mesh, free, shape, None),
-        "closest_hit, limits": find_closest_hits(caster, mesh, limited, shape, None),
+        "closest_hit": find_closest_hits(caster, free, shape, None),
+        "closest_hit, limits": find_closest_hits(caster, limited, shape, None),
         "any_hit": find_any_hits(caster, limited, shape, None),
         "count_hits": count_hits(caster, limited, shape, None, None),
-        "all_hits": find_all_hits(caster, mesh, free, shape, None, None),
-        "all_hits, few": find_all_hits(caster, mesh, limited, shape, _FEW_HITS, None),
+        "all_hits": find_all_hits(caster, free, shape, None, None),
+        "all_hits, few": find_all_hits(caster, limited, shape, _FEW_HITS, None),
         "closest_point": find_closest_points(caster, mesh, read_points(points)),
     }
 
@@ -148,7 +148,7 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
 
     with _open(session, bvh, None) as caster:
         free, shape = read_rays(*rays, 0.0, np.inf)
-        first = find_closest_hits(caster, mesh, free, shape, None)
+        first = find_closest_hits(caster, free, shape, None)
         # Many limits are exactly the t of a hit.
         t = np.where(first.is_hit, first.t, 1.0)
         limits = np.where(generator.random(len(t)) < 0.4, t, 0.0), np.where(generator.random(len(t)) < 0.4, t, np.inf)

@@ -7,7 +7,6 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ..launch import Caster
@@ -15,7 +14,7 @@ from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
 from .crossings import find_crossings, running_sums
 from .hits import AllHits
-from .refine import RefinedHits, refine_crossings
+from .refine import HitIds, RefinedHits, refine_crossings
 
 # Two cache lines, in counters of 8 bytes. Counters of several threads in one cache line cost all that threads gain.
 _PADDING = 16
@@ -23,7 +22,6 @@ _PADDING = 16
 
 def find_all_hits(
     caster: Caster,
-    mesh: Mesh,
     batch: RayBatch,
     shape: tuple[int, ...],
     max_hits: int | None,
@@ -32,31 +30,26 @@ def find_all_hits(
     with_locations: bool = False,
 ) -> AllHits:
     """Return the crossings of each ray in the order along it; see `Tracer.all_hits`."""
-    crossings = find_crossings(caster, mesh, batch, shape, max_hits, progress)
+    crossings = find_crossings(caster, batch, shape, max_hits, progress)
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
-    prim_id = np.empty(total, np.int32)
-    refined = RefinedHits.make(total)
+    tree, surface = caster.tree, caster.tree.surface
+    refined, ids = RefinedHits.make(total), HitIds.make(total, has_instances=tree.has_instances)
     locations = np.empty((total, 3)) if with_locations else None
     ranges = _cut_evenly(caster.threads, offsets)
     next_slots = _make_counters(len(ranges), 1)
     next_slots[:, 0] = [offsets[begin] for begin, _ in ranges]
 
     def refine(begin: int, end: int, next_slot: NDArray[np.int64]) -> None:
-        refine_crossings(
-            batch, mesh, crossings, begin, end, next_slot, prim_id=prim_id, hits=refined, locations=locations
-        )
+        refine_crossings(batch, surface, crossings, begin, end, next_slot, ids=ids, hits=refined, locations=locations)
 
     caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
-    return AllHits(
-        refined.t, refined.u, refined.v, prim_id, mesh,
-        is_front=refined.is_front, offsets=offsets, known_locations=locations,
-    )  # fmt: skip
+    hits = refined.as_hits(ids, (total,), mesh=tree.mesh, scene_surface=tree.scene_surface)
+    return AllHits.of(hits, offsets, locations)
 
 
 def find_hits_by_depth(
     caster: Caster,
-    mesh: Mesh,
     batch: RayBatch,
     shape: tuple[int, ...],
     max_hits: int | None,
@@ -65,7 +58,7 @@ def find_hits_by_depth(
     with_locations: bool = False,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
     """Return the faces, rays and locations of crossings; see `Tracer.hits_by_depth`."""
-    crossings = find_crossings(caster, mesh, batch, shape, max_hits, progress)
+    crossings = find_crossings(caster, batch, shape, max_hits, progress)
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     ranges = _cut_evenly(caster.threads, offsets)
@@ -78,14 +71,15 @@ def find_hits_by_depth(
     by_depth = next_slots.T
     by_depth[:] = np.cumsum(by_depth).reshape(by_depth.shape) - by_depth
 
-    prim_id, ray_id = np.empty(total, np.int64), np.empty(total, np.int64)
+    surface = caster.tree.surface
+    ids, ray_id = HitIds.make(total, has_instances=caster.tree.has_instances, dtype=np.int64), np.empty(total, np.int64)
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int, slots: NDArray[np.int64]) -> None:
-        refine_crossings(batch, mesh, crossings, begin, end, slots, prim_id=prim_id, ray_id=ray_id, locations=locations)
+        refine_crossings(batch, surface, crossings, begin, end, slots, ids=ids, ray_id=ray_id, locations=locations)
 
     caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
-    return prim_id, ray_id, locations
+    return ids.prim_id, ray_id, locations
 
 
 def _cut_evenly(threads: HostThreads, offsets: NDArray[np.int64]) -> list[tuple[int, int]]:

@@ -8,35 +8,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
 from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
 from ..room import check_room
 from .hits import Hits
-from .refine import RefinedHits, refine_closest
+from .refine import HitIds, RefinedHits, refine_closest
 
 Shape = tuple[int, ...]
 
-# t, u, v, prim_id and is_front of a ray.
-_HIT_BYTES = 29
+# t, u, v, prim_id, is_front and, in a scene, instance_id of a ray.
+_HIT_BYTES = 33
 
 
 @cut_smaller_when_full
-def find_closest_hits(caster: Caster, mesh: Mesh, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
+def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
     count = batch.ray_count
     check_room(count, _HIT_BYTES)
-    refined, prim_id = RefinedHits.make(count), np.empty(count, np.int32)
+    tree, surface = caster.tree, caster.tree.surface
+    refined, ids = RefinedHits.make(count), HitIds.make(count, has_instances=tree.has_instances)
     for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
 
         def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
             rays = begin + first, begin + last
-            refine_closest(batch.part(*rays), mesh, found[first:last], refined.part(*rays), prim_id[slice(*rays)])
+            refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays), ids.part(*rays))
 
         caster.threads.for_ranges(len(found), refine)
-    return refined.as_hits(prim_id, mesh, shape)
+    return refined.as_hits(ids, shape, mesh=tree.mesh, scene_surface=tree.scene_surface)
 
 
 @cut_smaller_when_full

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
-from ...structs import HIT, HIT_LANES, HIT_PRIM_ID, NO_PRIM
+from ...structs import HIT_PRIM_ID, NO_PRIM
 from ...support.compiled import compiled
 from ...support.prefetch import prefetch
 from ..launch import FIRST_HITS, Call, Caster
@@ -35,8 +34,7 @@ _RAY_BYTES = 12
 OFFSET_BITS = 40
 OFFSET_MASK = (1 << OFFSET_BITS) - 1
 
-# A hit in 8-byte words; the face is the upper half of the last one.
-_HIT_WORDS = HIT_LANES // 2
+# The primitive of a hit is the upper half of one of its 8-byte words.
 _PRIM_WORD, _PRIM_SHIFT = HIT_PRIM_ID // 2, 32
 
 # Prefetch distance in rays.
@@ -55,8 +53,8 @@ class Crossings(NamedTuple):
         The others follow in the order along the ray.
     segment_begins : (segments + 1,) int64
         Begin of each segment in `found`.
-    found : (m, 4) float32
-        `structs.HIT` as lanes.
+    found : (m, lanes) float32
+        `structs.HIT` or `structs.SCENE_HIT` as lanes.
     """
 
     counts: NDArray[np.int32]
@@ -79,23 +77,24 @@ class _Search:
 
 @cut_smaller_when_full
 def find_crossings(
-    caster: Caster, mesh: Mesh, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
+    caster: Caster, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
 ) -> Crossings:
     """Return the crossings of each ray, the nearest `max_hits` at most."""
     count = batch.ray_count
     check_room(count, _RAY_BYTES)
     with caster.open_call() as call:
         search = _Search(call, max_hits, progress, np.zeros(count, np.int32), np.zeros(count, np.int64))
-        rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, mesh.face_count + 1)
+        # One slot more than a ray can have crossings is never taken.
+        most_slots = caster.tree.most_crossings + 1
+        rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, most_slots)
         while rays.ray_count > 0:
             crowded = _search_round(search, rays, ray_ids, shape, slots)
             # Only the first round has the shape of a picture, and the user's progress.
             rays, ray_ids, shape, search.progress = batch.take(crowded), crowded, (len(crowded),), None
-            # No ray crosses a triangle twice, so one slot more than there are triangles is never taken.
-            slots = min(slots * SLOT_GROWTH, mesh.face_count + 1)
+            slots = min(slots * SLOT_GROWTH, most_slots)
 
     segment_begins = running_sums(np.array([len(segment) for segment in search.segments], np.int64))
-    found = np.empty((segment_begins[-1], _HIT_WORDS), np.int64)
+    found = np.empty((segment_begins[-1], caster.tree.hit_dtype.itemsize // 8), np.int64)
 
     def join(begin: int, segment: NDArray[np.int64]) -> None:
         found[begin : begin + len(segment)] = segment
@@ -112,12 +111,14 @@ def _search_round(
     `ray_ids` are the indices of the rays among the user's; None for all of them.
     """
     call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
-    most_rays = max(1, call.fit(HIT, MOST_SLOTS) // wanted)
+    most_rays = max(1, call.fit(call.hit_dtype, MOST_SLOTS) // wanted)
     crowded = [np.empty(0, np.int64)]
     for piece in call.cut_rays(batch, shape, most_rays=most_rays, progress=search.progress):
         packed = call.pack_rays(batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
-            crowded += _compact_piece(search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, _HIT_WORDS))
+            crowded += _compact_piece(
+                search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8)
+            )
     return np.concatenate(crowded)
 
 
@@ -125,19 +126,19 @@ def _compact_piece(
     search: _Search, piece: RayPiece, ray_ids: NDArray[np.int64] | None, kept: NDArray[np.int64]
 ) -> list[NDArray[np.int64]]:
     """Add the hits of a piece to the search, without gaps; return the indices of its crowded rays, in parts."""
-    slots, threads = kept.shape[1], search.call.threads
+    slots, words, threads = kept.shape[1], kept.shape[2], search.call.threads
     users = (
         piece.begin + piece.ray_ids().astype(np.int64) if ray_ids is None else ray_ids[piece.begin + piece.ray_ids()]
     )
 
     def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        hits, crowded = np.empty(((last - first) * slots, _HIT_WORDS), np.int64), np.empty(last - first, np.int64)
+        hits, crowded = np.empty(((last - first) * slots, words), np.int64), np.empty(last - first, np.int64)
         hit_count, crowded_count = _compact(
             kept[first:last], users[first:last], slots == search.max_hits, segment << OFFSET_BITS,
             hits, crowded, search.counts, search.sources,
         )  # fmt: skip
         # Most slots are empty: their memory is given back.
-        hits.resize((hit_count, _HIT_WORDS), refcheck=False)
+        hits.resize((hit_count, words), refcheck=False)
         return hits, crowded[:crowded_count].copy()
 
     ranges = threads.ranges(len(kept))
@@ -171,7 +172,8 @@ def _compact(kept, users, is_enough, segment, hits, crowded, counts, sources):
             continue
         counts[user], sources[user] = count, segment | hit_count
         for slot in range(count):
-            hits[hit_count, 0], hits[hit_count, 1] = kept[ray, slot, 0], kept[ray, slot, 1]
+            for word in range(kept.shape[2]):
+                hits[hit_count, word] = kept[ray, slot, word]
             hit_count += 1
     return hit_count, crowded_count
 

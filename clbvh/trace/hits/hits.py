@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +17,9 @@ from ...structs import NO_PRIM
 from ..rays.batch import read_vectors
 from ..rays.broadcast import broadcast_shape
 from ..room import check_room
-from .locations import find_locations, find_normals
-from .offsets import find_offset_points, find_sides
+from . import surface
+from .interpolate import interpolate
+from .normals import Normals
 
 # A start point, and one on each side of the triangle.
 _POINT_BYTES = 3 * 24
@@ -27,6 +29,9 @@ _POINT_BYTES = 3 * 24
 class Hits:
     """One crossing per ray, at ``(1 - u - v) a + u b + v c`` of the triangle with the corners a, b and c.
 
+    On a sphere, u is the azimuth about the object's z axis in turns, from the x axis towards the y axis, and v is the
+    angle from the z axis in half turns.
+
     Every array has the leading shape of the rays; for a single ray, (3,), that is ``()``. Indexing by anything that
     indexes this shape gives the hits of some rays: ``hits[hits.is_hit]`` are those that hit.
 
@@ -35,13 +40,17 @@ class Hits:
     t : (...,) float64, or float32 in a picture, lengths of the ray's direction
         Distance from the ray's origin; infinite on a miss.
     u, v : (...,) of the same dtype
-        Barycentric coordinates; 0 on a miss.
+        Barycentric coordinates, or those of a sphere; 0 on a miss.
     prim_id : (...,) int32
-        Face of the mesh; -1 on a miss.
+        Face of the mesh, or sphere, by its number in its geometry; -1 on a miss.
     mesh : Mesh or None
-        The mesh that was hit.
+        The mesh that was hit; None for hits in a scene of several instances.
     is_front : (...,) bool or None
         Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
+    scene_surface : SceneSurface or None
+        The instances of the scene that was hit; None for hits of a mesh.
+    known_instance_id : (...,) int32 or None
+        `instance_id`, if it was computed along with the hits; None if all are on the first instance.
 
     Examples
     --------
@@ -79,6 +88,8 @@ class Hits:
     prim_id: NDArray[np.int32]
     mesh: Mesh | None = field(default=None, repr=False)
     is_front: NDArray[np.bool_] | None = field(default=None, repr=False, kw_only=True)
+    scene_surface: surface.SceneSurface | None = field(default=None, repr=False, kw_only=True)
+    known_instance_id: NDArray[np.int32] | None = field(default=None, repr=False, kw_only=True)
 
     @classmethod
     def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
@@ -110,18 +121,95 @@ class Hits:
         return int(np.count_nonzero(self.is_hit))
 
     @property
-    def locations(self) -> NDArray[np.float64]:
-        """(..., 3) float64, the file's coordinates: where the triangle is hit; NaN on a miss."""
-        return find_locations(self._known_mesh(), self.prim_id, self.u, self.v)
+    def instance_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the instance that was hit; 0 for every hit of a mesh, -1 on a miss."""
+        if self.known_instance_id is not None:
+            return self.known_instance_id
+        return np.asarray(np.minimum(self.prim_id, np.int32(0)))
 
     @property
-    def normals(self) -> NDArray[np.float64]:
-        """(..., 3) float64: the triangle's normal of length 1, on the side from which a, b, c run anticlockwise.
+    def geometry_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the geometry that was hit; 0 for every hit of a mesh, -1 on a miss."""
+        return self.instance_id if self.scene_surface is None else self.scene_surface.geometry_ids(self._points())
+
+    @property
+    def locations(self) -> NDArray[np.float64]:
+        """(..., 3) float64, the file's coordinates, or the world's: where the primitive is hit; NaN on a miss."""
+        return self._known_surface().locate(self._points())
+
+    @property
+    def normals(self) -> Normals:
+        """(..., 3) float64: the normal of length 1, on the side from which a, b, c run anticlockwise.
 
         NaN on a miss. The ray may come from either side, see `is_front`. A triangle thinner than about 2^-31 of its
         length has no reliable normal even in float64, and gets a vector across its longest edge.
+
+        Normals of instances are perpendicular to the transformed surface, and on the object's outer side: that from
+        which a, b, c run anticlockwise in the object, or the outside of a sphere. A mirror takes that side along, so
+        the normals of a mirrored closed object still point outwards.
+
+        The array can be called for other normals of the same hits: ``hits.normals(smooth=True)`` interpolates those of
+        the vertices, ``hits.normals(facing=True)`` turns them to the side from which the ray came, and both together do
+        both; see `Normals`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> ball = clbvh.make_shape("icosphere", triangles=320)
+        >>> with clbvh.Tracer(ball) as tracer:
+        ...     hits = tracer.closest_hit([0, 0, 0], [0.6, 0.48, 0.64])
+        >>> hits.normals.round(2)
+        array([0.55, 0.45, 0.7 ])
+        >>> hits.normals(smooth=True).round(2)
+        array([0.6 , 0.48, 0.64])
+        >>> hits.normals(smooth=True, facing=True).round(2)
+        array([-0.6 , -0.48, -0.64])
         """
-        return find_normals(self._known_mesh(), self.prim_id)
+        return Normals.of(self._known_surface().normals(self._points()), self._find_normals)
+
+    def interpolate(self, attribute: ArrayLike | Mapping[Any, ArrayLike]) -> NDArray[np.float64]:
+        """Return the values of an attribute where the rays hit: colours, texture coordinates, temperatures.
+
+        Parameters
+        ----------
+        attribute : (V,) or (V, k...) array of real numbers, or a mapping
+            A value or a row of any shape for each vertex of the mesh, which u and v interpolate; of spheres, for each
+            sphere, whose value holds for all of its surface. For a scene of several geometries: a mapping from
+            geometries to their arrays, ``{car: colours, "ground": more_colours}``. A geometry is given by its handle,
+            its name or its id. All rows have the same shape.
+
+        Returns
+        -------
+        (...,) or (..., k...) float64
+            NaN on a miss, and on a geometry that the mapping leaves out. A vertex with the value NaN makes its faces
+            NaN.
+
+        Raises
+        ------
+        QueryError
+            Values that are not numbers, another number of them than vertices or spheres, a geometry that the scene does
+            not have, an array for a scene of several geometries, rows of different shapes, or a result that does not
+            fit the free memory.
+        ConfigError
+            These hits do not know their mesh.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+        >>> with clbvh.Tracer(mesh) as tracer:
+        ...     hits = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [[0, 0, -1], [0, 0, -1]])
+        >>> hits.interpolate([10, 20, 30])
+        array([22.5,  nan])
+        >>> hits[0].interpolate([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        array([0.25, 0.25, 0.5 ])
+        """
+        if self.scene_surface is not None:
+            shapes, names = self.scene_surface.shapes, self.scene_surface.names
+        else:
+            mesh = self._known_mesh()
+            shapes, names = (mesh,), (mesh.name,)
+        return interpolate(shapes, names, attribute, self.prim_id, self.geometry_id, self.u, self.v)
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
         """Return start points for rays that leave the surface: just above it, where they cannot meet it by rounding.
@@ -168,13 +256,13 @@ class Hits:
         False True
         False True True
         """
-        mesh = self._known_mesh()
+        hit, points = self._known_surface(), self._points()
         if towards is None:
             if self.is_front is None:
                 raise ConfigError(
                     "these hits do not know from which side the rays came: call offset_origins(towards=directions)"
                 )
-            return find_offset_points(mesh, self.prim_id, self.locations, self.is_front)
+            return hit.offset_points(points, self.locations, self.is_front)
         directions = read_vectors(towards, "towards")
         try:
             shape = broadcast_shape(self.shape, directions.shape[:-1])
@@ -185,9 +273,9 @@ class Hits:
             ) from None
         check_room(math.prod(shape), _POINT_BYTES)
         self._refuse_wrong(directions, shape)
-        locations, sides = self.locations, np.broadcast_to(find_sides(mesh, self.prim_id, directions), shape)
-        front = find_offset_points(mesh, self.prim_id, locations, np.ones(self.shape, np.bool_))
-        back = find_offset_points(mesh, self.prim_id, locations, np.zeros(self.shape, np.bool_))
+        locations, sides = self.locations, np.broadcast_to(hit.find_sides(points, directions), shape)
+        front = hit.offset_points(points, locations, np.ones(self.shape, np.bool_))
+        back = hit.offset_points(points, locations, np.zeros(self.shape, np.bool_))
         return np.where(sides[..., None], front, back)
 
     def take(self, rays: NDArray[np.int64]) -> Hits:
@@ -217,8 +305,12 @@ class Hits:
 
     def _map(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Hits:
         is_front = None if self.is_front is None else change(self.is_front)
+        instance_id = None if self.known_instance_id is None else change(self.known_instance_id)
         t, u, v, prim_id = (change(values) for values in (self.t, self.u, self.v, self.prim_id))
-        return Hits(t, u, v, prim_id, self.mesh, is_front=is_front)
+        return Hits(
+            t, u, v, prim_id, self.mesh,
+            is_front=is_front, scene_surface=self.scene_surface, known_instance_id=instance_id,
+        )  # fmt: skip
 
     def _refuse_wrong(self, directions: NDArray[Any], shape: tuple[int, ...]) -> None:
         """Raise `QueryError` for the first direction that leads nowhere, and that is the direction of a hit."""
@@ -230,10 +322,30 @@ class Hits:
             place = f" of the hit {tuple(map(int, first))}" if shape else ""
             raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
+    def _known_surface(self) -> surface.Surface:
+        if self.mesh is None and self.scene_surface is not None:
+            return self.scene_surface
+        return surface.MeshSurface(self._known_mesh())
+
     def _known_mesh(self) -> Mesh:
         if self.mesh is None:
             raise ConfigError("these hits do not know their mesh: make them with Hits(..., mesh=...)")
         return self.mesh
+
+    def _find_normals(self, normals: NDArray[np.float64], smooth: bool, facing: bool) -> NDArray[np.float64]:
+        """Return the answer of `Normals.__call__`."""
+        if facing and self.is_front is None:
+            raise ConfigError(
+                "these hits do not know from which side the rays came: turn hits.normals by the rays' directions"
+            )
+        if smooth:
+            normals = self._known_surface().smooth_normals(self._points(), normals)
+        return (
+            np.where(self.is_front[..., None], normals, -normals) if facing and self.is_front is not None else normals
+        )
+
+    def _points(self) -> surface.SurfacePoints:
+        return surface.SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,6 +378,12 @@ class AllHits(Hits):
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
 
     known_locations: NDArray[np.float64] | None = field(default=None, repr=False, kw_only=True)
+
+    @classmethod
+    def of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
+        """Return hits with the ranges of each ray's, and their locations if they are known."""
+        values = {name.name: getattr(hits, name.name) for name in dataclasses.fields(Hits)}
+        return cls(**values, offsets=offsets, known_locations=locations)
 
     @property
     def locations(self) -> NDArray[np.float64]:

@@ -15,14 +15,14 @@ from ...structs import NO_PRIM
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ..triangles import triangles_of
-from .locations import find_normals, make_normal
+from .locations import make_normal
 
 # Unit roundoffs of float32 and float64.
-_ROUNDING = 2.0**-24
-_DOUBLE_ROUNDING = 2.0**-53
+ROUNDING = 2.0**-24
+DOUBLE_ROUNDING = 2.0**-53
 
 # Roundings of float32 between a point and the t of a triangle, by docs/internals/offsets.md.
-_ROUNDINGS = 40
+ROUNDINGS = 40
 
 
 def find_offset_points(
@@ -53,20 +53,19 @@ def find_offset_points(
     return points
 
 
-def find_sides(mesh: Mesh, prim_id: NDArray[np.int32], directions: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return (...) bool: whether each direction leads to the front of its triangle.
+def find_sides(normals: NDArray[np.float64], directions: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Return (...) bool: whether each direction leads to the side of its normal.
 
     Parameters
     ----------
-    mesh : Mesh
-    prim_id : (...) int32
+    normals : (..., 3) float64
     directions : (..., 3) float
-        Of any length; broadcast against the faces.
+        Of any length; broadcast against the normals.
     """
     # The products of a tiny direction would underflow.
     longest = np.abs(directions).max(axis=-1, keepdims=True, initial=0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        heights = np.einsum("...i,...i->...", directions / longest, find_normals(mesh, prim_id))
+        heights = np.einsum("...i,...i->...", directions / longest, normals)
     return np.asarray(heights >= 0.0)
 
 
@@ -96,6 +95,6 @@ def _offset(triangles, local_vertices, centre, prim_ids, locations, is_front, po
             for axis in range(3):
                 height += (local_vertices[vertex, axis] - local[axis]) * normal[axis]
             highest = max(highest, height)
-        distance = highest + _ROUNDINGS * _ROUNDING * (reach + 1.0) * breadth + 2 * _DOUBLE_ROUNDING * coarseness
+        distance = highest + ROUNDINGS * ROUNDING * (reach + 1.0) * breadth + 2 * DOUBLE_ROUNDING * coarseness
         for axis in range(3):
             points[hit, axis] = locations[hit, axis] + distance * normal[axis] / scale

@@ -7,13 +7,13 @@ of rays, hits and devices.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SceneError
-from ...geometry import Mesh
+from ...geometry import Mesh, Shape
 from ...structs import PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.memory import check_memory
@@ -23,26 +23,6 @@ from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_t
 _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
 
 _TRIANGLES, _SPHERES = PRIM_KINDS["triangles"], PRIM_KINDS["spheres"]
-
-
-class SpheresLike(Protocol):
-    """Spheres as this module sees them: centres, radii, and the map to local coordinates."""
-
-    @property
-    def centres(self) -> NDArray[np.float64]:
-        """(n, 3) float64."""
-
-    @property
-    def radii(self) -> NDArray[np.float64]:
-        """(n,) float64."""
-
-    @property
-    def origin(self) -> NDArray[np.float64]:
-        """(3,) float64."""
-
-    @property
-    def scale(self) -> float:
-        """A power of two: local units in one unit of the file."""
 
 
 class SceneArrays(NamedTuple):
@@ -71,7 +51,7 @@ class SceneArrays(NamedTuple):
     scale : (G,) float64
         A power of two: the geometry's local units in one object unit.
     half_size : (G, 3) float64, object units
-        Half the sides of the geometry's box, of which `origin` is the centre.
+        Half the sides of the geometry's box, of which `origin` is the centre, to a rounding of float32.
     geometry_id : (n,) int32
         The geometry of each instance.
     linear : (n, 3, 3) float64
@@ -108,7 +88,7 @@ class SceneArrays(NamedTuple):
 
 
 def make_scene_arrays(
-    shapes: Sequence[Mesh | SpheresLike], geometry_id: NDArray[np.integer], transforms: NDArray[np.float64]
+    shapes: Sequence[Shape], geometry_id: NDArray[np.integer], transforms: NDArray[np.float64]
 ) -> SceneArrays:
     """Return the arrays of a scene.
 
@@ -187,12 +167,10 @@ def move_instances(arrays: SceneArrays, transforms: NDArray[np.float64]) -> Scen
     return moved
 
 
-def _half_size(shape: Mesh | SpheresLike) -> NDArray[np.float64]:
+def _half_size(shape: Shape) -> NDArray[np.float64]:
     """Return (3,) float64: half the sides of the shape's box."""
-    if isinstance(shape, Mesh):
-        # Local coordinates are in memory, and a rounding of float32 does not matter.
-        return np.abs(shape.local_box).max(axis=0).astype(np.float64) / shape.scale
-    return (np.abs(shape.centres - shape.origin) + shape.radii[:, None]).max(axis=0)
+    # Local coordinates are in memory, and a rounding of float32 does not matter.
+    return np.abs(shape.local_box).max(axis=0).astype(np.float64) / shape.scale
 
 
 def _join(parts: list[NDArray], nothing: NDArray) -> NDArray:
@@ -227,6 +205,17 @@ def place_vector(arrays, instance, x, y, z):
         linear[instance, 0, 0] * x + linear[instance, 0, 1] * y + linear[instance, 0, 2] * z,
         linear[instance, 1, 0] * x + linear[instance, 1, 1] * y + linear[instance, 1, 2] * z,
         linear[instance, 2, 0] * x + linear[instance, 2, 1] * y + linear[instance, 2, 2] * z,
+    )
+
+
+@compiled
+def to_object(arrays, instance, x, y, z):
+    """Return a vector of the world in the coordinates of an instance's geometry."""
+    inverse = arrays.inverse
+    return (
+        inverse[instance, 0, 0] * x + inverse[instance, 0, 1] * y + inverse[instance, 0, 2] * z,
+        inverse[instance, 1, 0] * x + inverse[instance, 1, 1] * y + inverse[instance, 1, 2] * z,
+        inverse[instance, 2, 0] * x + inverse[instance, 2, 1] * y + inverse[instance, 2, 2] * z,
     )
 
 

@@ -16,6 +16,8 @@ from .ray_rows import RayRows
 
 _FLOAT64 = np.dtype(np.float64)
 
+_MOST_MASK = 0xFFFFFFFF
+
 
 class RayBatch(NamedTuple):
     """Rays as the user gave them.
@@ -24,12 +26,15 @@ class RayBatch(NamedTuple):
     ----------
     origins, directions : Broadcast of float32 or float64 vectors, the file's coordinates
     t_min, t_max : Broadcast of float64, lengths of the direction
+    mask : Broadcast of uint32, or None
+        The instances of a scene that are visible; None: all.
     """
 
     origins: Broadcast
     directions: Broadcast
     t_min: Broadcast
     t_max: Broadcast
+    mask: Broadcast | None = None
 
     @property
     def ray_count(self) -> int:
@@ -43,7 +48,8 @@ class RayBatch(NamedTuple):
 
     def take(self, ray_ids: NDArray[np.integer]) -> RayBatch:
         """Return some of the rays, by their indices in C order."""
-        return RayBatch(*(values.take(ray_ids) for values in self))
+        origins, directions, t_min, t_max = (values.take(ray_ids) for values in self[:4])
+        return RayBatch(origins, directions, t_min, t_max, None if self.mask is None else self.mask.take(ray_ids))
 
     def part(self, begin: int, end: int) -> RayRows:
         """Return rays `begin` to `end`, counted in C order."""
@@ -86,7 +92,7 @@ class TreeBox(NamedTuple):
 
 
 def read_rays(
-    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None = None
 ) -> tuple[RayBatch, tuple[int, ...]]:
     """Return rays as a batch, without a copy where possible, and the leading shape that they are broadcast to.
 
@@ -104,7 +110,9 @@ def read_rays(
             f"not {origins.shape} and {directions.shape}"
         ) from None
     limits = _read_limits(t_min, "t_min", shape), _read_limits(t_max, "t_max", shape)
-    return RayBatch(Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape), *limits), shape
+    masks = None if mask is None else read_masks(mask, shape)
+    vectors = Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape)
+    return RayBatch(*vectors, *limits, masks), shape
 
 
 def read_vectors(values: ArrayLike, name: str) -> NDArray[Any]:
@@ -159,6 +167,21 @@ def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadc
         wanted = "a number" if least == -np.inf else f"a number from {least:g}"
         raise QueryError(f"{subject} must be {wanted}, not {wrong}")
     return Broadcast.to_shape(limits, 0, shape)
+
+
+def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays") -> Broadcast:
+    """Return the masks of rays or points of this leading shape."""
+    masks = _read_numbers(values, "mask")
+    if masks.dtype.kind not in "iu":
+        raise QueryError(f"mask must be integers, not {masks.dtype}")
+    if masks.shape and masks.shape != shape and not _fits(masks.shape, shape):
+        raise QueryError(
+            f"mask must be a number or have a shape that broadcasts to that of the {subject}, {shape}, "
+            f"not {masks.shape}"
+        )
+    if masks.size and not (int(masks.min()) >= 0 and int(masks.max()) <= _MOST_MASK):
+        raise QueryError(f"mask must be from 0 to {_MOST_MASK:#x}, which has 32 bits")
+    return Broadcast.to_shape(masks.astype(np.uint32), 0, shape)
 
 
 def _fits(given: tuple[int, ...], shape: tuple[int, ...]) -> bool:

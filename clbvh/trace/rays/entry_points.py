@@ -12,7 +12,7 @@ import numpy as np
 from ...device.kernel import Kernel
 from ...device.reusable_buffer import ReusableBuffer
 from ...device.session import DeviceSession
-from ..device_tree import DeviceTree
+from ..traced_tree import TracedTree
 
 # Kernel that finds the entry points of rays in memory.
 ENTRY_POINT_KERNEL = "tile_entry_points"
@@ -23,7 +23,7 @@ _WORK_GROUP = (16, 1)
 
 def find_entry_points(
     session: DeviceSession,
-    tree: DeviceTree,
+    tree: TracedTree,
     kernel: Kernel,
     buffer: ReusableBuffer,
     work_size: tuple[int, int],
@@ -35,7 +35,7 @@ def find_entry_points(
     Parameters
     ----------
     session : DeviceSession
-    tree : DeviceTree
+    tree : TracedTree
         In the same session; it has entry points.
     kernel : Kernel
     buffer : ReusableBuffer

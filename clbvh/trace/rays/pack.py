@@ -17,11 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import QueryError
-from ...structs import PACKED_RAY_DIRECTION, PACKED_RAY_LANES, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
+from ...structs import (
+    PACKED_RAY_DIRECTION,
+    PACKED_RAY_LANES,
+    PACKED_RAY_T_MAX,
+    PACKED_RAY_T_MIN,
+    SCENE_RAY,
+    SCENE_RAY_DIRECTION_LOW,
+    SCENE_RAY_ORIGIN_LOW,
+)
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
 from ...support.prefetch import prefetch
 from .batch import RayBatch, TreeBox, too_far
+from .broadcast import Broadcast
 from .ray_rows import RayRows, row_step
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.
@@ -49,6 +58,9 @@ _MOST_ADVANCES = 32
 _PREFETCH_RAYS = 40
 
 _ALL_GOOD = -1
+
+# The mask of rays that see every instance.
+_ALL_VISIBLE = np.uint32(0xFFFFFFFF)
 
 
 class _Ray(NamedTuple):
@@ -82,7 +94,7 @@ def pack_rays(
     rays : RayRows
         A part of the batch.
     box : TreeBox
-    packed : (n,) `structs.PACKED_RAY`, written
+    packed : (n,) `structs.PACKED_RAY` or `structs.SCENE_RAY`, written
     order : (n,) int32, optional
         Rays to write, by their indices in the part; all in their own order without it.
     first_ray : int, optional
@@ -94,13 +106,24 @@ def pack_rays(
         A value is not finite, a direction has length zero, or an origin's distance in sizes of the mesh is beyond
         float64; the message names the first bad ray.
     """
-    lanes = packed.view(np.float32).reshape(-1, PACKED_RAY_LANES)
+    lanes = packed.view(np.float32).reshape(-1, packed.dtype.itemsize // 4)
     bad = _pack(rays, box, order, lanes)
     if bad != _ALL_GOOD and order is not None:
         # In another order, it need not be the first bad ray.
         bad = _pack(rays, box, None, np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32))
     if bad != _ALL_GOOD:
         raise _explain(batch, first_ray + bad)
+    if packed.dtype == SCENE_RAY:
+        packed["mask"] = _ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
+
+
+def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None, count: int) -> NDArray[np.uint32]:
+    """Return the masks of rays that are packed, (n,) or (1,)."""
+    if masks.is_one:
+        return masks.items
+    if order is None:
+        return masks.part(first_ray, first_ray + count, masks.items.dtype)
+    return masks.take(first_ray + order.astype(np.int64)).items
 
 
 def _explain(batch: RayBatch, ray_id: int) -> QueryError:
@@ -180,6 +203,19 @@ def _write(packed, slot, ray):
     packed[slot, PACKED_RAY_DIRECTION + 1] = ray.dy
     packed[slot, PACKED_RAY_DIRECTION + 2] = ray.dz
     packed[slot, PACKED_RAY_T_MAX] = ray.t_max
+    if packed.shape[1] > PACKED_RAY_LANES:
+        _write_low(packed, slot, ray)
+
+
+@compiled
+def _write_low(packed, slot, ray):
+    """Write what float32 has rounded off a ray of a scene."""
+    packed[slot, SCENE_RAY_ORIGIN_LOW] = ray.x - np.float64(packed[slot, 0])
+    packed[slot, SCENE_RAY_ORIGIN_LOW + 1] = ray.y - np.float64(packed[slot, 1])
+    packed[slot, SCENE_RAY_ORIGIN_LOW + 2] = ray.z - np.float64(packed[slot, 2])
+    packed[slot, SCENE_RAY_DIRECTION_LOW] = ray.dx - np.float64(packed[slot, PACKED_RAY_DIRECTION])
+    packed[slot, SCENE_RAY_DIRECTION_LOW + 1] = ray.dy - np.float64(packed[slot, PACKED_RAY_DIRECTION + 1])
+    packed[slot, SCENE_RAY_DIRECTION_LOW + 2] = ray.dz - np.float64(packed[slot, PACKED_RAY_DIRECTION + 2])
 
 
 @compiled(error_model="numpy")

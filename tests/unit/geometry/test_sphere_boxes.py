@@ -52,7 +52,7 @@ def test_the_corners_are_those_of_the_boxes_in_the_units_of_the_spheres_as_well(
 @pytest.mark.parametrize("radius", [1e-30, np.nextafter(1, 0), 1.0, 1e30])
 def test_a_single_sphere_stays_within_local_coordinates(radius):
     mesh = sphere_boxes(Spheres([[0, 0, 0]], radius))
-    assert 0.49 <= np.abs(mesh.local_vertices).min()
+    assert np.abs(mesh.local_vertices).min() >= 0.49
     assert np.abs(mesh.local_vertices).max() <= 1
 
 

@@ -5,8 +5,9 @@ import pytest
 
 from clbvh import Mesh
 from clbvh.structs import HIT
-from clbvh.trace.hits.refine import RefinedHits, refine_closest
+from clbvh.trace.hits.refine import HitIds, RefinedHits, refine_closest
 from clbvh.trace.rays.batch import read_rays
+from clbvh.trace.triangles import triangles_of
 
 MESH = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
 BESIDE = 2.0**-30
@@ -31,10 +32,10 @@ def test_a_hit_beside_its_triangle_moves_onto_it(name, length):
     (x, y), (expected_u, expected_v) = POINTS[name]
     rays, _ = read_rays(np.array([[x, y, 3.0]]), np.array([[0, 0, -length]]), 0.0, np.inf)
     found = np.zeros(1, HIT)
-    hits, prim_id = RefinedHits.make(1), np.empty(1, np.int32)
-    refine_closest(rays.part(0, 1), MESH, found, hits, prim_id)
+    hits, ids = RefinedHits.make(1), HitIds.make(1)
+    refine_closest(rays.part(0, 1), triangles_of(MESH), found, hits, ids)
     t, u, v = hits.t, hits.u, hits.v
-    assert prim_id.tolist() == [0]
+    assert ids.prim_id.tolist() == [0]
     np.testing.assert_allclose([u[0], v[0]], [expected_u, expected_v], rtol=0, atol=1e-9)
     assert min(u[0], v[0], 1 - u[0] - v[0]) >= 0
     assert t[0] == pytest.approx(3 / length)

@@ -1,7 +1,5 @@
 """The arrays of a scene: rows of each geometry, and the matrices of the instances."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,9 +10,7 @@ from clbvh.trace.hits.scene_arrays import make_scene_arrays, move_instances, pla
 
 TRIANGLE = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 2, 0]], [[0, 1, 2]])
 SQUARE = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-SPHERES = SimpleNamespace(
-    centres=np.array([[1.0, 2, 3], [5, 2, 3]]), radii=np.array([0.5, 1]), origin=np.array([3.25, 2, 3]), scale=0.25
-)
+SPHERES = clbvh.Spheres([[1, 2, 3], [5, 2, 3]], [0.5, 1])
 
 
 def identities(count):

@@ -1,0 +1,25 @@
+// The number of hits of each ray in a scene.
+//
+// Shared arguments: see cl/instances/traverse.cl and cl/instances/batch.cl.
+// max_hits              counting stops here, at least 1
+// counts[ray_count]     written by ray_id
+
+#include "instances/batch.cl"
+#include "instances/traverse.cl"
+
+kernel void scene_count_hits(
+    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
+    const global node_t *restrict nodes, const global block_t *restrict blocks, const global float *restrict spheres,
+    const global scene_ray_t *restrict rays, global int *restrict counts, const int ray_count,
+    const int row_length, const global int *restrict order,
+    const int max_hits)
+{
+    scene_ray_pair_t ray;
+    const int ray_id = load_scene_ray(rays, ray_count, row_length, order, &ray);
+    if (ray_id == NO_RAY) {
+        return;
+    }
+    search_t search = make_search(max_hits, 0);
+    traverse_scene(top_nodes, instances, nodes, blocks, spheres, &ray, &search, QUERY_COUNT);
+    counts[ray_id] = search.count;
+}

@@ -1,0 +1,111 @@
+"""Hits on the placed geometries of a scene, in float64: triangles in the scene's coordinates, spheres in their own.
+
+A triangle is placed first and intersected then, so that its hits are as exact far from the scene's zero as they are in
+a mesh that lies there. A placed sphere is an ellipsoid, so there the ray goes into the geometry's coordinates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
+from ...support.compiled import compiled
+from ...support.powers_of_two import exponent_of, times_power_of_two
+from ..rays.ray_rows import row_step
+from .placed_locations import locate_placed_point
+from .refine_block import AB, AC, CORNER, DIRECTION, TUV
+from .scene_arrays import place_point, place_vector, to_object
+from .sphere_coordinates import sphere_uv
+from .sphere_roots import sphere_crossing
+
+_SPHERES = PRIM_KINDS["spheres"]
+
+
+@compiled
+def gather_placed(rays, arrays, found_ints, block, count):
+    """Write the rays and the placed triangles of some hits into a block; anything for a sphere."""
+    origins, directions = rays.origins, rays.directions
+    origin_step, direction_step = row_step(origins), row_step(directions)
+    vertices, faces = arrays.vertices, arrays.faces
+    vectors, exponents, sources = block.vectors, block.exponents, block.sources
+    for hit in range(count):
+        origin_id, direction_id = block.rays[hit] * origin_step, block.rays[hit] * direction_step
+        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        geometry = arrays.geometry_id[instance]
+        dx, dy, dz = (
+            np.float64(directions[direction_id, 0]),
+            np.float64(directions[direction_id, 1]),
+            np.float64(directions[direction_id, 2]),
+        )
+        exponent = exponent_of(max(abs(dx), abs(dy), abs(dz)))
+        vectors[DIRECTION, 0, hit] = times_power_of_two(dx, -exponent)
+        vectors[DIRECTION, 1, hit] = times_power_of_two(dy, -exponent)
+        vectors[DIRECTION, 2, hit] = times_power_of_two(dz, -exponent)
+        scale = arrays.world_scale[instance]
+        exponents[hit] = exponent + exponent_of(scale)
+        if arrays.kind[geometry] == _SPHERES:
+            for axis in range(3):
+                vectors[CORNER, axis, hit] = vectors[AB, axis, hit] = vectors[AC, axis, hit] = 0.0
+            continue
+        first_vertex = arrays.first_vertex[geometry]
+        face = arrays.first_face[geometry] + found_ints[sources[hit], HIT_PRIM_ID]
+        a, b, c = first_vertex + faces[face, 0], first_vertex + faces[face, 1], first_vertex + faces[face, 2]
+        x, y, z = vertices[a, 0], vertices[a, 1], vertices[a, 2]
+        corner = place_point(arrays, instance, x, y, z)
+        ab = place_vector(arrays, instance, vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z)
+        ac = place_vector(arrays, instance, vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z)
+        vectors[CORNER, 0, hit] = (corner[0] - origins[origin_id, 0]) * scale
+        vectors[CORNER, 1, hit] = (corner[1] - origins[origin_id, 1]) * scale
+        vectors[CORNER, 2, hit] = (corner[2] - origins[origin_id, 2]) * scale
+        vectors[AB, 0, hit], vectors[AB, 1, hit], vectors[AB, 2, hit] = ab[0] * scale, ab[1] * scale, ab[2] * scale
+        vectors[AC, 0, hit], vectors[AC, 1, hit], vectors[AC, 2, hit] = ac[0] * scale, ac[1] * scale, ac[2] * scale
+
+
+@compiled
+def finish_placed(rays, arrays, found_ints, block, count):
+    """Turn the sides of mirrored triangles, and write the hits on spheres."""
+    volumes = block.volumes
+    for hit in range(count):
+        instance = np.int64(found_ints[block.sources[hit], SCENE_HIT_INSTANCE_ID])
+        if arrays.kind[arrays.geometry_id[instance]] == _SPHERES:
+            _refine_on_sphere(rays, arrays, found_ints, block, hit, instance)
+        elif arrays.is_mirrored[instance]:
+            volumes[hit] = -volumes[hit]
+
+
+@compiled
+def _refine_on_sphere(rays, arrays, found_ints, block, hit, instance):
+    """Write t, u, v and the side of a hit on a sphere."""
+    origins, directions = rays.origins, rays.directions
+    origin_id, direction_id = block.rays[hit] * row_step(origins), block.rays[hit] * row_step(directions)
+    sphere = arrays.first_sphere[arrays.geometry_id[instance]] + found_ints[block.sources[hit], HIT_PRIM_ID]
+    # The kernel writes a u of 0 where the ray enters the sphere and of 1 where it leaves it.
+    is_leaving = found_ints[block.sources[hit], HIT_U] != 0
+    origin = to_object(
+        arrays, instance,
+        origins[origin_id, 0] - arrays.offset[instance, 0],
+        origins[origin_id, 1] - arrays.offset[instance, 1],
+        origins[origin_id, 2] - arrays.offset[instance, 2],
+    )  # fmt: skip
+    direction = to_object(
+        arrays, instance,
+        np.float64(directions[direction_id, 0]),
+        np.float64(directions[direction_id, 1]),
+        np.float64(directions[direction_id, 2]),
+    )  # fmt: skip
+    centre = arrays.spheres[sphere, 0], arrays.spheres[sphere, 1], arrays.spheres[sphere, 2]
+    t, x, y, z = sphere_crossing(origin, direction, centre, arrays.spheres[sphere, 3], is_leaving)
+    block.vectors[TUV, 0, hit] = t
+    block.vectors[TUV, 1, hit], block.vectors[TUV, 2, hit] = sphere_uv(x, y, z)
+    block.volumes[hit] = -1.0 if is_leaving else 1.0
+
+
+@compiled
+def locate_placed(arrays, found_ints, block, count, locations):
+    """Write the points of a block's hits to their targets, in the scene's coordinates."""
+    vectors, sources, targets = block.vectors, block.sources, block.targets
+    for hit in range(count):
+        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        prim, u, v = found_ints[sources[hit], HIT_PRIM_ID], vectors[TUV, 1, hit], vectors[TUV, 2, hit]
+        point = locate_placed_point(arrays, instance, prim, u, v)
+        locations[targets[hit], 0], locations[targets[hit], 1], locations[targets[hit], 2] = point

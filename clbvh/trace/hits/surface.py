@@ -1,0 +1,164 @@
+"""The surface that rays have hit: one mesh, or the placed geometries of a scene.
+
+`Hits` asks its surface where the hits are, which normals they have, and from where rays leave them. A surface knows
+shapes and transforms, and nothing of rays and devices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry import Mesh, Shape
+from ...structs import NO_PRIM
+from .locations import find_locations, find_normals
+from .offsets import find_offset_points, find_sides
+from .placed_locations import find_placed_locations, find_placed_normals
+from .placed_offsets import find_placed_offset_points
+from .scene_arrays import SceneArrays, make_scene_arrays
+from .smooth_normals import find_placed_smooth_normals, find_smooth_normals
+
+
+class SurfacePoints(NamedTuple):
+    """Points on the primitives of a surface.
+
+    Attributes
+    ----------
+    prim_id : (...) int32
+        The primitive, by its number in its geometry; -1 for none.
+    instance_id : (...) int32
+        The instance, -1 for none.
+    u, v : (...) float
+        The coordinates on the primitive; see `Hits`.
+    """
+
+    prim_id: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
+    u: NDArray[np.floating]
+    v: NDArray[np.floating]
+
+
+class Surface(Protocol):
+    """What was hit: functions of points on it, with NaN for points on no primitive."""
+
+    def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
+        """Return (...) int32: the geometry of each point, -1 for none."""
+
+    def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
+        """Return (..., 3) float64, the file's coordinates, or those of the world: where the points are."""
+
+    def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
+        """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
+
+    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
+
+    def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
+
+    def offset_points(
+        self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSurface:
+    """The surface of one mesh in the file's coordinates.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    """
+
+    mesh: Mesh
+
+    def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
+        return points.instance_id
+
+    def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
+        return find_locations(self.mesh, points.prim_id, points.u, points.v)
+
+    def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
+        return find_normals(self.mesh, points.prim_id)
+
+    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        return find_smooth_normals(self.mesh, points.prim_id, points.u, points.v, normals)
+
+    def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
+        return find_sides(self.normals(points), directions)
+
+    def offset_points(
+        self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        return find_offset_points(self.mesh, points.prim_id, locations, is_front)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSurface:
+    """The surfaces of a scene's instances in world coordinates, as they were when the rays were cast.
+
+    Attributes
+    ----------
+    arrays : SceneArrays
+    shapes : sequence of Mesh or Spheres
+        The shape of each geometry.
+    names : sequence of str
+        The name of each geometry.
+    """
+
+    arrays: SceneArrays
+    shapes: Sequence[Shape]
+    names: Sequence[str]
+
+    @classmethod
+    def from_shapes(
+        cls,
+        shapes: Sequence[Shape],
+        names: Sequence[str],
+        geometry_id: NDArray[np.integer],
+        transforms: NDArray[np.float64],
+    ) -> SceneSurface:
+        """Return the surfaces of instances; see `make_scene_arrays`."""
+        return cls(make_scene_arrays(shapes, geometry_id, transforms), shapes, names)
+
+    @cached_property
+    def scene_reach(self) -> float:
+        """Half the largest side of the box around all instances, in world units."""
+        arrays = self.arrays
+        if len(arrays.geometry_id) == 0:
+            return 0.0
+        middles = np.einsum("nij,nj->ni", arrays.linear, arrays.origin[arrays.geometry_id]) + arrays.offset
+        halves = np.einsum("nij,nj->ni", np.abs(arrays.linear), arrays.half_size[arrays.geometry_id])
+        return float(np.max((middles + halves).max(axis=0) / 2 - (middles - halves).min(axis=0) / 2))
+
+    def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
+        geometry_id, instances = self.arrays.geometry_id, points.instance_id
+        if len(geometry_id) == 0:
+            return instances
+        return np.asarray(np.where(instances == NO_PRIM, np.int32(NO_PRIM), geometry_id[instances]))
+
+    def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
+        return find_placed_locations(self.arrays, *points)
+
+    def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
+        return find_placed_normals(self.arrays, *points)
+
+    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        return find_placed_smooth_normals(
+            self.arrays, self.shapes, points.prim_id, points.instance_id, self.geometry_ids(points), points.u, points.v,
+            normals,
+        )  # fmt: skip
+
+    def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
+        return find_sides(self.normals(points), directions)
+
+    def offset_points(
+        self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        return find_placed_offset_points(self.arrays, self.scene_reach, *points, locations, is_front)

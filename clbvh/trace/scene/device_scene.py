@@ -1,0 +1,289 @@
+"""A scene in a device's memory, ready for the kernels of scenes: two levels of trees, and the records of instances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh import Bvh
+from ...device.session import DeviceSession
+from ...errors import SceneError
+from ...geometry import Mesh
+from ...geometry.box_mesh import box_mesh
+from ...geometry.shape import Shape
+from ...layouts.bvh2 import make_bvh2_nodes
+from ...layouts.device_arrays import DeviceArrays, make_device_arrays
+from ...scene.state import SceneState
+from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
+from ...support.host_threads import HostThreads
+from ..device_tree import pad_stack, resolve_layout
+from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
+from ..hits.surface import SceneSurface
+from ..rays.batch import TreeBox
+from .placed import find_boxes, make_records
+from .refit_geometry import RefitGeometry
+
+BuildTree = Callable[[Mesh], Bvh]
+
+# No builder's tree is deeper, so that all scenes share one compiled kernel.
+_TOP_STACK_SIZE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class TopTree:
+    """The tree over the instances, as the device takes it.
+
+    Attributes
+    ----------
+    nodes : (m,) `structs.BVH2_NODE`
+    instances : (n,) `structs.INSTANCE`
+        In the order of the leaves.
+    bvh : Bvh
+        Its primitives are the instances.
+    """
+
+    nodes: NDArray[np.void]
+    instances: NDArray[np.void]
+    bvh: Bvh
+
+    @classmethod
+    def build(
+        cls, arrays: SceneArrays, parts: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
+    ) -> TopTree:
+        """Build the tree over the instances of a scene.
+
+        Raises
+        ------
+        SceneError
+            An instance is too small beside the scene.
+        """
+        bvh = build_tree(box_mesh(*find_boxes(arrays), "the instances"))
+        records = make_records(arrays, parts, masks, bvh.prim_ids, bvh.mesh.origin, bvh.mesh.scale)
+        return cls(make_bvh2_nodes(bvh), records, bvh)
+
+
+class DeviceScene:
+    """The buffers and the compile-time constants of one scene; in place of a `DeviceTree`.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Owns the buffers.
+    state : SceneState
+        At least one instance.
+    trees : sequence of Bvh
+        One for each geometry.
+    build_top : function
+        Builds the tree over the instances.
+    layout : str
+        Of the geometries' trees. The one over the instances is `bvh2` in any case.
+
+    Raises
+    ------
+    SceneError
+        The scene is empty, or an instance is too small beside the scene.
+    ConfigError
+        An unknown layout, or a tree that is too deep.
+    DeviceError
+        The scene does not fit the device.
+
+    Attributes
+    ----------
+    state : SceneState
+    surface : SceneArrays
+        What hits are refined on.
+    trees : tuple of Bvh
+    top : TopTree
+    layout, arguments, defines, has_entry_points, node_bytes
+        As in `DeviceTree`.
+    """
+
+    has_entry_points = False
+    has_instances = True
+    ray_dtype = SCENE_RAY
+    point_dtype = SCENE_POINT
+    hit_dtype = SCENE_HIT
+    mesh = None
+
+    def __init__(
+        self,
+        session: DeviceSession,
+        state: SceneState,
+        trees: Sequence[Bvh],
+        build_top: BuildTree,
+        layout: str = "auto",
+    ) -> None:
+        if len(state.transforms) == 0:
+            raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
+        self.layout = resolve_layout(layout, session)
+        self.state, self.trees = state, tuple(trees)
+        self._build_top = build_top
+        arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
+        self._parts = _list_parts(state, arrays)
+        self.arguments: dict[str, Any] = {}
+        self._byte_counts: dict[str, int] = {}
+        stack_size = pad_stack(self.layout, max(part.stack_size for part in arrays), max(bvh.depth for bvh in trees))
+        has_spheres = bool((self._parts[:, 3] == PRIM_KINDS["spheres"]).any())
+        self.defines = {
+            "LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size, "HAS_INSTANCES": 1,
+            "HAS_SPHERES": int(has_spheres), "TOP_STACK_SIZE": _TOP_STACK_SIZE,
+        }  # fmt: skip
+        self.node_bytes = arrays[0].nodes.itemsize
+        self._node_counts = [len(part.nodes) for part in arrays]
+        triangle_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["triangles"]]
+        sphere_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["spheres"]]
+        self._upload(session, "nodes", [part.nodes for part in arrays])
+        self._upload(session, "blocks", triangle_blocks)
+        self._upload(session, "spheres", sphere_blocks)
+        self._dtypes = {"nodes": arrays[0].nodes.dtype}
+        if triangle_blocks:
+            self._dtypes["blocks"] = triangle_blocks[0].dtype
+        self.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        self._put_top(session, session)
+
+    def moved(self, owner: DeviceSession, session: DeviceSession, state: SceneState) -> Self:
+        """Return the scene with other transforms of the same instances; this one does not change.
+
+        Parameters
+        ----------
+        owner : DeviceSession
+            Owns the buffers.
+        session : DeviceSession
+            A branch of it, for this thread.
+        state : SceneState
+        """
+        moved = self._copy(state)
+        moved.surface = move_instances(self.surface, state.transforms)
+        moved._put_top(owner, session)
+        return moved
+
+    def with_geometry(
+        self,
+        owner: DeviceSession,
+        session: DeviceSession,
+        state: SceneState,
+        geometry_id: int,
+        refit: RefitGeometry,
+        threads: HostThreads,
+    ) -> Self:
+        """Return the scene with a mesh of it whose vertices have moved; see `moved`."""
+        moved = self._copy(state)
+        for name in ("nodes", "blocks"):
+            begin, count, dtype = self._range(name, geometry_id)
+            byte_count = self._byte_counts[name]
+            buffer = owner.allocate(byte_count, writable=False)
+            moved.arguments[name] = buffer
+            first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
+            session.copy(self.arguments[name], buffer, 0, first)
+            session.copy(self.arguments[name], buffer, end, byte_count - end)
+        mesh = state.shapes[geometry_id]
+        with moved.mapped(session, geometry_id, write=True) as arrays:
+            refit.write(cast(Mesh, mesh), *arrays, threads)
+        moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        moved._put_top(owner, session)
+        return moved
+
+    def release_other_than(self, other: DeviceScene, owner: DeviceSession) -> None:
+        """Give back the buffers that another scene does not share."""
+        for name, buffer in self.arguments.items():
+            if buffer is not other.arguments[name]:
+                owner.release(buffer)
+
+    @contextmanager
+    def mapped(
+        self, session: DeviceSession, geometry_id: int, *, write: bool
+    ) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
+        """Map the nodes and the blocks of a geometry into the host's memory; see `DeviceSession.mapped`."""
+        nodes, blocks = (self._range(name, geometry_id) for name in ("nodes", "blocks"))
+        with (
+            session.mapped(self.arguments["nodes"], nodes[1], nodes[2], write=write, first=nodes[0]) as node_array,
+            session.mapped(self.arguments["blocks"], blocks[1], blocks[2], write=write, first=blocks[0]) as block_array,
+        ):
+            yield node_array, block_array
+
+    def buffers_of_own(self) -> list[Any]:
+        """Return all buffers of the scene."""
+        return list(self.arguments.values())
+
+    def _copy(self, state: SceneState) -> Self:
+        """Return a scene of another state, which shares all buffers."""
+        made = copy(self)
+        made.state = state
+        made.arguments, made._byte_counts = dict(self.arguments), dict(self._byte_counts)
+        return made
+
+    def _put_top(self, owner: DeviceSession, session: DeviceSession) -> None:
+        """Build the tree over the instances, and put it into new buffers."""
+        self.top = TopTree.build(self.surface, self._parts, self.state.masks, self._build_top)
+        for name, array in (("top_nodes", self.top.nodes), ("instances", self.top.instances)):
+            self.arguments[name] = owner.allocate(array.nbytes, writable=False)
+            self._byte_counts[name] = array.nbytes
+            session.write(self.arguments[name], array)
+
+    def _range(self, name: str, geometry_id: int) -> tuple[int, int, np.dtype]:
+        """Return where a mesh's nodes or blocks begin, how many there are, and their dtype."""
+        part, dtype = self._parts[geometry_id], self._dtypes[name]
+        if name == "blocks":
+            return int(part[1]), int(part[2]), dtype
+        return int(part[0]), self._node_counts[geometry_id], dtype
+
+    @property
+    def scene_surface(self) -> SceneSurface:
+        """What hits keep of the scene."""
+        return SceneSurface(self.surface, self.state.shapes, self.state.names)
+
+    def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
+        """Return the shapes that some instances place, or all of them for None."""
+        geometry_ids = self.state.geometry_ids if instance_ids is None else self.state.geometry_ids[instance_ids]
+        return [self.state.shapes[geometry_id] for geometry_id in np.unique(geometry_ids)]
+
+    @property
+    def box(self) -> TreeBox:
+        """The box around the scene."""
+        return TreeBox.around(self.top.bvh)
+
+    @property
+    def prim_count(self) -> int:
+        """Primitives of all instances."""
+        counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
+        return int(counts[self.state.geometry_ids].sum())
+
+    @property
+    def most_crossings(self) -> int:
+        """Most crossings that a ray can have: one for each triangle, two for each sphere."""
+        return 2 * self.prim_count
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of all buffers."""
+        return sum(self._byte_counts.values())
+
+    def _by_kind(self, arrays: Sequence[DeviceArrays]) -> list[tuple[DeviceArrays, int]]:
+        return list(zip(arrays, self._parts[:, 3].tolist(), strict=True))
+
+    def _upload(self, session: DeviceSession, name: str, parts: Sequence[NDArray[np.void]]) -> None:
+        """Put arrays into one buffer, one after the other."""
+        joined = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
+        self.arguments[name] = session.upload(joined)
+        self._byte_counts[name] = joined.nbytes
+
+
+def _list_parts(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:
+    """Return where the arrays of each geometry are in the joined ones, (geometries, 4), see `make_records`."""
+    rows = []
+    first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
+    for shape, part in zip(state.shapes, arrays, strict=True):
+        kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
+        rows.append((first_node, first_blocks[kind], len(part.blocks), kind))
+        first_node += len(part.nodes)
+        first_blocks[kind] += len(part.blocks)
+    most = np.iinfo(np.int32).max
+    if max(first_node, *first_blocks) > most:
+        raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
+    return np.array(rows, np.int32)

@@ -1,0 +1,174 @@
+"""Instances as numbers: the boxes of placed geometries, and the records that the device reads.
+
+Everything is computed in float64 from the 4 x 4 matrices; see `structs.INSTANCE` for what is kept in float32.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import SceneError
+from ...structs import INSTANCE
+from ...support.compiled import compiled
+from ..hits.scene_arrays import SceneArrays
+
+# An instance's box grows by this share of its own size: more than a ray loses by entering it in float32. And by this
+# share of all boxes: more than float32 rounds off the ray with which the boxes are tested.
+_OWN_GROWTH = 2.0**-18
+_SCENE_GROWTH = 2.0**-19
+
+# Bounds that are computed in float64 and kept in float32 have this much room.
+_ROOM = 1.0 + 2.0**-20
+
+# The device scales directions by the inverse of an instance's size in the scene; float32 has room for 2^60.
+_MOST_INVERSE = 2.0**60
+
+_LANES = INSTANCE.itemsize // 4
+
+
+def _lane(name: str) -> int:
+    return int(INSTANCE.fields[name][1]) // 4  # type: ignore[index]
+
+
+_TO_OBJECT, _TO_SCENE, _STRETCH = _lane("to_object"), _lane("to_scene"), _lane("least_stretch")
+_CENTRE, _CENTRE_LOW, _RADIUS = _lane("centre"), _lane("centre_low"), _lane("radius")
+_FIRST_NODE, _FIRST_BLOCK, _BLOCK_COUNT = _lane("first_node"), _lane("first_block"), _lane("block_count")
+_KIND, _MASK, _ID = _lane("kind"), _lane("mask"), _lane("instance_id")
+
+
+def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of the instances' boxes in the scene's coordinates, each (n, 3) float64.
+
+    A ray that hits an instance meets its box, as far as float32 can tell.
+    """
+    lower, upper = np.empty(arrays.offset.shape), np.empty(arrays.offset.shape)
+    _find_boxes(arrays, lower, upper)
+    growth = _SCENE_GROWTH * float(np.max(upper.max(axis=0) / 2 - lower.min(axis=0) / 2))
+    lower -= growth
+    upper += growth
+    return lower, upper
+
+
+def make_records(
+    arrays: SceneArrays,
+    parts: NDArray[np.int32],
+    masks: NDArray[np.uint32],
+    order: NDArray[np.int32],
+    centre: NDArray[np.float64],
+    scale: float,
+) -> NDArray[np.void]:
+    """Return the instances as the device takes them.
+
+    Parameters
+    ----------
+    arrays : SceneArrays
+        Of n instances.
+    parts : (geometries, 4) int32
+        First node, first block, number of blocks and kind of primitives of each geometry, see `structs.INSTANCE`.
+    masks : (n,) uint32
+    order : (n,) int32
+        Instances in the order of the leaves of the tree over them.
+    centre : (3,) float64, the scene's coordinates
+    scale : float
+        The scene's local coordinates are ``(point - centre) * scale``.
+
+    Returns
+    -------
+    (n,) `structs.INSTANCE`
+
+    Raises
+    ------
+    SceneError
+        An instance is too small or too flat beside the scene.
+    """
+    lanes = np.empty((len(order), _LANES), np.float32)
+    bad = _write_records(
+        arrays, parts, np.ascontiguousarray(masks).view(np.int32), order, centre, scale, np.empty((3, 3)), lanes,
+        lanes.view(np.int32),
+    )  # fmt: skip
+    if bad >= 0:
+        raise SceneError(
+            f"the instance {bad} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least in one direction: "
+            "leave it out, or make it larger"
+        )
+    return lanes.view(INSTANCE).reshape(-1)
+
+
+@compiled
+def _find_boxes(arrays, lower, upper):
+    linear, origin, half_size = arrays.linear, arrays.origin, arrays.half_size
+    for instance in range(len(lower)):
+        geometry = arrays.geometry_id[instance]
+        for row in range(3):
+            middle, half = arrays.offset[instance, row], 0.0
+            for column in range(3):
+                factor = linear[instance, row, column]
+                middle += factor * origin[geometry, column]
+                half += abs(factor) * half_size[geometry, column]
+            half += half * _OWN_GROWTH
+            lower[instance, row], upper[instance, row] = middle - half, middle + half
+
+
+@compiled(error_model="numpy")
+def _write_records(arrays, parts, masks, order, centre, scale, matrix, lanes, ints):
+    """Write the records; return the first instance that is too small, or -1."""
+    linear, inverse, origin, half_size = arrays.linear, arrays.inverse, arrays.origin, arrays.half_size
+    for slot in range(len(order)):
+        instance = order[slot]
+        geometry = arrays.geometry_id[instance]
+        own_scale = arrays.scale[geometry]
+        squared_radius = 0.0
+        for row in range(3):
+            place, extent = arrays.offset[instance, row], 0.0
+            for column in range(3):
+                entry = linear[instance, row, column]
+                place += entry * origin[geometry, column]
+                extent += abs(entry) * half_size[geometry, column]
+                matrix[row, column] = entry / own_scale * scale
+                lanes[slot, _TO_SCENE + 3 * row + column] = matrix[row, column]
+                inverse_entry = inverse[instance, row, column] / scale * own_scale
+                # Written so that NaN is too large.
+                if not abs(inverse_entry) <= _MOST_INVERSE:
+                    return instance
+                lanes[slot, _TO_OBJECT + 3 * row + column] = inverse_entry
+            squared_radius += (extent * scale) * (extent * scale)
+            local = (place - centre[row]) * scale
+            lanes[slot, _CENTRE + row] = local
+            lanes[slot, _CENTRE_LOW + row] = local - np.float64(lanes[slot, _CENTRE + row])
+        lanes[slot, _RADIUS] = np.sqrt(squared_radius) * _ROOM
+        lanes[slot, _STRETCH] = _least_stretch(matrix) / _ROOM
+        ints[slot, _FIRST_NODE], ints[slot, _FIRST_BLOCK] = parts[geometry, 0], parts[geometry, 1]
+        ints[slot, _BLOCK_COUNT], ints[slot, _KIND] = parts[geometry, 2], parts[geometry, 3]
+        ints[slot, _MASK], ints[slot, _ID] = masks[instance], instance
+    return -1
+
+
+@compiled(error_model="numpy")
+def _least_stretch(matrix):
+    """Return a lower bound of the smallest singular value of a 3 x 3 matrix; close to it but for rounding.
+
+    From the eigenvalues of the product with the transpose, by the formula of Smith, "Eigenvalues of a symmetric 3 x 3
+    matrix", 1961.
+    """
+    largest = 0.0
+    for row in range(3):
+        for column in range(3):
+            largest = max(largest, abs(matrix[row, column]))
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for row in range(3):
+        x, y, z = matrix[row, 0] / largest, matrix[row, 1] / largest, matrix[row, 2] / largest
+        xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
+        xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
+    mean = (xx + yy + zz) / 3.0
+    dx, dy, dz = xx - mean, yy - mean, zz - mean
+    spread = np.sqrt((dx * dx + dy * dy + dz * dz + 2.0 * (xy * xy + xz * xz + yz * yz)) / 6.0)
+    if spread <= 0.0:
+        return np.sqrt(mean) * largest
+    half_determinant = (dx * (dy * dz - yz * yz) - xy * (xy * dz - yz * xz) + xz * (xy * yz - dy * xz)) / (
+        2.0 * spread * spread * spread
+    )
+    angle = np.arccos(min(max(half_determinant, -1.0), 1.0)) / 3.0
+    least = mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0)
+    # Cancellation leaves an error of some roundings of the mean.
+    return np.sqrt(max(least - mean * 2.0**-44, 0.0)) * largest

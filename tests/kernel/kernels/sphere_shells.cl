@@ -1,0 +1,7 @@
+// The shells for spheres, in one program: a test compiles all of them at once.
+
+// keep: a bundle; the second shell needs single spheres
+#include "kernels/trace_spheres.cl"
+#if !defined(WIDTH)
+#include "kernels/cross_spheres.cl"
+#endif
