@@ -43,8 +43,10 @@ def distance_to_instance(shape, transform, points):
     if isinstance(shape, Spheres):
         placed = zip(shape.centres @ linear.T + offset, shape.radii, strict=True)
         return np.min([distance_to_ellipsoid(points, centre, linear * radius) for centre, radius in placed], axis=0)
-    corners = (shape.vertices @ linear.T + offset)[shape.faces[~shape.degenerate_faces]]
-    return distance_to_triangles(corners, points)
+    placed = (shape.vertices @ linear.T)[shape.faces[~shape.degenerate_faces]]
+    # The formula has tolerances, which suit triangles in a box of about this size.
+    scale = 10 / np.abs(placed).max()
+    return distance_to_triangles(placed * scale, (points - offset) * scale) / scale
 
 
 def is_in_instance(shape, transform, points):
@@ -93,4 +95,3 @@ class SceneDistances:
         """The largest distance from the surfaces of instances around each point; minus the distance outside."""
         depth = np.where(self.inside & seen, self.distance, -np.inf).max(axis=0)
         return np.where(self.contains(seen), depth, -self.closest(seen))
-

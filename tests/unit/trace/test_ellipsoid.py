@@ -65,7 +65,9 @@ def test_the_middle_is_nearest_to_an_end_of_the_shortest_axis():
 def test_axes_are_those_of_the_singular_value_decomposition(stretch, seed):
     generator = np.random.default_rng(seed)
     for _ in range(50):
-        matrix = generator.normal(size=(3, 3)) @ np.diag([1, stretch**-0.5, 1 / stretch]) @ generator.normal(size=(3, 3))
+        matrix = (
+            generator.normal(size=(3, 3)) @ np.diag([1, stretch**-0.5, 1 / stretch]) @ generator.normal(size=(3, 3))
+        )
         axes = np.empty((3, 3))
         find_axes(matrix, axes)
         lengths = np.linalg.norm(axes, axis=1)
