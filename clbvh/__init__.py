@@ -38,11 +38,13 @@ if TYPE_CHECKING:
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
     from .rendering.lens import Lens
+    from .rendering.light import Light
+    from .rendering.mesh_source import MeshSource
     from .rendering.picture import Picture
     from .rendering.render import render
     from .rendering.render_options import RenderOptions
     from .rendering.renderer import Renderer
-    from .rendering.scene import Light, MeshSource, Scene, Transform
+    from .rendering.scene import Scene, Transform
     from .rendering.scene_file import open_scene
     from .rendering.vectors import Vector
     from .scene.geometry import Geometry
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
     from .scene.state import SceneState
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
-    from .trace import AllHits, ClosestPoints, Hits, Progress, Tracer
+    from .trace import AllHits, ClosestPoints, Hits, Normals, Progress, Tracer
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
@@ -75,12 +77,13 @@ _HOME_OF = {
     "AllHits": "trace",
     "ClosestPoints": "trace",
     "Hits": "trace",
+    "Normals": "trace",
     "Progress": "trace",
     "Tracer": "trace",
     "Camera": "rendering.camera",
     "Lens": "rendering.lens",
-    "Light": "rendering.scene",
-    "MeshSource": "rendering.scene",
+    "Light": "rendering.light",
+    "MeshSource": "rendering.mesh_source",
     "Picture": "rendering.picture",
     "RenderOptions": "rendering.render_options",
     "Renderer": "rendering.renderer",
@@ -130,6 +133,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "AllHits",
     "ClosestPoints",
     "Hits",
+    "Normals",
     "Progress",
     "Tracer",
     "Camera",

@@ -272,6 +272,9 @@ VIEW = np.dtype(
         ("width", np.int32),
         ("height", np.int32),
         ("shading", np.int32),
+        # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
+        ("eye_low", np.float32, 3),
+        ("forward_low", np.float32, 3),
     ]
 )
 

@@ -7,17 +7,14 @@
 #include "spheres/single.cl"
 #endif
 
-#if HAS_SPHERES
 INLINED void intersect_single(
     const global block_t *blocks, const int prim_index, const ray_t *ray, search_t *search, const int query)
 {
+#if HAS_SPHERES
     if (search->kind == KIND_SPHERES) {
         intersect_sphere((const global sphere_block_t *)blocks, prim_index, ray, search, query);
-    } else {
-        intersect_triangle(blocks, prim_index, ray, search, query);
+        return;
     }
-}
-#else
-// The same name, not one more level of inlining: compilers make other code of that.
-#define intersect_single intersect_triangle
 #endif
+    intersect_triangle(blocks, prim_index, ray, search, query);
+}

@@ -10,21 +10,18 @@
 #endif
 
 // The test of a leaf's primitives. HAS_SPHERES: see hits/search.cl.
-#if HAS_SPHERES
 INLINED void intersect_leaf(
     const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
     search_t *search, const int query)
 {
+#if HAS_SPHERES
     if (search->kind == KIND_SPHERES) {
         intersect_sphere_block((const global sphere_block_t *)blocks, block, ray, permutation, search, query);
-    } else {
-        intersect_block(blocks, block, ray, permutation, search, query);
+        return;
     }
-}
-#else
-// The same name, not one more level of inlining: compilers make other code of that.
-#define intersect_leaf intersect_block
 #endif
+    intersect_block(blocks, block, ray, permutation, search, query);
+}
 
 // A stack entry: a key in the upper half, the node's `child` in the lower one. The key is t_near of the child's box, or
 // its distance from a point; it is never negative, so its bits as an integer keep its order, and stack entries are

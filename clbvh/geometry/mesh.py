@@ -16,6 +16,7 @@ from ..errors import MeshError
 from ..support.memory import check_memory
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
+from .vertex_normals import find_vertex_normals
 from .watertight import is_closed, is_joined
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
@@ -218,6 +219,25 @@ class Mesh:
         is_loose = np.ones(len(self.vertices), np.bool_)
         is_loose[self.faces] = False
         return np.flatnonzero(is_loose)
+
+    @cached_property
+    def vertex_normals(self) -> NDArray[np.float64]:
+        """(V, 3) float64: unit normals at the vertices: the mean of the faces around, weighted by their angles.
+
+        On the side from which the corners of faces run anticlockwise. Vertices with equal coordinates share one, so a
+        file may repeat them for each triangle. NaN where no face has an area, or where the normals around cancel each
+        other. Computed once; 24 bytes per vertex.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> corner = clbvh.Mesh.from_arrays(
+        ...     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 3, 2], [0, 1, 3]], name="corner"
+        ... )
+        >>> corner.vertex_normals[0].round(3)
+        array([-0.577, -0.577, -0.577])
+        """
+        return find_vertex_normals(self.vertices, self.faces, self.scale)
 
     @cached_property
     def fingerprint(self) -> bytes:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .equal_points import find_points
 from .mesh import Mesh
 
 
@@ -30,13 +31,8 @@ class VertexFaces(NamedTuple):
 
 def find_vertex_faces(mesh: Mesh) -> VertexFaces:
     """Return the faces around each vertex of a mesh, in O(V log V + F log F)."""
-    # Turns -0.0 into 0.0, which is the same point.
-    order = np.lexsort((mesh.vertices + 0.0).T)
-    ordered = mesh.vertices[order]
-    is_new = np.r_[True, (ordered[1:] != ordered[:-1]).any(axis=1)]
-    point_ids = np.empty(len(order), np.int64)
-    point_ids[order] = np.cumsum(is_new) - 1
+    point_ids, point_count = find_points(mesh.vertices)
     corners = point_ids[mesh.faces].reshape(-1)
     faces = np.argsort(corners, kind="stable") // 3
-    begin = np.concatenate(([0], np.cumsum(np.bincount(corners, minlength=int(is_new.sum())))))
+    begin = np.concatenate(([0], np.cumsum(np.bincount(corners, minlength=point_count))))
     return VertexFaces(point_ids, begin, faces)

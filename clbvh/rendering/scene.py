@@ -1,6 +1,6 @@
-"""The content of a picture: mesh, camera, light and colours.
+"""A scene as users make it: objects, and the settings of their picture.
 
-Owns the checks of these values; `scene_file.py` reads them from a file.
+Owns the checks of the settings; `scene_file.py` reads them from a file. The objects are in the room `clbvh.scene`.
 """
 
 from __future__ import annotations
@@ -10,167 +10,35 @@ import math
 import os
 from dataclasses import dataclass, field
 from numbers import Integral, Real
-from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
-from ..geometry import Mesh, load_mesh
+from ..geometry import Mesh
 from ..geometry.as_mesh import MeshLike, as_mesh
-from ..geometry.fetch import find_known_mesh
-from ..geometry.shapes.make_shape import make_shape
 from ..scene.contents import SceneContents
 from ..scene.names import name_of_file
+from ..scene.serialize import get_item, read_scene, write_scene
+from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .framing import frame_mesh
+from .light import DEFAULT_LIGHT, Light
+from .mesh_source import MeshSource
+from .plain_values import as_plain, as_setting
+from .scene_extent import SceneExtent
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
 DEFAULT_SHADING = "lambert+shadow"
 
+_MAX_SHOWN = 60  # characters of a wrong name in a message
 
-@dataclass(frozen=True)
-class Light:
-    """A directed light, and ambient light from the sky and the ground. Colours are linear, 0 to 1.
-
-    Attributes
-    ----------
-    direction : (3,) float, or None
-        Towards the light, in the scene's coordinates. None: from behind the viewer's left shoulder.
-    colour : (3,) float
-        Of the directed light, on a surface that faces it.
-    sky, ground : (3,) float
-        On a surface that faces up, and one that faces down.
-
-    Raises
-    ------
-    SceneError
-        A value is not three finite numbers, or the direction is zero.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> light = clbvh.Light(direction=(0, 1, 0), sky=(0.3, 0.3, 0.35))
-    >>> picture = clbvh.render(clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=1000), light=light))
-    """
-
-    direction: Vector | None = None
-    colour: Vector = (0.92, 0.88, 0.82)
-    sky: Vector = (0.19, 0.21, 0.24)
-    ground: Vector = (0.07, 0.065, 0.06)
-
-    def __post_init__(self) -> None:
-        for name in ("colour", "sky", "ground"):
-            check_vector(f"the light's {name}", getattr(self, name))
-        if self.direction is not None:
-            check_vector("the light's direction", self.direction)
-            if not any(self.direction):
-                raise SceneError("the light's direction must not be zero")
-
-    def with_direction(self, direction: Vector | None) -> Light:
-        """Return a copy with another direction.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.Light().with_direction((0, 1, 0)).direction
-        (0, 1, 0)
-        """
-        return dataclasses.replace(self, direction=direction)
-
-
-@dataclass(frozen=True)
-class MeshSource:
-    """The source of a scene's mesh: exactly one of `path`, `name`, `shape` and `mesh`.
-
-    Attributes
-    ----------
-    path : str
-        A mesh file.
-    name : str
-        A known mesh, such as ``bunny``.
-    shape : str
-        A procedural shape, with `triangles`, `seed` and the shape's own `options`.
-    mesh : Mesh
-        A mesh in memory.
-
-    Raises
-    ------
-    SceneError
-        None of the four is given, or several.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> clbvh.MeshSource(shape="icosphere", triangles=1000).load()
-    Mesh('icosphere', vertices=492, faces=980)
-    >>> clbvh.MeshSource(path="part.ply", name="bunny")
-    Traceback (most recent call last):
-    clbvh.errors.SceneError: the mesh needs exactly one of path, name and shape, or a Mesh
-    """
-
-    path: str | None = None
-    name: str | None = None
-    shape: str | None = None
-    triangles: int = 100_000
-    seed: int = 0
-    options: dict[str, float] = field(default_factory=dict)
-    mesh: Mesh | None = None
-
-    def __post_init__(self) -> None:
-        if sum(value is not None for value in (self.path, self.name, self.shape, self.mesh)) != 1:
-            raise SceneError("the mesh needs exactly one of path, name and shape, or a Mesh")
-
-    def load(self) -> Mesh:
-        """Return the mesh; raise `MeshError` or `ConfigError` if there is none.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).load().face_count
-        980
-        """
-        if self.mesh is not None:
-            return self.mesh
-        if self.shape is not None:
-            return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
-        return load_mesh(self.file())
-
-    def file(self) -> Path:
-        """Return the file that `load` reads.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> print(clbvh.MeshSource(path="part.ply").file())
-        part.ply
-        """
-        return find_known_mesh(self.name) if self.name is not None else Path(str(self.path))
-
-    def estimate_face_count(self) -> int:
-        """Return the approximate number of triangles without reading them; 0 if the file is missing.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).estimate_face_count()
-        1000
-        """
-        if self.mesh is not None:
-            return self.mesh.face_count
-        if self.shape is not None:
-            return self.triangles
-        file = self.file()
-        return file.stat().st_size // _BYTES_PER_FACE if file.is_file() else 0
-
-
-# Binary PLY files take about 19 bytes per triangle, ASCII ones about 43.
-_BYTES_PER_FACE = 30
+_Settings = TypeVar("_Settings", "Light", "Transform", "Scene")
 
 
 @dataclass(frozen=True)
@@ -179,8 +47,8 @@ class Transform:
 
     Attributes
     ----------
-    scale : float
-        Not zero.
+    scale : float, or (3,) float
+        Of all axes, or of x, y and z. Not zero.
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
@@ -199,13 +67,18 @@ class Transform:
     array([1., 2., 0.])
     """
 
-    scale: float = 1.0
+    scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scale, Real) or not math.isfinite(self.scale) or self.scale == 0:
-            raise SceneError(f"the transform's scale must be a finite number other than 0, not {self.scale!r}")
+        is_number = isinstance(self.scale, Real) and math.isfinite(self.scale)
+        if not (is_number or is_vector(self.scale)) or not np.all(self.scale):
+            raise SceneError(
+                f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
+            )
+        if not is_number:
+            object.__setattr__(self, "scale", tuple(map(float, self.scale)))  # type: ignore[arg-type]
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
@@ -335,7 +208,7 @@ class Scene(SceneContents):
     look_at: Vector | None = None
     up: Vector = DEFAULT_UP
     fov: float = DEFAULT_FOV
-    light: Light = Light()
+    light: Light = DEFAULT_LIGHT
     shading: str = DEFAULT_SHADING
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
@@ -383,8 +256,8 @@ class Scene(SceneContents):
             )
         return SceneStore(first)
 
-    def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+    def camera(self, mesh: Mesh | SceneExtent) -> Camera:
+        """Return the camera: the one that was asked for, or one that sees the whole mesh, or all of the scene.
 
         Examples
         --------
@@ -415,6 +288,82 @@ class Scene(SceneContents):
         """
         return dataclasses.replace(self, **{key: value for key, value in changes.items() if value is not None})
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the scene as one file: geometries, instances, names, masks, and the settings of its picture.
+
+        The file appears complete or not at all; one of that name is replaced.
+
+        Raises
+        ------
+        MeshError
+            The mesh of the scene cannot be loaded.
+        ConfigError
+            The folder does not exist, or the path is a folder.
+        OSError
+            The file cannot be written: the disk is full, for example.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> folder = tempfile.TemporaryDirectory()
+        >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).save(Path(folder.name, "ball.scene"))
+        >>> folder.cleanup()
+        """
+        settings = {name: as_plain(value) for name, value in self._settings().items() if name != "mesh"}
+        write_scene(path, self.snapshot(), settings | {"mesh": self.mesh is not None})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Scene:
+        """Load a scene that `save` wrote.
+
+        Nothing in the file is run or trusted: a damaged, cut off or forged one is refused.
+
+        Raises
+        ------
+        SceneError
+            The file cannot be read, or is no whole scene. The message names the fault.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> folder = tempfile.TemporaryDirectory()
+        >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).save(Path(folder.name, "ball.scene"))
+        >>> clbvh.Scene.load(Path(folder.name, "ball.scene")).instances
+        (Instance(0, 'icosphere', of='icosphere'),)
+        >>> folder.cleanup()
+        """
+        state, settings = read_scene(path)
+        try:
+            return cls._restore(state, settings)
+        except (SceneError, TypeError, OverflowError) as error:
+            raise SceneError(f"{path}: the file is whole, but its settings make no scene: {error}") from error
+
+    @classmethod
+    def _restore(cls, state: SceneState, settings: dict[str, Any]) -> Scene:
+        """Return the scene of a file; the settings are a dict, and nothing else of them is checked yet."""
+        values = {name: as_setting(value) for name, value in settings.items()}
+        values["light"] = _make(Light, get_item(values, "light", dict))
+        values["transform"] = _make(Transform, get_item(values, "transform", dict))
+        first = None
+        if get_item(values, "mesh", bool):
+            mesh = state.shapes[0] if state.shapes else None
+            if not isinstance(mesh, Mesh) or not state.instance_count or state.geometry_ids[0] != 0:
+                raise SceneError("geometry 0 is no mesh, or instance 0 does not place it")
+            values["mesh"] = MeshSource(mesh=mesh)
+            first = _FirstMesh(values["mesh"], values["transform"])
+        else:
+            values["mesh"] = None
+        return dataclasses.replace(_make(cls, values), _store=SceneStore.from_state(state, first))
+
+    @property
+    def is_one_mesh(self) -> bool:
+        """Whether the scene holds its `mesh` and nothing else."""
+        return self.mesh is not None and self._store.is_as_made
+
     def only_mesh(self) -> MeshSource:
         """Return the source of the mesh of a scene that holds nothing else; raise `SceneError` for any other scene.
 
@@ -427,7 +376,10 @@ class Scene(SceneContents):
         if self.mesh is None and self.is_empty:
             raise SceneError("the scene is empty: add a geometry, and place it")
         if self.mesh is None or not self._store.is_as_made:
-            raise SceneError("the scene has several objects, but one mesh is needed here")
+            raise SceneError(
+                "one mesh is needed here, as `Scene(mesh)` holds it, but the scene has "
+                f"{len(self.geometries):,} geometries in {len(self.instances):,} places"
+            )
         return self.mesh
 
     def __eq__(self, other: object) -> bool:
@@ -436,11 +388,27 @@ class Scene(SceneContents):
         mine, others = self._store, other._store
         return self._settings() == other._settings() and (mine is others or (mine.is_as_made and others.is_as_made))
 
-    def __hash__(self) -> int:
-        return hash(self._settings())
+    def __repr__(self) -> str:
+        """Name the objects, and the settings that are not the default ones; nothing is loaded."""
+        defaults = {each.name: each.default for each in dataclasses.fields(self)}
+        shown = {name: value for name, value in self._settings().items() if repr(value) != repr(defaults[name])}
+        if not self._store.is_as_made:
+            shown = {"geometries": len(self.geometries), "instances": len(self.instances)} | shown
+        return f"Scene({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
 
-    def _settings(self) -> tuple[object, ...]:
-        return tuple(getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "_store")
+    def __hash__(self) -> int:
+        return hash(tuple(self._settings().values()))
+
+    def _settings(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "_store"}
+
+
+def _make(kind: type[_Settings], values: dict[str, Any]) -> _Settings:
+    """Return settings of their values; an unknown name is refused."""
+    for name in values:
+        if name.startswith("_") or name not in {each.name for each in dataclasses.fields(kind)}:
+            raise SceneError(f"{kind.__name__} has no setting {name[:_MAX_SHOWN]!r}")
+    return kind(**values)
 
 
 def _make_source(mesh: MeshLike) -> MeshSource:

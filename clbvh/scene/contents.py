@@ -18,7 +18,7 @@ from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
 from .geometry import Geometry
-from .instance import ALL_BITS, Instance
+from .instance import ALL_BITS, Colour, Instance
 from .names import name_of_file
 from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
 from .state import SceneState
@@ -84,7 +84,7 @@ class SceneContents:
         >>> scene.is_empty  # nothing is placed yet
         True
         """
-        if isinstance(source, SceneContents | HasGraph) and not isinstance(source, type):
+        if isinstance(source, SceneContents | HasGraph):
             if name is not None:
                 raise SceneError(f"a scene has names for its parts, so it cannot be given the name {_show(name)}")
             return self.add_scene(source)
@@ -160,6 +160,7 @@ class SceneContents:
                     None,
                     part.name,
                     part.mask if common_mask is None else common_mask,
+                    part.colour,
                 )
             )
 
@@ -170,6 +171,7 @@ class SceneContents:
         *,
         name: str | None = None,
         mask: int = ALL_BITS,
+        colour: ArrayLike | None = None,
     ) -> Instance:
         """Place a geometry in the scene; any number of times.
 
@@ -184,6 +186,8 @@ class SceneContents:
             Unique among the instances of the scene. By default that of the geometry, with a number where it is taken.
         mask : int, 0 to 2^32 - 1
             A ray sees the instance if its own mask shares a bit with this one. All bits by default.
+        colour : (3,) float, optional
+            Linear red, green and blue in pictures, 0 to 1; by default that of all surfaces, `Scene.surface`.
 
         Returns
         -------
@@ -193,7 +197,7 @@ class SceneContents:
         ------
         SceneError
             A geometry of another scene; a matrix that is not finite, not affine, or singular; a name that is taken; a
-            mask out of range.
+            mask out of range; a colour that is not three finite numbers.
 
         Examples
         --------
@@ -210,7 +214,9 @@ class SceneContents:
         self.geometry_id(geometry)
         matrix = check_transform(transform)
         names = None if name is None else (name,)
-        return self._store.place(geometry, matrix[None], names, geometry.name, _check_mask(mask))[0]
+        return self._store.place(
+            geometry, matrix[None], names, geometry.name, _check_mask(mask), _check_colour(colour)
+        )[0]
 
     def place_many(
         self,
@@ -219,6 +225,7 @@ class SceneContents:
         *,
         names: Sequence[str] | None = None,
         mask: int = ALL_BITS,
+        colour: ArrayLike | None = None,
     ) -> tuple[Instance, ...]:
         """Place a geometry once for each of many transforms, as `place` does, but all of them or none.
 
@@ -230,6 +237,7 @@ class SceneContents:
         names : sequence of str, optional
             One for each.
         mask : int, 0 to 2^32 - 1
+        colour : (3,) float, optional
             Of all of them.
 
         Returns
@@ -256,7 +264,7 @@ class SceneContents:
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
             raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {_show(names)}")
-        return self._store.place(geometry, matrices, names, geometry.name, _check_mask(mask))
+        return self._store.place(geometry, matrices, names, geometry.name, _check_mask(mask), _check_colour(colour))
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:
@@ -342,7 +350,7 @@ class SceneContents:
             raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
         return geometry.id
 
-    def instance_ids(self, instances: Instance | Iterable[Instance | int]) -> NDArray[np.int64]:
+    def instance_ids(self, instances: Instance | int | Iterable[Instance | int]) -> NDArray[np.int64]:
         """Return the ids of instances, (n,) int64.
 
         Parameters
@@ -365,7 +373,7 @@ class SceneContents:
         mine = self.instances
         if instances is mine:
             return np.arange(len(mine))
-        if isinstance(instances, Instance):
+        if isinstance(instances, Instance | int):
             instances = (instances,)
         if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
             ids = instances.astype(np.int64)
@@ -409,7 +417,7 @@ def _find_parts(source: Any) -> Parts:
         return parts_of_file(source)
     if isinstance(source, SceneContents):
         return parts_of_state(source.snapshot())
-    if isinstance(source, HasGraph) and not isinstance(source, type):
+    if isinstance(source, HasGraph):
         return parts_of_graph(source)
     raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {_show(source)}")
 
@@ -423,6 +431,18 @@ def _check_mask(mask: int) -> int:
     if isinstance(mask, bool) or not isinstance(mask, Integral) or not 0 <= mask <= ALL_BITS:
         raise SceneError(f"a mask must be a whole number from 0 to 2^32 - 1, not {_show(mask)}")
     return int(mask)
+
+
+def _check_colour(colour: ArrayLike | None) -> Colour | None:
+    if colour is None:
+        return None
+    try:
+        array = np.asarray(colour)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0)
+    if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise SceneError(f"a colour must be three finite numbers: linear red, green and blue, not {_show(colour)}")
+    return float(array[0]), float(array[1]), float(array[2])
 
 
 def _say_unknown(kind: str, name: object, names: list[str]) -> str:

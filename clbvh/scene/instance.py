@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,14 @@ from .geometry import Geometry
 # Bits of a mask. A ray sees the instances whose mask shares a bit with its own.
 MASK_BITS = 32
 ALL_BITS = 2**MASK_BITS - 1
+
+Colour: TypeAlias = tuple[float, float, float]
+"""Linear red, green and blue, 0 to 1."""
+
+
+def colour_of_row(row: NDArray[np.float64]) -> Colour | None:
+    """Return the colour of a row of `SceneState.colours`; None for NaN."""
+    return None if np.isnan(row).any() else (float(row[0]), float(row[1]), float(row[2]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,6 +36,8 @@ class Instance:
     geometry : Geometry
     mask : int, 0 to 2^32 - 1
         A ray sees the instance if its own mask shares a bit with this one.
+    colour : (3,) float, or None
+        Linear colour in pictures; None: that of the picture's surfaces.
 
     Examples
     --------
@@ -44,6 +55,7 @@ class Instance:
     name: str
     geometry: Geometry
     mask: int
+    colour: Colour | None = None
 
     @property
     def transform(self) -> NDArray[np.float64]:

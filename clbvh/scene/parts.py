@@ -17,7 +17,7 @@ from ..geometry.as_mesh import HasTriangles
 from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
-from .instance import ALL_BITS
+from .instance import ALL_BITS, Colour, colour_of_row
 from .state import SceneState
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
@@ -44,6 +44,7 @@ class PlacedPart(NamedTuple):
     shape: int
     matrix: NDArray[np.float64]
     mask: int = ALL_BITS
+    colour: Colour | None = None
 
 
 class Parts(NamedTuple):
@@ -95,9 +96,9 @@ def parts_of_state(state: SceneState) -> Parts:
     return Parts(
         list(zip(state.shapes, state.names, strict=True)),
         [
-            PlacedPart(name, int(geometry), matrix, int(mask))
-            for name, geometry, matrix, mask in zip(
-                state.instance_names, state.geometry_ids, state.transforms, state.masks, strict=True
+            PlacedPart(name, int(geometry), matrix, int(mask), colour_of_row(colour))
+            for name, geometry, matrix, mask, colour in zip(
+                state.instance_names, state.geometry_ids, state.transforms, state.masks, state.colours, strict=True
             )
         ],
     )

@@ -29,6 +29,8 @@ class SceneState:
         From the coordinates of an instance's geometry to the scene's.
     masks : (n,) uint32
     instance_names : tuple of str
+    colours : (n, 3) float64
+        Linear colour of each instance in pictures; NaN where it has none of its own.
 
     Examples
     --------
@@ -44,9 +46,12 @@ class SceneState:
     transforms: NDArray[np.float64]
     masks: NDArray[np.uint32]
     instance_names: tuple[str, ...]
+    colours: NDArray[np.float64] = None  # type: ignore[assignment]  # made below
 
     def __post_init__(self) -> None:
-        for array in (self.geometry_ids, self.transforms, self.masks):
+        if self.colours is None:
+            object.__setattr__(self, "colours", np.full((len(self.geometry_ids), 3), np.nan))
+        for array in (self.geometry_ids, self.transforms, self.masks, self.colours):
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry.shape import Shape
 from .geometry import Geometry
-from .instance import ALL_BITS, Instance
-from .names import UniqueNames, clean_name
+from .instance import ALL_BITS, Colour, Instance, colour_of_row
+from .names import UniqueNames
 from .state import SceneState
 
 # The top tree counts instances as a mesh counts faces.
@@ -55,6 +55,7 @@ class SceneStore:
         self._instances: list[Instance] = []
         self._transforms = np.empty((_FIRST_CAPACITY, 4, 4))
         self._masks = np.empty(_FIRST_CAPACITY, np.uint32)
+        self._colours = np.empty((_FIRST_CAPACITY, 3))
         self._geometry_ids = np.empty(_FIRST_CAPACITY, np.int32)
         self._start()
 
@@ -63,6 +64,23 @@ class SceneStore:
         self.lock = threading.RLock()
         self._snapshot: SceneState | None = None
         self._tuples: tuple[tuple[Geometry, ...], tuple[Instance, ...]] | None = None
+
+    @classmethod
+    def from_state(cls, state: SceneState, first: FirstObject | None = None) -> SceneStore:
+        """Return a store of the content of a state; `first` says what geometry 0 and instance 0 are made from."""
+        store = cls()
+        store.first = first
+        for shape, name in zip(state.shapes, state.names, strict=True):
+            store.add(shape, name, name)
+        store._transforms = state.transforms.copy()
+        store._masks, store._geometry_ids = state.masks.copy(), state.geometry_ids.copy()
+        store._colours = state.colours.copy()
+        for number, name in enumerate(state.instance_names):
+            geometry = store._geometries[state.geometry_ids[number]]
+            mask, colour = int(state.masks[number]), colour_of_row(state.colours[number])
+            store._instances.append(Instance(number, store._instance_names.add(name), geometry, mask, colour))
+        store._snapshot = store._tuples = None
+        return store
 
     @property
     def is_as_made(self) -> bool:
@@ -98,6 +116,7 @@ class SceneStore:
                     transforms=self._transforms[:count],
                     masks=self._masks[:count],
                     instance_names=tuple(instance.name for instance in instances),
+                    colours=self._colours[:count],
                 )
             return self._snapshot
 
@@ -128,7 +147,13 @@ class SceneStore:
             return self._add(shape, name, wish)
 
     def place(
-        self, geometry: Geometry, transforms: NDArray[np.float64], names: Sequence[str] | None, wish: str, mask: int
+        self,
+        geometry: Geometry,
+        transforms: NDArray[np.float64],
+        names: Sequence[str] | None,
+        wish: str,
+        mask: int,
+        colour: Colour | None = None,
     ) -> tuple[Instance, ...]:
         """Place a geometry by each of (n, 4, 4) transforms."""
         with self.lock:
@@ -138,7 +163,7 @@ class SceneStore:
                     self._instance_names.check(name)
                 if len(set(names)) < len(names):
                     raise SceneError("two of the names are the same, but the names of instances are unique")
-            return self._place(geometry, transforms, names, wish, mask)
+            return self._place(geometry, transforms, names, wish, mask, colour)
 
     def copy(self) -> SceneStore:
         """Return a store of the same content, with handles of its own."""
@@ -150,7 +175,13 @@ class SceneStore:
                 Geometry(geometry.id, geometry.name, geometry.shape, copied) for geometry in self._geometries
             ]
             copied._instances = [
-                Instance(instance.id, instance.name, copied._geometries[instance.geometry.id], instance.mask)
+                Instance(
+                    instance.id,
+                    instance.name,
+                    copied._geometries[instance.geometry.id],
+                    instance.mask,
+                    instance.colour,
+                )
                 for instance in self._instances
             ]
             count = len(self._instances)
@@ -169,14 +200,20 @@ class SceneStore:
 
     def _add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
         names = self._geometry_names
-        unique = names.add_numbered(clean_name(wish)) if name is None else names.add(name)
+        unique = names.add_numbered(wish) if name is None else names.add(name)
         geometry = Geometry(len(self._geometries), unique, shape, self)
         self._geometries.append(geometry)
         self._snapshot = self._tuples = None
         return geometry
 
     def _place(
-        self, geometry: Geometry, transforms: NDArray[np.float64], names: Sequence[str] | None, wish: str, mask: int
+        self,
+        geometry: Geometry,
+        transforms: NDArray[np.float64],
+        names: Sequence[str] | None,
+        wish: str,
+        mask: int,
+        colour: Colour | None = None,
     ) -> tuple[Instance, ...]:
         begin, end = len(self._instances), len(self._instances) + len(transforms)
         if end > MAX_INSTANCE_COUNT:
@@ -185,13 +222,14 @@ class SceneStore:
             setattr(self, array, _grow(getattr(self, array), begin, end))
         self._transforms[begin:end] = transforms
         self._masks[begin:end] = mask
+        self._colours[begin:end] = np.nan if colour is None else colour
         self._geometry_ids[begin:end] = geometry.id
         unique: Iterable[str]
         if names is None:
-            unique = (self._instance_names.add_numbered(clean_name(wish)) for _ in range(begin, end))
+            unique = (self._instance_names.add_numbered(wish) for _ in range(begin, end))
         else:
             unique = map(self._instance_names.add, names)
-        placed = tuple(Instance(index, name, geometry, mask) for index, name in enumerate(unique, begin))
+        placed = tuple(Instance(index, name, geometry, mask, colour) for index, name in enumerate(unique, begin))
         self._instances += placed
         self._snapshot = self._tuples = None
         return placed
@@ -212,7 +250,7 @@ class SceneStore:
 
 
 # One row per instance, and room for more.
-_ARRAYS = ("_transforms", "_masks", "_geometry_ids")
+_ARRAYS = ("_transforms", "_masks", "_colours", "_geometry_ids")
 
 
 def _grow(rows: NDArray[Any], count: int, needed: int) -> NDArray[Any]:

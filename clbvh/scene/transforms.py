@@ -5,19 +5,22 @@ Owns the limit at which a matrix counts as singular. Must not know of scenes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
+from ..support.compiled import compiled
 from ..support.masked import has_masked_values
 
 # A linear part whose rows and columns are scaled to a largest entry of about 1 is refused below this determinant: that
 # is ten times its rounding error, so nothing would be known about the inverse.
 _LEAST_DETERMINANT = 2.0**-46
 
-_AFFINE_ROW = (0.0, 0.0, 0.0, 1.0)
+# The faults of a matrix.
+_NOT_FINITE, _NOT_AFFINE, _SINGULAR = 1, 2, 3
 
 
 def check_transform(transform: ArrayLike | None, name: str = "the transform") -> NDArray[np.float64]:
@@ -60,23 +63,9 @@ def check_transforms(
         raise SceneError(f"the transforms must be an array of shape (n, 4, 4), not {given.shape}")
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is found below
         matrices = np.array(given, np.float64, order="C")
-    finite = np.isfinite(matrices).all(axis=(1, 2))
-    if not finite.all():
-        index = int(np.argmin(finite))
-        row, column = np.argwhere(~np.isfinite(matrices[index]))[0]
-        raise SceneError(f"{name_of(index)} has {matrices[index, row, column]} in row {row}, column {column}")
-    affine = (matrices[:, 3] == _AFFINE_ROW).all(axis=1)
-    if not affine.all():
-        index = int(np.argmin(affine))
-        raise SceneError(
-            f"{name_of(index)} must be affine, with the last row 0, 0, 0, 1, not "
-            f"{', '.join(f'{value:g}' for value in matrices[index, 3])}: is it transposed?"
-        )
-    regular = _are_regular(matrices[:, :3, :3])
-    if not regular.all():
-        raise SceneError(
-            f"{name_of(int(np.argmin(regular)))} is singular: it flattens what it moves, and rays cannot be moved back"
-        )
+    fault, index = _find_fault(matrices)
+    if fault:
+        raise SceneError(f"{name_of(index)} {_describe_fault(fault, matrices[index])}")
     return matrices
 
 
@@ -102,21 +91,53 @@ def _as_numbers(values: ArrayLike, name: str) -> NDArray:
     return array
 
 
-def _are_regular(linear: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each (3, 3) matrix whether its inverse is known.
+def _describe_fault(fault: int, matrix: NDArray[np.float64]) -> str:
+    if fault == _NOT_FINITE:
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        return f"must be finite, but has {matrix[row, column]} in row {row}, column {column} (from 0)"
+    if fault == _NOT_AFFINE:
+        last = ", ".join(f"{value:g}" for value in matrix[3])
+        return f"must be affine, with the last row 0, 0, 0, 1, not {last}: is it transposed?"
+    return "is singular: it flattens what it moves, and rays cannot be moved back"
 
-    Rows and columns are scaled by powers of two first, which rounds nothing. So the unit of either side does not
-    matter, nor does a scale that differs between the axes of the geometry or of the scene.
+
+@compiled
+def _find_fault(matrices):
+    """Return the first fault of (n, 4, 4) matrices and the index of its matrix: one of the constants above, or 0."""
+    for index in range(len(matrices)):
+        matrix = matrices[index]
+        for row in range(4):
+            for column in range(4):
+                if not math.isfinite(matrix[row, column]):
+                    return _NOT_FINITE, index
+        if matrix[3, 0] != 0.0 or matrix[3, 1] != 0.0 or matrix[3, 2] != 0.0 or matrix[3, 3] != 1.0:
+            return _NOT_AFFINE, index
+        if abs(_scaled_determinant(matrix)) < _LEAST_DETERMINANT:
+            return _SINGULAR, index
+    return 0, 0
+
+
+@compiled
+def _scaled_determinant(matrix):
+    """Return the determinant of the linear part, after its columns and rows are scaled to a largest entry of 1/2 to 1.
+
+    The scales are powers of two, which rounds nothing. So the unit of either side does not matter, nor does a scale
+    that differs between the axes of the geometry or of the scene. Columns come before rows: the rows of a geometry that
+    is made thin and then rotated are all alike.
     """
-    # Columns before rows: rows of a flattened and rotated geometry are all alike.
-    scaled = linear
-    for axis in (1, 2):
-        largest = np.abs(scaled).max(axis=axis, keepdims=True)
-        scaled = np.ldexp(scaled, -np.frexp(largest)[1])
-    a, b, c = scaled[:, 0], scaled[:, 1], scaled[:, 2]
-    determinant = (
-        a[:, 0] * (b[:, 1] * c[:, 2] - b[:, 2] * c[:, 1])
-        + a[:, 1] * (b[:, 2] * c[:, 0] - b[:, 0] * c[:, 2])
-        + a[:, 2] * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    scaled = np.empty((3, 3))
+    for column in range(3):
+        largest = max(abs(matrix[0, column]), abs(matrix[1, column]), abs(matrix[2, column]))
+        _, exponent = math.frexp(largest)
+        for row in range(3):
+            scaled[row, column] = math.ldexp(matrix[row, column], -exponent)
+    for row in range(3):
+        largest = max(abs(scaled[row, 0]), abs(scaled[row, 1]), abs(scaled[row, 2]))
+        _, exponent = math.frexp(largest)
+        for column in range(3):
+            scaled[row, column] = math.ldexp(scaled[row, column], -exponent)
+    return (
+        scaled[0, 0] * (scaled[1, 1] * scaled[2, 2] - scaled[1, 2] * scaled[2, 1])
+        + scaled[0, 1] * (scaled[1, 2] * scaled[2, 0] - scaled[1, 0] * scaled[2, 2])
+        + scaled[0, 2] * (scaled[1, 0] * scaled[2, 1] - scaled[1, 1] * scaled[2, 0])
     )
-    return np.abs(determinant) >= _LEAST_DETERMINANT

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from ..errors import ConfigError
 from ..support.atomic_file import write_atomically
-from .experiments.peers import QUERIES, figure_of
+from .experiments.peers import QUERIES, figure_of, lead_of
 from .machine import FILE_NAME as MACHINES_NAME
 from .machine import read_machines
 from .page.html import Section
-from .page.markdown import write_markdown, write_table
+from .page.markdown import wrap, write_markdown, write_table
 from .page.parts import Table
 from .registry import EXPERIMENTS
 from .results import Results
@@ -91,22 +91,30 @@ def write_results(study: PublishedStudy) -> str:
 
 
 def write_readme_table(study: PublishedStudy) -> str:
-    """Return the part of the README between its two marks: the contest on its largest mesh."""
+    """Return the part of the README between its two marks: the contest on every mesh, and in full on the largest."""
     results = study.results("peers")
-    mesh = max(results.distinct("mesh"), key=lambda name: _triangles(results, name), default="")
+    meshes = sorted(results.distinct("mesh"), key=lambda name: _triangles(results, name))
     engines = results.distinct("engine")
-    rows = []
+    leads, rows = [], []
     for query, title in QUERIES.items():
-        cases = {str(case["engine"]): case for case in results.find(mesh=mesh, query=query)}
-        if cases:
-            rows.append((title, *(figure_of(results, cases.get(name), query) for name in engines)))
-    columns = ("query", *(f"{name}, {study.facts.get(name.lower(), study.facts['clbvh'])}" for name in engines))
-    return (
-        f"Mesh: {mesh}, {_triangles(results, mesh):,} triangles. Machine: {study.facts['cores']} cores of "
-        f"{study.facts['processor']}, {study.facts['device']}. Build in ms; queries in millions of rays or points per "
-        f"second, whole calls: medians, with the\nsmallest and the largest sample. Written by `make results` from "
-        f"docs/{SAMPLES_FOLDER}/.\n\n{write_table(Table('', columns, rows))}\n"
-    )
+        by_mesh = [{str(case["engine"]): case for case in results.find(mesh=mesh, query=query)} for mesh in meshes]
+        ratios = [lead_of(results, cases) if cases else None for cases in by_mesh]
+        leads.append((title.removesuffix(", ms"), *(None if ratio is None else ratio.median for ratio in ratios)))
+        if by_mesh[-1]:
+            rows.append((title, *(figure_of(results, by_mesh[-1].get(name), query) for name in engines)))
+    versions = [f"{name} {study.facts.get(name.lower(), study.facts['clbvh'])}" for name in engines]
+    blocks = [
+        f"Machine: {study.facts['cores']} cores of {study.facts['processor']}; {study.facts['device']}; "
+        f"{', '.join(versions)}. Written by `make results` from docs/{SAMPLES_FOLDER}/; "
+        f"[docs/{RESULTS_NAME}](docs/{RESULTS_NAME}) has all figures and says how they were measured.",
+        "The time of the fastest other engine over clbvh's, whole calls, for meshes of growing size; above 1, clbvh is "
+        "faster:",
+        write_table(Table("", ("", *(f"{mesh}, {_triangles(results, mesh):,}" for mesh in meshes)), leads)),
+        f"The largest of them, {meshes[-1]}. Build in ms, queries in millions of rays or points per second: medians, "
+        "with the smallest and the largest sample.",
+        write_table(Table("", ("", *engines), rows)),
+    ]
+    return "\n\n".join(block if block.startswith("|") else wrap(block) for block in blocks) + "\n"
 
 
 def publish(source: Path, project: Path) -> None:

@@ -96,7 +96,7 @@ class Tracer(ContextManager):
             raise
         # Each query reads it once, because an update replaces it.
         self._caster = Caster(session, tree, box)
-        self._copies = TreeCopies(self._caster) if isinstance(tree, DeviceTree) else None
+        self._copies = TreeCopies(self._caster) if self._scene is None else None
 
     def closest_hit(
         self,

@@ -141,7 +141,9 @@ def _present(results: Results) -> list[Part]:
             cases = {str(case["engine"]): case for case in results.find(mesh=mesh, query=query)}
             if not cases:
                 continue
-            rows.append((title, *(figure_of(results, cases.get(name), query) for name in names), _lead(results, cases)))
+            rows.append(
+                (title, *(figure_of(results, cases.get(name), query) for name in names), lead_of(results, cases))
+            )
             counts = {name: results.median(case, "answers") for name, case in cases.items()}
             items = {name: int(results.median(case, "items") or 0) for name, case in cases.items()}
             answers.append((title, *(_describe_answers(counts.get(name), items.get(name)) for name in names)))
@@ -179,7 +181,7 @@ def _time_per_item(results: Results, case: Case) -> float:
     return (results.median(case, "wall_ms") or 0.0) / max(1.0, results.median(case, "items") or 1.0)
 
 
-def _lead(results: Results, cases: dict[str, Case]) -> Summary | None:
+def lead_of(results: Results, cases: dict[str, Case]) -> Summary | None:
     """Return the fastest peer's time over clbvh's, round by round; None without either."""
     others = [case for name, case in cases.items() if name != "clbvh"]
     if "clbvh" not in cases or not others:

@@ -224,11 +224,11 @@ def _label(axis: Any, wanted: Axis) -> None:
 
 
 def _shorten(value: float, format_number: Any) -> str:
-    """Return a tick's number: 10 k, 2 M."""
+    """Return a tick's number: 10 k, 2 M; in full where that would not be short."""
     for unit, size in (("M", 1e6), ("k", 1e3)):
-        if value >= 10 * size or (value >= size and value % size == 0):
+        if value >= size and value * 10 % size == 0:
             return f"{value / size:g} {unit}"
-    return f"{value:g}" if value < 1e4 else str(format_number(value))
+    return f"{value:g}" if value < 1e4 else str(format_number(int(value)))
 
 
 def _as_svg(figure: Figure) -> str:

@@ -16,13 +16,13 @@ def write_markdown(sections: Sequence[Section]) -> str:
     """Return headings, paragraphs and tables of all sections; figures and pictures are left out."""
     blocks = []
     for section in sections:
-        blocks += [f"## {section.title}", _wrap(section.question), _wrap(section.method)]
+        blocks += [f"## {section.title}", wrap(section.question), wrap(section.method)]
         for part in section.parts:
             if isinstance(part, Paragraph):
-                blocks.append(_wrap(part.text))
+                blocks.append(wrap(part.text))
             elif isinstance(part, Table):
-                blocks += [_wrap(part.caption), write_table(part)]
-        blocks += map(_wrap, section.notes)
+                blocks += [wrap(part.caption), write_table(part)]
+        blocks += map(wrap, section.notes)
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
@@ -37,5 +37,6 @@ def _join(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
 
 
-def _wrap(text: str) -> str:
+def wrap(text: str) -> str:
+    """Return text in lines."""
     return textwrap.fill(text, _LINE_LENGTH, break_long_words=False, break_on_hyphens=False)

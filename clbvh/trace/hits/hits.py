@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,9 @@ from ...structs import NO_PRIM
 from ..rays.batch import read_vectors
 from ..rays.broadcast import broadcast_shape
 from ..room import check_room
-from .surface import MeshSurface, SceneSurface, Surface, SurfacePoints
+from . import surface
+from .interpolate import interpolate
+from .normals import Normals
 
 # A start point, and one on each side of the triangle.
 _POINT_BYTES = 3 * 24
@@ -42,13 +44,13 @@ class Hits:
     prim_id : (...,) int32
         Face of the mesh, or sphere, by its number in its geometry; -1 on a miss.
     mesh : Mesh or None
-        The mesh that was hit; None for hits in a scene.
+        The mesh that was hit; None for hits in a scene of several instances.
     is_front : (...,) bool or None
         Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
     scene_surface : SceneSurface or None
         The instances of the scene that was hit; None for hits of a mesh.
     known_instance_id : (...,) int32 or None
-        `instance_id` of the hits in a scene.
+        `instance_id`, if it was computed along with the hits; None if all are on the first instance.
 
     Examples
     --------
@@ -86,7 +88,7 @@ class Hits:
     prim_id: NDArray[np.int32]
     mesh: Mesh | None = field(default=None, repr=False)
     is_front: NDArray[np.bool_] | None = field(default=None, repr=False, kw_only=True)
-    scene_surface: SceneSurface | None = field(default=None, repr=False, kw_only=True)
+    scene_surface: surface.SceneSurface | None = field(default=None, repr=False, kw_only=True)
     known_instance_id: NDArray[np.int32] | None = field(default=None, repr=False, kw_only=True)
 
     @classmethod
@@ -136,7 +138,7 @@ class Hits:
         return self._known_surface().locate(self._points())
 
     @property
-    def normals(self) -> NDArray[np.float64]:
+    def normals(self) -> Normals:
         """(..., 3) float64: the normal of length 1, on the side from which a, b, c run anticlockwise.
 
         NaN on a miss. The ray may come from either side, see `is_front`. A triangle thinner than about 2^-31 of its
@@ -145,8 +147,69 @@ class Hits:
         Normals of instances are perpendicular to the transformed surface, and on the object's outer side: that from
         which a, b, c run anticlockwise in the object, or the outside of a sphere. A mirror takes that side along, so
         the normals of a mirrored closed object still point outwards.
+
+        The array can be called for other normals of the same hits: ``hits.normals(smooth=True)`` interpolates those of
+        the vertices, ``hits.normals(facing=True)`` turns them to the side from which the ray came, and both together do
+        both; see `Normals`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> ball = clbvh.make_shape("icosphere", triangles=320)
+        >>> with clbvh.Tracer(ball) as tracer:
+        ...     hits = tracer.closest_hit([0, 0, 0], [0.6, 0.48, 0.64])
+        >>> hits.normals.round(2)
+        array([0.55, 0.45, 0.7 ])
+        >>> hits.normals(smooth=True).round(2)
+        array([0.6 , 0.48, 0.64])
+        >>> hits.normals(smooth=True, facing=True).round(2)
+        array([-0.6 , -0.48, -0.64])
         """
-        return self._known_surface().normals(self._points())
+        return Normals.of(self._known_surface().normals(self._points()), self._find_normals)
+
+    def interpolate(self, attribute: ArrayLike | Mapping[Any, ArrayLike]) -> NDArray[np.float64]:
+        """Return the values of an attribute where the rays hit: colours, texture coordinates, temperatures.
+
+        Parameters
+        ----------
+        attribute : (V,) or (V, k...) array of real numbers, or a mapping
+            A value or a row of any shape for each vertex of the mesh, which u and v interpolate; of spheres, for each
+            sphere, whose value holds for all of its surface. For a scene of several geometries: a mapping from
+            geometries to their arrays, ``{car: colours, "ground": more_colours}``. A geometry is given by its handle,
+            its name or its id. All rows have the same shape.
+
+        Returns
+        -------
+        (...,) or (..., k...) float64
+            NaN on a miss, and on a geometry that the mapping leaves out. A vertex with the value NaN makes its faces
+            NaN.
+
+        Raises
+        ------
+        QueryError
+            Values that are not numbers, another number of them than vertices or spheres, a geometry that the scene does
+            not have, an array for a scene of several geometries, rows of different shapes, or a result that does not
+            fit the free memory.
+        ConfigError
+            These hits do not know their mesh.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
+        >>> with clbvh.Tracer(mesh) as tracer:
+        ...     hits = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [[0, 0, -1], [0, 0, -1]])
+        >>> hits.interpolate([10, 20, 30])
+        array([22.5,  nan])
+        >>> hits[0].interpolate([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        array([0.25, 0.25, 0.5 ])
+        """
+        if self.scene_surface is not None:
+            shapes, names = self.scene_surface.shapes, self.scene_surface.names
+        else:
+            mesh = self._known_mesh()
+            shapes, names = (mesh,), (mesh.name,)
+        return interpolate(shapes, names, attribute, self.prim_id, self.geometry_id, self.u, self.v)
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
         """Return start points for rays that leave the surface: just above it, where they cannot meet it by rounding.
@@ -193,13 +256,13 @@ class Hits:
         False True
         False True True
         """
-        surface, points = self._known_surface(), self._points()
+        hit, points = self._known_surface(), self._points()
         if towards is None:
             if self.is_front is None:
                 raise ConfigError(
                     "these hits do not know from which side the rays came: call offset_origins(towards=directions)"
                 )
-            return surface.offset_points(points, self.locations, self.is_front)
+            return hit.offset_points(points, self.locations, self.is_front)
         directions = read_vectors(towards, "towards")
         try:
             shape = broadcast_shape(self.shape, directions.shape[:-1])
@@ -210,9 +273,9 @@ class Hits:
             ) from None
         check_room(math.prod(shape), _POINT_BYTES)
         self._refuse_wrong(directions, shape)
-        locations, sides = self.locations, np.broadcast_to(surface.find_sides(points, directions), shape)
-        front = surface.offset_points(points, locations, np.ones(self.shape, np.bool_))
-        back = surface.offset_points(points, locations, np.zeros(self.shape, np.bool_))
+        locations, sides = self.locations, np.broadcast_to(hit.find_sides(points, directions), shape)
+        front = hit.offset_points(points, locations, np.ones(self.shape, np.bool_))
+        back = hit.offset_points(points, locations, np.zeros(self.shape, np.bool_))
         return np.where(sides[..., None], front, back)
 
     def take(self, rays: NDArray[np.int64]) -> Hits:
@@ -259,15 +322,30 @@ class Hits:
             place = f" of the hit {tuple(map(int, first))}" if shape else ""
             raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
-    def _known_surface(self) -> Surface:
-        if self.scene_surface is not None:
+    def _known_surface(self) -> surface.Surface:
+        if self.mesh is None and self.scene_surface is not None:
             return self.scene_surface
+        return surface.MeshSurface(self._known_mesh())
+
+    def _known_mesh(self) -> Mesh:
         if self.mesh is None:
             raise ConfigError("these hits do not know their mesh: make them with Hits(..., mesh=...)")
-        return MeshSurface(self.mesh)
+        return self.mesh
 
-    def _points(self) -> SurfacePoints:
-        return SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
+    def _find_normals(self, normals: NDArray[np.float64], smooth: bool, facing: bool) -> NDArray[np.float64]:
+        """Return the answer of `Normals.__call__`."""
+        if facing and self.is_front is None:
+            raise ConfigError(
+                "these hits do not know from which side the rays came: turn hits.normals by the rays' directions"
+            )
+        if smooth:
+            normals = self._known_surface().smooth_normals(self._points(), normals)
+        return (
+            np.where(self.is_front[..., None], normals, -normals) if facing and self.is_front is not None else normals
+        )
+
+    def _points(self) -> surface.SurfacePoints:
+        return surface.SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
 
 
 @dataclass(frozen=True, eq=False)

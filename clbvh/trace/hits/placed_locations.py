@@ -94,26 +94,32 @@ def _for_points(
 
 @compiled
 def _locate(arrays, prim_ids, instance_ids, us, vs, locations):
-    vertices, faces, spheres = arrays.vertices, arrays.faces, arrays.spheres
     for hit in range(len(prim_ids)):
         if prim_ids[hit] == NO_PRIM:
             locations[hit, 0] = locations[hit, 1] = locations[hit, 2] = np.nan
-            continue
-        instance, u, v = instance_ids[hit], us[hit], vs[hit]
-        geometry = arrays.geometry_id[instance]
-        if arrays.kind[geometry] == _SPHERES:
-            sphere = arrays.first_sphere[geometry] + prim_ids[hit]
-            x, y, z = sphere_point(u, v)
-            x = spheres[sphere, 0] + spheres[sphere, 3] * x
-            y = spheres[sphere, 1] + spheres[sphere, 3] * y
-            z = spheres[sphere, 2] + spheres[sphere, 3] * z
         else:
-            face, first = arrays.first_face[geometry] + prim_ids[hit], arrays.first_vertex[geometry]
-            a, b, c = first + faces[face, 0], first + faces[face, 1], first + faces[face, 2]
-            x = _mix(vertices[a, 0], vertices[b, 0], vertices[c, 0], u, v)
-            y = _mix(vertices[a, 1], vertices[b, 1], vertices[c, 1], u, v)
-            z = _mix(vertices[a, 2], vertices[b, 2], vertices[c, 2], u, v)
-        locations[hit, 0], locations[hit, 1], locations[hit, 2] = place_point(arrays, instance, x, y, z)
+            point = locate_placed_point(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit])
+            locations[hit, 0], locations[hit, 1], locations[hit, 2] = point
+
+
+@compiled
+def locate_placed_point(arrays, instance, prim, u, v):
+    """Return the world coordinates of a point of a primitive."""
+    vertices, faces, spheres = arrays.vertices, arrays.faces, arrays.spheres
+    geometry = arrays.geometry_id[instance]
+    if arrays.kind[geometry] == _SPHERES:
+        sphere = arrays.first_sphere[geometry] + prim
+        x, y, z = sphere_point(u, v)
+        x = spheres[sphere, 0] + spheres[sphere, 3] * x
+        y = spheres[sphere, 1] + spheres[sphere, 3] * y
+        z = spheres[sphere, 2] + spheres[sphere, 3] * z
+    else:
+        face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
+        a, b, c = first + faces[face, 0], first + faces[face, 1], first + faces[face, 2]
+        x = _mix(vertices[a, 0], vertices[b, 0], vertices[c, 0], u, v)
+        y = _mix(vertices[a, 1], vertices[b, 1], vertices[c, 1], u, v)
+        z = _mix(vertices[a, 2], vertices[b, 2], vertices[c, 2], u, v)
+    return place_point(arrays, instance, x, y, z)
 
 
 @compiled
@@ -130,7 +136,7 @@ def _make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
             normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
             continue
         make_object_normal(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit], triangle.vertices, normal)
-        _turn_normal(arrays, instance_ids[hit], normal, normals[hit])
+        turn_normal(arrays, instance_ids[hit], normal, normals[hit])
 
 
 @compiled
@@ -139,7 +145,7 @@ def _turn_normals(arrays, instance_ids, object_normals, normals):
         if instance_ids[hit] == NO_PRIM:
             normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
         else:
-            _turn_normal(arrays, instance_ids[hit], object_normals[hit], normals[hit])
+            turn_normal(arrays, instance_ids[hit], object_normals[hit], normals[hit])
 
 
 @compiled
@@ -157,8 +163,10 @@ def make_object_normal(arrays, instance, prim, u, v, corners, normal):
 
 
 @compiled(error_model="numpy")
-def _turn_normal(arrays, instance, object_normal, normal):
+def turn_normal(arrays, instance, object_normal, normal):
     """Write the unit vector along the inverse transpose of an instance's linear part times a vector of its object.
+
+    Return the length of that product: the way in the object, along its vector, for a unit of the way in the world.
 
     Lengths of tangents and of normals change by inverse factors, so the transform itself would tilt normals. The
     inverse transpose keeps their sides: its product with ``linear @ d`` is that of the object's normal with d.
@@ -180,3 +188,4 @@ def _turn_normal(arrays, instance, object_normal, normal):
     length = np.sqrt(length)
     for axis in range(3):
         normal[axis] /= length
+    return length * largest

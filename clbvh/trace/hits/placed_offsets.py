@@ -13,8 +13,8 @@ from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from .offsets import DOUBLE_ROUNDING, ROUNDING, ROUNDINGS
-from .placed_locations import make_object_normal
-from .scene_arrays import SceneArrays, place_vector
+from .placed_locations import make_object_normal, turn_normal
+from .scene_arrays import SceneArrays, place_vector, to_object
 
 _SPHERES = PRIM_KINDS["spheres"]
 
@@ -22,11 +22,17 @@ _SPHERES = PRIM_KINDS["spheres"]
 _ENTRY_ROUNDINGS = 16
 _DOUBLE_ROUNDINGS = 8
 
+# Roundings of float32 relative to a sphere's radius, by the same page.
+_ROOT_ROUNDINGS = 40
+
 # No sphere has a smaller radius on the device.
 _LEAST_RADIUS = float(np.finfo(np.float32).tiny)
 
-# Relative error of a position that the device has as a pair of float32.
-_PAIR_ROUNDING = 2.0**-46
+# Relative error of the difference of two positions that the device has as pairs of float32.
+_PAIR_ROUNDING = 2.0**-45
+
+# Float32 cannot tell the sides of an object whose start points would need more; no distance would do.
+_MOST_GROWTH = 0.5
 
 
 def find_placed_offset_points(
@@ -74,6 +80,7 @@ def find_placed_offset_points(
 @compiled(error_model="numpy")
 def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locations, points):
     corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
+    way, shares = np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -89,31 +96,68 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
         most = np.inf
         if arrays.kind[geometry] == _SPHERES:
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
+            highest += _ROOT_ROUNDINGS * ROUNDING * radius
             most = np.inf if is_front[hit] else radius
         else:
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
 
-        # How far rounding can move the point and the primitive along the normal.
-        reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
-        distance = highest
+        # The way in the world on which a height of 1 is gained in the object: along the world's normal, on which it is
+        # shortest; inside of a sphere towards the centre, and no farther.
+        if np.isfinite(most):
+            way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
+        else:
+            gain = turn_normal(arrays, instance, normal, way)
+            way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
+        x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
+        shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
+
+        rounding, growth = _bound_roundings(arrays, instance, normal, local, shares)
+        coarseness = _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit, scene_reach)
+        height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
+        height = min(height, most) / scale
         for axis in range(3):
-            condition, coarseness = 0.0, 0.0
+            points[hit, axis] = locations[hit, axis] + height * way[axis]
+
+
+@compiled
+def _bound_roundings(arrays, instance, normal, local, shares):
+    """Return how far float32 moves a ray and a primitive along the normal, and by how much more for a height of 1.
+
+    In local units. `shares` is how far a start point is moved along each axis of the object for a height of 1.
+    """
+    reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
+    sideways = max(shares[0], shares[1], shares[2])
+    rounding, growth = 0.0, 0.0
+    for axis in range(3):
+        entry, growth_of_entry = 0.0, 0.0
+        for column in range(3):
+            condition = 0.0
             for world_axis in range(3):
-                breadth, size = 0.0, abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
-                for column in range(3):
-                    stretch = abs(arrays.linear[instance, world_axis, column])
-                    breadth += stretch
-                    size += stretch * (abs(local[column]) / scale + abs(arrays.origin[geometry, column]))
                 share = abs(arrays.inverse[instance, axis, world_axis])
-                condition += share * breadth
-                coarseness += share * (_PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size)
-            roundings = (ROUNDINGS + _ENTRY_ROUNDINGS * condition) * ROUNDING
-            distance += abs(normal[axis]) * (roundings * reach + coarseness * scale)
-        distance = min(distance, most) / scale
-        dx, dy, dz = place_vector(arrays, instance, distance * normal[0], distance * normal[1], distance * normal[2])
-        points[hit, 0] = locations[hit, 0] + dx
-        points[hit, 1] = locations[hit, 1] + dy
-        points[hit, 2] = locations[hit, 2] + dz
+                condition += share * abs(arrays.linear[instance, world_axis, column])
+            entry += condition * (1.0 + abs(local[column]))
+            growth_of_entry += condition * shares[column]
+        rounding += abs(normal[axis]) * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
+        growth += abs(normal[axis]) * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
+    return ROUNDING * rounding, ROUNDING * growth
+
+
+@compiled
+def _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit, scene_reach):
+    """Return how far the roundings of world coordinates, in float64 and in pairs, move a point along the normal.
+
+    In local units.
+    """
+    scale, coarseness = arrays.scale[geometry], 0.0
+    for world_axis in range(3):
+        size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
+        for column in range(3):
+            place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
+            size += abs(arrays.linear[instance, world_axis, column]) * place
+        moved = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
+        for axis in range(3):
+            coarseness += abs(normal[axis]) * abs(arrays.inverse[instance, axis, world_axis]) * moved
+    return coarseness * scale
 
 
 @compiled

@@ -12,9 +12,10 @@ from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, times_power_of_two
 from ..rays.ray_rows import row_step
+from .placed_locations import locate_placed_point
 from .refine_block import AB, AC, CORNER, DIRECTION, TUV
-from .scene_arrays import place_point, place_vector
-from .sphere_coordinates import sphere_point, sphere_uv
+from .scene_arrays import place_point, place_vector, to_object
+from .sphere_coordinates import sphere_uv
 from .sphere_roots import sphere_crossing
 
 _SPHERES = PRIM_KINDS["spheres"]
@@ -80,13 +81,13 @@ def _refine_on_sphere(rays, arrays, found_ints, block, hit, instance):
     sphere = arrays.first_sphere[arrays.geometry_id[instance]] + found_ints[block.sources[hit], HIT_PRIM_ID]
     # The kernel writes a u of 0 where the ray enters the sphere and of 1 where it leaves it.
     is_leaving = found_ints[block.sources[hit], HIT_U] != 0
-    origin = _to_object(
+    origin = to_object(
         arrays, instance,
         origins[origin_id, 0] - arrays.offset[instance, 0],
         origins[origin_id, 1] - arrays.offset[instance, 1],
         origins[origin_id, 2] - arrays.offset[instance, 2],
     )  # fmt: skip
-    direction = _to_object(
+    direction = to_object(
         arrays, instance,
         np.float64(directions[direction_id, 0]),
         np.float64(directions[direction_id, 1]),
@@ -100,39 +101,11 @@ def _refine_on_sphere(rays, arrays, found_ints, block, hit, instance):
 
 
 @compiled
-def _to_object(arrays, instance, x, y, z):
-    """Return a vector of the scene in the coordinates of an instance's geometry."""
-    inverse = arrays.inverse
-    return (
-        inverse[instance, 0, 0] * x + inverse[instance, 0, 1] * y + inverse[instance, 0, 2] * z,
-        inverse[instance, 1, 0] * x + inverse[instance, 1, 1] * y + inverse[instance, 1, 2] * z,
-        inverse[instance, 2, 0] * x + inverse[instance, 2, 1] * y + inverse[instance, 2, 2] * z,
-    )
-
-
-@compiled
 def locate_placed(arrays, found_ints, block, count, locations):
     """Write the points of a block's hits to their targets, in the scene's coordinates."""
     vectors, sources, targets = block.vectors, block.sources, block.targets
-    vertices, faces, spheres = arrays.vertices, arrays.faces, arrays.spheres
     for hit in range(count):
         instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
-        geometry, prim = arrays.geometry_id[instance], found_ints[sources[hit], HIT_PRIM_ID]
-        u, v = vectors[TUV, 1, hit], vectors[TUV, 2, hit]
-        if arrays.kind[geometry] == _SPHERES:
-            sphere = arrays.first_sphere[geometry] + prim
-            normal, radius = sphere_point(u, v), spheres[sphere, 3]
-            point = place_point(
-                arrays, instance,
-                spheres[sphere, 0] + radius * normal[0],
-                spheres[sphere, 1] + radius * normal[1],
-                spheres[sphere, 2] + radius * normal[2],
-            )  # fmt: skip
-            locations[targets[hit], 0], locations[targets[hit], 1], locations[targets[hit], 2] = point
-            continue
-        a = arrays.first_vertex[geometry] + faces[arrays.first_face[geometry] + prim, 0]
-        corner = place_point(arrays, instance, vertices[a, 0], vertices[a, 1], vertices[a, 2])
-        inverse_scale = 1.0 / arrays.world_scale[instance]
-        for axis in range(3):
-            offset = u * vectors[AB, axis, hit] + v * vectors[AC, axis, hit]
-            locations[targets[hit], axis] = corner[axis] + offset * inverse_scale
+        prim, u, v = found_ints[sources[hit], HIT_PRIM_ID], vectors[TUV, 1, hit], vectors[TUV, 2, hit]
+        point = locate_placed_point(arrays, instance, prim, u, v)
+        locations[targets[hit], 0], locations[targets[hit], 1], locations[targets[hit], 2] = point

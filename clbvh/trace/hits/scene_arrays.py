@@ -208,6 +208,17 @@ def place_vector(arrays, instance, x, y, z):
     )
 
 
+@compiled
+def to_object(arrays, instance, x, y, z):
+    """Return a vector of the world in the coordinates of an instance's geometry."""
+    inverse = arrays.inverse
+    return (
+        inverse[instance, 0, 0] * x + inverse[instance, 0, 1] * y + inverse[instance, 0, 2] * z,
+        inverse[instance, 1, 0] * x + inverse[instance, 1, 1] * y + inverse[instance, 1, 2] * z,
+        inverse[instance, 2, 0] * x + inverse[instance, 2, 1] * y + inverse[instance, 2, 2] * z,
+    )
+
+
 @compiled(error_model="numpy")
 def _place_instances(transforms, arrays, balanced, inverse):
     """Write the arrays of all instances; return the first one whose size float64 cannot compute with, or -1."""

@@ -21,6 +21,7 @@ from .offsets import find_offset_points, find_sides
 from .placed_locations import find_placed_locations, find_placed_normals
 from .placed_offsets import find_placed_offset_points
 from .scene_arrays import SceneArrays, make_scene_arrays
+from .smooth_normals import find_placed_smooth_normals, find_smooth_normals
 
 
 class SurfacePoints(NamedTuple):
@@ -54,6 +55,9 @@ class Surface(Protocol):
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
         """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
 
+    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
+
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
 
@@ -82,6 +86,9 @@ class MeshSurface:
 
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
         return find_normals(self.mesh, points.prim_id)
+
+    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        return find_smooth_normals(self.mesh, points.prim_id, points.u, points.v, normals)
 
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
         return find_sides(self.normals(points), directions)
@@ -141,6 +148,12 @@ class SceneSurface:
 
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
         return find_placed_normals(self.arrays, *points)
+
+    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        return find_placed_smooth_normals(
+            self.arrays, self.shapes, points.prim_id, points.instance_id, self.geometry_ids(points), points.u, points.v,
+            normals,
+        )  # fmt: skip
 
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
         return find_sides(self.normals(points), directions)

@@ -8,7 +8,7 @@ are given back once no query uses them: a query holds the caster that it began w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, cast
 from weakref import ref
 
 import numpy as np
@@ -28,6 +28,7 @@ from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree
 from ..launch import Caster
 from ..rays.batch import TreeBox
+from ..tree_copies import TreeCopies
 from .device_scene import DeviceScene
 from .refit_geometry import RefitGeometry
 
@@ -53,9 +54,12 @@ class MovingScene:
     ) -> None:
         self._contents = contents
         self._build_tree, self._build_top = build_tree, build_top
-        self.state: SceneState = contents.snapshot()
-        self.trees: list[Bvh] = [build_tree(shape) for shape in self.state.shapes]
+        self._opened: SceneState = contents.snapshot()
+        self._built = [build_tree(shape) for shape in self._opened.shapes]
         self._refits: dict[int, RefitGeometry] = {}
+        # Of the mesh, as long as the scene is nothing but one mesh in its place.
+        self._copies: TreeCopies | None = None
+        # Buffers that were replaced, with the last caster that has them, in the order of the changes.
         self._retired: list[tuple[ref[Caster], list[Any]]] = []
 
     def open(self, session: DeviceSession, layout: str) -> tuple[DeviceTree | DeviceScene, TreeBox]:
@@ -63,99 +67,129 @@ class MovingScene:
 
         A mesh that is placed once, where it is, needs no instance.
         """
-        if self.state.is_one_mesh:
-            bvh = self.trees[self.state.geometry_ids[0]]
+        if self._opened.is_one_mesh:
+            bvh = self._built[self._opened.geometry_ids[0]]
             return DeviceTree(session, bvh.mesh, bvh, layout), TreeBox.around(bvh)
-        scene = DeviceScene(session, self.state, self.trees, self._build_top, layout)
+        scene = DeviceScene(session, self._opened, self._built, self._build_top, layout)
         return scene, scene.box
+
+    def state(self, caster: Caster) -> SceneState:
+        """Return the scene that a caster is at."""
+        tree: object = caster.tree
+        if isinstance(tree, DeviceScene):
+            return tree.state
+        return self._opened.with_shape(int(self._opened.geometry_ids[0]), caster.tree.mesh)
 
     def choose_instances(
         self, geometry: Geometry | None, instance: Instance | int | Iterable[Instance | int] | None
     ) -> NDArray[np.int64]:
         """Return the ids of the given instances of a geometry, or of either alone; see `Tracer.closest_point`."""
         if instance is None:
-            chosen = np.arange(self.state.instance_count)
+            chosen = np.arange(self._opened.instance_count)
         else:
             chosen = self._contents.instance_ids([instance] if isinstance(instance, int | np.integer) else instance)
             self._check_known(chosen)
         if geometry is not None:
             geometry_id = self._contents.geometry_id(geometry)
-            chosen = chosen[self.state.geometry_ids[chosen] == geometry_id]
+            chosen = chosen[self._opened.geometry_ids[chosen] == geometry_id]
         return chosen
 
     def set_transforms(self, caster: Caster, instances: Any, matrices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with other transforms; see `Tracer.set_transforms`."""
         ids = self._contents.instance_ids(instances)
-        transforms = check_transforms(matrices)
+        given = np.asarray(matrices)
+        transforms = check_transforms(given[None] if given.ndim == 2 else given)
         if len(transforms) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
         self._check_known(ids)
-        state = self.state.with_transforms(ids, transforms)
+        state = self.state(caster).with_transforms(ids, transforms)
         tree: object = caster.tree
         if isinstance(tree, DeviceScene):
             moved = tree.moved(caster.session, session, state)
         else:
-            moved = DeviceScene(caster.session, state, self._trees_now(), self._build_top, caster.tree.layout)
-        return self._replace(caster, moved, state)
+            moved = DeviceScene(caster.session, state, self._trees_now(caster), self._build_top, caster.tree.layout)
+        return self._replace(caster, moved)
 
     def set_vertices(self, caster: Caster, geometry: Geometry, vertices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with a geometry whose vertices have moved; see `Tracer.set_vertices`."""
         geometry_id = self._contents.geometry_id(geometry)
-        if geometry_id >= len(self.state.shapes):
+        before = self.state(caster)
+        if geometry_id >= len(before.shapes):
             raise SceneError(f"{geometry!r} was added after the tracer was opened: open a new tracer")
-        shape = self.state.shapes[geometry_id]
+        shape = before.shapes[geometry_id]
         tree: object = caster.tree
         moved_shape: Shape
         if isinstance(shape, Spheres):
             moved_shape = shape.with_spheres(vertices, shape.radii)
         else:
             moved_shape = shape.with_vertices(vertices)
-        state = self.state.with_shape(geometry_id, moved_shape)
+        state = before.with_shape(geometry_id, moved_shape)
+        if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
+            moved = self._copies_of(caster).move(caster, moved_shape, session)
+            if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
+                return moved
         if isinstance(moved_shape, Mesh) and isinstance(tree, DeviceScene):
-            refit = self._refits.get(geometry_id) or RefitGeometry(tree, geometry_id, session)
+            refit = self._find_refit(tree, geometry_id, session)
             scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
-            self._refits[geometry_id] = refit
             if refit.sah_growth <= REBUILD_GROWTH:
-                return self._replace(caster, scene, state)
+                return self._replace(caster, scene)
             scene.release_other_than(tree, caster.session)
-        trees = self._trees_now()
+        trees = self._trees_now(caster)
         trees[geometry_id] = self._build_tree(moved_shape)
         built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
-        self.trees = trees
-        self._refits.clear()
-        return self._replace(caster, built, state)
+        return self._replace(caster, built)
+
+    def _find_refit(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> RefitGeometry:
+        """Return what refits a geometry; it is kept as long as the geometry has the tree that it was built with."""
+        refit = self._refits.get(geometry_id)
+        if refit is None or refit.bvh is not scene.trees[geometry_id]:
+            refit = self._refits[geometry_id] = RefitGeometry(scene, geometry_id, session)
+        return refit
+
+    def _copies_of(self, caster: Caster) -> TreeCopies:
+        """Return the copies of the only mesh."""
+        if self._copies is None:
+            self._copies = TreeCopies(caster)
+        return self._copies
 
     def _check_known(self, instance_ids: NDArray[np.int64]) -> None:
         """Raise unless the instances were there when the tracer was opened."""
-        if len(instance_ids) and instance_ids.max() >= self.state.instance_count:
+        if len(instance_ids) and instance_ids.max() >= self._opened.instance_count:
             raise SceneError(
                 f"the instance {instance_ids.max()} was placed after the tracer was opened: open a new tracer"
             )
 
-    def _trees_now(self) -> list[Bvh]:
+    def _trees_now(self, caster: Caster) -> list[Bvh]:
         """Return the trees of all geometries around the vertices as they are now."""
+        tree: object = caster.tree
+        trees = tree.trees if isinstance(tree, DeviceScene) else self._built
         return [
             bvh.refit(shape.vertices) if isinstance(shape, Mesh) and bvh.mesh is not shape else bvh
-            for bvh, shape in zip(self.trees, self.state.shapes, strict=True)
+            for bvh, shape in zip(trees, self.state(caster).shapes, strict=True)
         ]
 
-    def _replace(self, caster: Caster, scene: DeviceScene, state: SceneState) -> Caster:
+    def _replace(self, caster: Caster, scene: DeviceScene) -> Caster:
         """Return a caster at a scene in place of another one, whose own buffers are given back in time."""
-        self.state = state
         kept = {id(buffer) for buffer in scene.arguments.values()}
         surplus = [buffer for buffer in caster.tree.buffers_of_own() if id(buffer) not in kept]
         self._retired.append((ref(caster), surplus))
+        if not isinstance(caster.tree, DeviceScene):
+            # The copies of the mesh go, too.
+            self._retired += self._copies_of(caster).list_users()
+            self._copies = None
         moved = caster.over(scene, scene.box)
         self._release_unused(caster.session)
         return moved
 
     def _release_unused(self, session: DeviceSession) -> None:
-        """Give back the buffers that no query uses."""
-        used = []
-        for user, buffers in self._retired:
-            if user() is None:
-                for buffer in buffers:
-                    session.release(buffer)
-            else:
-                used.append((user, buffers))
-        self._retired = used
+        """Give back the buffers that no query uses.
+
+        In the order of the changes: an older caster may have a buffer that only a later change replaced. After Ctrl-C a
+        change may be made once more, and its buffers be listed twice.
+        """
+        while self._retired and self._retired[0][0]() is None:
+            _, buffers = self._retired[0]
+            while buffers:
+                session.release_if_held(buffers[-1])
+                buffers.pop()
+            self._retired.pop(0)

@@ -31,11 +31,14 @@ class RefitGeometry:
 
     Attributes
     ----------
+    bvh : Bvh
+        The tree that was built.
     sah_growth : float
         The SAH cost of the tree as it was last written, divided by that of the tree that was built.
     """
 
     def __init__(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> None:
+        self.bvh = scene.trees[geometry_id]
         self._built = scene.state.shapes[geometry_id]
         self._built_cost = 0.0
         self.sah_growth = 1.0

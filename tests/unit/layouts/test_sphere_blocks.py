@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import BuildOptions, Spheres
+from clbvh import BuildOptions, Mesh, Spheres, build, make_shape
 from clbvh.builders.build import build_over
 from clbvh.layouts.device_arrays import make_device_arrays, measure_device_bytes
 from clbvh.structs import BVH2_NODE, LAYOUT_WIDTHS, NO_PRIM, SPHERE, SPHERE_BLOCKS
@@ -58,12 +58,21 @@ def test_the_size_is_that_of_the_arrays(layout, count):
     assert measure_device_bytes(bvh, layout, spheres) == arrays.nodes.nbytes + arrays.blocks.nbytes
 
 
+def make_icospheres(spheres):
+    """Each sphere as 80 triangles."""
+    ball = make_shape("icosphere", triangles=80)
+    vertices = spheres.centres[:, None] + spheres.radii[:, None, None] * ball.vertices
+    faces = ball.faces + len(ball.vertices) * np.arange(spheres.prim_count)[:, None, None]
+    assert faces.shape[1] == 80
+    return Mesh.from_arrays(vertices.reshape(-1, 3), faces.reshape(-1, 3))
+
+
 @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
 def test_spheres_take_a_fiftieth_of_icospheres_of_80_triangles(layout):
-    """Of the least that triangles take: their corners alone, without nodes, in full blocks."""
-    spheres = make_spheres(5000)
-    corner_bytes = 80 * 40
-    assert measure_device_bytes(build_tree(spheres), layout, spheres) / 5000 < corner_bytes / 50
+    spheres = make_spheres(500)
+    icospheres = make_icospheres(spheres)
+    of_spheres = measure_device_bytes(build_tree(spheres), layout, spheres)
+    assert of_spheres < measure_device_bytes(build(icospheres), layout) / 50
 
 
 @pytest.mark.parametrize("layout", LAYOUT_WIDTHS)

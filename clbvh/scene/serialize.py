@@ -1,0 +1,315 @@
+"""A scene as one file. Its content is not trusted: a damaged or forged file is refused, whatever sizes it claims.
+
+The file, all numbers little-endian:
+
+    bytes   field
+    8       MAGIC
+    4       format version, uint32
+    4       zero
+    8       bytes of the text T, a multiple of 8, uint64
+    8       bytes of the arrays A, a multiple of 8, uint64
+    16      digest of everything behind the header
+    16      digest of the header so far
+    T       the text: JSON in UTF-8, with spaces at its end
+    A       the arrays, each with zeros up to a multiple of 8 bytes
+
+The text is one object:
+
+    geometries   a list of {kind: "mesh", name, shape_name, vertices: V, faces: F}
+                        and {kind: "spheres", name, shape_name, count: n}
+    instances    {count: n, names: a list of n texts}
+    settings     an object of the caller
+
+The arrays are, in this order: of each mesh vertices (V, 3) float64 and faces (F, 3) int32, of each spheres centres
+(n, 3) float64 and radii (n,) float64; then of all instances transforms (n, 4, 4) float64, colours (n, 3) float64 with
+NaN for those without, geometry ids (n,) int32 and masks (n,) uint32. Local coordinates and trees are not stored: they
+follow from the arrays.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConfigError, MeshError, SceneError
+from ..geometry.mesh import Mesh
+from ..geometry.shape import Shape
+from ..geometry.spheres import Spheres
+from ..support.atomic_file import check_target, write_atomically
+from ..support.memory import check_memory
+from ..support.regular_file import open_regular
+from .names import UniqueNames
+from .state import SceneState
+from .transforms import check_transforms
+
+# The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).
+MAGIC = b"\x8bSCN\r\n\x1a\n"
+FORMAT_VERSION = 1
+
+_DIGEST_BYTES = 16
+_FACTS = struct.Struct("<8sIIQQ16s")
+_HEADER_BYTES = _FACTS.size + _DIGEST_BYTES
+_ALIGNMENT = 8
+_MESH, _SPHERES = "mesh", "spheres"
+_REMEDY = "save the scene again"
+
+
+class SavedScene(NamedTuple):
+    """The content of a file: the scene, and an object of JSON that its caller has given."""
+
+    state: SceneState
+    settings: dict[str, Any]
+
+
+def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[str, Any]) -> None:
+    """Write a scene into a file, which appears complete or not at all.
+
+    Parameters
+    ----------
+    path : str or path
+        A file of this name is replaced.
+    state : SceneState
+    settings : dict
+        Of texts, finite numbers, lists and dicts.
+
+    Raises
+    ------
+    ConfigError
+        The folder does not exist, the path is a folder, or is no path at all.
+    """
+    try:
+        target = Path(path)
+    except TypeError as error:
+        raise ConfigError(f"{path!r}: this is not the path of a file: {error}") from error
+    check_target(target)
+    document = {
+        "geometries": [_describe(shape, name) for shape, name in zip(state.shapes, state.names, strict=True)],
+        "instances": {"count": state.instance_count, "names": state.instance_names},
+        "settings": settings,
+    }
+    text = json.dumps(document, allow_nan=False, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % _ALIGNMENT)
+    digest, array_bytes = hashlib.sha256(text), 0
+    for chunk in _list_chunks(state):
+        digest.update(chunk)
+        array_bytes += len(chunk)
+    facts = _FACTS.pack(MAGIC, FORMAT_VERSION, 0, len(text), array_bytes, digest.digest()[:_DIGEST_BYTES])
+
+    def write(file: BinaryIO) -> None:
+        file.write(facts)
+        file.write(_digest(facts))
+        file.write(text)
+        for chunk in _list_chunks(state):
+            file.write(chunk)
+
+    write_atomically(target, write)
+
+
+def is_saved_scene(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file begins as those of `write_scene` do; False if it cannot be read."""
+    try:
+        with open_regular(Path(path)) as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except (OSError, ValueError):
+        return False
+
+
+def read_scene(path: str | os.PathLike[str]) -> SavedScene:
+    """Read a scene that `write_scene` wrote.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, is not a saved scene, has another format, is damaged or cut off, needs more memory than
+        is free, or its content makes no scene. The message names the file and the first fault.
+
+    Notes
+    -----
+    Memory for twice the file, whatever sizes it claims.
+    """
+    try:
+        with open_regular(Path(path)) as file:
+            text_bytes, digest = _check_header(file, path)
+            size = os.fstat(file.fileno()).st_size - _HEADER_BYTES
+            check_memory(f"{path}: a scene of {size:,} bytes", 2 * size, SceneError)
+            content = np.empty(size, np.uint8)
+            if file.readinto(content.data) != size:
+                raise _damaged(path)
+    except SceneError:
+        raise
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file") from None
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"{path!r}: this is not the path of a file: {error}") from error
+    except OSError as error:
+        raise SceneError(f"{path}: the file cannot be read: {error.strerror or error}") from error
+    if _digest(content.data) != digest:
+        raise _damaged(path)
+    try:
+        return _parse(content[:text_bytes].tobytes(), content[text_bytes:])
+    except (SceneError, MeshError) as error:
+        raise SceneError(f"{path}: the file is whole, but makes no scene: {error}: {_REMEDY}") from error
+
+
+def get_item(table: object, key: str, kind: type) -> Any:
+    """Return an item of an object of JSON; raise `SceneError` if it is missing or of another type."""
+    if not isinstance(table, dict) or key not in table:
+        raise SceneError(f"its text has no '{key}'")
+    value: Any = table[key]
+    is_right = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+    if not is_right or (kind is int and value < 0):
+        raise SceneError(f"its text has a wrong '{key}'")
+    return value
+
+
+def _check_header(file: BinaryIO, path: str | os.PathLike[str]) -> tuple[int, bytes]:
+    """Check the header and the file's size; return the bytes of the text and the digest of the rest."""
+    header = file.read(_HEADER_BYTES)
+    if not header.startswith(MAGIC):
+        raise SceneError(f"{path}: this is not a saved scene")
+    if len(header) < _HEADER_BYTES:
+        raise _damaged(path)
+    facts = header[: _FACTS.size]
+    _, version, zero, text_bytes, array_bytes, digest = _FACTS.unpack(facts)
+    if version != FORMAT_VERSION:
+        raise SceneError(
+            f"{path}: the scene is saved in format {version}, and this version of clbvh reads format {FORMAT_VERSION}: "
+            f"{_REMEDY}"
+        )
+    size = os.fstat(file.fileno()).st_size
+    if (
+        header[_FACTS.size :] != _digest(facts)
+        or zero != 0
+        or text_bytes % _ALIGNMENT
+        or size != _HEADER_BYTES + text_bytes + array_bytes
+    ):
+        raise _damaged(path)
+    return text_bytes, digest
+
+
+def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
+    """Return the scene of a file whose digests are right; nothing else is trusted."""
+    try:
+        document = json.loads(text.decode())
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"its text is no JSON ({error})") from error
+    arrays = _Arrays(data)
+    shapes: list[Shape] = []
+    names = UniqueNames("a geometry")
+    for table in get_item(document, "geometries", list):
+        shapes.append(_read_shape(table, arrays))
+        names.check(name := get_item(table, "name", str))
+        names.add(name)
+
+    instances = get_item(document, "instances", dict)
+    count = get_item(instances, "count", int)
+    transforms = arrays.take((count, 4, 4), "<f8")
+    colours = arrays.take((count, 3), "<f8")
+    geometry_ids = arrays.take((count,), "<i4")
+    masks = arrays.take((count,), "<u4")
+    arrays.check_end()
+    instance_names = UniqueNames("an instance")
+    for name in get_item(instances, "names", list):
+        instance_names.check(name)
+        instance_names.add(name)
+    if len(instance_names) != count:
+        raise SceneError(f"it has {len(instance_names):,} names for {count:,} instances")
+    wrong = np.flatnonzero((geometry_ids < 0) | (geometry_ids >= len(shapes)))
+    if len(wrong):
+        raise SceneError(f"instance {wrong[0]} is of geometry {geometry_ids[wrong[0]]}, but it has {len(shapes):,}")
+    is_colour = np.isfinite(colours).all(axis=1) | np.isnan(colours).all(axis=1)
+    if not is_colour.all():
+        raise SceneError(f"the colour of instance {np.argmin(is_colour)} is not three finite numbers")
+    state = SceneState(
+        shapes=tuple(shapes),
+        names=tuple(names),
+        geometry_ids=geometry_ids.astype(np.int32),
+        transforms=check_transforms(transforms, lambda index: f"the transform of instance {index}"),
+        masks=masks.astype(np.uint32),
+        instance_names=tuple(instance_names),
+        colours=colours.astype(np.float64),
+    )
+    return SavedScene(state, get_item(document, "settings", dict))
+
+
+class _Arrays:
+    """Takes one array after the other from the bytes of a file, and never more than there are."""
+
+    def __init__(self, data: NDArray[np.uint8]) -> None:
+        self._data = data
+        self._begin = 0
+
+    def take(self, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
+        """Return the next array, a view."""
+        size = np.dtype(dtype).itemsize
+        for side in shape:  # Python's integers, which do not overflow
+            size *= side
+        end = self._begin + size
+        if end > len(self._data):
+            raise SceneError(f"its text tells of arrays of {end:,} bytes and more, but it has {len(self._data):,}")
+        array = self._data[self._begin : end].view(dtype).reshape(shape)
+        self._begin = end + -end % _ALIGNMENT
+        return array
+
+    def check_end(self) -> None:
+        """Raise `SceneError` unless all bytes are taken."""
+        if self._begin != len(self._data):
+            raise SceneError(f"its text tells of arrays of {self._begin:,} bytes, but it has {len(self._data):,}")
+
+
+def _read_shape(table: object, arrays: _Arrays) -> Shape:
+    kind, name = get_item(table, "kind", str), get_item(table, "shape_name", str)
+    if kind == _MESH:
+        vertices = arrays.take((get_item(table, "vertices", int), 3), "<f8")
+        faces = arrays.take((get_item(table, "faces", int), 3), "<i4")
+        return Mesh.from_arrays(vertices, faces, name=name)
+    if kind == _SPHERES:
+        count = get_item(table, "count", int)
+        return Spheres(arrays.take((count, 3), "<f8"), arrays.take((count,), "<f8"), name=name)
+    raise SceneError(f"it has a geometry of the unknown kind {kind[:20]!r}")
+
+
+def _describe(shape: Shape, name: str) -> dict[str, Any]:
+    if isinstance(shape, Mesh):
+        counts = {"vertices": len(shape.vertices), "faces": shape.face_count}
+        return {"kind": _MESH, "name": name, "shape_name": str(shape.name), **counts}
+    return {"kind": _SPHERES, "name": name, "shape_name": str(shape.name), "count": shape.prim_count}
+
+
+def _list_chunks(state: SceneState) -> Iterator[memoryview | bytes]:
+    """Yield the bytes of all arrays in the order of the file."""
+    for array, dtype in _list_arrays(state):
+        data = np.ascontiguousarray(array, dtype)
+        # Not by `memoryview.cast`, which refuses an array without rows.
+        yield data.reshape(-1).view(np.uint8).data
+        yield bytes(-data.nbytes % _ALIGNMENT)
+
+
+def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
+    for shape in state.shapes:
+        if isinstance(shape, Mesh):
+            yield shape.vertices, "<f8"
+            yield shape.faces, "<i4"
+        else:
+            yield shape.centres, "<f8"
+            yield shape.radii, "<f8"
+    yield state.transforms, "<f8"
+    yield state.colours, "<f8"
+    yield state.geometry_ids, "<i4"
+    yield state.masks, "<u4"
+
+
+def _damaged(path: str | os.PathLike[str]) -> SceneError:
+    return SceneError(f"{path}: the file is damaged or was cut off: {_REMEDY}")
+
+
+def _digest(data: bytes | memoryview) -> bytes:
+    return hashlib.sha256(data).digest()[:_DIGEST_BYTES]
