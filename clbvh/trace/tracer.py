@@ -97,7 +97,8 @@ class Tracer(ContextManager):
             raise
         # Each query reads it once, because an update replaces it.
         self._caster = Caster(session, tree, box)
-        self._copies = TreeCopies(self._caster) if isinstance(tree, DeviceTree) else None
+        # Those of a scene belong to the scene.
+        self._copies = TreeCopies(self._caster) if self._scene is None else None
 
     def closest_hit(
         self,
@@ -568,10 +569,7 @@ class Tracer(ContextManager):
     @property
     def memory_bytes(self) -> int:
         """Device memory that trees, primitives and instances take; the first `update` of a mesh doubles it."""
-        tree = self._caster.tree
-        return (
-            tree.memory_bytes if self._copies is None or not isinstance(tree, DeviceTree) else self._copies.memory_bytes
-        )
+        return self._caster.tree.memory_bytes if self._copies is None else self._copies.memory_bytes
 
     @property
     def timings_ms(self) -> dict[str, float]:
