@@ -185,6 +185,21 @@ SCENE_RAY_ORIGIN_LOW = _lane(SCENE_RAY, "origin_low")
 SCENE_RAY_MASK = _lane(SCENE_RAY, "mask")
 SCENE_RAY_DIRECTION_LOW = _lane(SCENE_RAY, "direction_low")
 
+# A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
+# mask shares a bit with the point's are visible to it.
+SCENE_POINT = np.dtype(
+    [
+        ("position", np.float32, 3),
+        ("mask", np.uint32),
+        ("position_low", np.float32, 3),
+        ("spare", np.float32),
+    ]
+)
+SCENE_POINT_LANES = _lane_count(SCENE_POINT)
+SCENE_POINT_MASK = _lane(SCENE_POINT, "mask")
+SCENE_POINT_POSITION_LOW = _lane(SCENE_POINT, "position_low")
+SCENE_POINT_SPARE = _lane(SCENE_POINT, "spare")
+
 # A placed geometry: 128 bytes. Matrices are by rows.
 INSTANCE = np.dtype(
     [
@@ -225,6 +240,9 @@ SCENE_HIT = np.dtype(
 SCENE_HIT_LANES = _lane_count(SCENE_HIT)
 SCENE_HIT_INSTANCE_ID = _lane(SCENE_HIT, "instance_id")
 
+# A primitive of an instance, both NO_PRIM where there is none.
+SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
+
 # --- Pictures ---
 
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
@@ -254,6 +272,9 @@ VIEW = np.dtype(
         ("width", np.int32),
         ("height", np.int32),
         ("shading", np.int32),
+        # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
+        ("eye_low", np.float32, 3),
+        ("forward_low", np.float32, 3),
     ]
 )
 
@@ -274,7 +295,9 @@ DEVICE_STRUCTS = {
     "hit_t": HIT,
     "scene_ray_t": SCENE_RAY,
     "instance_t": INSTANCE,
+    "scene_point_t": SCENE_POINT,
     "scene_hit_t": SCENE_HIT,
+    "scene_prim_t": SCENE_PRIM,
     "view_t": VIEW,
 }
 

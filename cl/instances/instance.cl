@@ -59,8 +59,9 @@ INLINED ray_t enter_instance(
     const scene_ray_pair_t *outside, const global instance_t *instance, const float t_max, float *t_shift)
 {
     float3 low;
-    float3 start = add_exactly(outside->ray.origin, -load3(instance->centre), &low);
-    low += outside->origin_low - load3(instance->centre_low);
+    const float3 difference = add_exactly(outside->ray.origin, -load3(instance->centre), &low);
+    // Where the two are close, the low parts are as large as the difference, and either alone says nothing.
+    float3 start = add_exactly(difference, low + (outside->origin_low - load3(instance->centre_low)), &low);
 
     *t_shift = 0.0f;
     const float3 direction = outside->ray.direction;

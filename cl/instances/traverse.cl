@@ -12,20 +12,9 @@
 // Assumes TOP_STACK_SIZE >= the depth of the tree over the instances, at least 1.
 
 #include "boxes/aabb.cl"
+#include "instances/blocks.cl"
 #include "instances/instance.cl"
 #include "traversal/traverse.cl"
-
-// The begin of a geometry's blocks.
-INLINED const global block_t *find_blocks(
-    const global instance_t *instance, const global block_t *blocks, const global float *spheres)
-{
-#if HAS_SPHERES
-    if (instance->kind == KIND_SPHERES) {
-        return (const global block_t *)((const global sphere_block_t *)spheres + instance->first_block);
-    }
-#endif
-    return blocks + instance->first_block;
-}
 
 // Reports each crossing of the ray with an instance to the search.
 INLINED void visit_instance(

@@ -16,6 +16,7 @@
 #include "rays/camera.cl"
 #include "traversal/entry_point.cl"
 #include "shading/shade.cl"
+#include "shading/shadow.cl"
 
 #if HAS_ENTRY_POINTS
 
@@ -83,19 +84,8 @@ kernel void render(
     } else {
         const corners_t corners = corners_at(blocks, nearest.triangle_index);
         const surface_t surface = surface_at(&corners, &nearest, ray.direction);
-        switch (view->shading) {
-        case SHADE_NORMAL:
-            colour = 0.5f * surface.normal + 0.5f;
-            break;
-        case SHADE_DEPTH:
-            colour = shade_depth(view, surface.position);
-            break;
-        case SHADE_LAMBERT_SHADOW:
-            colour = shade_lambert(view, surface.normal, sees_light(view, &surface, nodes, blocks, block_count));
-            break;
-        default:
-            colour = shade_lambert(view, surface.normal, true);
-        }
+        const bool is_lit = sees_light(view, &surface, nodes, blocks, block_count);
+        colour = shade_surface(view, load3(view->surface_colour), surface.position, surface.normal, is_lit);
     }
-    colours[pixel] = (uchar4)(convert_uchar3_sat_rte(255.0f * colour), is_found(&nearest) ? 255 : 0);
+    colours[pixel] = as_pixel(colour, is_found(&nearest));
 }

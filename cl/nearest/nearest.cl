@@ -9,6 +9,9 @@
 #include "nearest/search.cl"
 #if HAS_SPHERES
 #include "nearest/point_sphere.cl"
+#if HAS_INSTANCES
+#include "nearest/placed_sphere.cl"
+#endif
 #endif
 #if LAYOUT == LAYOUT_BVH2 || LAYOUT == LAYOUT_BRUTE
 #include "nearest/single.cl"

@@ -7,8 +7,15 @@
 //
 // HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_nearest leaves it
 // at triangles.
+//
+// HAS_INSTANCES, if defined as 1: the tree is that of a placed geometry, and distances are those of the scene, see
+// nearest/metric.cl.
 
+#include "structs.cl"
 #include "math/vectors.cl"
+#if HAS_INSTANCES
+#include "nearest/metric.cl"
+#endif
 
 // Bound on the error of a computed distance, relative to the farthest corner: one rounding of the difference to the
 // point, seven of the weighted sum of corners, three of its length, and those of the box's distance.
@@ -30,13 +37,18 @@ typedef struct {
 #if HAS_SPHERES
     int kind;  // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
 #endif
+#if HAS_INSTANCES
+    metric_t metric;
+#endif
 } nearest_t;
 
+#if !HAS_INSTANCES
 INLINED nearest_t make_nearest(const float3 point)
 {
     const nearest_t nearest = {point, INFINITY, INFINITY, NO_PRIM};
     return nearest;
 }
+#endif
 
 // Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
 INLINED bool may_be_nearer(
@@ -44,10 +56,15 @@ INLINED bool may_be_nearer(
 {
     const float3 below = aabb_min - nearest->point;
     const float3 above = aabb_max - nearest->point;
+#if HAS_INSTANCES
+    const float3 outside = fmax(fmax(below, -above), 0.0f) * nearest->metric.weights;
+    const float limit = nearest->distance + nearest->metric.slack;
+#else
     const float3 outside = fmax(fmax(below, -above), 0.0f);
     const float3 farthest = fmax(fabs(below), fabs(above));
-    *distance_squared = dot_product(outside, outside);
     const float limit = nearest->distance + NEAREST_SLACK * (farthest.x + farthest.y + farthest.z);
+#endif
+    *distance_squared = dot_product(outside, outside);
     return *distance_squared <= limit * limit;
 }
 

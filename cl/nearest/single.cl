@@ -5,14 +5,21 @@
 #include "triangles/single.cl"
 #if HAS_SPHERES
 #include "nearest/point_sphere.cl"
+#if HAS_INSTANCES
+#include "nearest/placed_sphere.cl"
+#endif
 #endif
 
 // A corner or a centre in the coordinates whose zero is the point.
 INLINED point_t relative_corner(const nearest_t *nearest, const float3 corner)
 {
+#if HAS_INSTANCES
+    return place_point(&nearest->metric, corner.x, corner.y, corner.z);
+#else
     const float3 moved = corner - nearest->point;
     const point_t result = {moved.x, moved.y, moved.z};
     return result;
+#endif
 }
 
 INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, const int triangle_index)
@@ -30,7 +37,12 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
 #if HAS_SPHERES
 INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere)
 {
+#if HAS_INSTANCES
+    const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
+    const float squared = distance_squared_to_placed_sphere(nearest, centre, sphere->radius);
+#else
     const float squared = distance_squared_to_sphere(relative_corner(nearest, load3(sphere->centre)), sphere->radius);
+#endif
     add_distance(nearest, squared, sphere->prim_id);
 }
 #endif
@@ -38,7 +50,7 @@ INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere
 INLINED void test_single(nearest_t *nearest, const global block_t *blocks, const int prim_index)
 {
 #if HAS_SPHERES
-    if (nearest->kind == KIND_SPHERES) {
+    if (nearest->kind != KIND_TRIANGLES) {
         test_sphere(nearest, (const global sphere_block_t *)blocks + prim_index);
         return;
     }

@@ -8,6 +8,9 @@
 #include "traversal/wide.cl"
 #if HAS_SPHERES
 #include "nearest/point_sphere.cl"
+#if HAS_INSTANCES
+#include "nearest/placed_sphere.cl"
+#endif
 #endif
 
 // NEAREST_SLACK and two more roundings: of the square root and of the subtraction of the slack.
@@ -32,7 +35,13 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
     const lanes_t x = distance_along_axis(node->aabb_min[0], node->aabb_max[0], point.x, &farthest);
     const lanes_t y = distance_along_axis(node->aabb_min[1], node->aabb_max[1], point.y, &farthest);
     const lanes_t z = distance_along_axis(node->aabb_min[2], node->aabb_max[2], point.z, &farthest);
+#if HAS_INSTANCES
+    const point_t outside = {
+        x * nearest->metric.weights.x, y * nearest->metric.weights.y, z * nearest->metric.weights.z};
+    *distance = larger_lanes(sqrt(dot_of(outside, outside)) - nearest->metric.slack, (lanes_t)(0.0f));
+#else
     *distance = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
+#endif
     // An inverted box has a huge or infinite distance, which the nearest distance may equal.
     const lane_mask_t is_child = load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0]);
     return mask_bits((*distance <= nearest->distance) & is_child);
@@ -41,11 +50,17 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
 // One corner of each triangle in the coordinates whose zero is the point.
 INLINED point_t relative_corners(const nearest_t *nearest, const global block_t *block, const int corner)
 {
+#if HAS_INSTANCES
+    return place_point(
+        &nearest->metric, load_lanes(block->corners[corner][0]), load_lanes(block->corners[corner][1]),
+        load_lanes(block->corners[corner][2]));
+#else
     const point_t result = {
         load_lanes(block->corners[corner][0]) - nearest->point.x,
         load_lanes(block->corners[corner][1]) - nearest->point.y,
         load_lanes(block->corners[corner][2]) - nearest->point.z};
     return result;
+#endif
 }
 
 // Takes the squared distances of a block into account. NaN is never near.
@@ -65,12 +80,18 @@ INLINED void add_distances(nearest_t *nearest, const lanes_t distance_squared, c
 INLINED void test_block(nearest_t *nearest, const global block_t *blocks, const int block_index)
 {
 #if HAS_SPHERES
-    if (nearest->kind == KIND_SPHERES) {
+    if (nearest->kind != KIND_TRIANGLES) {
         const global sphere_block_t *spheres = (const global sphere_block_t *)blocks + block_index;
+#if HAS_INSTANCES
+        const point_t centres = {
+            load_lanes(spheres->centre[0]), load_lanes(spheres->centre[1]), load_lanes(spheres->centre[2])};
+        const lanes_t squared = distance_squared_to_placed_sphere(nearest, centres, load_lanes(spheres->radius));
+#else
         const point_t centres = {
             load_lanes(spheres->centre[0]) - nearest->point.x, load_lanes(spheres->centre[1]) - nearest->point.y,
             load_lanes(spheres->centre[2]) - nearest->point.z};
         const lanes_t squared = distance_squared_to_sphere(centres, load_lanes(spheres->radius));
+#endif
         add_distances(nearest, squared, spheres->prim_id);
         return;
     }

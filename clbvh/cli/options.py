@@ -20,12 +20,17 @@ DEFAULT_TRAVERSAL_COST = 1.0
 DEFAULT_FRONTIER = 64
 DEFAULT_QUALITY = "default"
 
-Source = Annotated[
-    str,
+_SOURCE_HELP = (
+    "A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
+    "demo, bunny, dragon, drill, galaxy, knot, meadow, palace, still-life, terrain."
+)
+
+Source = Annotated[str, typer.Argument(metavar="MESH|SCENE", help=_SOURCE_HELP, show_default=False)]
+Sources = Annotated[
+    list[str],
     typer.Argument(
-        metavar="MESH|SCENE",
-        help="A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
-        "demo, bunny, dragon, drill, knot, palace, terrain.",
+        metavar="MESH|SCENE...",
+        help=f"{_SOURCE_HELP} Several mesh files are drawn together.",
         show_default=False,
     ),
 ]

@@ -1,4 +1,4 @@
-"""`clbvh render`: a picture of a mesh or a scene, and a table of the time of each phase."""
+"""`clbvh render`: a picture of meshes or of a scene, and a table of the time of each phase."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options
-from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
+from .render_report import print_render_report
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..rendering.picture import Picture
     from ..rendering.render import RenderOptions
     from ..rendering.scene import Scene
@@ -21,34 +23,20 @@ if TYPE_CHECKING:
 _SCENE = "Scene"
 _DEVICE = "Device"
 
-# The rows of the time table, in the order of the work.
-_PHASES = {
-    "load": "load the mesh, find its local coordinates",
-    "pool_start": "start the workers, alongside: not in the total",
-    "cache": "look the tree up in the cache, or keep it there",
-    "build": "build the tree",
-    "open": "open the device",
-    "layout": "arrange the tree for the device",
-    "compile": "compile functions and kernels, in a first run only",
-    "load_code": "load compiled functions and kernels",
-    "upload": "host to device, by the device's clock",
-    "kernel": "trace and shade, by the device's clock",
-    "download": "device to host, by the device's clock",
-    "other": "launches, and whatever lies between the phases",
-    "total": "wall time",
-    "write": "write the picture or heat map, not in the total",
-}
-
 
 def render(
-    source: options.Source,
+    sources: options.Sources,
     output: Annotated[
         list[Path],
         typer.Option("-o", "--output", help="File of the picture, .ppm or .png; may be given several times."),
     ],
     hits: Annotated[
         Path | None,
-        typer.Option("--hits", metavar="FILE.npz", help="Write t, u, v and prim_id of every pixel, each (H, W)."),
+        typer.Option(
+            "--hits",
+            metavar="FILE.npz",
+            help="Write t, u, v, prim_id, geometry_id and instance_id of every pixel, each (H, W), and the names.",
+        ),
     ] = None,
     width: Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=_SCENE)] = None,
     height: Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=_SCENE)] = None,
@@ -119,10 +107,10 @@ def render(
     ] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Render a mesh or a scene."""
+    """Render meshes or a scene."""
+    from ..errors import ConfigError
     from ..rendering.image_files import check_hits_path, check_picture_path
     from ..rendering.render import RenderOptions
-    from ..rendering.scene_file import open_scene
 
     # All input is checked before any work.
     for path in output:
@@ -131,20 +119,18 @@ def render(
         check_hits_path(hits)
     if heatmap is not None:
         _check_heat_map(heatmap, builder)
-    scene = open_scene(source).with_changes(
-        width=width,
-        height=height,
-        shading=shading,
-        eye=_parse_vector("--eye", eye),
-        look_at=_parse_vector("--look-at", look_at),
-        up=_parse_vector("--up", up),
-        fov=fov,
-    )
-    if light is not None:
-        scene = scene.with_changes(light=scene.light.with_direction(_parse_vector("--light", light)))
-    if background is not None:
-        colour = _parse_vector("--background", background)
-        scene = scene.with_changes(background=(colour, colour))
+    changes: dict[str, Any] = {
+        "width": width,
+        "height": height,
+        "shading": shading,
+        "eye": _parse_vector("--eye", eye),
+        "look_at": _parse_vector("--look-at", look_at),
+        "up": _parse_vector("--up", up),
+        "fov": fov,
+        # One colour stands for top and bottom.
+        "background": _parse_vector("--background", background),
+    }
+    light_direction = _parse_vector("--light", light)
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
@@ -155,15 +141,39 @@ def render(
         validate=validate,
     )
 
+    scene, load_timings_ms = _open(sources)
+    scene = scene.with_changes(**changes)
+    if light_direction is not None:
+        scene = scene.with_changes(light=scene.light.with_direction(light_direction))
+    if heatmap is not None and not scene.is_one_mesh:
+        raise ConfigError("a heat map shows the steps through the tree of one mesh, and the scene has several objects")
+
     picture = _render_with_status(scene, wanted)
     report = picture.report()
-    report["timings_ms"]["write"] = _write(picture, output, hits, heatmap)
+    for phase, ms in load_timings_ms.items():
+        report["timings_ms"][phase] += ms
+    report["timings_ms"]["write"] = _write(picture, scene, output, hits, heatmap)
     if as_json:
         print(json.dumps(report, indent=2))
     else:
-        _print_report(report, picture)
+        print_render_report(report, picture)
     for note in picture.notes:
         print(f"clbvh: {note}", file=sys.stderr)
+
+
+def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
+    """Return the scene of the command line, and the times of the phases in which its objects were loaded."""
+    from ..rendering.mesh_files import open_mesh_files
+    from ..rendering.scene_file import open_scene
+    from ..support.stopwatch import Stopwatch
+
+    watch = Stopwatch()
+    scene = open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
+    if scene.is_one_mesh:
+        return scene, {}  # loaded by the renderer, while the workers start
+    watch.lap("load")
+    timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
+    return scene, {**timings_ms, "total": sum(timings_ms.values())}
 
 
 def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
@@ -201,7 +211,7 @@ def _check_heat_map(quantity: str, builder: str) -> None:
         raise ConfigError("a heat map shows the steps through a tree, and the builder brute has none: take another one")
 
 
-def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
+def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
     """Write all files and return the time in milliseconds."""
     from ..rendering.heat_map import draw_heat_map_of
     from ..rendering.image_files import write_hits, write_picture
@@ -213,41 +223,14 @@ def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str
     for path in output:
         write_picture(path, rgb)
     if hits is not None:
-        write_hits(hits, picture.hits)
+        geometry_names, instance_names = _list_names(picture, scene)
+        write_hits(hits, picture.hits, geometry_names, instance_names)
     return (time.perf_counter() - begin) * 1e3
 
 
-def _print_report(report: dict[str, Any], picture: Picture) -> None:
-    from rich.markup import escape
-
-    facts = make_facts()
-    degenerate = report["degenerate_triangles"]
-    facts.add_row(
-        "mesh",
-        describe_mesh(
-            report["mesh"],
-            f"{report['triangles']:,} triangles",
-            f"{degenerate:,} of them degenerate: never hit" if degenerate else "",
-        ),
-    )
-    if picture.bvh is not None:
-        facts.add_row(
-            "tree",
-            f"{report['nodes']:,} nodes, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, "
-            + ("from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])),
-        )
-    facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
-    facts.add_row(
-        "picture",
-        f"{report['width']} x {report['height']}, {report['hits']:,} of {report['rays']:,} rays hit, "
-        f"{report['mrays_per_s']:.2f} Mray/s",
-    )
-    if report["validated_pixels"]:
-        facts.add_row("validated", f"tree and {report['validated_pixels']:,} pixels agree with the reference")
-
-    times = make_times()
-    for phase, description in _PHASES.items():
-        ms = report["timings_ms"][phase]
-        if phase != "cache" or ms:
-            add_time(times, phase, ms, description, style="bold" if phase == "total" else "")
-    print_tables(facts, times)
+def _list_names(picture: Picture, scene: Scene) -> tuple[Sequence[str], Sequence[str]]:
+    """Return the names of the geometries and of the instances, by their ids."""
+    if picture.mesh is not None:
+        return (picture.mesh.name,), (picture.mesh.name,)
+    state = scene.snapshot()
+    return state.names, state.instance_names

@@ -1,4 +1,7 @@
-"""`clbvh stats`: the parts of a mesh's tree, measures of its quality, and the time of each phase."""
+"""`clbvh stats`: the parts of a mesh's tree, measures of its quality, and the time of each phase.
+
+A scene of several objects has trees in two levels: `scene_stats.py` shows them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options
-from .tables import add_time, choose_sign, describe_mesh, describe_workers, make_facts, make_times, print_tables
+from .tables import (
+    add_time,
+    choose_sign,
+    describe_mesh,
+    describe_options,
+    describe_workers,
+    make_facts,
+    make_times,
+    print_tables,
+)
 
 if TYPE_CHECKING:
-    from ..builders.tree_maker import TreeOptions
     from ..bvh import Bvh
     from ..rendering.scene import Scene
     from ..stats import TreeStats
@@ -46,21 +57,30 @@ def stats(
 ) -> None:
     """Build a tree and measure it."""
     from ..builders.tree_maker import TreeMaker, TreeOptions
+    from ..errors import ConfigError
     from ..rendering.scene_file import open_scene
     from ..stats import measure_tree
     from ..stats.tree_plot import check_plot_path, write_tree_plot
     from ..stats.tree_stats import OVERLAP_SAMPLE
     from ..support.stopwatch import Stopwatch, add_total
+    from .scene_stats import show_scene_stats
 
     # All input is checked before any work.
     if plot is not None:
         check_plot_path(plot)
+    watch = Stopwatch()
     scene = open_scene(source)
     wanted = TreeOptions(
         builder=builder,
         workers=workers,
         build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
     )
+    if scene.mesh is None:
+        for option, is_given in {"--exact": exact, "--rays": rays, "--plot": plot is not None}.items():
+            if is_given:
+                raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
+        show_scene_stats(scene, wanted, watch, traversal_cost, as_json=as_json)
+        return
 
     watch = Stopwatch()
     with TreeMaker(wanted, scene.only_mesh().estimate_face_count()) as maker:
@@ -95,7 +115,7 @@ def stats(
             "bytes": mesh.vertices.nbytes + mesh.local_vertices.nbytes + mesh.faces.nbytes,
         },
         "build": {
-            **_describe_options(wanted),
+            **describe_options(wanted),
             "workers": made.workers,
             "timings_ms": timings_ms,
             "phases_ms": dict(made.bvh.timings_ms),
@@ -125,12 +145,6 @@ def _measure_rays(bvh: Bvh, scene: Scene) -> dict[str, dict[str, float]]:
         }
         for kind, visited in visits.items()
     }
-
-
-def _describe_options(wanted: TreeOptions) -> dict[str, Any]:
-    import dataclasses
-
-    return {"builder": wanted.builder, **dataclasses.asdict(wanted.build)}
 
 
 def _print_report(report: dict[str, Any], measured: TreeStats) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..builders.tree_maker import TreeOptions
 
 
 def make_facts() -> Any:
@@ -41,6 +44,13 @@ def describe_mesh(name: str, *facts: str) -> str:
 def describe_workers(count: int) -> str:
     """Return ``1 worker``, or ``2 workers``."""
     return f"{count} worker{'s' if count > 1 else ''}"
+
+
+def describe_options(wanted: TreeOptions) -> dict[str, Any]:
+    """Return the builder and its options for JSON."""
+    import dataclasses
+
+    return {"builder": wanted.builder, **dataclasses.asdict(wanted.build)}
 
 
 def print_tables(*tables: Any) -> None:

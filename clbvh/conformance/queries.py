@@ -12,7 +12,7 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..rendering.camera import Camera
 from ..rendering.frame import FrameRenderer
-from ..rendering.picture import refine_pixels
+from ..rendering.refine_pixels import refine_pixels
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view
 from ..structs import LAYOUT_WIDTHS, SHADINGS

@@ -14,10 +14,9 @@ from ..bvh.bvh import Bvh
 from ..geometry import Shape, Spheres
 from ..structs import BVH2_NODE, LAYOUT_WIDTHS, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from .bvh2 import make_bvh2_nodes
-from .choose_children import SPHERE_BLOCK_COST, SPHERE_BLOCK_PRICE
 from .leaf_blocks import gather_blocks, gather_triangles
 from .sphere_blocks import gather_sphere_blocks, gather_spheres
-from .wide import WideTree, widen
+from .wide import widen
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +55,7 @@ def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> Dev
             else gather_triangles(bvh.mesh, bvh.prim_ids)
         )
         return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
-    tree = _widen(bvh, width, shape)
+    tree = widen(bvh, width)
     blocks = (
         gather_sphere_blocks(shape, tree.blocks) if isinstance(shape, Spheres) else gather_blocks(bvh.mesh, tree.blocks)
     )
@@ -73,12 +72,6 @@ def measure_device_bytes(bvh: Bvh, layout: str, shape: Shape | None = None) -> i
         # A tree of one leaf still has one node on the device.
         prim_bytes = (SPHERE if is_spheres else TRIANGLE).itemsize
         return max(1, bvh.node_count // 2) * BVH2_NODE.itemsize + len(bvh.prim_ids) * prim_bytes
-    tree = _widen(bvh, width, shape)
+    tree = widen(bvh, width)
     blocks = SPHERE_BLOCKS if is_spheres else TRIANGLE_BLOCKS
     return int(tree.nodes.nbytes) + len(tree.blocks) * blocks[width].itemsize
-
-
-def _widen(bvh: Bvh, width: int, shape: Shape | None) -> WideTree:
-    if isinstance(shape, Spheres):
-        return widen(bvh, width, block_cost=SPHERE_BLOCK_COST, block_price=SPHERE_BLOCK_PRICE)
-    return widen(bvh, width)

@@ -37,7 +37,7 @@ class WideTree:
     stack_size: int
 
 
-def widen(bvh: Bvh, width: int, *, block_cost: float = BLOCK_COST, block_price: float = BLOCK_PRICE) -> WideTree:
+def widen(bvh: Bvh, width: int) -> WideTree:
     """Return the wide tree that a ray traverses fastest, of those that the binary tree contains.
 
     Parameters
@@ -45,9 +45,7 @@ def widen(bvh: Bvh, width: int, *, block_cost: float = BLOCK_COST, block_price: 
     bvh : Bvh
         With leaves of any size.
     width : int
-        Most children of a node, and most primitives of a leaf: 4 or 8.
-    block_cost, block_price : float
-        See `choose_children.BLOCK_COST`, for blocks of triangles.
+        Most children of a node, and most triangles of a leaf: 4 or 8.
 
     Notes
     -----
@@ -56,7 +54,7 @@ def widen(bvh: Bvh, width: int, *, block_cost: float = BLOCK_COST, block_price: 
     nodes, prim_ids = split_leaves(bvh, width), bvh.prim_ids
     node_ints = nodes.view(np.int32)
     splits = np.zeros((len(nodes), width + 1), np.int8)
-    choose_children(nodes, node_ints, width, block_cost, block_price, splits)
+    choose_children(nodes, node_ints, width, BLOCK_COST, BLOCK_PRICE, splits)
     wide_nodes = np.empty(max(1, len(nodes) // 2), WIDE_NODES[width])
     blocks = np.full((len(nodes) // 2 + 1, width), NO_PRIM, np.int32)
     lanes = wide_nodes.view(np.float32).reshape(len(wide_nodes), -1)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import ValidationError
-from ..trace.oracle.reference import find_differences
+from ..scene.state import SceneState
+from ..trace.oracle.reference import Difference, find_differences
+from ..trace.oracle.scene_crossings import Rays
+from ..trace.oracle.scene_reference import SceneDifference, SceneReference
 from .picture import Picture
 
-# Most ray-triangle tests of a validation: about a second.
+# Most tests of a primitive against a ray in a validation: about a second.
 _MOST_TESTS = 50_000_000
+
+# The instances that a ray of a picture comes near: those that it does not are left out by their size alone.
+_INSTANCES_PER_RAY = 32
 
 
 def check_pixels(picture: Picture) -> Picture:
@@ -23,13 +31,10 @@ def check_pixels(picture: Picture) -> Picture:
         A pixel differs; the message names the first one.
     """
     height, width = picture.found.shape
-    pixel_count = min(width * height, max(1, _MOST_TESTS // picture.mesh.face_count))
+    pixel_count = min(width * height, max(1, _MOST_TESTS // _count_tests(picture)))
     # Spread evenly over the picture, the same ones each time; all of them if there are few.
     pixels = np.linspace(0, width * height - 1, pixel_count).astype(np.int64)
-    origins, directions = picture.camera.rays(width, height)
-    differences = find_differences(
-        picture.mesh, origins.reshape(-1, 3)[pixels], directions.reshape(-1, 3)[pixels], picture.hits.take(pixels)
-    )
+    differences = _find_differences(picture, pixels)
     if differences:
         first = differences[0]
         row, column = divmod(int(pixels[first.ray]), width)
@@ -38,3 +43,23 @@ def check_pixels(picture: Picture) -> Picture:
             f"{column}, row {row}: {first}"
         )
     return replace(picture, validated_pixels=pixel_count)
+
+
+def _count_tests(picture: Picture) -> int:
+    """Return about how many primitives the reference tests for one ray."""
+    if picture.mesh is not None:
+        return picture.mesh.face_count
+    state = picture.shown.state
+    prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
+    return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum())
+
+
+def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[Difference | SceneDifference]:
+    height, width = picture.found.shape
+    origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
+    hits = picture.hits.take(pixels)
+    if picture.mesh is not None:
+        return find_differences(picture.mesh, origins, directions, hits)
+    state: SceneState = picture.shown.state
+    # Pictures show all instances but those that no ray sees.
+    return SceneReference(state).find_differences(Rays.make(origins, directions), hits)

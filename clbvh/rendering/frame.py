@@ -1,6 +1,9 @@
-"""Pictures of one tree on the device, band by band, so that only the host's memory bounds their size."""
+"""Pictures of one tree or scene on the device, band by band, so that only the host's memory bounds their size."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +12,10 @@ from ..device.program import build_kernels
 from ..device.session import DeviceSession
 from ..device.timing import EventTimes
 from ..errors import DeviceMemoryError, SceneError
-from ..structs import HIT, VIEW
+from ..structs import VIEW
 from ..support.context_manager import ContextManager
 from ..support.memory import check_memory
-from ..trace.device_tree import DeviceTree
+from ..trace.launch import TracedTree
 from ..trace.rays.entry_points import find_entry_points
 from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
 
@@ -21,21 +24,25 @@ BAND_PIXELS = 2**24
 
 _CHANNELS = 4
 
-# Of the host: the channels, once more without the fourth, and the hits.
-_BYTES_PER_PIXEL = 2 * _CHANNELS - 1 + HIT.itemsize
+# Of the host: the channels, and once more without the fourth.
+_COLOUR_BYTES = 2 * _CHANNELS - 1
 
 
 class FrameRenderer(ContextManager):
-    """Renders pictures of one tree, from any number of threads; their memory on the device is kept for the next one.
+    """Renders pictures of one tree or scene, from any number of threads.
+
+    The memory of a picture on the device is kept for the next one.
 
     Parameters
     ----------
     session : DeviceSession
         Closed with the renderer.
-    tree : DeviceTree
+    tree : DeviceTree or DeviceScene
         In the same session.
     tile : (int, int), optional
         Columns and rows of a work-group; by default those of the device's settings.
+    arguments : mapping of str to argument, optional
+        Arguments of the kernel beside those of the tree: for a scene, the buffer `instance_colours`.
 
     Raises
     ------
@@ -48,15 +55,23 @@ class FrameRenderer(ContextManager):
         The pictures that are being rendered.
     """
 
-    def __init__(self, session: DeviceSession, tree: DeviceTree, tile: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        session: DeviceSession,
+        tree: TracedTree,
+        tile: tuple[int, int] | None = None,
+        arguments: Mapping[str, Any] | None = None,
+    ) -> None:
         self.calls = RunningCalls(session, "renderer")
         self._tree = tree
+        self._arguments = {**tree.arguments, **(arguments or {})}
         self._tile = tile or session.settings.tile
-        kernels = build_kernels(session, "render", tree.defines)
-        self._kernel = kernels["render"]
-        # Absent in a layout without entry points.
+        name = "scene_render" if tree.has_instances else "render"
+        kernels = build_kernels(session, name, tree.defines)
+        self._kernel = kernels[name]
+        # Absent in a layout without entry points, and in scenes.
         self._entry_point_kernel = kernels.get("view_entry_points")
-        self._band_pixels = session.fit_items(HIT.itemsize, BAND_PIXELS)
+        self._band_pixels = session.fit_items(tree.hit_dtype.itemsize, BAND_PIXELS)
 
     def render(
         self, view: NDArray[np.void], times: EventTimes | None = None
@@ -73,7 +88,7 @@ class FrameRenderer(ContextManager):
         -------
         colours : (height, width, 4) uint8
             Red, green, blue, and 255 where something is hit.
-        hits : (height, width) `structs.HIT`
+        hits : (height, width) `structs.HIT` or `structs.SCENE_HIT`
 
         Raises
         ------
@@ -87,9 +102,10 @@ class FrameRenderer(ContextManager):
             memory = loan.memory
             shared_times, memory.session.times = memory.session.times, times or memory.session.times
             try:
-                check_memory(f"a picture of {width} x {height}", width * height * _BYTES_PER_PIXEL, SceneError)
+                pixel_bytes = _COLOUR_BYTES + self._tree.hit_dtype.itemsize
+                check_memory(f"a picture of {width} x {height}", width * height * pixel_bytes, SceneError)
                 colours = np.empty((height, width, _CHANNELS), np.uint8)
-                hits = np.empty((height, width), HIT)
+                hits = np.empty((height, width), self._tree.hit_dtype)
                 band_rows = min(height, max(1, self._band_pixels // width))
                 while True:
                     try:
@@ -124,20 +140,19 @@ class FrameRenderer(ContextManager):
         height, width = hits.shape
         view_buffer = memory.buffer("view", for_mapping=False).take(VIEW.itemsize)
         colour_buffer = memory.buffer("colours", for_mapping=False).take(band_rows * width * _CHANNELS)
-        hit_buffer = memory.buffer("hits", for_mapping=False).take(band_rows * width * HIT.itemsize)
+        hit_buffer = memory.buffer("hits", for_mapping=False).take(band_rows * width * hits.itemsize)
         entry_point_buffer = memory.buffer("entry points", for_mapping=False)
         session.write(view_buffer, view)
         for first_row in range(0, height, band_rows):
             row_count = min(band_rows, height - first_row)
             band = {"view": view_buffer, "first_row": np.int32(first_row), "row_count": np.int32(row_count)}
-            work_size, entry_points = (width, row_count), None
+            work_size, arguments = (width, row_count), {**self._arguments, **band}
             if self._entry_point_kernel is not None:
-                entry_points = find_entry_points(
+                arguments["entry_points"] = find_entry_points(
                     session, self._tree, self._entry_point_kernel, entry_point_buffer, work_size, self._tile, **band
                 )
-            session.run(
-                self._kernel, work_size, self._tile,
-                **self._tree.arguments, **band, entry_points=entry_points, colours=colour_buffer, hits=hit_buffer,
-            )  # fmt: skip
+            elif not self._tree.has_instances:
+                arguments["entry_points"] = None
+            session.run(self._kernel, work_size, self._tile, **arguments, colours=colour_buffer, hits=hit_buffer)
             session.download(colour_buffer, colours[first_row : first_row + row_count])
             session.download(hit_buffer, hits[first_row : first_row + row_count])

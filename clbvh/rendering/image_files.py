@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,26 @@ def encode_picture(rgb: NDArray[np.uint8], suffix: str) -> bytes:
     return imageio.imwrite("<bytes>", rgb, extension=suffix, plugin="pillow")
 
 
-def write_hits(path: Path, hits: Hits) -> None:
-    """Write hits as a numpy archive with the arrays t, u, v and prim_id, in the shape of the hits."""
+def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_names: Sequence[str]) -> None:
+    """Write hits as a numpy archive, in which nothing is pickled.
+
+    Parameters
+    ----------
+    path : Path
+    hits : Hits
+        Their t, u, v, prim_id, geometry_id and instance_id become arrays of these names, in the shape of the hits.
+    geometry_names, instance_names : sequence of str
+        By the ids; they become arrays of texts.
+
+    Raises
+    ------
+    ConfigError
+        The path has another suffix, or the file cannot be written.
+    """
     check_hits_path(path)
-    write_atomically(path, lambda file: np.savez(file, t=hits.t, u=hits.u, v=hits.v, prim_id=hits.prim_id))
+    arrays = {
+        **{name: getattr(hits, name) for name in ("t", "u", "v", "prim_id", "geometry_id", "instance_id")},
+        "geometry_names": np.array(geometry_names, np.str_),
+        "instance_names": np.array(instance_names, np.str_),
+    }
+    write_atomically(path, lambda file: np.savez(file, **arrays))

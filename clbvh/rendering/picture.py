@@ -16,18 +16,14 @@ from numpy.typing import NDArray
 
 from ..bvh import Bvh, sah_cost
 from ..device.info import DeviceInfo
+from ..errors import InternalError
 from ..geometry import Mesh
 from ..structs import NO_PRIM
-from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
-from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
-from ..trace.rays.batch import RayBatch, read_rays
-from ..trace.triangles import triangles_of
 from .camera import Camera
 from .image_files import encode_picture, write_picture
-
-# Pixels whose rays are in memory at a time: 48 MiB of origins and directions.
-_CHUNK_PIXELS = 1 << 20
+from .refine_pixels import refine_pixels
+from .scene_objects import SceneObjects
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,10 +38,10 @@ class Picture:
         The device's hits, in float32; t in local units.
     camera : Camera
         The camera of the picture.
-    mesh : Mesh
-        In the scene's coordinates.
+    mesh : Mesh or None
+        In the scene's coordinates; None in a picture of several objects.
     bvh : Bvh or None
-        None without a tree.
+        None without a tree, and in a picture of several objects.
     device : DeviceInfo
     layout : str
     workers : int
@@ -63,6 +59,8 @@ class Picture:
         Facts that a user should know but that are no errors.
     validated_pixels : int
         The number of pixels that were compared with the reference.
+    objects : SceneObjects or None
+        What a picture of several objects shows.
 
     Examples
     --------
@@ -75,7 +73,7 @@ class Picture:
     rgb: NDArray[np.uint8]
     found: NDArray[np.void]
     camera: Camera
-    mesh: Mesh
+    mesh: Mesh | None
     bvh: Bvh | None
     device: DeviceInfo
     layout: str
@@ -84,6 +82,7 @@ class Picture:
     tree_from_cache: bool = False
     notes: tuple[str, ...] = ()
     validated_pixels: int = 0
+    objects: SceneObjects | None = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the picture to a file, ``.ppm`` or ``.png`` by its name: completely or not at all.
@@ -110,15 +109,17 @@ class Picture:
 
     def __repr__(self) -> str:
         height, width = self.found.shape
-        return f"Picture({width} x {height} of {self.mesh.name!r}, {self._hit_count:,} pixels hit)"
+        return f"Picture({width} x {height} of {self.name!r}, {self._hit_count:,} pixels hit)"
 
     @cached_property
     def hits(self) -> Hits:
         """Hits of (height, width): t in the scene's unit from the eye, prim_id in the face order of the mesh's file.
 
+        In a scene, also the `geometry_id` and the `instance_id` of each.
+
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
-        return refine_pixels(self.mesh, self.camera, self.found)
+        return refine_pixels(self.shown.surface if self.mesh is None else self.mesh, self.camera, self.found)
 
     @cached_property
     def depth(self) -> NDArray[np.float64]:
@@ -130,11 +131,26 @@ class Picture:
         return self.hits.t * self.camera.cosines(width, height)
 
     @property
+    def name(self) -> str:
+        """The name of the mesh, or of what a picture of several objects shows."""
+        return self.shown.name if self.mesh is None else self.mesh.name
+
+    @property
+    def shown(self) -> SceneObjects:
+        """The objects; only of a picture of several."""
+        if self.objects is None:
+            raise InternalError("a picture shows a mesh or objects, but this one has neither")
+        return self.objects
+
+    @property
     def _hit_count(self) -> int:
         return int(np.count_nonzero(self.found["prim_id"] != NO_PRIM))
 
     def report(self) -> dict[str, Any]:
         """Return the numbers of the run, for a table or for JSON.
+
+        A picture of several objects has more of them: geometries, instances, spheres, and placed_primitives, the sum
+        over all instances. Its triangles and nodes are those in memory, each geometry once.
 
         Examples
         --------
@@ -145,12 +161,7 @@ class Picture:
         """
         rays = self.found.size
         return {
-            "mesh": self.mesh.name,
-            "triangles": self.mesh.face_count,
-            "degenerate_triangles": self.mesh.degenerate_count,
-            "nodes": 0 if self.bvh is None else self.bvh.node_count,
-            "depth": 0 if self.bvh is None else self.bvh.depth,
-            "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
+            **(self._report_mesh(self.mesh) if self.mesh is not None else self.shown.report()),
             "tree_from_cache": self.tree_from_cache,
             "workers": self.workers,
             "device": self.device.name,
@@ -164,42 +175,12 @@ class Picture:
             "timings_ms": dict(self.timings),
         }
 
-
-def refine_pixels(mesh: Mesh, camera: Camera, found: NDArray[np.void]) -> Hits:
-    """Return the hits of a picture in float64, on the triangles that the device found.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    camera : Camera
-    found : (height, width) `structs.HIT`
-
-    Returns
-    -------
-    Hits
-        Each (height, width); the rays are those of `Camera.rays`.
-    """
-    height, width = found.shape
-    refined, ids = RefinedHits.make(height * width), HitIds.make(height * width)
-    triangles = triangles_of(mesh)
-    row_count = max(1, _CHUNK_PIXELS // width)
-    with HostThreads() as threads:
-        for first_row in range(0, height, row_count):
-            last_row = min(first_row + row_count, height)
-            rays, _ = read_rays(*camera.rays(width, height, range(first_row, last_row)), 0.0, np.inf)
-            of_rows = found[first_row:last_row].reshape(-1)
-
-            def refine(
-                begin: int,
-                end: int,
-                first: int = first_row * width,
-                batch: RayBatch = rays,
-                of_rows: NDArray[np.void] = of_rows,
-            ) -> None:
-                pixels = first + begin, first + end
-                refine_closest(
-                    batch.part(begin, end), triangles, of_rows[begin:end], refined.part(*pixels), ids.part(*pixels)
-                )
-
-            threads.for_ranges(len(of_rows), refine)
-    return refined.as_hits(ids, (height, width), mesh=mesh)
+    def _report_mesh(self, mesh: Mesh) -> dict[str, Any]:
+        return {
+            "mesh": mesh.name,
+            "triangles": mesh.face_count,
+            "degenerate_triangles": mesh.degenerate_count,
+            "nodes": 0 if self.bvh is None else self.bvh.node_count,
+            "depth": 0 if self.bvh is None else self.bvh.depth,
+            "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
+        }

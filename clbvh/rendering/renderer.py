@@ -1,4 +1,4 @@
-"""The public class for pictures: one scene and its tree on one device, and any number of pictures of it.
+"""The public class for pictures: one scene and its trees on one device, and any number of pictures of it.
 
 Owns the order of the steps from a scene to a picture; each step has a file of its own.
 """
@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from numbers import Integral
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.options import MAX_DEPTH
-from ..builders.registry import leaf_limit
-from ..builders.tree_maker import MadeTree, TreeMaker
-from ..bvh import Bvh, validate_tree
+from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..device.timing import EventTimes
@@ -23,35 +21,33 @@ from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..support.context_manager import ContextManager
 from ..support.stopwatch import Stopwatch
-from ..trace.device_tree import BRUTE, DeviceTree
+from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera
 from .check_pixels import check_pixels
 from .frame import FrameRenderer
 from .framing import frame_turn
+from .mesh_subject import MeshSubject
 from .picture import Picture
 from .render_options import RenderOptions
 from .scene import Light, Scene
+from .scene_subject import SceneSubject
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
-from .view import make_view
-
-# Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
-BRUTE_LIMIT = 100_000
 
 
 class Renderer(ContextManager):
     """Renders pictures of one scene on one device; a context manager.
 
-    The mesh, its tree and the kernels are made once; each picture then costs its kernel and the transfer from the
+    Meshes, trees and kernels are made once; each picture then costs its kernel and the transfer from the
     device. Any number of threads may use one renderer. A child that was forked cannot: its pictures raise
     `DeviceError`, and closing the renderer there changes nothing.
 
     Parameters
     ----------
     source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
-        A scene; the path or name of one, or the path of a mesh file; a finished tree, which is not built again; or a
-        mesh.
+        A scene, as it is now; the path or name of one, or the path of a mesh file; a finished tree, which is not built
+        again; or a mesh.
     options : RenderOptions, optional
     on_phase : function, optional
         Called with the name of each phase as it begins.
@@ -69,10 +65,6 @@ class Renderer(ContextManager):
     ----------
     scene : Scene
         The arguments of `Renderer.render` replace parts of it for one picture.
-    mesh : Mesh
-        In the scene's coordinates.
-    bvh : Bvh or None
-        None with the builder ``"brute"``.
     timings : dict of str to float
         Milliseconds from the scene to the tree on the device, as in `Picture.timings`.
 
@@ -99,28 +91,15 @@ class Renderer(ContextManager):
         watch = Stopwatch()
         with ExitStack() as stack:
             self.scene = as_scene(source)
-            maker = None
-            if options.builder != BRUTE and not isinstance(source, Bvh):
-                maker = stack.enter_context(TreeMaker(options, self.scene.only_mesh().estimate_face_count()))
+            self._subject = subject = _find_subject(self.scene, source, options, stack)
 
             on_phase("load")
-            self.mesh = self.scene.transform.apply(self.scene.only_mesh().load())
-            self._framed = _frame(self.scene, self.mesh)
+            subject.load()
+            self._framed = self._frame(self.scene)
             watch.lap("load")
 
             on_phase("build")
-            made: MadeTree | None = None
-            self.bvh: Bvh | None = None
-            if maker is not None:
-                made = maker.make(self.mesh)
-                self.bvh = made.bvh
-            elif options.builder != BRUTE and isinstance(source, Bvh):
-                self.bvh = source
-            elif self.mesh.face_count > BRUTE_LIMIT:
-                raise ConfigError(
-                    f"the brute builder tests every triangle for every ray: {self.mesh.face_count:,} triangles are "
-                    f"more than its limit of {BRUTE_LIMIT:,}"
-                )
+            subject.build()
             watch.lap("build")
 
             on_phase("open the device")
@@ -129,22 +108,20 @@ class Renderer(ContextManager):
             on_failure = stack.enter_context(ExitStack())
             on_failure.push(session)
             watch.lap("open")
-            tree = DeviceTree(session, self.mesh, self.bvh, options.chosen_layout)
+            self._tree: TracedTree = subject.put(session)
+            arguments = subject.arguments(session)
             watch.lap("layout")
             upload_ms = session.times.sums_ms()["upload"]
-            self._frames = FrameRenderer(session, tree)
+            self._frames = FrameRenderer(session, self._tree, arguments=arguments)
             watch.lap("compile")
-            self.timings = list_setup_ms(watch, made, upload_ms)
+            self.timings = list_setup_ms(watch, subject.made, upload_ms)
 
-            if options.validate and self.bvh is not None:
+            if options.validate:
                 on_phase("validate")
-                leaf_size = None if made is None else leaf_limit(options.builder, options.build)
-                validate_tree(self.bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
+                subject.validate()
             on_failure.pop_all()
         self._options = options
-        self._made = made
         self._session = session
-        self._tree = tree
 
     def render(
         self,
@@ -217,18 +194,17 @@ class Renderer(ContextManager):
         )
         camera = camera or self._find_camera(scene)
         times = EventTimes()
-        colours, found = self._frames.render(make_view(scene, camera, self.mesh), times)
+        colours, found = self._frames.render(self._subject.make_view(scene, camera), times)
         rgb = _take_rgb(colours)
-        made = self._made
+        made = self._subject.made
         picture = Picture(
             rgb=rgb,
             found=found,
             camera=camera,
-            mesh=self.mesh,
-            bvh=self.bvh,
+            **self._subject.picture_parts(),
             device=self.device,
             layout=self.layout,
-            workers=made.workers if made is not None else int(self.bvh is None),
+            workers=made.workers if made is not None else int(self._subject.bvh is None),
             timings=list_picture_ms(self.timings, times, watch),
             tree_from_cache=made is not None and made.from_cache,
             notes=() if made is None else made.notes,
@@ -237,6 +213,16 @@ class Renderer(ContextManager):
             return picture
         on_phase("validate")
         return check_pixels(picture)
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """The mesh, in the scene's coordinates; None for a scene of several objects."""
+        return self._subject.mesh
+
+    @property
+    def bvh(self) -> Bvh | None:
+        """The tree of the mesh; None with the builder ``"brute"``, and for a scene of several objects."""
+        return self._subject.bvh
 
     @property
     def camera(self) -> Camera:
@@ -273,7 +259,7 @@ class Renderer(ContextManager):
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
         scene = self.scene.with_changes(width=width, height=height, up=up)
-        first = frame_turn(self.mesh, aspect=scene.width / scene.height, up=scene.up, fov=scene.fov)
+        first = frame_turn(self._subject.extent, aspect=scene.width / scene.height, up=scene.up, fov=scene.fov)
         return [first.orbit(360.0 * number / count) for number in range(count)]
 
     @property
@@ -312,14 +298,18 @@ class Renderer(ContextManager):
         self._frames.close()
 
     def __repr__(self) -> str:
-        return f"Renderer({self.mesh.name!r}, device={self.device.name!r}, layout={self.layout!r})"
+        name = "scene" if self.mesh is None else self.mesh.name
+        return f"Renderer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
     def _find_camera(self, scene: Scene) -> Camera:
         """Return the camera of a scene; the last one is kept, because framing reads all vertices."""
         framed_scene, camera = self._framed
         if _framing_of(scene) != _framing_of(framed_scene):
-            self._framed = framed_scene, camera = _frame(scene, self.mesh)
+            self._framed = framed_scene, camera = self._frame(scene)
         return camera
+
+    def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
+        return scene, scene.camera(self._subject.extent)
 
 
 def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -330,8 +320,17 @@ def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rgb
 
 
-def _frame(scene: Scene, mesh: Mesh) -> tuple[Scene, Camera]:
-    return scene, scene.camera(mesh)
+def _find_subject(
+    scene: Scene, source: SceneLike, options: RenderOptions, stack: ExitStack
+) -> MeshSubject | SceneSubject:
+    """Return what pictures of a scene show; the workers start now."""
+    if scene.is_one_mesh:
+        return MeshSubject(scene, None, source if isinstance(source, Bvh) else None, options, stack)
+    state = scene.snapshot()
+    # A mesh that is placed once, where it is, needs no instance, unless it has a colour of its own.
+    if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None:
+        return MeshSubject(scene, cast(Mesh, state.shapes[0]), None, options, stack)
+    return SceneSubject(state, options, stack)
 
 
 def _framing_of(scene: Scene) -> tuple[object, ...]:

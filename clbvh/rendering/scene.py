@@ -1,6 +1,6 @@
-"""The content of a picture: mesh, camera, light and colours.
+"""A scene as users make it: objects, and the settings of their picture.
 
-Owns the checks of these values; `scene_file.py` reads them from a file.
+Owns the checks of the settings; `scene_file.py` reads them from a file. The objects are in the room `clbvh.scene`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 import os
 from dataclasses import dataclass, field
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,16 @@ from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
+from .scene_extent import SceneExtent
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
 DEFAULT_SHADING = "lambert+shadow"
+
+_MAX_SHOWN = 60  # characters of a wrong name in a message
+
+_Settings = TypeVar("_Settings", "Light", "Transform", "Scene")
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,8 @@ class Transform:
 
     Attributes
     ----------
-    scale : float
-        Not zero.
+    scale : float, or (3,) float
+        Of all axes, or of x, y and z. Not zero.
     rotate : (3,) float
         Degrees about x, then y, then z.
     translate : (3,) float, the scene's units
@@ -62,13 +67,18 @@ class Transform:
     array([1., 2., 0.])
     """
 
-    scale: float = 1.0
+    scale: float | Vector = 1.0
     rotate: Vector = (0.0, 0.0, 0.0)
     translate: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scale, Real) or not math.isfinite(self.scale) or self.scale == 0:
-            raise SceneError(f"the transform's scale must be a finite number other than 0, not {self.scale!r}")
+        is_number = isinstance(self.scale, Real) and math.isfinite(self.scale)
+        if not (is_number or is_vector(self.scale)) or not np.all(self.scale):
+            raise SceneError(
+                f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
+            )
+        if not is_number:
+            object.__setattr__(self, "scale", tuple(map(float, self.scale)))  # type: ignore[arg-type]
         check_vector("the transform's rotate", self.rotate)
         check_vector("the transform's translate", self.translate)
 
@@ -246,8 +256,8 @@ class Scene(SceneContents):
             )
         return SceneStore(first)
 
-    def camera(self, mesh: Mesh) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh.
+    def camera(self, mesh: Mesh | SceneExtent) -> Camera:
+        """Return the camera: the one that was asked for, or one that sees the whole mesh, or all of the scene.
 
         Examples
         --------
@@ -336,10 +346,8 @@ class Scene(SceneContents):
     def _restore(cls, state: SceneState, settings: dict[str, Any]) -> Scene:
         """Return the scene of a file; the settings are a dict, and nothing else of them is checked yet."""
         values = {name: as_setting(value) for name, value in settings.items()}
-        if "_store" in values:
-            raise SceneError("there is no setting '_store'")
-        values["light"] = Light(**get_item(values, "light", dict))
-        values["transform"] = Transform(**get_item(values, "transform", dict))
+        values["light"] = _make(Light, get_item(values, "light", dict))
+        values["transform"] = _make(Transform, get_item(values, "transform", dict))
         first = None
         if get_item(values, "mesh", bool):
             mesh = state.shapes[0] if state.shapes else None
@@ -349,7 +357,12 @@ class Scene(SceneContents):
             first = _FirstMesh(values["mesh"], values["transform"])
         else:
             values["mesh"] = None
-        return cls(**values, _store=SceneStore.from_state(state, first))
+        return dataclasses.replace(_make(cls, values), _store=SceneStore.from_state(state, first))
+
+    @property
+    def is_one_mesh(self) -> bool:
+        """Whether the scene holds its `mesh` and nothing else."""
+        return self.mesh is not None and self._store.is_as_made
 
     def only_mesh(self) -> MeshSource:
         """Return the source of the mesh of a scene that holds nothing else; raise `SceneError` for any other scene.
@@ -363,7 +376,10 @@ class Scene(SceneContents):
         if self.mesh is None and self.is_empty:
             raise SceneError("the scene is empty: add a geometry, and place it")
         if self.mesh is None or not self._store.is_as_made:
-            raise SceneError("the scene has several objects, but one mesh is needed here")
+            raise SceneError(
+                "one mesh is needed here, as `Scene(mesh)` holds it, but the scene has "
+                f"{len(self.geometries):,} geometries in {len(self.instances):,} places"
+            )
         return self.mesh
 
     def __eq__(self, other: object) -> bool:
@@ -372,11 +388,27 @@ class Scene(SceneContents):
         mine, others = self._store, other._store
         return self._settings() == other._settings() and (mine is others or (mine.is_as_made and others.is_as_made))
 
+    def __repr__(self) -> str:
+        """Name the objects, and the settings that are not the default ones; nothing is loaded."""
+        defaults = {each.name: each.default for each in dataclasses.fields(self)}
+        shown = {name: value for name, value in self._settings().items() if repr(value) != repr(defaults[name])}
+        if not self._store.is_as_made:
+            shown = {"geometries": len(self.geometries), "instances": len(self.instances)} | shown
+        return f"Scene({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
+
     def __hash__(self) -> int:
         return hash(tuple(self._settings().values()))
 
     def _settings(self) -> dict[str, Any]:
         return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "_store"}
+
+
+def _make(kind: type[_Settings], values: dict[str, Any]) -> _Settings:
+    """Return settings of their values; an unknown name is refused."""
+    for name in values:
+        if name.startswith("_") or name not in {each.name for each in dataclasses.fields(kind)}:
+            raise SceneError(f"{kind.__name__} has no setting {name[:_MAX_SHOWN]!r}")
+    return kind(**values)
 
 
 def _make_source(mesh: MeshLike) -> MeshSource:

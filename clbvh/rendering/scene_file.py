@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,19 @@ from ..errors import ConfigError, SceneError
 from ..scene.serialize import is_saved_scene
 from ..support.regular_file import read_regular
 from ..support.resources import find_folder
-from .scene import Light, MeshSource, Scene, Transform
-from .vectors import Vector
+from .load_objects import load_objects
+from .mesh_files import open_mesh_file
+from .object_tables import given, read_mesh_source, read_objects, read_transform
+from .scene import Light, Scene
+from .scene_object import SceneObject
+from .toml_table import TomlTable, refuse_unknown
 
 SCENE_SUFFIX = ".toml"
 
+_OBJECTS = "object"
 _TABLES = ("mesh", "transform", "camera", "light", "image")
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
-_MAX_INTEGER = 2**63 - 1  # of TOML 1.0; Python's reader has no limit
-_MAX_SHOWN = 80  # characters of a wrong value in a message
 
 
 def open_scene(source: str | os.PathLike[str]) -> Scene:
@@ -30,13 +33,16 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
     Parameters
     ----------
     source : str or path
-        A scene file (``.toml``), the name of a shipped scene (``knot``), the name of a known mesh (``bunny``), or a
-        mesh file.
+        A scene file (``.toml``), the name of a shipped scene (``knot``), the name of a known mesh (``bunny``), a mesh
+        file, or a file that `Scene.save` wrote. Objects of a scene file, and the parts of an OBJ, GLB or glTF file with
+        several of them, are loaded now; a single mesh is loaded when it is needed.
 
     Raises
     ------
     SceneError
         The scene file is missing, or has an unknown key or an invalid value.
+    MeshError
+        An object of the scene cannot be loaded.
 
     Examples
     --------
@@ -44,6 +50,8 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
     >>> scene = clbvh.open_scene("knot")
     >>> scene.mesh.shape, scene.width, scene.height
     ('knot', 800, 450)
+    >>> len(clbvh.open_scene("meadow").instances)
+    10001
     """
     try:
         text = os.fspath(source)
@@ -59,17 +67,55 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
             return read_scene(shipped)
         names = sorted(path.stem for path in shipped.parent.glob(f"*{SCENE_SUFFIX}"))
         raise SceneError(f"{text}: no such file, and no shipped scene: these are {', '.join(names)}")
-    return Scene(MeshSource(path=text))
+    return open_mesh_file(text)
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file that was read and checked, but no file that it names.
+
+    Attributes
+    ----------
+    path : Path
+    scene : Scene
+        Without the objects.
+    objects : tuple of SceneObject
+        Empty where the scene has one mesh of its own.
+    """
+
+    path: Path
+    scene: Scene
+    objects: tuple[SceneObject, ...]
 
 
 def read_scene(path: Path) -> Scene:
-    """Read a scene file; `docs/scenes.md` lists its keys.
+    """Read a scene file, and load its objects; `docs/scenes.md` lists its keys. A single `[mesh]` is loaded later.
 
     Raises
     ------
     SceneError
         The file is missing, not a regular one, not TOML, or has an unknown key or an invalid value, which the message
         names.
+    MeshError
+        An object cannot be loaded.
+    """
+    file = parse_scene(path)
+    if not file.objects:
+        return file.scene
+    try:
+        load_objects(file.scene, file.objects)
+    except (ConfigError, SceneError) as error:
+        raise SceneError(f"{path}: {error}") from error
+    return file.scene
+
+
+def parse_scene(path: Path) -> SceneFile:
+    """Read a scene file and check its values; see `read_scene`.
+
+    Raises
+    ------
+    SceneError
+        See `read_scene`.
     """
     try:
         text = read_regular(path, max_bytes=_MAX_FILE_BYTES).decode()
@@ -83,34 +129,35 @@ def read_scene(path: Path) -> Scene:
     except (ValueError, RecursionError) as error:  # also of numbers of many digits, and of lists within lists
         raise SceneError(f"{path}: not a TOML file: {error}") from error
     try:
-        return _make_scene(tables, path.parent)
+        return _make_scene(tables, path)
     except ConfigError as error:
         raise SceneError(f"{path}: {error}") from error
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
 
 
-def _make_scene(tables: dict[str, Any], folder: Path) -> Scene:
+def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     """Make a scene from the tables of a scene file; missing keys have their defaults."""
-    _refuse_unknown(tables, _TABLES, "the scene")
-    if "mesh" not in tables:
-        raise SceneError("the scene has no [mesh] table: it needs a path, a name or a shape")
+    refuse_unknown(tables, (_TABLES[0], _OBJECTS, *_TABLES[1:]), "the scene")
+    if "mesh" not in tables and _OBJECTS not in tables:
+        raise SceneError("the scene has no [mesh] table and no [[object]]: it needs a path, a name or a shape")
     for name in _TABLES:
         if not isinstance(tables.get(name, {}), dict):
             raise SceneError(f"'{name}' must be a table: write [{name}] on a line of its own")
-    mesh, transform, camera, light, image = (_Table(name, tables.get(name, {})) for name in _TABLES)
+    mesh, transform, camera, light, image = (TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES)
 
-    values: dict[str, Any] = {
-        "mesh": _make_mesh_source(mesh, folder),
-        "transform": Transform(
-            **_given(
-                scale=transform.number("scale"),
-                rotate=transform.vector("rotate"),
-                translate=transform.vector("translate"),
-            )
-        ),
+    values: dict[str, Any] = {}
+    objects: tuple[SceneObject, ...] = ()
+    if _OBJECTS in tables:
+        for name in ("mesh", "transform"):
+            if name in tables:
+                raise SceneError(f"a scene of [[object]] tables has no [{name}]: write it into the objects")
+        objects = read_objects(tables[_OBJECTS], path.parent)
+    else:
+        values = {"mesh": read_mesh_source(mesh, path.parent), "transform": read_transform(transform)}
+    values |= {
         "light": Light(
-            **_given(
+            **given(
                 direction=light.vector("direction"),
                 colour=light.vector("colour"),
                 sky=light.vector("sky"),
@@ -129,97 +176,4 @@ def _make_scene(tables: dict[str, Any], folder: Path) -> Scene:
     }
     for table in (transform, camera, light, image):
         table.refuse_rest()
-    return Scene(**_given(**values))
-
-
-def _make_mesh_source(table: _Table, folder: Path) -> MeshSource:
-    path, name, shape = table.text("path"), table.text("name"), table.text("shape")
-    source: dict[str, Any] = {"path": None if path is None else str(folder / path), "name": name, "shape": shape}
-    if shape is None:
-        table.refuse_rest()
-        return MeshSource(**source)
-    numbers = _given(triangles=table.integer("triangles"), seed=table.integer("seed"))
-    return MeshSource(**source, **numbers, options=table.rest_as_numbers())
-
-
-def _given(**values: Any) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
-
-
-def _refuse_unknown(given: Any, known: tuple[str, ...], where: str) -> None:
-    for key in given:
-        if key not in known:
-            raise SceneError(f"{where} has an unknown key '{key}'; known are {', '.join(known)}")
-
-
-class _Table:
-    """One table of a scene file; every getter removes its key, so the keys that are left are unknown."""
-
-    def __init__(self, name: str, values: dict[str, Any]) -> None:
-        self._name = name
-        self._values = dict(values)
-        self._known: list[str] = []
-
-    def text(self, key: str) -> str | None:
-        return self._take(key, "a text", lambda value: isinstance(value, str))
-
-    def integer(self, key: str) -> int | None:
-        return self._take(key, "a whole number", _is_integer)
-
-    def number(self, key: str) -> float | None:
-        return self._take(key, "a finite number", _is_number)
-
-    def vector(self, key: str) -> Vector | None:
-        value = self._take(key, "three finite numbers", _is_vector)
-        return None if value is None else tuple(float(part) for part in value)  # type: ignore[return-value]
-
-    def gradient(self, key: str) -> tuple[Vector, Vector] | None:
-        """Take one colour, or two: top and bottom."""
-        value = self._take(
-            key,
-            "a colour of three numbers, or two of them: top and bottom",
-            lambda value: (
-                _is_vector(value) or (isinstance(value, list) and len(value) == 2 and all(map(_is_vector, value)))
-            ),
-        )
-        if value is None:
-            return None
-        top, bottom = (value, value) if _is_vector(value) else value
-        return tuple(map(float, top)), tuple(map(float, bottom))  # type: ignore[return-value]
-
-    def rest_as_numbers(self) -> dict[str, float]:
-        """Take all keys that are left; each value must be a number."""
-        return {key: self.number(key) or 0.0 for key in list(self._values)}
-
-    def refuse_rest(self) -> None:
-        """Raise `SceneError` for a key that was not taken."""
-        _refuse_unknown(self._values, tuple(self._known), f"[{self._name}]")
-
-    def _take(self, key: str, expected: str, is_valid: Any) -> Any:
-        self._known.append(key)
-        if key not in self._values:
-            return None
-        value = self._values.pop(key)
-        if not is_valid(value):
-            raise SceneError(f"[{self._name}] {key} must be {expected}, not {_show(value)}")
-        return value
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= _MAX_INTEGER
-
-
-def _is_number(value: Any) -> bool:
-    return _is_integer(value) or (isinstance(value, float) and math.isfinite(value))
-
-
-def _is_vector(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-
-
-def _show(value: Any) -> str:
-    """Return the beginning of a wrong value."""
-    try:
-        return repr(value)[:_MAX_SHOWN]
-    except ValueError:  # Python does not print integers of many thousand digits
-        return "a number of many digits"
+    return SceneFile(path, Scene(**given(**values)), objects)

@@ -20,7 +20,9 @@ _MOST_DISTANCE = 1e30
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
 
-def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
+def make_view(
+    scene: Scene, camera: Camera, mesh: Mesh, local_box: NDArray[np.floating] | None = None
+) -> NDArray[np.void]:
     """Return the view of a mesh, (1,) `structs.VIEW`.
 
     Parameters
@@ -29,6 +31,8 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     camera : Camera
         In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
+    local_box : (2, 3) float, local coordinates, optional
+        The box whose depths a depth picture shows; by default the mesh's.
 
     Raises
     ------
@@ -39,8 +43,11 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     right, up, forward = camera.axes()
     eye = _locate_eye(camera, mesh)
     view["eye"] = eye
+    view["eye_low"] = eye - view["eye"]
     view["optical_axis"] = forward
-    view["forward"], view["right"], view["up"] = _span_picture(camera, scene.width, scene.height)
+    middle, view["right"], view["up"] = _span_picture(camera, scene.width, scene.height)
+    view["forward"] = middle
+    view["forward_low"] = middle - view["forward"]
 
     view["to_light"] = _light_direction(scene, right, up, forward)
     view["light_colour"] = scene.light.colour
@@ -52,7 +59,9 @@ def make_view(scene: Scene, camera: Camera, mesh: Mesh) -> NDArray[np.void]:
     view["surface_colour"] = scene.surface
     view["background_top"], view["background_bottom"] = scene.background
 
-    view["depth_near"], view["depth_far"] = _depth_range(mesh, eye, forward)
+    view["depth_near"], view["depth_far"] = _depth_range(
+        mesh.local_box if local_box is None else local_box, eye, forward
+    )
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
     return view
@@ -98,9 +107,11 @@ def _light_direction(
     return towards / np.linalg.norm(towards)
 
 
-def _depth_range(mesh: Mesh, eye: NDArray[np.float64], forward: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the nearest and the farthest distance of the mesh's box along the line of sight, in local units."""
-    lower, upper = mesh.local_box.astype(np.float64)
+def _depth_range(
+    local_box: NDArray[np.floating], eye: NDArray[np.float64], forward: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the nearest and the farthest distance of a box along the line of sight, in local units."""
+    lower, upper = local_box.astype(np.float64)
     nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
     farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
     nearest = max(nearest, 0.0)

@@ -350,7 +350,7 @@ class SceneContents:
             raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
         return geometry.id
 
-    def instance_ids(self, instances: Instance | Iterable[Instance | int]) -> NDArray[np.int64]:
+    def instance_ids(self, instances: Instance | int | Iterable[Instance | int]) -> NDArray[np.int64]:
         """Return the ids of instances, (n,) int64.
 
         Parameters
@@ -373,7 +373,7 @@ class SceneContents:
         mine = self.instances
         if instances is mine:
             return np.arange(len(mine))
-        if isinstance(instances, Instance):
+        if isinstance(instances, Instance | int):
             instances = (instances,)
         if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
             ids = instances.astype(np.int64)

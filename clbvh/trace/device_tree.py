@@ -14,7 +14,7 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..layouts.device_arrays import DeviceArrays, make_device_arrays
 from ..layouts.leaf_blocks import gather_triangles
-from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_RAY
+from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
 from .tree_buffers import TreeBuffers
 from .triangles import Triangles, triangles_of
 
@@ -62,8 +62,8 @@ class DeviceTree:
         Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl.
     node_bytes, memory_bytes : int
         Size of a node, and of all buffers.
-    ray_dtype, hit_dtype : numpy.dtype
-        Of rays and hits on the device.
+    ray_dtype, point_dtype, hit_dtype : numpy.dtype
+        Of rays, points and hits on the device.
     mesh : Mesh
     surface : Triangles
         What hits are refined on.
@@ -77,6 +77,7 @@ class DeviceTree:
     has_instances = False
     scene_surface = None
     ray_dtype = PACKED_RAY
+    point_dtype = PACKED_POINT
     hit_dtype = HIT
 
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:
@@ -95,6 +96,10 @@ class DeviceTree:
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.node_bytes = arrays.nodes.itemsize
         self.memory_bytes = self.buffers.byte_count
+
+    def buffers_of_own(self) -> list[Any]:
+        """Return the buffers that are the tree's alone: none, they belong to its copies."""
+        return []
 
     @property
     def surface(self) -> Triangles:  # noqa: D102

@@ -21,7 +21,7 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..structs import HIT, PACKED_POINT, SCENE_HIT
+from ..structs import HIT, SCENE_HIT
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .rays.batch import RayBatch, TreeBox
@@ -244,7 +244,7 @@ class Call(MemoryLoan):
 
     def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
         """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(PACKED_POINT, CHUNK_RAYS), progress=progress)
+        return cut_points(point_count, most_points=self.fit(self._tree.point_dtype, CHUNK_RAYS), progress=progress)
 
     def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
         """Put points on the device.
@@ -253,10 +253,10 @@ class Call(MemoryLoan):
         ----------
         count : int
         pack : function
-            Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write; from
-            several threads.
+            Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write, or
+            `structs.SCENE_POINT` for a scene; from several threads.
         """
-        points = self._fill("packed", PACKED_POINT, count, pack)
+        points = self._fill("packed", self._tree.point_dtype, count, pack)
         work_group = (self._session.settings.work_group_size, 1)
         return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 

@@ -35,6 +35,10 @@ class TracedTree(Protocol):
         """Of packed rays."""
 
     @property
+    def point_dtype(self) -> np.dtype:
+        """Of packed points."""
+
+    @property
     def hit_dtype(self) -> np.dtype:
         """Of hits on the device."""
 
@@ -61,3 +65,6 @@ class TracedTree(Protocol):
     @property
     def most_crossings(self) -> int:
         """Most crossings that a ray can have."""
+
+    def buffers_of_own(self) -> list[Any]:
+        """Return the buffers that nothing but this tree refers to when it is replaced."""

@@ -1,7 +1,8 @@
 """The pages keep their word: their Python blocks and commands run, and what they name is there.
 
 The blocks of a page run one after the other, in one namespace and in one folder. It has the mesh files that pages speak
-of; what a page needs besides them, its earlier blocks make.
+of; what a page needs besides them, its earlier blocks make. A TOML block is a scene file: its first line is a comment
+with the name, and later blocks find it there.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import trimesh
 import typer.main
 
 from clbvh.cli.app import app
+from clbvh.rendering.scene_file import parse_scene
 from tests.cli.command import run_clbvh
 
 from .snippets import PAGES, REPOSITORY, Snippet, find_inline_commands, find_snippets, list_commands
@@ -68,9 +70,19 @@ def test_blocks_run(page, folder):
             ast.parse(snippet.text)
         elif snippet.language == "python":
             run_python(snippet, names)
+        elif snippet.language == "toml":
+            write_scene(snippet, folder)
         elif not snippet.reason:
             for command in list_commands(snippet):
                 run_command(command, snippet)
+
+
+def write_scene(snippet, folder):
+    """Write a scene file, and check its keys; the files that it names may come later."""
+    name = re.match(r"# ([\w-]+\.toml)\b", snippet.text)
+    assert name, f"{snippet}: a scene begins with its name in a comment, such as `# part.toml`"
+    (folder / name[1]).write_text(snippet.text)
+    parse_scene(folder / name[1])
 
 
 def run_python(snippet, names):

@@ -26,8 +26,12 @@ from clbvh.bvh import serialize
 from clbvh.device.info import DeviceInfo
 from clbvh.device.settings import find_settings, settings_path
 from clbvh.errors import ClbvhError
-from clbvh.geometry import Mesh
-from clbvh.rendering.scene_file import read_scene
+from clbvh.geometry import Mesh, Spheres
+from clbvh.geometry.loading.spheres_file import read_spheres
+from clbvh.rendering.mesh_source import MeshSource
+from clbvh.rendering.scene import Scene
+from clbvh.rendering.scene_file import parse_scene, read_scene
+from clbvh.rendering.spheres_source import SpheresSource
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.support.cache_folder import CACHE_VARIABLE
 
@@ -37,6 +41,7 @@ from . import samples
 from .mutate import mutate, mutate_json
 
 _SMALL_SHAPE, _HUGE_SHAPE = 5000, 10**12  # triangles: shapes in between would take their time, rightly
+_FEW_COPIES = 5000
 _LARGEST_WORK_GROUP = 1024
 _DIGEST_BYTES = 16
 
@@ -132,13 +137,56 @@ def _read_scene(content: bytes, folder: Path) -> bool:
     path.write_bytes(content)
 
     def read() -> None:
-        scene = read_scene(path)
-        assert scene.width >= 1
-        assert scene.height >= 1
-        if scene.mesh.shape is not None and not _SMALL_SHAPE < scene.mesh.triangles < _HUGE_SHAPE:
-            _check_mesh(scene.transform.apply(scene.mesh.load()))
+        file = parse_scene(path)
+        assert file.scene.width >= 1
+        assert file.scene.height >= 1
+        if not file.objects and _is_quick(file.scene.only_mesh()):
+            _check_mesh(file.scene.transform.apply(file.scene.only_mesh().load()))
+        elif file.objects and all(_is_quick(found.source) and found.count < _FEW_COPIES for found in file.objects):
+            _check_scene(read_scene(path), sum(found.count for found in file.objects))
 
     return accepts(read)
+
+
+def _is_quick(source: MeshSource | SpheresSource) -> bool:
+    """Return whether a source loads in a moment, or is refused."""
+    if isinstance(source, SpheresSource):
+        return not _SMALL_SHAPE < source.count < _HUGE_SHAPE
+    return source.shape is not None and not _SMALL_SHAPE < source.triangles < _HUGE_SHAPE
+
+
+def _check_scene(scene: Scene, instance_count: int) -> None:
+    state = scene.snapshot()
+    assert state.instance_count == instance_count == len(set(state.instance_names))
+    assert np.isfinite(state.transforms).all()
+    assert (state.transforms[:, 3] == [0, 0, 0, 1]).all()
+    for shape in state.shapes:
+        if isinstance(shape, Mesh):
+            _check_mesh(shape)
+        else:
+            assert np.isfinite(shape.centres).all()
+            assert (shape.radii > 0).all()
+
+
+def _read_spheres(content: bytes, folder: Path, suffix: str) -> bool:
+    path = folder / f"a.{suffix}"
+    path.write_bytes(content)
+
+    def read() -> None:
+        centres, radii = read_spheres(path)
+        spheres = Spheres(centres, 1.0 if radii is None else radii)
+        assert spheres.centres.shape == (spheres.prim_count, 3)
+        assert np.isfinite(spheres.centres).all()
+
+    return accepts(read)
+
+
+def _spheres_reader(suffix: str, originals: Sequence[bytes]) -> Reader:
+    return Reader(
+        originals,
+        lambda generator: mutate(generator.choice(originals), generator, originals),
+        lambda content, folder: _read_spheres(content, folder, suffix),
+    )
 
 
 # --- Saved trees -----------------------------------------------------------------------------------------------------
@@ -218,6 +266,7 @@ READERS: dict[str, Reader] = {
         lambda generator: mutate(generator.choice(samples.SCENE_FILES), generator, samples.SCENE_FILES),
         _read_scene,
     ),
+    **{f"spheres-{suffix}": _spheres_reader(suffix, originals) for suffix, originals in samples.SPHERES_FILES.items()},
     "tree": _tree_reader(),
     "settings": Reader(samples.SETTINGS_FILES, _make_settings, _read_settings),
 }

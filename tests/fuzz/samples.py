@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 
@@ -154,10 +155,65 @@ shading = "lambert"
 surface = [1, 0, 0]
 background = [[0, 0, 0], [1, 1, 1]]
 """
+    objects = """[[object]]
+label = "ground"
+shape = "terrain"
+triangles = 200
+height = 0.5
+colour = [0.2, 0.4, 0.1]
+scale = [2, 1, 2]
+
+[[object]]
+shape = "icosphere"
+triangles = 20
+mask = 3
+matrix = [[0, 0, 1, 0], [1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 0, 1]]
+[object.repeat]
+on = "ground"
+count = 12
+seed = 4
+scale = [0.5, 2]
+align = "normal"
+turn = true
+
+[[object]]
+spheres = "galaxy"
+count = 30
+seed = 2
+arms = 3
+repeat = {grid = [2, 1, 3], spacing = [1, 0, 2.5]}
+
+[[object]]
+centres = [[0, 0, 0], [1, 2, 3.5]]
+radii = [1, 0.5]
+rotate = [0, 90, 0]
+
+[camera]
+up = [0, 0, 1]
+"""
     shapes = ("terrain", "blobs", "boxes", "icosphere", "palace")
-    return [whole.encode(), *(f'[mesh]\nshape = "{shape}"\ntriangles = 400\n'.encode() for shape in shapes)]
+    return [
+        whole.encode(),
+        objects.encode(),
+        *(f'[mesh]\nshape = "{shape}"\ntriangles = 400\n'.encode() for shape in shapes),
+    ]
+
+
+def _make_spheres_archives() -> list[bytes]:
+    files = []
+    for save, dtype in ((np.savez, "<f8"), (np.savez_compressed, "<f4"), (np.savez, ">i4")):
+        file = io.BytesIO()
+        save(file, centres=np.rint(_VERTICES * 4).astype(dtype), radii=np.arange(1, len(_VERTICES) + 1).astype(dtype))
+        files.append(file.getvalue())
+    return files
+
+
+def _make_spheres_tables() -> list[bytes]:
+    rows = "".join(f"{x:.6g},{y:.6g},{z:.6g},0.5\n" for x, y, z in _SURVEY)
+    return [rows.encode(), b"x,y,z,radius\n# by hand\n" + rows.encode(), b"1, 2, 3\r\n4, 5e-3, 6\r\n"]
 
 
 MESH_FILES = {"ply": _make_ply(), "obj": _make_obj(), "stl": _make_stl(), "off": _make_off()}
 SCENE_FILES = _make_scenes()
+SPHERES_FILES = {"npz": _make_spheres_archives(), "csv": _make_spheres_tables()}
 SETTINGS_FILES = [json.dumps({"layout": "bvh4", "work_group_size": 64, "tile": [8, 8]}, indent=2).encode()]

@@ -8,8 +8,8 @@ import pytest
 import clbvh
 from clbvh.errors import ConfigError, ValidationError
 from clbvh.rendering import frame as frame_module
-from clbvh.rendering import picture as picture_module
-from clbvh.rendering import renderer as pipeline
+from clbvh.rendering import mesh_subject
+from clbvh.rendering import refine_pixels as refine_module
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
 from clbvh.structs import SHADINGS
@@ -76,7 +76,7 @@ def test_without_a_tree_the_picture_is_the_same(knot_picture):
 
 
 def test_brute_refuses_a_mesh_that_would_take_forever(monkeypatch):
-    monkeypatch.setattr(pipeline, "BRUTE_LIMIT", 1000)
+    monkeypatch.setattr(mesh_subject, "BRUTE_LIMIT", 1000)
     with pytest.raises(ConfigError, match="brute"):
         clbvh.render(KNOT, RenderOptions(builder="brute"))
 
@@ -110,8 +110,8 @@ def test_hits_are_those_of_the_tracer(knot_picture):
 
 def test_hits_are_refined_once_and_by_rows(knot_picture, monkeypatch):
     assert knot_picture.hits is knot_picture.hits
-    monkeypatch.setattr(picture_module, "_CHUNK_PIXELS", KNOT.width * 7)
-    by_rows = picture_module.refine_pixels(knot_picture.mesh, knot_picture.camera, knot_picture.found)
+    monkeypatch.setattr(refine_module, "_CHUNK_PIXELS", KNOT.width * 7)
+    by_rows = refine_module.refine_pixels(knot_picture.mesh, knot_picture.camera, knot_picture.found)
     for name in ("t", "u", "v", "prim_id"):
         assert np.array_equal(getattr(by_rows, name), getattr(knot_picture.hits, name)), name
 

@@ -14,13 +14,16 @@ from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from .offsets import DOUBLE_ROUNDING, ROUNDING, ROUNDINGS
 from .placed_locations import make_object_normal, turn_normal
-from .scene_arrays import SceneArrays, to_object
+from .scene_arrays import SceneArrays, place_vector, to_object
 
 _SPHERES = PRIM_KINDS["spheres"]
 
 # Roundings of float32 on the way into an instance, and of float64 on the way to the world: docs/internals/offsets.md.
 _ENTRY_ROUNDINGS = 16
 _DOUBLE_ROUNDINGS = 8
+
+# Roundings of float32 relative to a sphere's radius, by the same page.
+_ROOT_ROUNDINGS = 40
 
 # No sphere has a smaller radius on the device.
 _LEAST_RADIUS = float(np.finfo(np.float32).tiny)
@@ -77,7 +80,7 @@ def find_placed_offset_points(
 @compiled(error_model="numpy")
 def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locations, points):
     corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
-    world_normal, ways = np.empty(3), np.empty(3)
+    way, shares = np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -93,44 +96,68 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
         most = np.inf
         if arrays.kind[geometry] == _SPHERES:
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
+            highest += _ROOT_ROUNDINGS * ROUNDING * radius
             most = np.inf if is_front[hit] else radius
         else:
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
 
-        # The unit normal in the world, and the height in the object that is gained on a unit of the way along it.
-        gain = turn_normal(arrays, instance, normal, world_normal)
-        height, growth = highest, 0.0
-        reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
-        # The way in the object, in shares of that height.
-        x, y, z = to_object(arrays, instance, world_normal[0], world_normal[1], world_normal[2])
-        ways[0], ways[1], ways[2] = abs(x) / gain, abs(y) / gain, abs(z) / gain
-        sideways = max(ways[0], ways[1], ways[2])
+        # The way in the world on which a height of 1 is gained in the object: along the world's normal, on which it is
+        # shortest; inside of a sphere towards the centre, and no farther.
+        if np.isfinite(most):
+            way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
+        else:
+            gain = turn_normal(arrays, instance, normal, way)
+            way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
+        x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
+        shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
 
-        # How far rounding moves the ray and the primitive along the normal: at the point, and the more the higher the
-        # start point is.
+        rounding, growth = _bound_roundings(arrays, instance, normal, local, shares)
+        coarseness = _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit, scene_reach)
+        height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
+        height = min(height, most) / scale
         for axis in range(3):
-            entry, growth_of_entry, coarseness = 0.0, 0.0, 0.0
-            for column in range(3):
-                condition = 0.0
-                for world_axis in range(3):
-                    share = abs(arrays.inverse[instance, axis, world_axis])
-                    condition += share * abs(arrays.linear[instance, world_axis, column])
-                entry += condition * (1.0 + abs(local[column]))
-                growth_of_entry += condition * ways[column]
+            points[hit, axis] = locations[hit, axis] + height * way[axis]
+
+
+@compiled
+def _bound_roundings(arrays, instance, normal, local, shares):
+    """Return how far float32 moves a ray and a primitive along the normal, and by how much more for a height of 1.
+
+    In local units. `shares` is how far a start point is moved along each axis of the object for a height of 1.
+    """
+    reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
+    sideways = max(shares[0], shares[1], shares[2])
+    rounding, growth = 0.0, 0.0
+    for axis in range(3):
+        entry, growth_of_entry = 0.0, 0.0
+        for column in range(3):
+            condition = 0.0
             for world_axis in range(3):
-                size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
-                for column in range(3):
-                    place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
-                    size += abs(arrays.linear[instance, world_axis, column]) * place
-                coarse = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
-                coarseness += abs(arrays.inverse[instance, axis, world_axis]) * coarse
-            height += abs(normal[axis]) * (
-                ROUNDING * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry) + coarseness * scale
-            )
-            growth += abs(normal[axis]) * ROUNDING * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
-        height = min(height / (1.0 - min(growth, _MOST_GROWTH)), most)
+                share = abs(arrays.inverse[instance, axis, world_axis])
+                condition += share * abs(arrays.linear[instance, world_axis, column])
+            entry += condition * (1.0 + abs(local[column]))
+            growth_of_entry += condition * shares[column]
+        rounding += abs(normal[axis]) * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
+        growth += abs(normal[axis]) * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
+    return ROUNDING * rounding, ROUNDING * growth
+
+
+@compiled
+def _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit, scene_reach):
+    """Return how far the roundings of world coordinates, in float64 and in pairs, move a point along the normal.
+
+    In local units.
+    """
+    scale, coarseness = arrays.scale[geometry], 0.0
+    for world_axis in range(3):
+        size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
+        for column in range(3):
+            place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
+            size += abs(arrays.linear[instance, world_axis, column]) * place
+        moved = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
         for axis in range(3):
-            points[hit, axis] = locations[hit, axis] + height / scale / gain * world_normal[axis]
+            coarseness += abs(normal[axis]) * abs(arrays.inverse[instance, axis, world_axis]) * moved
+    return coarseness * scale
 
 
 @compiled

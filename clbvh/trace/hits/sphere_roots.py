@@ -50,18 +50,12 @@ def sphere_crossing(origin, direction, centre, radius, leaving):
     r = times_power_of_two(radius, -length_exponent)
 
     square = dx * dx + dy * dy + dz * dz
-    # The point of the line closest to the centre: across is the vector to it. The second step removes most of the
-    # rounding of the first, which is relative to the way of the ray and may be larger than a small sphere.
-    towards = -(fx * dx + fy * dy + fz * dz)
-    middle = towards / square
+    # The point of the line that is closest to the centre, as seen from there.
+    middle = -(fx * dx + fy * dy + fz * dz) / square
     ax, ay, az = fx + middle * dx, fy + middle * dy, fz + middle * dz
-    correction = -(ax * dx + ay * dy + az * dz) / square
-    middle += correction
-    ax, ay, az = ax + correction * dx, ay + correction * dy, az + correction * dz
-    across_squared = ax * ax + ay * ay + az * az
+    across = math.sqrt(ax * ax + ay * ay + az * az)
 
-    # The radius is moved out of the square: r * r underflows for a small sphere far away.
-    across = math.sqrt(across_squared)
+    # Not r * r - across * across, which underflows for a small sphere far away.
     half_chord = math.sqrt(max((r - across) * (r + across), 0.0) / square)
     sign = 1.0 if leaving else -1.0
     t = middle + sign * half_chord

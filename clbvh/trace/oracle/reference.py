@@ -20,6 +20,7 @@ from ...geometry import Mesh
 from ...structs import NO_PRIM
 from ...support.compiled import compiled
 from ..hits.hits import AllHits, Hits
+from .triangle_verdict import judge_triangle, make_frame, project
 
 # How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
 # 2^-24 times the distance from the ray's origin. The watertight test rounds each coordinate about six times.
@@ -150,11 +151,11 @@ def _judge_crossings(question, offsets, prim_ids, is_wrong):
     """Compare every ray's crossings with every triangle; see `find_wrong_crossings`."""
     vertices, faces, degenerate = question.vertices, question.faces, question.degenerate
     origins, directions, rounding = question.origins, question.directions, question.rounding
-    verdict = np.empty(3, np.float64)
+    verdict = np.empty(4, np.float64)
     frame = np.empty((3, 3), np.float64)
     found_by = np.full(len(faces), -1, np.int64)
     for ray in range(len(origins)):
-        _make_frame(directions[ray], frame)
+        make_frame(directions[ray], frame)
         for crossing in range(offsets[ray], offsets[ray + 1]):
             is_wrong[ray] |= found_by[prim_ids[crossing]] == ray
             found_by[prim_ids[crossing]] = ray
@@ -164,8 +165,8 @@ def _judge_crossings(question, offsets, prim_ids, is_wrong):
                 is_wrong[ray] |= is_found
                 continue
             _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
-            surely_crossed = verdict[0] > 0.0 and verdict[1] > verdict[2]
-            surely_missed = verdict[0] < 0.0 or (verdict[0] > 0.0 and verdict[1] < -verdict[2])
+            surely_crossed = verdict[0] > 0.0 and verdict[2] > 0.0
+            surely_missed = verdict[0] < 0.0 or verdict[3] < 0.0
             is_wrong[ray] |= (surely_crossed and not is_found) or (surely_missed and is_found)
 
 
@@ -175,13 +176,13 @@ def _judge(question, hits, nearest_sure, sure_prim, possible):
     vertices, faces, degenerate = question.vertices, question.faces, question.degenerate
     origins, directions, rounding = question.origins, question.directions, question.rounding
     hit_t, hit_u, hit_v, hit_prim = hits.t, hits.u, hits.v, hits.prim_id
-    verdict = np.empty(3, np.float64)
+    verdict = np.empty(4, np.float64)
     frame = np.empty((3, 3), np.float64)
     for ray in range(len(origins)):
-        length = _make_frame(directions[ray], frame)
+        length = make_frame(directions[ray], frame)
 
         # The triangle found must be one that the ray can hit, near the distance found. Written so that NaN fails.
-        found_t, found_slack = np.inf, 0.0
+        found_at_least = np.inf
         prim = hit_prim[ray]
         if prim == NO_PRIM:
             possible[ray] = hit_t[ray] == np.inf
@@ -189,10 +190,10 @@ def _judge(question, hits, nearest_sure, sure_prim, possible):
             possible[ray] = False
         else:
             _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
-            found_t, found_slack = hit_t[ray] * length, verdict[2]
+            found_at_least = verdict[2]
             possible[ray] = (
                 verdict[0] >= 0.0
-                and abs(found_t - verdict[1]) <= found_slack
+                and verdict[2] <= hit_t[ray] * length <= verdict[3]
                 and _is_on_ray(vertices, faces, prim, origins[ray], frame, rounding, hit_u[ray], hit_v[ray])
             )
 
@@ -202,71 +203,21 @@ def _judge(question, hits, nearest_sure, sure_prim, possible):
             if degenerate[prim]:
                 continue
             _test(vertices, faces, prim, origins[ray], frame, rounding, verdict)
-            if verdict[0] > 0.0 and verdict[1] > verdict[2] and verdict[1] < nearest_sure[ray] * length:
+            if verdict[0] > 0.0 and verdict[2] > 0.0 and verdict[1] < nearest_sure[ray] * length:
                 nearest_sure[ray], sure_prim[ray] = verdict[1] / length, prim
-                if verdict[1] + verdict[2] < found_t - found_slack:
+                if verdict[3] < found_at_least:
                     possible[ray] = False
 
 
 @compiled
-def _make_frame(direction, frame):
-    """Write an orthonormal frame whose last row is the direction, normalised; return the direction's length."""
-    length = np.sqrt((direction**2).sum())
-    along = direction / length
-    # Any axis that is far from parallel to the ray gives a stable first cross product.
-    axis = np.argmin(np.abs(along))
-    helper = np.zeros(3)
-    helper[axis] = 1.0
-    frame[2] = along
-    frame[0] = np.cross(helper, along)
-    frame[0] /= np.sqrt((frame[0] ** 2).sum())
-    frame[1] = np.cross(along, frame[0])
-    return length
-
-
-@compiled
 def _test(vertices, faces, prim, origin, frame, rounding, verdict):
-    """Test one triangle against one ray.
-
-    Writes to `verdict`: 1 surely hit, 0 too close to call, -1 surely missed; the distance along the ray; how far it
-    may be off. A triangle that is surely missed leaves the last two alone.
-    """
+    """Test one triangle against one ray; see `judge_triangle`."""
     # The corners as seen from the ray's origin, and what float32 can do to them.
-    ax, ay, az = _project(vertices, faces[prim, 0], origin, frame)
-    bx, by, bz = _project(vertices, faces[prim, 1], origin, frame)
-    cx, cy, cz = _project(vertices, faces[prim, 2], origin, frame)
-    reach = max(abs(ax), abs(ay), abs(az), abs(bx), abs(by), abs(bz), abs(cx), abs(cy), abs(cz))
-    blur = rounding * reach
-    verdict[0] = -1.0
-    if min(ax, bx, cx) > blur or max(ax, bx, cx) < -blur or min(ay, by, cy) > blur or max(ay, by, cy) < -blur:
-        return
-
-    # On which side of each edge does the ray pass? The cross product of two corners is the edge's length, across
-    # the ray, times its distance from the ray: compare that with the blur.
-    side_a, side_b, side_c = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
-    slack_a, slack_b, slack_c = (
-        blur * np.hypot(cx - bx, cy - by),
-        blur * np.hypot(ax - cx, ay - cy),
-        blur * np.hypot(bx - ax, by - ay),
-    )
-    if (side_a < -slack_a or side_b < -slack_b or side_c < -slack_c) and (
-        side_a > slack_a or side_b > slack_b or side_c > slack_c
-    ):
-        return
-    sure = abs(side_a) > slack_a and abs(side_b) > slack_b and abs(side_c) > slack_c
-
-    # Where does it cross the plane?
-    nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
-    ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
-    nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if nz == 0.0:
-        # Edge-on: float32 may see it from either side, and cross it anywhere.
-        verdict[0], verdict[1], verdict[2] = 0.0, 0.0, np.inf
-        return
-    verdict[0] = 1.0 if sure else 0.0
-    verdict[1] = (nx * ax + ny * ay + nz * az) / nz
-    # A shift along the ray, and one across it, which a slanted plane turns into one along it.
-    verdict[2] = blur * (1.0 + np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz))
+    a = project(vertices, faces[prim, 0], origin, frame)
+    b = project(vertices, faces[prim, 1], origin, frame)
+    c = project(vertices, faces[prim, 2], origin, frame)
+    reach = max(abs(a[0]), abs(a[1]), abs(a[2]), abs(b[0]), abs(b[1]), abs(b[2]), abs(c[0]), abs(c[1]), abs(c[2]))
+    judge_triangle(a, b, c, rounding * reach, verdict)
 
 
 @compiled
@@ -274,9 +225,9 @@ def _is_on_ray(vertices, faces, prim, origin, frame, rounding, u, v):
     """Return whether u and v name a point of the triangle that is on the ray, as far as float32 can tell."""
     if not (u >= 0.0 and v >= 0.0 and u + v <= 1.0 + rounding):
         return False
-    ax, ay, az = _project(vertices, faces[prim, 0], origin, frame)
-    bx, by, bz = _project(vertices, faces[prim, 1], origin, frame)
-    cx, cy, cz = _project(vertices, faces[prim, 2], origin, frame)
+    ax, ay, az = project(vertices, faces[prim, 0], origin, frame)
+    bx, by, bz = project(vertices, faces[prim, 1], origin, frame)
+    cx, cy, cz = project(vertices, faces[prim, 2], origin, frame)
     blur = rounding * max(abs(ax), abs(ay), abs(az), abs(bx), abs(by), abs(bz), abs(cx), abs(cy), abs(cz))
 
     # A blurred corner changes the area opposite it by the blur times an edge, and so the weight of another corner.
@@ -286,16 +237,3 @@ def _is_on_ray(vertices, faces, prim, origin, frame, rounding, u, v):
     slack = blur * (double_area + longest * (reach_a + reach_b + reach_c))
     w = 1.0 - u - v
     return np.hypot(w * ax + u * bx + v * cx, w * ay + u * by + v * cy) * double_area <= slack
-
-
-@compiled
-def _project(vertices, vertex, origin, frame):
-    """Return a corner's coordinates in the ray's frame: two across the ray, one along it."""
-    x = vertices[vertex, 0] - origin[0]
-    y = vertices[vertex, 1] - origin[1]
-    z = vertices[vertex, 2] - origin[2]
-    return (
-        x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2],
-        x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2],
-        x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2],
-    )

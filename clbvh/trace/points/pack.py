@@ -16,7 +16,7 @@ from ..rays.broadcast import Broadcast
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
 # larger one would cost more in float32: sixteen roundings of it are as much.
-_FAR_SHARE = 512.0
+FAR_SHARE = 512.0
 
 _ALL_GOOD = -1
 
@@ -54,7 +54,7 @@ def pack_points(points: NDArray[Any], box: TreeBox, order: NDArray[np.int32], pa
         Points to write, by their indices.
     packed : (m,) `structs.PACKED_POINT`, written
     """
-    far = _FAR_SHARE * box.half.max()
+    far = FAR_SHARE * box.half.max()
     _pack(points, order, box.centre, box.scale, far, packed.view(np.float32).reshape(-1, PACKED_POINT_LANES))
 
 

@@ -43,6 +43,54 @@ class ClosestPoints(NamedTuple):
     point: NDArray[np.float64]
     prim_id: NDArray[np.int32]
 
+    @property
+    def geometry_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the geometry that the point is on. Of a single mesh 0, and -1 where there is no point."""
+        return np.minimum(self.prim_id, 0)
+
+    @property
+    def instance_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the instance that the point is on. Of a single mesh 0, and -1 where there is no point."""
+        return np.minimum(self.prim_id, 0)
+
+
+class SceneClosestPoints(ClosestPoints):
+    """The closest points in a scene: `ClosestPoints` that know the instance.
+
+    As a tuple they are distance, point and prim_id, like those of a mesh.
+
+    Attributes
+    ----------
+    geometry_id, instance_id : (...,) int32
+        The geometry and the instance that the point is on; -1 where there is no point.
+    """
+
+    _ids: tuple[NDArray[np.int32], NDArray[np.int32]]
+
+    def __new__(
+        cls,
+        distance: NDArray[np.float64],
+        point: NDArray[np.float64],
+        prim_id: NDArray[np.int32],
+        geometry_id: NDArray[np.int32],
+        instance_id: NDArray[np.int32],
+    ) -> SceneClosestPoints:
+        """Return the closest points with their ids."""
+        closest = super().__new__(cls, distance, point, prim_id)
+        closest._ids = geometry_id, instance_id
+        return closest
+
+    @property
+    def geometry_id(self) -> NDArray[np.int32]:  # noqa: D102
+        return self._ids[0]
+
+    @property
+    def instance_id(self) -> NDArray[np.int32]:  # noqa: D102
+        return self._ids[1]
+
+    def __getnewargs__(self) -> tuple[Any, ...]:  # for copies and pickles
+        return (*self, *self._ids)
+
 
 def refine_points(
     points: NDArray[Any],

@@ -110,7 +110,7 @@ def read_rays(
             f"not {origins.shape} and {directions.shape}"
         ) from None
     limits = _read_limits(t_min, "t_min", shape), _read_limits(t_max, "t_max", shape)
-    masks = None if mask is None else _read_masks(mask, shape)
+    masks = None if mask is None else read_masks(mask, shape)
     vectors = Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape)
     return RayBatch(*vectors, *limits, masks), shape
 
@@ -169,14 +169,15 @@ def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadc
     return Broadcast.to_shape(limits, 0, shape)
 
 
-def _read_masks(values: ArrayLike, shape: tuple[int, ...]) -> Broadcast:
-    """Return the masks of rays of this leading shape."""
+def read_masks(values: ArrayLike, shape: tuple[int, ...], subject: str = "rays") -> Broadcast:
+    """Return the masks of rays or points of this leading shape."""
     masks = _read_numbers(values, "mask")
     if masks.dtype.kind not in "iu":
         raise QueryError(f"mask must be integers, not {masks.dtype}")
     if masks.shape and masks.shape != shape and not _fits(masks.shape, shape):
         raise QueryError(
-            f"mask must be a number or have a shape that broadcasts to that of the rays, {shape}, not {masks.shape}"
+            f"mask must be a number or have a shape that broadcasts to that of the {subject}, {shape}, "
+            f"not {masks.shape}"
         )
     if masks.size and not (int(masks.min()) >= 0 and int(masks.max()) <= _MOST_MASK):
         raise QueryError(f"mask must be from 0 to {_MOST_MASK:#x}, which has 32 bits")

@@ -16,10 +16,11 @@ from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh
 from ...geometry.box_mesh import box_mesh
+from ...geometry.shape import Shape
 from ...layouts.bvh2 import make_bvh2_nodes
 from ...layouts.device_arrays import DeviceArrays, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_RAY
+from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
 from ...support.host_threads import HostThreads
 from ..device_tree import pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
@@ -106,6 +107,7 @@ class DeviceScene:
     has_entry_points = False
     has_instances = True
     ray_dtype = SCENE_RAY
+    point_dtype = SCENE_POINT
     hit_dtype = SCENE_HIT
     mesh = None
 
@@ -210,7 +212,7 @@ class DeviceScene:
         ):
             yield node_array, block_array
 
-    def buffers(self) -> list[Any]:
+    def buffers_of_own(self) -> list[Any]:
         """Return all buffers of the scene."""
         return list(self.arguments.values())
 
@@ -262,6 +264,11 @@ class DeviceScene:
     def scene_surface(self) -> SceneSurface:
         """What hits keep of the scene."""
         return SceneSurface(self.surface, self.state.shapes, self.state.names)
+
+    def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
+        """Return the shapes that some instances place, or all of them for None."""
+        geometry_ids = self.state.geometry_ids if instance_ids is None else self.state.geometry_ids[instance_ids]
+        return [self.state.shapes[geometry_id] for geometry_id in np.unique(geometry_ids)]
 
     @property
     def box(self) -> TreeBox:

@@ -7,11 +7,12 @@ are given back once no query uses them: a query holds the caster that it began w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Iterable
+from typing import Any, cast
 from weakref import ref
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...device.session import DeviceSession
@@ -21,33 +22,18 @@ from ...geometry.shape import Shape
 from ...geometry.spheres import Spheres
 from ...scene.contents import SceneContents
 from ...scene.geometry import Geometry
+from ...scene.instance import Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree
 from ..launch import Caster
 from ..rays.batch import TreeBox
+from ..tree_copies import TreeCopies
 from .device_scene import DeviceScene
 from .refit_geometry import RefitGeometry
 
-_Tree: TypeAlias = DeviceTree | DeviceScene
-
 # A geometry's tree is built anew when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
-
-
-class _Now(NamedTuple):
-    """The scene of a caster: its tree on the device, what it shows, and the trees of its geometries as built."""
-
-    tree: _Tree
-    state: SceneState
-    trees: Sequence[Bvh]
-
-
-class _Held(NamedTuple):
-    """A scene that has been used, and its buffers, which outlive it."""
-
-    tree: ref[_Tree]
-    buffers: list[Any]
 
 
 class MovingScene:
@@ -61,11 +47,6 @@ class MovingScene:
         Builds the tree of a mesh or of spheres.
     build_top : function
         Builds the tree over a mesh of the instances' boxes.
-
-    Attributes
-    ----------
-    state : SceneState
-        The scene as the tracer was opened.
     """
 
     def __init__(
@@ -73,101 +54,147 @@ class MovingScene:
     ) -> None:
         self._contents = contents
         self._build_tree, self._build_top = build_tree, build_top
-        self.state: SceneState = contents.snapshot()
-        self._trees: list[Bvh] = [build_tree(shape) for shape in self.state.shapes]
+        self._opened: SceneState = contents.snapshot()
+        self._built = [build_tree(shape) for shape in self._opened.shapes]
         self._refits: dict[int, RefitGeometry] = {}
-        # Of geometries that were refitted before another one was built anew.
-        self._growths: dict[int, float] = {}
-        self._held: list[_Held] = []
+        # Of the mesh, as long as the scene is nothing but one mesh in its place.
+        self._copies: TreeCopies | None = None
+        # Buffers that were replaced, with the last caster that has them, in the order of the changes.
+        self._retired: list[tuple[ref[Caster], list[Any]]] = []
 
-    def open(self, session: DeviceSession, layout: str) -> tuple[_Tree, TreeBox]:
+    def open(self, session: DeviceSession, layout: str) -> tuple[DeviceTree | DeviceScene, TreeBox]:
         """Put the scene on a device, and return it with the box around it.
 
         A mesh that is placed once, where it is, needs no instance.
         """
-        if self.state.is_one_mesh:
-            bvh = self._trees[self.state.geometry_ids[0]]
-            tree = DeviceTree(session, bvh.mesh, bvh, layout)
-            self._held.append(_Held(ref(tree), list(tree.buffers.arguments.values())))
-            return tree, TreeBox.around(bvh)
-        scene = DeviceScene(session, self.state, self._trees, self._build_top, layout)
-        self._held.append(_Held(ref(scene), scene.buffers()))
+        if self._opened.is_one_mesh:
+            bvh = self._built[self._opened.geometry_ids[0]]
+            return DeviceTree(session, bvh.mesh, bvh, layout), TreeBox.around(bvh)
+        scene = DeviceScene(session, self._opened, self._built, self._build_top, layout)
         return scene, scene.box
+
+    def state(self, caster: Caster) -> SceneState:
+        """Return the scene that a caster is at."""
+        tree: object = caster.tree
+        if isinstance(tree, DeviceScene):
+            return tree.state
+        return self._opened.with_shape(int(self._opened.geometry_ids[0]), caster.tree.mesh)
+
+    def choose_instances(
+        self, geometry: Geometry | None, instance: Instance | int | Iterable[Instance | int] | None
+    ) -> NDArray[np.int64]:
+        """Return the ids of the given instances of a geometry, or of either alone; see `Tracer.closest_point`."""
+        if instance is None:
+            chosen = np.arange(self._opened.instance_count)
+        else:
+            chosen = self._contents.instance_ids([instance] if isinstance(instance, int | np.integer) else instance)
+            self._check_known(chosen)
+        if geometry is not None:
+            geometry_id = self._contents.geometry_id(geometry)
+            chosen = chosen[self._opened.geometry_ids[chosen] == geometry_id]
+        return chosen
 
     def set_transforms(self, caster: Caster, instances: Any, matrices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with other transforms; see `Tracer.set_transforms`."""
         ids = self._contents.instance_ids(instances)
-        transforms = check_transforms(matrices)
+        given = np.asarray(matrices)
+        transforms = check_transforms(given[None] if given.ndim == 2 else given)
         if len(transforms) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
-        if len(ids) and ids.max() >= self.state.instance_count:
-            raise SceneError(f"the instance {ids.max()} was placed after the tracer was opened: open a new tracer")
-        now = self._now(caster)
-        state = now.state.with_transforms(ids, transforms)
-        if isinstance(now.tree, DeviceScene):
-            moved = now.tree.moved(caster.session, session, state)
+        self._check_known(ids)
+        state = self.state(caster).with_transforms(ids, transforms)
+        tree: object = caster.tree
+        if isinstance(tree, DeviceScene):
+            moved = tree.moved(caster.session, session, state)
         else:
-            moved = DeviceScene(caster.session, state, _refit_trees(now), self._build_top, now.tree.layout)
-        return self._use(caster, moved)
+            moved = DeviceScene(caster.session, state, self._trees_now(caster), self._build_top, caster.tree.layout)
+        return self._replace(caster, moved)
 
     def set_vertices(self, caster: Caster, geometry: Geometry, vertices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with a geometry whose vertices have moved; see `Tracer.set_vertices`."""
         geometry_id = self._contents.geometry_id(geometry)
-        if geometry_id >= len(self.state.shapes):
+        before = self.state(caster)
+        if geometry_id >= len(before.shapes):
             raise SceneError(f"{geometry!r} was added after the tracer was opened: open a new tracer")
-        now = self._now(caster)
-        shape = now.state.shapes[geometry_id]
+        shape = before.shapes[geometry_id]
+        tree: object = caster.tree
         moved_shape: Shape
         if isinstance(shape, Spheres):
             moved_shape = shape.with_spheres(vertices, shape.radii)
         else:
             moved_shape = shape.with_vertices(vertices)
-        state = now.state.with_shape(geometry_id, moved_shape)
-        if isinstance(moved_shape, Mesh) and isinstance(now.tree, DeviceScene):
-            refit = self._refits.get(geometry_id)
-            if refit is None:
-                refit = RefitGeometry(now.tree, geometry_id, session, self._growths.get(geometry_id, 1.0))
-            scene = now.tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
-            self._refits[geometry_id] = refit
+        state = before.with_shape(geometry_id, moved_shape)
+        if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
+            moved = self._copies_of(caster).move(caster, moved_shape, session)
+            if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
+                return moved
+        if isinstance(moved_shape, Mesh) and isinstance(tree, DeviceScene):
+            refit = self._find_refit(tree, geometry_id, session)
+            scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
             if refit.sah_growth <= REBUILD_GROWTH:
-                return self._use(caster, scene)
-            scene.release_other_than(now.tree, caster.session)
-        trees = _refit_trees(now)
+                return self._replace(caster, scene)
+            scene.release_other_than(tree, caster.session)
+        self._refits.pop(geometry_id, None)
+        trees = self._trees_now(caster)
         trees[geometry_id] = self._build_tree(moved_shape)
-        built = DeviceScene(caster.session, state, trees, self._build_top, now.tree.layout)
-        # The arrays of all geometries are new.
-        self._growths |= {number: refit.sah_growth for number, refit in self._refits.items()}
-        self._growths.pop(geometry_id, None)
-        self._refits.clear()
-        return self._use(caster, built)
+        built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
+        return self._replace(caster, built)
 
-    def _now(self, caster: Caster) -> _Now:
-        """Return the scene of a caster."""
-        tree: Any = caster.tree
-        if isinstance(tree, DeviceScene):
-            return _Now(tree, tree.state, tree.trees)
-        return _Now(tree, self.state, self._trees)
+    def _find_refit(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> RefitGeometry:
+        """Return what refits a geometry; it is kept as long as the geometry has the tree that it was built with.
 
-    def _use(self, caster: Caster, scene: DeviceScene) -> Caster:
-        """Return a caster at a scene, and give back the buffers that no scene in use has."""
-        self._held.append(_Held(ref(scene), scene.buffers()))
+        Where another geometry is built anew, this one's tree begins again as it was refitted, and with its wear.
+        """
+        refit = self._refits.get(geometry_id)
+        if refit is None or refit.bvh is not scene.trees[geometry_id]:
+            growth = 1.0 if refit is None else refit.sah_growth
+            refit = self._refits[geometry_id] = RefitGeometry(scene, geometry_id, session, growth)
+        return refit
+
+    def _copies_of(self, caster: Caster) -> TreeCopies:
+        """Return the copies of the only mesh."""
+        if self._copies is None:
+            self._copies = TreeCopies(caster)
+        return self._copies
+
+    def _check_known(self, instance_ids: NDArray[np.int64]) -> None:
+        """Raise unless the instances were there when the tracer was opened."""
+        if len(instance_ids) and instance_ids.max() >= self._opened.instance_count:
+            raise SceneError(
+                f"the instance {instance_ids.max()} was placed after the tracer was opened: open a new tracer"
+            )
+
+    def _trees_now(self, caster: Caster) -> list[Bvh]:
+        """Return the trees of all geometries around the vertices as they are now."""
+        tree: object = caster.tree
+        trees = tree.trees if isinstance(tree, DeviceScene) else self._built
+        return [
+            bvh.refit(shape.vertices) if isinstance(shape, Mesh) and bvh.mesh is not shape else bvh
+            for bvh, shape in zip(trees, self.state(caster).shapes, strict=True)
+        ]
+
+    def _replace(self, caster: Caster, scene: DeviceScene) -> Caster:
+        """Return a caster at a scene in place of another one, whose own buffers are given back in time."""
+        kept = {id(buffer) for buffer in scene.arguments.values()}
+        surplus = [buffer for buffer in caster.tree.buffers_of_own() if id(buffer) not in kept]
+        self._retired.append((ref(caster), surplus))
+        if not isinstance(caster.tree, DeviceScene):
+            # The copies of the mesh go, too.
+            self._retired += self._copies_of(caster).list_users()
+            self._copies = None
+        moved = caster.over(scene, scene.box)
         self._release_unused(caster.session)
-        return caster.over(scene, scene.box)
+        return moved
 
     def _release_unused(self, session: DeviceSession) -> None:
-        """Give back the buffers that no scene in use has."""
-        in_use = [held for held in self._held if held.tree() is not None]
-        used = {id(buffer) for held in in_use for buffer in held.buffers}
-        unused = {id(buffer): buffer for held in self._held for buffer in held.buffers if id(buffer) not in used}
-        # Forgotten first: Ctrl-C below leaves buffers to the session's end, but none is given back twice.
-        self._held = in_use
-        for buffer in unused.values():
-            session.release(buffer)
+        """Give back the buffers that no query uses.
 
-
-def _refit_trees(now: _Now) -> list[Bvh]:
-    """Return the trees of all geometries around the vertices as they are now."""
-    return [
-        bvh.refit(shape.vertices) if isinstance(shape, Mesh) and bvh.mesh is not shape else bvh
-        for bvh, shape in zip(now.trees, now.state.shapes, strict=True)
-    ]
+        In the order of the changes: an older caster may have a buffer that only a later change replaced. After Ctrl-C a
+        change may be made once more, and its buffers be listed twice.
+        """
+        while self._retired and self._retired[0][0]() is None:
+            _, buffers = self._retired[0]
+            while buffers:
+                session.release_if_held(buffers[-1])
+                buffers.pop()
+            self._retired.pop(0)

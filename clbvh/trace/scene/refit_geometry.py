@@ -33,6 +33,8 @@ class RefitGeometry:
 
     Attributes
     ----------
+    bvh : Bvh
+        The tree in the scene.
     sah_growth : float
         The SAH cost of the tree as it was last written, divided by that of the tree that was built.
     """
@@ -40,6 +42,7 @@ class RefitGeometry:
     def __init__(
         self, scene: DeviceScene, geometry_id: int, session: DeviceSession, growth_before: float = 1.0
     ) -> None:
+        self.bvh = scene.trees[geometry_id]
         self._first = scene.state.shapes[geometry_id]
         self._first_cost = 0.0
         self._growth_before = self.sah_growth = growth_before

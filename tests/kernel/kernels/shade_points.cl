@@ -20,8 +20,8 @@ kernel void shade_points(
     }
     const float3 vector = vload3(i, vectors);
     vstore3(encode_srgb(vector), i, encoded);
-    vstore3(shade_lambert(views, vector, true), i, lit);
-    vstore3(shade_lambert(views, vector, false), i, unlit);
+    vstore3(shade_lambert(views, load3(views->surface_colour), vector, true), i, lit);
+    vstore3(shade_lambert(views, load3(views->surface_colour), vector, false), i, unlit);
     vstore3(shade_depth(views, vector), i, depths);
     vstore3(shade_background(views, i), i, backgrounds);
 }

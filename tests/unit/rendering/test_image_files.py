@@ -28,10 +28,13 @@ def test_a_picture_reads_back_as_it_was(tmp_path, name):
 
 
 def test_hits_read_back_as_they_were(tmp_path):
-    files.write_hits(tmp_path / "h.npz", HITS)
+    files.write_hits(tmp_path / "h.npz", HITS, ("a", "b"), ("a", "b 2", "\u00e9"))
     with np.load(tmp_path / "h.npz") as loaded:
-        assert sorted(loaded) == ["prim_id", "t", "u", "v"]
-        for name in loaded:
+        assert loaded["geometry_names"].tolist() == ["a", "b"]
+        assert loaded["instance_names"].tolist() == ["a", "b 2", "\u00e9"]
+        names = {"geometry_id", "instance_id", "prim_id", "t", "u", "v"}
+        assert set(loaded) == names | {"geometry_names", "instance_names"}
+        for name in names:
             assert (loaded[name] == getattr(HITS, name)).all()
             assert loaded[name].dtype == getattr(HITS, name).dtype
 
@@ -45,7 +48,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypat
 
     monkeypatch.setattr(np, "savez", fail)
     with pytest.raises(OSError, match="no space"):
-        files.write_hits(tmp_path / "h.npz", HITS)
+        files.write_hits(tmp_path / "h.npz", HITS, ("a",), ("a",))
     assert [path.name for path in tmp_path.iterdir()] == ["h.npz"]
     assert (tmp_path / "h.npz").read_bytes() == b"old"
 

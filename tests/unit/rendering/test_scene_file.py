@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from clbvh.errors import SceneError
-from clbvh.geometry import Mesh
+from clbvh.geometry import Mesh, Spheres
 from clbvh.rendering.scene import MeshSource, Scene, Transform
 from clbvh.rendering.scene_file import open_scene, read_scene
 from clbvh.support.resources import find_folder
 
-SHIPPED = ("bunny", "demo", "dragon", "drill", "knot", "palace", "terrain")
+SHIPPED = ("bunny", "demo", "dragon", "drill", "galaxy", "knot", "meadow", "palace", "still-life", "terrain")
 
 WHOLE = """
 [mesh]
@@ -99,6 +99,10 @@ def test_one_background_colour_stands_for_both(read):
         ('[mesh]\nname = "a"\n[image]\nshading = "phong"', "shading must be one of lambert, "),
         ('[mesh]\nname = "a"\n[image]\nbackground = [1]', "background must be a colour"),
         ('[mesh]\nshape = "knot"\nseed = "x"', "seed must be a whole number"),
+        ('[mesh]\nname = "a"\n[[object]]\nname = "b"', r"has no \[mesh\]: write it into the objects"),
+        ('[transform]\nscale = 2\n[[object]]\nname = "b"', r"has no \[transform\]: write it into the objects"),
+        ('[[object]]\nname = "a"\n[image]\nwidth = 0', "width must be 1 to 65535 pixels"),
+        ('[[object]]\nname = "a"\ncolor = 3', r"\[object 1\] has an unknown key 'color'"),
         ("[mesh", "not a TOML file"),
     ],
 )
@@ -128,6 +132,33 @@ def test_a_shipped_scene_opens_by_its_name(name):
     assert isinstance(open_scene(name), Scene)
 
 
+def test_the_meadow_has_10_000_instances_on_hills():
+    scene = open_scene("meadow")
+    assert len(scene.instances) == 10_001
+    assert len(scene.geometries) == 4
+    hills, others = scene.geometries[0].shape, scene.instances[1:]
+    centres = np.array([instance.transform[:3, 3] for instance in others[::100]])
+    # The grid of the terrain has a vertex within half a cell of each.
+    nearest = [np.abs(hills.vertices[:, [0, 2]] - centre[[0, 2]]).max(axis=1).argmin() for centre in centres]
+    assert np.abs(hills.vertices[nearest, 1] - centres[:, 1]).max() < 0.15
+
+
+def test_the_galaxy_has_200_000_spheres():
+    assert sum(geometry.shape.prim_count for geometry in open_scene("galaxy").geometries) == 200_000
+
+
+def test_the_still_life_has_meshes_and_spheres():
+    scene = open_scene("still-life")
+    assert {type(geometry.shape) for geometry in scene.geometries} == {Mesh, Spheres}
+
+
+@pytest.mark.parametrize("name", ["meadow", "galaxy", "still-life"])
+def test_a_shipped_scene_of_objects_is_the_same_every_time(name):
+    first, second = (open_scene(name).snapshot() for _ in range(2))
+    assert first.transforms.tobytes() == second.transforms.tobytes()
+    assert [shape.fingerprint for shape in first.shapes] == [shape.fingerprint for shape in second.shapes]
+
+
 def test_the_knot_has_the_size_of_the_dragon():
     assert open_scene("knot").mesh.triangles == 871_200
 
@@ -155,6 +186,25 @@ def test_rotations_are_applied_about_x_then_y_then_z():
 def test_no_transform_leaves_the_mesh_as_it_is():
     mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
     assert Transform().apply(mesh) is mesh
+
+
+@pytest.mark.parametrize("transform", [Transform(2, (10, 20, 30), (1, 2, 3)), Transform((1, -2, 3), (0, 90, 0))])
+def test_the_matrix_moves_points_as_the_transform_does(transform):
+    mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
+    moved = mesh.vertices @ transform.matrix[:3, :3].T + transform.matrix[:3, 3]
+    assert np.allclose(transform.apply(mesh).vertices, moved)
+
+
+def test_a_scale_may_differ_between_the_axes():
+    mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
+    moved = Transform((2, 3, 4), (0, 0, 90)).apply(mesh)
+    assert np.allclose(moved.vertices, [[0, 2, 0], [-3, 0, 0], [0, 0, 4]])
+
+
+@pytest.mark.parametrize("scale", [(1, 0, 1), (1, 2), (1, 2, float("nan")), "2", None])
+def test_a_scale_that_is_none_is_refused(scale):
+    with pytest.raises(SceneError, match="scale must be a finite number other than 0, or three of them"):
+        Transform(scale=scale)
 
 
 def test_a_scale_of_0_is_refused():

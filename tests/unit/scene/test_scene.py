@@ -83,7 +83,7 @@ class TestFirstMesh:
         scene = clbvh.Scene(BALL)
         assert scene.only_mesh().load() is BALL
         scene.add(KNOT)
-        with pytest.raises(SceneError, match="the scene has several objects"):
+        with pytest.raises(SceneError, match=r"one mesh is needed here, .* 2 geometries in 1 places"):
             scene.only_mesh()
         with pytest.raises(SceneError, match="the scene is empty: add a geometry, and place it"):
             clbvh.Scene().only_mesh()
@@ -129,6 +129,15 @@ class TestChanges:
         other.add(DOTS)
         assert scene != other
         assert scene == scene.with_changes(width=scene.width)
+
+    def test_its_text_has_what_it_holds(self):
+        assert repr(clbvh.Scene()) == "Scene()"
+        scene = clbvh.Scene(clbvh.MeshSource(path="gone.ply"), width=5)
+        assert repr(scene).startswith("Scene(mesh=MeshSource(path='gone.ply'")
+        assert repr(scene).endswith("width=5)")
+        scene = clbvh.Scene()
+        scene.place(scene.add(BALL))
+        assert repr(scene.with_changes(fov=20)) == "Scene(geometries=1, instances=1, fov=20)"
 
     def test_settings_cannot_be_written(self):
         with pytest.raises(dataclasses.FrozenInstanceError):

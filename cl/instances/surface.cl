@@ -1,0 +1,71 @@
+// The point of a crossing on an instance, with the surface normal there, in the scene's local coordinates.
+
+#include "instances/traverse.cl"
+#include "shading/surface.cl"
+#if HAS_SPHERES
+#include "spheres/surface.cl"
+#endif
+
+// A point on its way from the geometry to the scene and back has at most 10 roundings: 4 for each linear part, whose
+// entries are rounded, too, one where the pair becomes a float, and one where the point is moved above the surface.
+#define ROUND_TRIP_ERROR ERROR_BOUND(4 + 4 + 1 + 1)
+
+// And at most 6 of the low parts of pairs, which count where the instance is small beside its distance to zero.
+#define PAIR_ERROR (6.0f * ROUNDING * ROUNDING)
+
+typedef struct {
+    float3 above;      // a point just above the surface, from which a ray cannot meet the primitive that it leaves
+    float3 above_low;  // what float32 has rounded off that
+    float3 normal;     // unit vector on the side of the ray's origin
+} placed_surface_t;
+
+// A bound on the magnitude of a transformed vector, of which a bound is known.
+INLINED float3 transform_bound(const global float rows[3][3], const float3 bound)
+{
+    return (float3)(
+        dot_product(magnitude(load3(rows[0])), bound), dot_product(magnitude(load3(rows[1])), bound),
+        dot_product(magnitude(load3(rows[2])), bound));
+}
+
+// Moves a surface from the geometry's local coordinates to the scene's.
+INLINED placed_surface_t place_surface(const global instance_t *instance, const surface_t *surface)
+{
+    const float3 centre = load3(instance->centre);
+    const float3 reach = transform_bound(instance->to_scene, magnitude(surface->position));
+    const float3 error = ROUND_TRIP_ERROR * reach + PAIR_ERROR * (magnitude(centre) + reach);
+    surface_t padded = *surface;
+    padded.error += transform_bound(instance->to_object, error);
+
+    placed_surface_t placed;
+    float3 low;
+    placed.above = add_exactly(centre, transform_vector(instance->to_scene, point_above(&padded)), &low);
+    placed.above_low = low + load3(instance->centre_low);
+    // Normals are transformed by the transpose of the inverse.
+    const float3 normal = surface->normal;
+    placed.normal = unit_vector(
+        normal.x * load3(instance->to_object[0]) + normal.y * load3(instance->to_object[1])
+        + normal.z * load3(instance->to_object[2]));
+    return placed;
+}
+
+// The surface where a ray's nearest crossing with the scene is.
+INLINED placed_surface_t scene_surface_at(
+    const global instance_t *instances, const global block_t *blocks, const global float *spheres,
+    const scene_ray_pair_t *ray, const search_t *search)
+{
+    const global instance_t *instance = instances + search->instance_index;
+    const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
+#if HAS_SPHERES
+    if (instance->kind == KIND_SPHERES) {
+        float t_shift;
+        const ray_t inside = enter_instance(ray, instance, INFINITY, &t_shift);
+        const ball_t ball = ball_at((const global sphere_block_t *)own_blocks, search->nearest.triangle_index);
+        const surface_t surface = sphere_surface_at(&ball, search->nearest.u > 0.0f, &inside);
+        return place_surface(instance, &surface);
+    }
+#endif
+    const float3 direction = transform_vector(instance->to_object, ray->ray.direction);
+    const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
+    const surface_t surface = surface_at(&corners, &search->nearest, direction);
+    return place_surface(instance, &surface);
+}

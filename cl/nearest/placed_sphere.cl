@@ -1,0 +1,55 @@
+// The distance of the point from a sphere of a placed geometry: of a single one, or, if WIDTH is defined, of WIDTH
+// spheres in lanes. Both have the same bits.
+
+#include "nearest/ellipsoid.cl"
+#include "nearest/metric.cl"
+#include "nearest/point_sphere.cl"
+#include "nearest/point_triangle.cl"
+#include "nearest/search.cl"
+
+// The primitives are balls: at distance zero from the points inside, and not near any others.
+#define KIND_BALLS (KIND_SPHERES + 1)
+
+// The squared distance, in units of the metric, from the ellipsoid that a sphere is in the scene.
+INLINED float distance_squared_to_stretched_sphere(
+    const metric_t *metric, const float x, const float y, const float z, const float radius)
+{
+    const float3 centre = (float3)(x, y, z);
+    const float3 position = (float3)(
+        dot_product(metric->axes[0], centre), dot_product(metric->axes[1], centre),
+        dot_product(metric->axes[2], centre));
+    return distance_squared_to_ellipsoid(magnitude(position), metric->half_lengths * radius);
+}
+
+// The squared distance in units of the metric; `centre` and `radius` are in the geometry's local coordinates.
+INLINED real_t distance_squared_to_placed_sphere(const nearest_t *nearest, const point_t centre, const real_t radius)
+{
+    const metric_t *metric = &nearest->metric;
+    if (nearest->kind == KIND_BALLS) {
+        const point_t away = {
+            centre.x - nearest->point.x, centre.y - nearest->point.y, centre.z - nearest->point.z};
+        return dot_of(away, away) < radius * radius ? (real_t)(0.0f) : (real_t)(INFINITY);
+    }
+    const point_t placed = place_point(metric, centre.x, centre.y, centre.z);
+    if (metric->keeps_spheres) {
+        return distance_squared_to_sphere(placed, metric->half_lengths.x * radius);
+    }
+#ifdef WIDTH
+    union {
+        lanes_t lanes[4];
+        float of_lane[4][WIDTH];
+    } spheres = {{placed.x, placed.y, placed.z, radius}};
+    union {
+        lanes_t lanes;
+        float of_lane[WIDTH];
+    } squared;
+    for (int lane = 0; lane < WIDTH; lane++) {
+        squared.of_lane[lane] = distance_squared_to_stretched_sphere(
+            metric, spheres.of_lane[0][lane], spheres.of_lane[1][lane], spheres.of_lane[2][lane],
+            spheres.of_lane[3][lane]);
+    }
+    return squared.lanes;
+#else
+    return distance_squared_to_stretched_sphere(metric, placed.x, placed.y, placed.z, radius);
+#endif
+}

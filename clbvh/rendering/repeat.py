@@ -1,0 +1,184 @@
+"""Copies of an object: in a grid, or scattered on the surface of another one.
+
+Owns where the copies stand, as matrices. Must not know of files.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..geometry.surface_samples import DRAWS_PER_POINT, sample_surface
+from .vectors import Vector, check_vector
+
+# Copies of all objects of a scene: 128 MB of matrices. Each costs some microseconds of Python, too.
+MAX_COPIES = 1_000_000
+
+ALIGNMENTS = ("up", "normal")
+
+# Opposite directions have no shortest rotation between them. Below this value of 1 + cosine they count as opposite.
+_OPPOSITE = 1e-18
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Copies in rows, columns and storeys, around the object's own position.
+
+    Attributes
+    ----------
+    counts : (3,) int
+        Along x, y and z.
+    spacing : (3,) float, the scene's units
+        Between neighbours.
+
+    Raises
+    ------
+    SceneError
+        A count is less than 1, there are too many copies, or a spacing is not finite.
+    """
+
+    counts: tuple[int, int, int]
+    spacing: Vector
+
+    def __post_init__(self) -> None:
+        if min(self.counts) < 1:
+            raise SceneError(f"a grid needs counts from 1, not {list(self.counts)}")
+        check_vector("the grid's spacing", self.spacing)
+        check_copies(self.count)
+
+    @property
+    def count(self) -> int:
+        """The number of copies."""
+        return math.prod(self.counts)
+
+    def matrices(self, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (count, 4, 4) float64 transforms, x fastest; `matrix` (4, 4) is that of the object."""
+        axes = [
+            (np.arange(number) - (number - 1) / 2) * step
+            for number, step in zip(self.counts, self.spacing, strict=True)
+        ]
+        z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
+        copies = np.repeat(matrix[None], self.count, axis=0)
+        copies[:, :3, 3] += np.stack((x, y, z), axis=-1).reshape(-1, 3)
+        return copies
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Copies at random points of another object's surface: as many per area everywhere.
+
+    Attributes
+    ----------
+    on : str
+        The label of the other object.
+    count : int
+    seed : int
+        The same seed gives the same copies; a larger count keeps the first ones.
+    scale : (2,) float
+        The smallest and the largest scale of a copy, on top of the object's own.
+    align : str
+        One of `ALIGNMENTS`: ``up`` leaves the copies upright, ``normal`` tilts their up direction to the surface's
+        normal.
+    turn : bool
+        Whether each copy is turned about its up direction, by a random angle.
+
+    Raises
+    ------
+    SceneError
+        A value is out of range, or there are too many copies.
+    """
+
+    on: str
+    count: int
+    seed: int = 0
+    scale: tuple[float, float] = (1.0, 1.0)
+    align: str = "up"
+    turn: bool = True
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise SceneError(f"a scatter needs a count from 1, not {self.count}")
+        if self.seed < 0:
+            raise SceneError(f"the scatter's seed must be from 0, not {self.seed}")
+        low, high = self.scale
+        if not 0 < low <= high < math.inf:
+            raise SceneError(f"the scatter's scale must be two numbers, 0 < smallest <= largest, not {[low, high]}")
+        if self.align not in ALIGNMENTS:
+            raise SceneError(f"the scatter's align must be one of {', '.join(ALIGNMENTS)}, not '{self.align}'")
+        check_copies(self.count)
+
+    def matrices(
+        self, matrix: NDArray[np.float64], vertices: NDArray[np.float64], faces: NDArray[np.int32], up: Vector
+    ) -> NDArray[np.float64]:
+        """Return the transforms of the copies.
+
+        Parameters
+        ----------
+        matrix : (4, 4) float64
+            The object's own transform, which comes first: the origin that it leads to lies on the surface.
+        vertices, faces : (V, 3) float64 and (F, 3) int32
+            The surface, in the scene's coordinates.
+        up : (3,) float
+            The scene's up direction.
+
+        Returns
+        -------
+        (count, 4, 4) float64
+
+        Raises
+        ------
+        MeshError
+            The surface has no area.
+        """
+        # One row of random numbers per copy, so that copy i depends on the seed and on i alone.
+        draws = np.random.default_rng(self.seed).random((self.count, DRAWS_PER_POINT + 2))
+        points, normals = sample_surface(vertices, faces, draws[:, :DRAWS_PER_POINT], name=self.on)
+        upward = np.asarray(up, np.float64) / np.linalg.norm(up)
+        low, high = self.scale
+        linear = np.eye(3)[None] * (low + (high - low) * draws[:, -2])[:, None, None]
+        if self.turn:
+            linear = _turn_about(upward, 2 * np.pi * draws[:, -1]) @ linear
+        if self.align == "normal":
+            linear = _turn_onto(upward, normals) @ linear
+        around = np.zeros((self.count, 4, 4))
+        around[:, :3, :3] = linear
+        around[:, :3, 3] = points
+        around[:, 3, 3] = 1
+        return around @ matrix
+
+
+def check_copies(count: int) -> None:
+    """Raise `SceneError` if a scene would have too many instances; for checks before memory is taken."""
+    if count > MAX_COPIES:
+        raise SceneError(f"{count:,} copies are too many: the limit is {MAX_COPIES:,} in a scene file")
+
+
+def _cross_matrix(axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrices (n, 3, 3) of the cross products with (n, 3) vectors."""
+    matrices = np.zeros((len(axes), 3, 3))
+    matrices[:, 2, 1], matrices[:, 0, 2], matrices[:, 1, 0] = axes.T
+    return matrices - matrices.transpose(0, 2, 1)
+
+
+def _turn_about(axis: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotations (n, 3, 3) about one (3,) axis of length 1: Rodrigues' formula."""
+    cross = _cross_matrix(axis[None])
+    return np.eye(3) + np.sin(angles)[:, None, None] * cross + (1 - np.cos(angles))[:, None, None] * (cross @ cross)
+
+
+def _turn_onto(begin: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the shortest rotations (n, 3, 3) that turn a (3,) direction into (n, 3) others, all of length 1."""
+    # 1 + cosine, from the sum of the directions: where they are nearly opposite, 1 + dot would cancel.
+    versed = ((begin + ends) ** 2).sum(axis=1) / 2
+    is_opposite = versed < _OPPOSITE
+    cross = _cross_matrix(np.cross(begin, ends))
+    turns = np.eye(3) + cross + cross @ cross / np.where(is_opposite, 1.0, versed)[:, None, None]
+    # Half a turn about any axis at right angles.
+    aside = np.cross(begin, np.eye(3)[np.argmin(np.abs(begin))])
+    aside /= np.linalg.norm(aside)
+    turns[is_opposite] = 2 * np.outer(aside, aside) - np.eye(3)
+    return turns

@@ -1,0 +1,129 @@
+"""The objects of a scene as the subject of pictures: how they get their trees, and go to the device."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..builders.build import build
+from ..builders.options import MAX_DEPTH
+from ..builders.registry import leaf_limit
+from ..builders.tree_maker import MadeTree, TreeMaker
+from ..bvh import Bvh, validate_tree
+from ..device.session import DeviceSession
+from ..errors import ConfigError, SceneError
+from ..geometry import Mesh
+from ..geometry.sphere_boxes import mesh_of
+from ..scene.state import SceneState
+from ..trace.device_tree import BRUTE
+from ..trace.hits.surface import SceneSurface
+from ..trace.scene.device_scene import DeviceScene
+from .camera import Camera
+from .render_options import RenderOptions
+from .scene import Scene
+from .scene_extent import SceneExtent
+from .scene_objects import SceneObjects
+from .view import make_view
+
+_CHANNELS = 3
+
+
+class SceneSubject:
+    """The objects of a scene. The steps are called in their order: load, build, put.
+
+    Parameters
+    ----------
+    state : SceneState
+    options : RenderOptions
+    stack : ExitStack
+        Ends the workers, which start now.
+
+    Attributes
+    ----------
+    mesh, bvh
+        None: there is no single one.
+    extent : SceneExtent
+    made : MadeTree
+        The sums over all trees, and one of the trees.
+
+    Raises
+    ------
+    SceneError
+        Nothing is placed in the scene.
+    ConfigError
+        The builder makes no trees.
+    """
+
+    mesh = None
+    bvh = None
+
+    def __init__(self, state: SceneState, options: RenderOptions, stack: ExitStack) -> None:
+        if state.instance_count == 0:
+            raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
+        if options.builder == BRUTE:
+            raise ConfigError(
+                "the brute builder draws one mesh, and the scene has several objects: take another builder"
+            )
+        self._state, self._options = state, options
+        self._maker = stack.enter_context(TreeMaker(options, sum(shape.prim_count for shape in state.shapes)))
+        self.made: MadeTree | None = None
+
+    def load(self) -> None:
+        """Find where everything is."""
+        state = self._state
+        self.extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+
+    def build(self) -> None:
+        """Make the tree of each geometry."""
+        made = [self._maker.make(mesh_of(shape)) for shape in self._state.shapes]
+        self._trees = tuple(each.bvh for each in made)
+        timings_ms = {phase: sum(each.timings_ms[phase] for each in made) for phase in ("cache", "build")}
+        self.made = MadeTree(
+            self._trees[0],
+            max(each.workers for each in made),
+            all(each.from_cache for each in made),
+            # The workers start once.
+            {"pool_start": made[-1].timings_ms["pool_start"], **timings_ms},
+            tuple(dict.fromkeys(note for each in made for note in each.notes)),
+        )
+
+    def put(self, session: DeviceSession) -> DeviceScene:
+        """Build the tree over the instances, and put the scene on the device."""
+        self._scene = DeviceScene(session, self._state, self._trees, _build_top, self._options.chosen_layout)
+        return self._scene
+
+    def validate(self) -> None:
+        """Raise `ValidationError` unless all trees are right."""
+        leaf_size = leaf_limit(self._options.builder, self._options.build)
+        for bvh in self._trees:
+            validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
+        validate_tree(self._scene.top.bvh, max_depth=MAX_DEPTH, max_leaf_size=1)
+
+    def arguments(self, session: DeviceSession) -> dict[str, Any]:
+        """Return the arguments of the kernel beside those of the scene: the colours of the instances."""
+        colours = np.zeros((self._state.instance_count, _CHANNELS + 1), np.float32)
+        is_own = ~np.isnan(self._state.colours).any(axis=1)
+        colours[is_own, :_CHANNELS] = self._state.colours[is_own]
+        colours[:, _CHANNELS] = is_own
+        return {"instance_colours": session.upload(colours)}
+
+    def make_view(self, scene: Scene, camera: Camera) -> NDArray[np.void]:
+        """Return the view, (1,) `structs.VIEW`."""
+        boxes = self._scene.top.bvh.mesh
+        return make_view(scene, camera, boxes, self.extent.box_in(boxes))
+
+    def picture_parts(self) -> dict[str, Any]:
+        """Return what a `Picture` keeps of the subject, by its attributes."""
+        surface = SceneSurface(self._scene.surface, self._state.shapes, self._state.names)
+        return {
+            "mesh": None,
+            "bvh": None,
+            "objects": SceneObjects(self._state, surface, self._trees, self._scene.top.bvh),
+        }
+
+
+def _build_top(boxes: Mesh) -> Bvh:
+    return build(boxes, leaf_size=1)

@@ -1,0 +1,263 @@
+"""The automatic view and its turn: the planes of the picture's sides, which tell where the eye has to be."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from .camera import Camera
+from .pose import make_axes
+from .vectors import Vector, as_vector
+
+# The automatic view: from the front, a little from the right and from above, with a margin around what is seen.
+_AZIMUTH_DEGREES = 30.0
+_ELEVATION_DEGREES = 18.0
+_MARGIN = 0.06
+
+# Points without extent still need a distance; in local units.
+_SMALLEST_DISTANCE = 1e-6
+
+
+class LocalSpace(Protocol):
+    """Anything with local coordinates, which are ``(point - origin) * scale``."""
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """(3,) float64, the scene's coordinates."""
+
+    @property
+    def scale(self) -> float:
+        """A power of two."""
+
+
+class Reaches(NamedTuple):
+    """Functions of a point in local coordinates, of each of which the largest value over all points is wanted.
+
+    Function k is ``slopes[k] @ point + around[k] * distance``, with the point's distance from the line through zero
+    along `axis`. It is convex and at most the sum of its values for two parts of the point.
+
+    Attributes
+    ----------
+    slopes : (k, 3) float64
+        Where `around` is not 0, parallel to `axis`.
+    around : (k,) float64
+        At least 0.
+    axis : (3,) float64
+        Unit vector.
+    """
+
+    slopes: NDArray[np.float64]
+    around: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+    def of_points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n, k) float64: the values for (n, 3) points."""
+        values = points @ self.slopes.T
+        if self.around.any():
+            heights = points @ self.axis
+            values += np.linalg.norm(points - heights[:, None] * self.axis, axis=1)[:, None] * self.around
+        return values
+
+    def of_ball(self, linear: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (k,) float64: at least the values for the unit ball after a linear map, (3, 3).
+
+        Equal to the largest ones unless the map stretches the ball and `around` is not 0.
+        """
+        along = np.linalg.norm(self.slopes @ linear, axis=1)
+        if not self.around.any():
+            return along
+        stretch = np.linalg.norm(linear, ord=2)
+        in_turn = np.hypot(np.linalg.norm(self.slopes, axis=1), self.around) * stretch
+        return np.where(self.around > 0, in_turn, along)
+
+
+class ViewBounds:
+    """The planes of a view's four sides, moved inwards until they touch the points, and the depths of the points.
+
+    In local coordinates; the horizontal planes first.
+    """
+
+    def __init__(self) -> None:
+        self.highest, self.lowest = np.full(2, -np.inf), np.full(2, np.inf)
+        self.nearest, self.farthest = np.inf, -np.inf
+
+    def include(
+        self, highest: NDArray[np.float64], lowest: NDArray[np.float64], nearest: float, farthest: float
+    ) -> None:
+        """Widen the bounds by those of more points."""
+        self.highest, self.lowest = np.maximum(self.highest, highest), np.minimum(self.lowest, lowest)
+        self.nearest, self.farthest = min(self.nearest, nearest), max(self.farthest, farthest)
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """(2,) float64: the line of sight, to the right and upwards."""
+        return (self.highest + self.lowest) / 2
+
+
+class View(NamedTuple):
+    """A direction of view, and the slopes of the picture's sides, reduced by the margin.
+
+    Attributes
+    ----------
+    across : (3, 2) float64
+        Unit vectors right and up.
+    forward : (3,) float64
+    tangents : (2,) float64
+        Of half the field of view, horizontal and vertical.
+    """
+
+    across: NDArray[np.float64]
+    forward: NDArray[np.float64]
+    tangents: NDArray[np.float64]
+
+    @classmethod
+    def from_three_quarters(cls, aspect: float, up: Vector, fov: float) -> View:
+        """Return the automatic view."""
+        right, upward, forward = make_axes(-_three_quarter_direction(up), np.asarray(up, np.float64))
+        tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - _MARGIN)
+        return cls(np.stack([right, upward], axis=1), forward, tangents)
+
+    def include(self, bounds: ViewBounds, points: NDArray[np.float64]) -> None:
+        """Widen the bounds by those of (n, 3) points."""
+        depth = points @ self.forward
+        offset = points @ self.across
+        bounds.include(
+            (offset - depth[:, None] * self.tangents).max(axis=0),
+            (offset + depth[:, None] * self.tangents).min(axis=0),
+            depth.min(),
+            depth.max(),
+        )
+
+    def reaches(self) -> Reaches:
+        """Return the functions that `include` evaluates, for `bounds_of`."""
+        leaning = self.tangents[:, None] * self.forward
+        slopes = np.concatenate((self.across.T - leaning, -self.across.T - leaning, [-self.forward, self.forward]))
+        return Reaches(slopes, np.zeros(len(slopes)), self.forward)
+
+    def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
+        """Return the bounds of points whose largest `reaches` are known."""
+        bounds = ViewBounds()
+        bounds.include(largest[:2], -largest[2:4], -float(largest[4]), float(largest[5]))
+        return bounds
+
+    def find_camera(self, bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float) -> Camera:
+        """Return the camera that sees what is within the bounds."""
+        local_eye, distance = self.find_eye(bounds)
+        local_target = local_eye + self.forward * (distance + (bounds.nearest + bounds.farthest) / 2)
+        return _make_camera(space, local_eye, local_target, up, fov)
+
+    def find_eye(self, bounds: ViewBounds) -> tuple[NDArray[np.float64], float]:
+        """Return the nearest eye, and its distance to the plane of depth 0."""
+        distance = float(((bounds.highest - bounds.lowest) / (2 * self.tangents)).max())
+        size = max(bounds.farthest - bounds.nearest, float((bounds.highest - bounds.lowest).max()), _SMALLEST_DISTANCE)
+        # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
+        distance = max(distance, -bounds.nearest + 1e-3 * size)
+        return self.across @ bounds.centre - distance * self.forward, distance
+
+
+class Turn(NamedTuple):
+    """A view during a turn around an axis through zero. Each point moves on a circle.
+
+    Attributes
+    ----------
+    view : View
+    axis, level : (3,) float64
+        Unit vectors: the axis, and the direction of sight without its part along the axis. A point of a circle is at
+        r (cos right + sin level) + h axis.
+    """
+
+    view: View
+    axis: NDArray[np.float64]
+    level: NDArray[np.float64]
+
+    @classmethod
+    def from_three_quarters(cls, aspect: float, up: Vector, fov: float) -> Turn:
+        """Return the turn of the automatic view."""
+        view = View.from_three_quarters(aspect, up, fov)
+        axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+        level = view.forward - axis * (axis @ view.forward)
+        level /= np.linalg.norm(level)
+        return cls(view, axis, level)
+
+    def include(self, bounds: ViewBounds, points: NDArray[np.float64]) -> None:
+        """Widen the bounds by those of the circles of (n, 3) points."""
+        axis, level, upward = self.axis, self.level, self.view.across[:, 1]
+        level_depth, axis_depth = level @ self.view.forward, axis @ self.view.forward
+        wide, high = self.view.tangents
+        height = points @ axis
+        radius = np.linalg.norm(points - height[:, None] * axis, axis=1)
+        side = radius * math.hypot(1.0, level_depth * wide)
+        above = radius * abs(level @ upward - level_depth * high) + height * (axis @ upward - axis_depth * high)
+        below = height * (axis @ upward + axis_depth * high) - radius * abs(level @ upward + level_depth * high)
+        bounds.include(
+            np.array([(side - height * axis_depth * wide).max(), above.max()]),
+            np.array([(height * axis_depth * wide - side).min(), below.min()]),
+            (height * axis_depth - radius * level_depth).min(),
+            (height * axis_depth + radius * level_depth).max(),
+        )
+
+    def reaches(self) -> Reaches:
+        """Return the functions that `include` evaluates, for `bounds_of`."""
+        axis, level, upward = self.axis, self.level, self.view.across[:, 1]
+        level_depth, axis_depth = float(level @ self.view.forward), float(axis @ self.view.forward)
+        wide, high = self.view.tangents
+        heights = [
+            -axis_depth * wide,
+            axis @ upward - axis_depth * high,
+            -(axis @ upward + axis_depth * high),
+            -axis_depth,
+            axis_depth,
+        ]
+        around = [
+            math.hypot(1.0, level_depth * wide),
+            abs(level @ upward - level_depth * high),
+            abs(level @ upward + level_depth * high),
+            level_depth,
+            level_depth,
+        ]
+        return Reaches(np.array(heights)[:, None] * axis, np.array(around), axis)
+
+    def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
+        """Return the bounds of points whose largest `reaches` are known."""
+        side, above, below, nearest, farthest = largest
+        bounds = ViewBounds()
+        bounds.include(np.array([side, above]), np.array([-side, -below]), -float(nearest), float(farthest))
+        return bounds
+
+    def find_camera(self, bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float) -> Camera:
+        """Return the camera whose turn sees what is within the bounds."""
+        local_eye, _ = self.view.find_eye(bounds)
+        level_depth = self.level @ self.view.forward
+        # Where the line of sight meets the axis.
+        local_target = self.axis * (
+            self.axis @ (local_eye - self.view.forward * (local_eye @ self.level) / level_depth)
+        )
+        return _make_camera(space, local_eye, local_target, up, fov)
+
+
+def _make_camera(
+    space: LocalSpace, local_eye: NDArray[np.float64], local_target: NDArray[np.float64], up: Vector, fov: float
+) -> Camera:
+    """Return the camera at a point in local coordinates that looks at another one."""
+    eye, look_at = (as_vector(space.origin + point / space.scale) for point in (local_eye, local_target))
+    return Camera(eye, look_at, up, fov)
+
+
+def _three_quarter_direction(up: Vector) -> NDArray[np.float64]:
+    """Return the unit vector from the mesh towards the camera."""
+    upward = np.asarray(up, np.float64)
+    if not np.isfinite(upward).all() or not np.linalg.norm(upward) > 0:
+        raise SceneError(f"the camera's up must be a finite direction of length above 0, not {up}")
+    upward = upward / np.linalg.norm(upward)
+    # The front is +z if y is up, and -y if z is up, as in modelling programs.
+    front = np.array([0.0, 0.0, 1.0]) if abs(upward[2]) < abs(upward[1]) else np.array([0.0, -1.0, 0.0])
+    front = front - upward * (front @ upward)
+    front /= np.linalg.norm(front)
+    side = np.cross(upward, front)
+    azimuth, elevation = math.radians(_AZIMUTH_DEGREES), math.radians(_ELEVATION_DEGREES)
+    level = math.cos(azimuth) * front + math.sin(azimuth) * side
+    return math.cos(elevation) * level + math.sin(elevation) * upward

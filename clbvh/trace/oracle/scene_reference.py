@@ -1,0 +1,432 @@
+"""The oracle for scenes: every primitive of every visible instance against every ray, in float64, on the host.
+
+It shares no code with the device. As the oracle for one mesh, it says whether an answer is right, because a ray that
+passes an edge closer than float32 resolves has no single right answer; and where there is one, it has the answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.mesh import Mesh
+from ...structs import NO_PRIM
+from ...support.compiled import compiled
+from .placement import Blur, Placement, SceneLike, place_instances, scene_radius
+from .scene_crossings import Crossings, Rays, find_crossings
+
+# Of u + v, in float64 and in float32.
+_MOST_UV = 1.0 + 2.0**-20
+
+# Of the point where a ray crosses a plane, as a share of its distance, for a ray at right angles to it: even float64
+# cannot tell where a ray crosses a plane that it lies in.
+_FLOAT64_SLACK = 2.0**-44
+
+
+class ReferenceHits(NamedTuple):
+    """The nearest crossing of each ray.
+
+    Attributes
+    ----------
+    t : (n,) float64
+        Infinite on a miss.
+    instance_id, geometry_id, prim_id : (n,) int64
+        -1 on a miss.
+    is_decided : (n,) bool
+        Whether no other answer can be right.
+    """
+
+    t: NDArray[np.float64]
+    instance_id: NDArray[np.int64]
+    geometry_id: NDArray[np.int64]
+    prim_id: NDArray[np.int64]
+    is_decided: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class SceneDifference:
+    """A ray whose answer is wrong.
+
+    Attributes
+    ----------
+    ray : int
+    reason : str
+    obtained, expected : tuple of float, int, int
+        t, instance and primitive of the traversal, and of the nearest crossing that is sure; infinite, -1 and -1 if
+        there is none.
+    """
+
+    ray: int
+    reason: str
+    obtained: tuple[float, int, int]
+    expected: tuple[float, int, int]
+
+    def __str__(self) -> str:
+        return f"ray {self.ray}: obtained {_say(*self.obtained)}, expected {_say(*self.expected)}: {self.reason}"
+
+
+def _say(t: float, instance_id: int, prim_id: int) -> str:
+    return f"t = {t:.9g} on primitive {prim_id} of instance {instance_id}"
+
+
+# Why an answer is wrong, by the numbers that `_judge` returns.
+_RIGHT, _MISSED, _NOT_THERE, _BEHIND, _TWIN, _MISS_WITH_T, _BESIDE, _GEOMETRY = range(8)
+_REASONS = {
+    _MISSED: "a primitive is surely hit",
+    _NOT_THERE: "the ray does not cross this primitive at this t",
+    _BEHIND: "another primitive is surely hit before it",
+    _TWIN: "an equal primitive in the same place has smaller ids",
+    _MISS_WITH_T: "a miss has no t and no ids",
+    _BESIDE: "u and v name a point that is not on the ray, or not in the primitive",
+    _GEOMETRY: "this is not the geometry of the instance",
+}
+
+
+class SceneReference:
+    """Answers about one scene, by every primitive.
+
+    Parameters
+    ----------
+    scene : SceneState
+        Or anything with its fields `shapes`, `geometry_ids`, `transforms` and `masks`.
+    blur : Blur, optional
+        How far the device may be off.
+    """
+
+    def __init__(self, scene: SceneLike, blur: Blur | None = None) -> None:
+        self._scene = scene
+        self._blur = blur or Blur()
+        self._placements = place_instances(scene)
+
+    def crossings(self, rays: Rays) -> Crossings:
+        """Return every crossing that there can be."""
+        return find_crossings(self._scene, rays, self._blur)
+
+    def closest_hit(self, rays: Rays, crossings: Crossings | None = None) -> ReferenceHits:
+        """Return the nearest crossing of each ray that is sure; at equal t that of the smaller (instance, primitive).
+
+        Parameters
+        ----------
+        rays : Rays
+        crossings : Crossings, optional
+            Of these rays, if they are known already.
+        """
+        known = self.crossings(rays) if crossings is None else crossings
+        first, is_decided = np.empty(len(rays.t_min), np.int64), np.empty(len(rays.t_min), np.bool_)
+        _find_closest(known, first, is_decided)
+        return ReferenceHits(
+            _take(known.t, first, np.inf), _take(known.instance_id, first, NO_PRIM),
+            _take(known.geometry_id, first, NO_PRIM), _take(known.prim_id, first, NO_PRIM), is_decided,
+        )  # fmt: skip
+
+    def count_range(self, rays: Rays) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the least and the greatest number of crossings that each ray can have, (n,) int64 each.
+
+        A query for any hit is right if it is true where the least is above 0, and false where the greatest is 0.
+        """
+        known = self.crossings(rays)
+        return known.sure_counts, np.diff(known.offsets)
+
+    def find_differences(self, rays: Rays, hits: Any, crossings: Crossings | None = None) -> list[SceneDifference]:
+        """Return the rays whose closest hit cannot be right.
+
+        Parameters
+        ----------
+        rays : Rays
+        hits : Hits
+            The answers of a traversal for these rays, with their ids.
+        crossings : Crossings, optional
+            Of these rays, if they are known already.
+
+        Returns
+        -------
+        list of SceneDifference
+            A hit is right when its primitive is crossed, or too close to call, at that t; u and v name a point of it on
+            the ray; and no primitive is surely crossed before it, nor a twin of it has smaller ids. A miss is right
+            when no primitive is surely crossed.
+        """
+        known = self.crossings(rays) if crossings is None else crossings
+        t, instance, prim = _ids(hits)
+        reasons, meant = np.empty(len(t), np.int64), np.full(len(t), -1, np.int64)
+        _judge(known, rays.t_min, rays.t_max, t, instance, prim, reasons, meant)
+        is_hit = np.flatnonzero((reasons == _RIGHT) & (prim != NO_PRIM))
+        reasons[is_hit] = self._judge_points(rays, hits, known, is_hit, is_hit, meant[is_hit])
+        miss_ids = np.stack([np.asarray(ids).reshape(-1) for ids in (hits.instance_id, hits.geometry_id)])
+        reasons[(prim == NO_PRIM) & (miss_ids != NO_PRIM).any(axis=0)] = _MISS_WITH_T
+        expected = self.closest_hit(rays, known)
+        return [
+            SceneDifference(
+                int(ray), _REASONS[int(reasons[ray])], (float(t[ray]), int(instance[ray]), int(prim[ray])),
+                (float(expected.t[ray]), int(expected.instance_id[ray]), int(expected.prim_id[ray])),
+            )
+            for ray in np.flatnonzero(reasons != _RIGHT)
+        ]  # fmt: skip
+
+    def find_wrong_crossings(self, rays: Rays, hits: Any, crossings: Crossings | None = None) -> NDArray[np.int64]:
+        """Return the rays whose crossings cannot be all that there are, or not in this order.
+
+        Parameters
+        ----------
+        rays : Rays
+        hits : AllHits
+            The answers of a traversal for these rays, with their ids.
+        crossings : Crossings, optional
+            Of these rays, if they are known already.
+
+        Returns
+        -------
+        (m,) int64
+            Rays that surely miss a primitive they are said to cross, or surely cross one they are not; that cross one
+            too often; whose crossings are not in the order of t; or where twins are not in the order of their ids, or
+            one of them is missing.
+        """
+        known = self.crossings(rays) if crossings is None else crossings
+        t, instance, prim = _ids(hits)
+        is_wrong, meant = np.zeros(len(rays.t_min), np.bool_), np.full(len(t), -1, np.int64)
+        offsets = np.asarray(hits.offsets, np.int64)
+        _judge_crossings(known, rays.t_min, rays.t_max, offsets, t, instance, prim, is_wrong, meant)
+        ray_of_hit = np.repeat(np.arange(len(is_wrong)), np.diff(offsets))
+        judged = np.flatnonzero(~is_wrong[ray_of_hit])
+        points = self._judge_points(rays, hits, known, judged, ray_of_hit[judged], meant[judged])
+        is_wrong[ray_of_hit[judged[points != _RIGHT]]] = True
+        return np.flatnonzero(is_wrong)
+
+    def _judge_points(
+        self,
+        rays: Rays,
+        hits: Any,
+        known: Crossings,
+        indices: NDArray[np.int64],
+        ray_ids: NDArray[np.int64],
+        meant: NDArray[np.int64],
+    ) -> NDArray[np.int64]:
+        """Say of hits by their indices, whose ids and t are right, whether u and v are.
+
+        They must name the point of the primitive that is nearest to the ray, about where the crossing is that is meant.
+        """
+        verdicts = np.full(len(indices), _RIGHT, np.int64)
+        _, instance, prim = _ids(hits)
+        geometry = np.asarray(hits.geometry_id, np.int64).reshape(-1)
+        u, v = (np.asarray(values, np.float64).reshape(-1) for values in (hits.u, hits.v))
+        is_refined = np.asarray(hits.t).dtype == np.float64
+        size = scene_radius(self._placements) if self._placements else 0.0
+        for placed in self._placements:
+            mine = np.flatnonzero(instance[indices] == placed.instance_id)
+            if len(mine) == 0:
+                continue
+            chosen, of_rays = indices[mine], ray_ids[mine]
+            seen = _see(placed, self._blur, size, rays, of_rays)
+            points, is_inside = _place_points(placed, prim[chosen], u[chosen], v[chosen])
+            slack = 2.0 * seen.blurs
+            if isinstance(placed.shape, Mesh):
+                growth, angle = _see_triangles(placed, prim[chosen], seen)
+                slack = slack + _FLOAT64_SLACK * np.linalg.norm(seen.origins, axis=1) / angle
+                if not is_refined:
+                    slack = slack * growth
+            else:
+                slack = slack * np.linalg.norm(placed.to_world, 2) * placed.local_growth
+            ways = points - seen.origins
+            along = _dot(ways, seen.directions)
+            beside = np.linalg.norm(ways - along[:, None] * seen.directions, axis=1)
+            low, high = (
+                values[meant[mine]] * (rays.lengths[of_rays] / placed.unit) for values in (known.t_low, known.t_high)
+            )
+            is_right = is_inside & (beside <= slack) & (along >= low - slack) & (along <= high + slack)
+            verdicts[mine[~is_right]] = _BESIDE
+            verdicts[mine[geometry[chosen] != placed.geometry_id]] = _GEOMETRY
+        return verdicts
+
+
+def _ids(hits: Any) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    return (
+        np.asarray(hits.t, np.float64).reshape(-1),
+        np.asarray(hits.instance_id, np.int64).reshape(-1),
+        np.asarray(hits.prim_id, np.int64).reshape(-1),
+    )
+
+
+def _take(values: NDArray, indices: NDArray[np.int64], missing: float) -> NDArray:
+    """Return the values at the indices; `missing` where an index is -1."""
+    taken = np.full(len(indices), missing, values.dtype)
+    taken[indices >= 0] = values[indices[indices >= 0]]
+    return taken
+
+
+class _Seen(NamedTuple):
+    """Rays as an instance sees them, in its unit around its centre, and their blurs."""
+
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    blurs: NDArray[np.float64]
+
+
+def _see(placed: Placement, blur: Blur, size: float, rays: Rays, of_rays: NDArray[np.int64]) -> _Seen:
+    origins = placed.to_unit(rays.origins[of_rays])
+    directions = rays.directions[of_rays] / rays.lengths[of_rays, None]
+    return _Seen(origins, directions, placed.blurs(blur, origins, size)[0])
+
+
+def _place_points(
+    placed: Placement, prims: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the points (u, v) of primitives in the instance's unit, and whether they are in the primitives."""
+    shape = placed.shape
+    if isinstance(shape, Mesh):
+        corners = (shape.local_vertices.astype(np.float64) @ placed.to_world.T)[shape.faces[prims]]
+        weights = np.stack((1.0 - u - v, u, v), axis=1)
+        return np.einsum("ni,nij->nj", weights, corners), (u >= 0.0) & (v >= 0.0) & (u + v <= _MOST_UV)
+    # u is the azimuth in turns, v the angle from the z axis in half turns.
+    azimuth, polar = 2.0 * np.pi * u, np.pi * v
+    normals = np.stack((np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)), axis=1)
+    radii = shape.local_radii.astype(np.float64)[prims, None]
+    points = (shape.local_centres.astype(np.float64)[prims] + radii * normals) @ placed.to_world.T
+    return points, (u >= 0.0) & (u < 1.0) & (v >= 0.0) & (v <= 1.0)
+
+
+def _see_triangles(
+    placed: Placement, prims: NDArray[np.int64], seen: _Seen
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how the device's own u and v magnify the blur, and the sine of the angle between ray and triangle.
+
+    A blurred corner changes the area opposite it by the blur times an edge, and so the weight of another corner.
+    """
+    assert isinstance(placed.shape, Mesh)
+    corners = (placed.shape.local_vertices.astype(np.float64) @ placed.to_world.T)[placed.shape.faces[prims]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.maximum(np.abs(_dot(normals, seen.directions)), np.finfo(np.float64).tiny)
+    ways = corners - seen.origins[:, None]
+    across = ways - np.einsum("nij,nj->ni", ways, seen.directions)[..., None] * seen.directions[:, None]
+    reaches = np.linalg.norm(across, axis=2).sum(axis=1)
+    longest = np.linalg.norm(across - np.roll(across, 1, axis=1), axis=2).max(axis=1)
+    return 1.0 + longest * reaches / areas, areas / np.linalg.norm(normals, axis=1)
+
+
+def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.einsum("ni,ni->n", one, other)
+
+
+@compiled
+def _find_closest(known, first, is_decided):
+    """Write the index of each ray's nearest sure crossing, or -1, and whether no other answer can be right."""
+    for ray in range(len(first)):
+        begin, end = known.offsets[ray], known.offsets[ray + 1]
+        first[ray], is_decided[ray] = -1, begin == end
+        for index in range(begin, end):
+            if known.is_sure[index]:
+                first[ray] = index
+                break
+        nearest = first[ray]
+        if nearest < 0:
+            continue
+        is_decided[ray] = True
+        for other in range(begin, end):
+            if other != nearest and not _is_twin(known, other, nearest):
+                is_behind = known.t_low[other] - _slack(known, other, nearest) > known.t_high[nearest]
+                is_decided[ray] &= is_behind
+
+
+@compiled
+def _is_twin(known, one, other):
+    """Return whether two crossings are those of equal primitives in the same place, at the same t."""
+    return (
+        known.twin_instance[one] == known.twin_instance[other]
+        and known.twin_prim[one] == known.twin_prim[other]
+        and known.side[one] == known.side[other]
+    )
+
+
+@compiled
+def _slack(known, one, other):
+    """Return by how much the t of two crossings may be off besides, where they are compared."""
+    if known.instance_id[one] == known.instance_id[other]:
+        return 0.0
+    return known.t_slack[one] + known.t_slack[other]
+
+
+@compiled
+def _judge(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
+    """Write why each hit is wrong, and which crossing is meant; see `find_differences`. NaN is wrong."""
+    for ray in range(len(reasons)):
+        begin, end = known.offsets[ray], known.offsets[ray + 1]
+        if prims[ray] == NO_PRIM:
+            reasons[ray] = _RIGHT if ts[ray] == np.inf else _MISS_WITH_T
+            for index in range(begin, end):
+                if known.is_sure[index]:
+                    reasons[ray] = _MISSED
+            continue
+        # The crossing that is meant. Of a sphere there are two, so any of them will do.
+        reasons[ray] = _NOT_THERE
+        for meant in range(begin, end):
+            if known.instance_id[meant] != instances[ray] or known.prim_id[meant] != prims[ray]:
+                continue
+            low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
+            if not low <= ts[ray] <= high:
+                continue
+            reason = _RIGHT
+            for other in range(begin, end):
+                if known.is_sure[other] and known.t_high[other] + _slack(known, other, meant) < known.t_low[meant]:
+                    reason = _BEHIND
+                if _is_twin(known, other, meant) and (
+                    known.instance_id[other] < instances[ray]
+                    or (known.instance_id[other] == instances[ray] and known.prim_id[other] < prims[ray])
+                ):
+                    reason = _TWIN
+            reasons[ray], meant_of[ray] = reason, meant
+            if reason == _RIGHT:
+                break
+
+
+@compiled
+def _limited(known, crossing, t_min, t_max):
+    """Return the interval in which the t of a crossing may be reported."""
+    return min(max(known.t_low[crossing], t_min), t_max), min(max(known.t_high[crossing], t_min), t_max)
+
+
+@compiled
+def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wrong, meant_of):
+    """Write which rays' crossings are wrong, and which crossings are meant; see `find_wrong_crossings`."""
+    is_used = np.zeros(len(known.t), np.bool_)
+    for ray in range(len(is_wrong)):
+        begin, end = known.offsets[ray], known.offsets[ray + 1]
+        latest = -np.inf
+        for hit in range(offsets[ray], offsets[ray + 1]):
+            # Each crossing found is one that there can be. A t may be raised to that of the crossing before it.
+            for raised in (-np.inf, latest):
+                for meant in range(begin, end):
+                    low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
+                    if (
+                        meant_of[hit] < 0
+                        and not is_used[meant]
+                        and known.instance_id[meant] == instances[hit]
+                        and known.prim_id[meant] == prims[hit]
+                        and low <= ts[hit] <= max(high, raised)
+                    ):
+                        is_used[meant] = True
+                        meant_of[hit] = meant
+            meant = meant_of[hit]
+            if meant < 0 or (hit > offsets[ray] and not ts[hit] >= ts[hit - 1]):
+                is_wrong[ray] = True
+                break
+            latest = max(latest, _limited(known, meant, t_mins[ray], t_maxs[ray])[1])
+
+            # None of those before it is surely behind it; and of twins, those with smaller ids come first.
+            for before in range(offsets[ray], hit):
+                earlier = meant_of[before]
+                if known.t_high[meant] + _slack(known, meant, earlier) < known.t_low[earlier]:
+                    is_wrong[ray] = True
+                if _is_twin(known, meant, earlier) and (
+                    instances[hit] < instances[before]
+                    or (instances[hit] == instances[before] and prims[hit] < prims[before])
+                ):
+                    is_wrong[ray] = True
+
+        # None that is sure is missing, and no twin of one that is found.
+        for index in range(begin, end):
+            if is_used[index]:
+                continue
+            is_wrong[ray] |= known.is_sure[index]
+            for other in range(begin, end):
+                is_wrong[ray] |= is_used[other] and _is_twin(known, index, other)

@@ -1,0 +1,212 @@
+"""Random scenes on a grid: a few shapes, instances of every kind, and rays that are hard for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+from hypothesis import strategies as st
+
+import clbvh
+from clbvh import Mesh, Spheres, make_shape
+from clbvh.scene.state import SceneState
+from clbvh.trace.oracle.scene_crossings import Rays
+from clbvh.trace.oracle.scene_reference import SceneReference
+
+from ..unit.trace.scene_states import ALL, affine, make_state, turn
+
+GRID = 4
+RAYS = 120
+
+# Instances may be this far away, in units of the grid.
+FAR = 1e7
+
+# The sine of the angle below which a ray lies in a triangle's plane.
+EDGE_ON = 2.0**-24
+
+MASKS = (ALL, ALL, ALL, 1, 2, 3, 0)
+RAY_MASKS = (ALL, 1, 2, 4)
+
+
+@dataclass(frozen=True)
+class RandomScene:
+    """A scene and rays for it, as the oracle and as the tracer take them; and the call that makes it again."""
+
+    call: str
+    state: SceneState
+    origins: np.ndarray
+    directions: np.ndarray
+    generator: np.random.Generator
+
+    def __repr__(self) -> str:
+        return self.call
+
+    def _repr_pretty_(self, printer, is_cycle) -> None:
+        """Let hypothesis show the call, not the arrays."""
+        printer.text(self.call)
+
+    def contents(self) -> clbvh.Scene:
+        """The scene by its public interface."""
+        scene = clbvh.Scene()
+        geometries = [scene.add(shape) for shape in self.state.shapes]
+        for geometry, transform, mask in zip(
+            self.state.geometry_ids, self.state.transforms, self.state.masks, strict=True
+        ):
+            scene.place(geometries[geometry], transform, mask=int(mask))
+        return scene
+
+
+def _as_mesh(corners: np.ndarray) -> Mesh:
+    return Mesh.from_arrays(corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3))
+
+
+def _make_soup(generator: np.random.Generator) -> Mesh:
+    corners = generator.integers(-GRID, GRID, (generator.integers(1, 12), 3, 3), endpoint=True).astype(np.float64)
+    copied = generator.random(len(corners)) < 0.2
+    corners[copied] = corners[0]
+    flat = generator.random(len(corners)) < 0.2
+    corners[flat, :, generator.integers(0, 3)] = generator.integers(-GRID, GRID)
+    return _as_mesh(corners)
+
+
+def _make_line(generator: np.random.Generator) -> Mesh:
+    """Degenerate triangles only: no ray hits them."""
+    return _as_mesh(np.array([[0, 0, 0], [1, 1, 0], [2, 2, 0]]) + generator.integers(-GRID, GRID, (3, 1, 3)))
+
+
+def _make_cube(generator: np.random.Generator) -> Mesh:
+    box = trimesh.creation.box(2 * generator.integers(1, GRID, 3))
+    return Mesh.from_arrays(box.vertices + generator.integers(-GRID, GRID, 3), box.faces)
+
+
+def _make_ball(generator: np.random.Generator) -> Mesh:
+    ball = make_shape("icosphere", triangles=80)
+    return Mesh.from_arrays(ball.vertices * GRID, ball.faces)
+
+
+def _make_spheres(generator: np.random.Generator) -> Spheres:
+    """Overlapping, nested, touching and equal ones."""
+    count = generator.integers(1, 10)
+    centres = generator.integers(-GRID, GRID, (count, 3), endpoint=True)
+    radii = generator.integers(1, GRID, count, endpoint=True) / generator.choice([1, 4])
+    copied = generator.random(count) < 0.2
+    centres[copied], radii[copied] = centres[0], radii[0]
+    return Spheres(centres, radii)
+
+
+MESH_KINDS = {"soup": _make_soup, "line": _make_line, "cube": _make_cube, "ball": _make_ball}
+KINDS = {**MESH_KINDS, "spheres": _make_spheres, "more spheres": _make_spheres}
+
+
+def _right_turn(generator: np.random.Generator) -> np.ndarray:
+    """An orthogonal matrix of the grid, half of them mirrors."""
+    return np.eye(3)[generator.permutation(3)] * generator.choice([-1, 1], 3)
+
+
+def _any_turn(generator: np.random.Generator) -> np.ndarray:
+    one, other, third = (turn(axis, generator.uniform(0, 2 * np.pi)) for axis in range(3))
+    return one @ other @ third
+
+
+def _shear(generator: np.random.Generator) -> np.ndarray:
+    return np.eye(3) + np.triu(generator.integers(-2, 2, (3, 3), endpoint=True), 1)
+
+
+LINEAR = {
+    "none": lambda generator: np.eye(3),
+    "right turn": _right_turn,
+    "turn": _any_turn,
+    "scale": lambda generator: np.diag(generator.choice([0.25, 0.5, 2, 3, -1], 3)),
+    "shear": lambda generator: _right_turn(generator) @ _shear(generator),
+    "all": lambda generator: _any_turn(generator) @ np.diag(generator.choice([0.25, 0.5, 2, 3], 3)) @ _shear(generator),
+}
+
+
+def _offset(generator: np.random.Generator, is_far: bool) -> np.ndarray:
+    """On the grid, often zero; so that instances overlap, lie within each other, and touch."""
+    near = generator.integers(-3 * GRID, 3 * GRID, 3, endpoint=True) * (generator.random(3) < 0.6)
+    return near + is_far * FAR * generator.integers(-1, 1, 3, endpoint=True)
+
+
+def make_rays(state: SceneState, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Rays along axes and in all directions, to points of instances and past them, from near, far, and within."""
+    chosen = generator.integers(0, len(state.transforms), RAYS)
+    local = generator.integers(-2 * GRID, 2 * GRID, (RAYS, 3), endpoint=True) / 2
+    for index, instance in enumerate(chosen):
+        shape = state.shapes[state.geometry_ids[instance]]
+        if generator.random() < 0.5:
+            points = shape.vertices if isinstance(shape, Mesh) else shape.centres
+            local[index] = points[generator.integers(0, len(points))]
+    linear, offset = state.transforms[chosen, :3, :3], state.transforms[chosen, :3, 3]
+    targets = np.einsum("nij,nj->ni", linear, local) + offset
+    ways = generator.integers(-GRID, GRID, (RAYS, 3), endpoint=True).astype(np.float64)
+    along_axis = generator.random(RAYS) < 0.4
+    ways[along_axis] = np.eye(3)[generator.integers(0, 3, along_axis.sum())] * generator.choice([-1, 1])
+    ways[(ways == 0).all(axis=1)] = [0, 0, 1]
+    # In the instance's own directions, or in the world's.
+    in_object = generator.random(RAYS) < 0.5
+    ways[in_object] = np.einsum("nij,nj->ni", linear, ways)[in_object]
+    steps = generator.choice([0, 1, 2, 10, 1000, FAR], RAYS, p=[0.15, 0.2, 0.2, 0.3, 0.1, 0.05])
+    return targets - steps[:, None] * ways, ways * generator.choice([1.0, 0.125, 1e3], (RAYS, 1))
+
+
+def scale_scene(scene: RandomScene, scale: float) -> RandomScene:
+    """The scene in another unit: all instances and rays are larger by a factor."""
+    transforms = scene.state.transforms.copy()
+    transforms[:, :3] *= scale
+    return replace(
+        scene, call=f"scale_scene({scene.call}, {scale!r})",
+        state=scene.state.with_transforms(np.arange(len(transforms)), transforms),
+        origins=scene.origins * scale, directions=scene.directions * scale,
+    )  # fmt: skip
+
+
+def make_scene(seed: int, kinds: tuple[str, ...], linear: tuple[str, ...], *, is_far: bool = False) -> RandomScene:
+    """A scene of the shapes of some kinds, placed by linear maps of some kinds, some of them twice."""
+    generator = np.random.default_rng(seed)
+    shapes = [KINDS[kind](generator) for kind in kinds]
+    placed = []
+    for kind in linear:
+        far = is_far and generator.random() < 0.5
+        matrix = affine(LINEAR[kind](generator), _offset(generator, far))
+        placed.append((int(generator.integers(0, len(shapes))), matrix, int(generator.choice(MASKS))))
+        if generator.random() < 0.25:
+            # Again in the same place, with another mask.
+            placed.append((*placed[-1][:2], int(generator.choice(MASKS))))
+    state = make_state(shapes, *placed)
+    call = f"make_scene({seed}, {kinds}, {linear}, is_far={is_far})"
+    return without_edge_on_rays(RandomScene(call, state, *make_rays(state, generator), generator))
+
+
+def without_edge_on_rays(scene: RandomScene) -> RandomScene:
+    """The scene without rays that lie in the plane of a triangle that they may cross, but for rounding.
+
+    Float64 cannot tell where they cross it, and so far t, u and v of such a hit are no numbers of its.
+    """
+    known = SceneReference(scene.state).crossings(Rays.make(scene.origins, scene.directions))
+    keep = np.ones(len(scene.origins), np.bool_)
+    for ray, instance, geometry, prim in zip(
+        known.ray_id, known.instance_id, known.geometry_id, known.prim_id, strict=True
+    ):
+        shape = scene.state.shapes[geometry]
+        if isinstance(shape, Mesh):
+            a, b, c = shape.vertices[shape.faces[prim]] @ scene.state.transforms[instance, :3, :3].T
+            normal, direction = np.cross(b - a, c - a), scene.directions[ray]
+            keep[ray] &= abs(normal @ direction) > EDGE_ON * np.linalg.norm(normal) * np.linalg.norm(direction)
+    return replace(scene, origins=scene.origins[keep], directions=scene.directions[keep])
+
+
+SCALES = (1.0, 1.0, 2.0**-99, 2.0**99, 1e-30, 1e30)
+
+
+@st.composite
+def random_scenes(draw, kinds=tuple(KINDS), *, may_be_far=True):
+    """Any of these scenes."""
+    scene = make_scene(
+        draw(st.integers(0, 2**32 - 1)),
+        tuple(draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=3))),
+        tuple(draw(st.lists(st.sampled_from(tuple(LINEAR)), min_size=1, max_size=6))),
+        is_far=may_be_far and draw(st.booleans()),
+    )
+    return scale_scene(scene, draw(st.sampled_from(SCALES)))

@@ -1,0 +1,56 @@
+"""Scenes as a tracer sees them, for tests: shapes, and where they are placed."""
+
+import numpy as np
+
+from clbvh.scene.state import SceneState
+
+ALL = 0xFFFFFFFF
+
+
+def make_state(shapes, *placed):
+    """The state of a scene; each instance is (geometry, transform) or (geometry, transform, mask)."""
+    rows = [(row[0], np.asarray(row[1], np.float64), row[2] if len(row) > 2 else ALL) for row in placed]
+    return SceneState(
+        tuple(shapes), tuple(f"geometry {index}" for index in range(len(shapes))),
+        np.array([row[0] for row in rows], np.int32), np.array([row[1] for row in rows]).reshape(-1, 4, 4),
+        np.array([row[2] for row in rows], np.uint32), tuple(f"instance {index}" for index in range(len(rows))),
+    )  # fmt: skip
+
+
+def affine(linear=(1, 1, 1), offset=(0, 0, 0)):
+    """A (4, 4) transform; `linear` is a (3, 3) matrix, or its diagonal."""
+    matrix = np.eye(4)
+    given = np.asarray(linear, np.float64)
+    matrix[:3, :3] = np.diag(given) if given.ndim == 1 else given
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def turn(axis, angle):
+    """The (3, 3) rotation about a coordinate axis."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[one, one] = matrix[other, other] = cosine
+    matrix[one, other], matrix[other, one] = -sine, sine
+    return matrix
+
+
+def random_linear(generator, stretch=3.0):
+    """Any (3, 3) matrix of full rank: rotation, scale, shear and half the time a mirror."""
+    turns = [turn(axis, angle) for axis, angle in enumerate(generator.uniform(0, 2 * np.pi, 3))]
+    scale = np.diag(stretch ** generator.uniform(-1, 1, 3) * generator.choice([-1.0, 1.0], 3))
+    shear = np.eye(3) + np.triu(generator.uniform(-1, 1, (3, 3)), 1)
+    return turns[0] @ turns[1] @ scale @ shear @ turns[2]
+
+
+def flatten(state):
+    """The meshes of a scene as one: vertices, faces, and the (instance, primitive) of each face."""
+    vertices, faces, ids, first = [], [], [], 0
+    for instance, geometry in enumerate(state.geometry_ids):
+        mesh, transform = state.shapes[geometry], state.transforms[instance]
+        vertices.append(mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
+        faces.append(mesh.faces + first)
+        ids.append(np.column_stack((np.full(mesh.face_count, instance), np.arange(mesh.face_count))))
+        first += len(mesh.vertices)
+    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(ids)
