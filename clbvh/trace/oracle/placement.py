@@ -13,11 +13,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.mesh import Mesh
 from ...geometry.shape import Shape
 
 # Rotations, mirrors and uniform scales in float64 stretch all directions alike, but for this.
 _SIMILAR = 2.0**-40
+
+# Which side of a box each of its corners has, along each axis.
+_CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T == 1
+
+# The boxes of shapes are rounded to float32.
+_ROOM = 1.0 + 2.0**-20
 
 
 class SceneLike(Protocol):
@@ -162,10 +167,10 @@ def _place(
 
 
 def _radius(shape: Shape, to_world: NDArray[np.float64]) -> float:
-    if isinstance(shape, Mesh):
-        return float(np.linalg.norm(shape.local_vertices.astype(np.float64) @ to_world.T, axis=1).max())
-    centres = np.linalg.norm(shape.local_centres.astype(np.float64) @ to_world.T, axis=1)
-    return float((centres + np.linalg.norm(to_world, 2) * shape.local_radii).max())
+    """Return the distance of the farthest corner of the shape's box."""
+    lower, upper = shape.local_box.astype(np.float64)
+    corners = np.where(_CORNERS, upper, lower) @ to_world.T
+    return float(np.linalg.norm(corners, axis=1).max()) * _ROOM
 
 
 def scene_radius(placements: list[Placement]) -> float:

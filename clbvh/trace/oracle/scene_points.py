@@ -81,6 +81,7 @@ class ScenePoints:
         self._blur = blur or Blur()
         all_placements = place_instances(scene)
         self._size = scene_radius(all_placements) if all_placements else 0.0
+        self._all_placements = all_placements
         self._placements = [placed for placed in all_placements if placed.mask & mask]
         self._mask = mask
 
@@ -175,7 +176,8 @@ class ScenePoints:
         for direction in _DIRECTIONS:
             if count == 0 or lie.is_decided.all():
                 return
-            crossings = find_crossings(self._scene, Rays.make(points, direction[None], mask=self._mask), self._blur)
+            rays = Rays.make(points, direction[None], mask=self._mask)
+            crossings = find_crossings(self._scene, rays, self._blur, self._all_placements)
             ray_id = crossings.ray_id
             for column, placed in enumerate(self._placements):
                 if not isinstance(placed.shape, Mesh):
