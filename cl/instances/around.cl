@@ -15,13 +15,11 @@ INLINED bool is_in_spheres(
     const global node_t *nodes, const global block_t *blocks, const int block_count, const float3 point)
 {
     nearest_t nearest;
-    nearest.point = point;
+    nearest.metric = make_local_metric(point);
     nearest.distance = 0.0f;
     nearest.distance_squared = 0.0f;
     nearest.prim_id = NO_PRIM;
     nearest.kind = KIND_BALLS;
-    nearest.metric.weights = (float3)(1.0f);
-    nearest.metric.slack = ERROR_BOUND(16);
     find_nearest(nodes, blocks, block_count, &nearest);
     return nearest.prim_id != NO_PRIM;
 }

@@ -49,7 +49,6 @@ INLINED nearest_t make_nearest(const global instance_t *instance, const scene_po
 #if HAS_SPHERES
     nearest.kind = instance->kind;
 #endif
-    nearest.point = transform_vector(instance->to_object, -way);
     // Rounded up: what is too far loses later.
     nearest.distance = limit * nearest.metric.unit * (1.0f + ERROR_BOUND(8));
     nearest.distance_squared = nearest.distance * nearest.distance + FLT_MIN;

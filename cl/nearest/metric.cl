@@ -1,5 +1,7 @@
-// Distances within an instance are those of the scene: corners are moved into the scene, with the point at zero, and
-// boxes are measured in the geometry's local coordinates by weights that never make a distance too large.
+// Distances within an instance are those of the scene: corners are moved into the scene, with the point at zero. A box
+// becomes a parallelepiped there. It is measured in rotated axes, in which the map is triangular (the QR decomposition):
+// the box around it is the thing itself if the map scales along the local axes and rotates then, and for any map the
+// two differ by no more than the size of the thing.
 //
 // Lengths are in units of the metric: the power of two that brings the way to the instance, or its radius, to about 1,
 // so that no product leaves float32, however small the instance is.
@@ -19,9 +21,13 @@
 typedef struct {
     float to_scene[3][3];  // from the geometry's local coordinates into the scene, by rows
     float3 offset;         // from the point to the zero of the geometry's local coordinates
-    float3 weights;        // of differences along the local axes: the weighted length is at most the one in the scene
-    float slack;           // bound on the error of a distance minus that of the box's distance
     float unit;            // units of the metric in one of the scene's
+    // The same map in rotated axes.
+    float3 stretch;  // the diagonal of the triangular matrix
+    float3 shear;    // above it: of y to x, of z to x and of z to y
+    bool is_sheared;
+    float3 start;  // the offset
+    float slack;   // bound on the error of a primitive's distance minus that of its box
 #if HAS_SPHERES
     // The ellipsoid that the map makes of a sphere of radius 1.
     float3 axes[3];       // orthogonal unit vectors
@@ -41,9 +47,39 @@ INLINED point_t place_point(const metric_t *metric, const real_t x, const real_t
     return result;
 }
 
-INLINED float3 column_of(const metric_t *metric, const int column)
+INLINED float3 load_row(const metric_t *metric, const int row)
 {
-    return (float3)(metric->to_scene[0][column], metric->to_scene[1][column], metric->to_scene[2][column]);
+    return (float3)(metric->to_scene[row][0], metric->to_scene[row][1], metric->to_scene[row][2]);
+}
+
+INLINED void add_shear(
+    const float shear, const real_t from_lower, const real_t from_upper, real_t *lower, real_t *upper)
+{
+    const real_t one = shear * from_lower;
+    const real_t other = shear * from_upper;
+    *lower += SMALLER(one, other);
+    *upper += LARGER(one, other);
+}
+
+// How far a box is from the point, along each of the rotated axes; 0 where the point is within.
+INLINED point_t way_to_box(const metric_t *metric, const point_t aabb_min, const point_t aabb_max)
+{
+    point_t lower = {
+        metric->stretch.x * aabb_min.x + metric->start.x, metric->stretch.y * aabb_min.y + metric->start.y,
+        metric->stretch.z * aabb_min.z + metric->start.z};
+    point_t upper = {
+        metric->stretch.x * aabb_max.x + metric->start.x, metric->stretch.y * aabb_max.y + metric->start.y,
+        metric->stretch.z * aabb_max.z + metric->start.z};
+    if (metric->is_sheared) {
+        add_shear(metric->shear.x, aabb_min.y, aabb_max.y, &lower.x, &upper.x);
+        add_shear(metric->shear.y, aabb_min.z, aabb_max.z, &lower.x, &upper.x);
+        add_shear(metric->shear.z, aabb_min.z, aabb_max.z, &lower.y, &upper.y);
+    }
+    const real_t zero = (real_t)(0.0f);
+    const point_t way = {
+        LARGER(LARGER(lower.x, -upper.x), zero), LARGER(LARGER(lower.y, -upper.y), zero),
+        LARGER(LARGER(lower.z, -upper.z), zero)};
+    return way;
 }
 
 INLINED float sum_of(const float3 v)
@@ -51,34 +87,45 @@ INLINED float sum_of(const float3 v)
     return v.x + v.y + v.z;
 }
 
-// The product of a matrix with a vector, of their magnitudes.
-INLINED float3 multiply_magnitudes(const float3 rows[3], const float3 v)
+// Rotates two rows, of which `a` and `b` are entries of one column, so that b becomes zero and a is not negative.
+INLINED void rotate_rows(const float a, const float b, float4 *row, float4 *other)
 {
-    return (float3)(
-        dot_product(magnitude(rows[0]), v), dot_product(magnitude(rows[1]), v), dot_product(magnitude(rows[2]), v));
+    const float size = sqrt(a * a + b * b);
+    if (size > 0.0f) {
+        const float cosine = a / size;
+        const float sine = b / size;
+        const float4 rotated = cosine * *row + sine * *other;
+        *other = cosine * *other - sine * *row;
+        *row = rotated;
+    }
 }
 
-INLINED float3 lengths_of(const float3 a, const float3 b, const float3 c)
+// Finds the rotated axes (Givens, "Computation of plane unitary rotations transforming a general matrix to triangular
+// form", 1958), and the slack.
+INLINED void rotate_axes(metric_t *metric)
 {
-    return sqrt((float3)(dot_product(a, a), dot_product(b, b), dot_product(c, c)));
-}
+    float4 rows[3];
+    for (int row = 0; row < 3; row++) {
+        rows[row].xyz = load_row(metric, row);
+    }
+    rows[0].w = metric->offset.x;
+    rows[1].w = metric->offset.y;
+    rows[2].w = metric->offset.z;
+    rotate_rows(rows[0].x, rows[1].x, rows, rows + 1);
+    rotate_rows(rows[0].x, rows[2].x, rows, rows + 2);
+    rotate_rows(rows[1].y, rows[2].y, rows + 1, rows + 2);
+    rows[2] = rows[2].z < 0.0f ? -rows[2] : rows[2];
+    metric->stretch = (float3)(rows[0].x, rows[1].y, rows[2].z);
+    metric->shear = (float3)(rows[0].y, rows[0].z, rows[1].z);
+    metric->start = (float3)(rows[0].w, rows[1].w, rows[2].w);
 
-// Finds the weights. The columns of the map, each divided by its length, are a matrix whose least singular value is at
-// least the root of 1 minus the largest sum of cosines of one column with the others (Gershgorin's theorem): it is 1 if
-// the map scales along the local axes and rotates then. With it, the lengths of the columns are weights.
-INLINED float3 find_weights(const metric_t *metric, const float least_stretch)
-{
-    const float3 x = column_of(metric, 0);
-    const float3 y = column_of(metric, 1);
-    const float3 z = column_of(metric, 2);
-    const float3 lengths = lengths_of(x, y, z);
-    const float3 cosines = magnitude(
-        (float3)(dot_product(y, z), dot_product(z, x), dot_product(x, y)) / (lengths.yzx * lengths.zxy));
-    const float most = sum_of(cosines) - smaller(cosines.x, smaller(cosines.y, cosines.z));
-    const float3 weights = sqrt(1.0f - EQUAL_SLACK - most) * lengths;
-    // Not so for NaN.
-    const bool is_better = smaller(weights.x, smaller(weights.y, weights.z)) >= least_stretch;
-    return is_better ? weights : (float3)(least_stretch);
+    // No coordinate within the geometry is above 1. A distance has about 16 roundings, see NEAREST_SLACK; a rotation
+    // has four for each entry, and a shear that is left out counts as 8.
+    const float3 reach = magnitude(load_row(metric, 0)) + magnitude(load_row(metric, 1)) + magnitude(load_row(metric, 2));
+    const float rounding = sum_of(reach) + sum_of(magnitude(metric->offset));
+    metric->slack = ERROR_BOUND(64) * rounding;
+    const float3 shear = magnitude(metric->shear);
+    metric->is_sheared = larger(shear.x, larger(shear.y, shear.z)) > ERROR_BOUND(8) * rounding;
 }
 
 #if HAS_SPHERES
@@ -86,7 +133,11 @@ INLINED float3 find_weights(const metric_t *metric, const float least_stretch)
 // Jacobi: Hestenes, "Inversion of matrices by biorthogonalization and related results", 1958).
 INLINED void find_axes(metric_t *metric)
 {
-    float3 columns[3] = {column_of(metric, 0), column_of(metric, 1), column_of(metric, 2)};
+    float3 columns[3];
+    for (int column = 0; column < 3; column++) {
+        columns[column] =
+            (float3)(metric->to_scene[0][column], metric->to_scene[1][column], metric->to_scene[2][column]);
+    }
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         for (int pair = 0; pair < 3; pair++) {
             const int one = pair == 2 ? 1 : 0;
@@ -106,7 +157,9 @@ INLINED void find_axes(metric_t *metric)
             }
         }
     }
-    const float3 lengths = lengths_of(columns[0], columns[1], columns[2]);
+    const float3 lengths = sqrt((float3)(
+        dot_product(columns[0], columns[0]), dot_product(columns[1], columns[1]),
+        dot_product(columns[2], columns[2])));
     metric->half_lengths = lengths;
     metric->axes[0] = columns[0] / lengths.x;
     metric->axes[1] = columns[1] / lengths.y;
@@ -132,29 +185,31 @@ INLINED metric_t make_metric(const global instance_t *instance, const float3 way
     const float3 size = magnitude(way);
     metric.unit = unit_scale((float3)(larger(size.x, larger(size.y, size.z)), instance->radius, 0.0f));
     metric.offset = metric.unit * way;
-    float3 to_scene[3];
-    float3 to_object[3];
     for (int row = 0; row < 3; row++) {
-        to_scene[row] = metric.unit * load3(instance->to_scene[row]);
-        to_object[row] = load3(instance->to_object[row]);
-        metric.to_scene[row][0] = to_scene[row].x;
-        metric.to_scene[row][1] = to_scene[row].y;
-        metric.to_scene[row][2] = to_scene[row].z;
+        for (int column = 0; column < 3; column++) {
+            metric.to_scene[row][column] = metric.unit * instance->to_scene[row][column];
+        }
     }
-    metric.weights = find_weights(&metric, instance->least_stretch * metric.unit);
+    rotate_axes(&metric);
 #if HAS_SPHERES
     if (instance->kind == KIND_SPHERES) {
         find_axes(&metric);
     }
 #endif
-    // Coordinates within the geometry are at most 1. The point's local coordinates have the errors of `to_object`,
-    // which was rounded apart from `to_scene`: both together are off by what the products of magnitudes say.
-    const float3 position = multiply_magnitudes(to_object, magnitude(way));
-    const float3 there_and_back = multiply_magnitudes(to_object, multiply_magnitudes(to_scene, position) / metric.unit);
-    const float of_box = dot_product(metric.weights, there_and_back) + sum_of(metric.weights);
-    const float of_corner = sum_of(multiply_magnitudes(to_scene, (float3)(1.0f))) + sum_of(magnitude(metric.offset));
-    const float slack = ERROR_BOUND(16) * (of_box + of_corner);
-    // Without a bound every box counts.
-    metric.slack = slack < INFINITY ? slack : INFINITY;
+    return metric;
+}
+
+// Makes the metric of a geometry's own local coordinates.
+INLINED metric_t make_local_metric(const float3 position)
+{
+    metric_t metric;
+    for (int row = 0; row < 3; row++) {
+        for (int column = 0; column < 3; column++) {
+            metric.to_scene[row][column] = row == column ? 1.0f : 0.0f;
+        }
+    }
+    metric.unit = 1.0f;
+    metric.offset = -position;
+    rotate_axes(&metric);
     return metric;
 }

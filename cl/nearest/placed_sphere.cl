@@ -25,12 +25,10 @@ INLINED float distance_squared_to_stretched_sphere(
 INLINED real_t distance_squared_to_placed_sphere(const nearest_t *nearest, const point_t centre, const real_t radius)
 {
     const metric_t *metric = &nearest->metric;
-    if (nearest->kind == KIND_BALLS) {
-        const point_t away = {
-            centre.x - nearest->point.x, centre.y - nearest->point.y, centre.z - nearest->point.z};
-        return dot_of(away, away) < radius * radius ? (real_t)(0.0f) : (real_t)(INFINITY);
-    }
     const point_t placed = place_point(metric, centre.x, centre.y, centre.z);
+    if (nearest->kind == KIND_BALLS) {
+        return dot_of(placed, placed) < radius * radius ? (real_t)(0.0f) : (real_t)(INFINITY);
+    }
     if (metric->keeps_spheres) {
         return distance_squared_to_sphere(placed, metric->half_lengths.x * radius);
     }

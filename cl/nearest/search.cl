@@ -30,15 +30,16 @@
 #define NEAREST_SLACK ERROR_BOUND(NEAREST_ROUNDINGS)
 
 typedef struct {
+#if HAS_INSTANCES
+    metric_t metric;
+#else
     float3 point;
+#endif
     float distance_squared;
     float distance;
     int prim_id;
 #if HAS_SPHERES
     int kind;  // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
-#endif
-#if HAS_INSTANCES
-    metric_t metric;
 #endif
 } nearest_t;
 
@@ -51,22 +52,30 @@ INLINED nearest_t make_nearest(const float3 point)
 #endif
 
 // Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
+#if !HAS_INSTANCES
 INLINED bool may_be_nearer(
     const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
 {
     const float3 below = aabb_min - nearest->point;
     const float3 above = aabb_max - nearest->point;
-#if HAS_INSTANCES
-    const float3 outside = fmax(fmax(below, -above), 0.0f) * nearest->metric.weights;
-    const float limit = nearest->distance + nearest->metric.slack;
-#else
     const float3 outside = fmax(fmax(below, -above), 0.0f);
     const float3 farthest = fmax(fabs(below), fabs(above));
-    const float limit = nearest->distance + NEAREST_SLACK * (farthest.x + farthest.y + farthest.z);
-#endif
     *distance_squared = dot_product(outside, outside);
+    const float limit = nearest->distance + NEAREST_SLACK * (farthest.x + farthest.y + farthest.z);
     return *distance_squared <= limit * limit;
 }
+#elif !defined(WIDTH)
+INLINED bool may_be_nearer(
+    const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
+{
+    const point_t lower = {aabb_min.x, aabb_min.y, aabb_min.z};
+    const point_t upper = {aabb_max.x, aabb_max.y, aabb_max.z};
+    const point_t way = way_to_box(&nearest->metric, lower, upper);
+    *distance_squared = dot_of(way, way);
+    const float limit = nearest->distance + nearest->metric.slack;
+    return *distance_squared <= limit * limit;
+}
+#endif
 
 // Takes a primitive's squared distance into account.
 INLINED void add_distance(nearest_t *nearest, const float distance_squared, const int prim_id)

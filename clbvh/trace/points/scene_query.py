@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import NO_PRIM, SCENE_PRIM
+from ...structs import BVH2_NODE, NO_PRIM, SCENE_PRIM
 from ..launch import Call, Caster, Query
 from ..less_memory import cut_smaller_when_full
 from ..rays.broadcast import Broadcast
@@ -26,6 +26,10 @@ from .scene_refine import FoundPoints, refine_scene_points
 CLOSEST_POINT = Query("closest_point", "prims", SCENE_PRIM)
 INSIDE = Query("inside", "inside", np.dtype(np.uint8))
 DEPTH = Query("depth", "prims", SCENE_PRIM)
+
+# As many chosen instances are searched without a tree over them; in the scene's own tree, a point would look for them
+# everywhere.
+_MOST_WITHOUT_TREE = 8
 
 # Distance, point and ids of a point.
 _POINT_BYTES = 40
@@ -87,18 +91,37 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -
         yield caster
         return
     scene: Any = caster.tree
-    instances = scene.top.instances.copy()
-    instances["mask"][~np.isin(instances["instance_id"], instance_ids)] = 0
-    # The call keeps the device open until the buffer is given back.
+    # The call keeps the device open until the buffers are given back.
     with caster.open_call() as call:
-        session = call.memory.session
-        buffer = session.upload(instances)
+        session, buffers = call.memory.session, {}
         try:
+            for name, array in _select(scene.top, instance_ids).items():
+                buffers[name] = session.upload(array)
             selected = copy(scene)
-            selected.arguments = scene.arguments | {"instances": buffer}
+            selected.arguments = scene.arguments | buffers
             yield caster.over(selected, caster.box)
         finally:
-            session.release(buffer)
+            for buffer in buffers.values():
+                session.release(buffer)
+
+
+def _select(top: Any, instance_ids: NDArray[np.integer]) -> dict[str, NDArray[np.void]]:
+    """Return the arrays of a `TopTree` that differ where only some of its instances are visible."""
+    is_chosen = np.isin(top.instances["instance_id"], instance_ids)
+    count = int(is_chosen.sum())
+    if not 0 < count <= _MOST_WITHOUT_TREE:
+        hidden = top.instances.copy()
+        hidden["mask"][~is_chosen] = 0
+        return {"instances": hidden}
+    # One node, both of whose children are leaves with the box of the whole scene.
+    node = np.zeros(1, BVH2_NODE)
+    root = top.bvh.nodes[0]
+    node["aabb_min"], node["aabb_max"] = root["aabb_min"], root["aabb_max"]
+    half = count // 2
+    node["first"], node["count"] = [(0, half)], [(half, count - half)]
+    if half == 0:
+        node["count"] = 1  # the same leaf twice
+    return {"top_nodes": node, "instances": top.instances[is_chosen]}
 
 
 def _find_points(

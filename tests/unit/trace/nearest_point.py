@@ -16,7 +16,11 @@ CHOICE = 16 * 2.0**-24
 
 def expected_distance(mesh, points):
     """The smallest distance to any triangle in float64, by trimesh's formula."""
-    corners = mesh.vertices[mesh.faces[~mesh.degenerate_faces]]
+    return distance_to_triangles(mesh.vertices[mesh.faces[~mesh.degenerate_faces]], points)
+
+
+def distance_to_triangles(corners, points):
+    """The smallest distance to any triangle of (n, 3, 3) float64, by trimesh's formula."""
     best = np.full(len(points), np.inf)
     for triangle in corners:
         nearest = trimesh.triangles.closest_point(np.broadcast_to(triangle, (len(points), 3, 3)), points)
