@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from .scene.state import SceneState
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
-    from .trace import AllHits, ClosestPoints, Hits, Normals, Progress, Tracer
+    from .trace import AllHits, ClosestPoints, Hits, Normals, Progress, Traceable, Tracer
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
@@ -79,6 +79,7 @@ _HOME_OF = {
     "Hits": "trace",
     "Normals": "trace",
     "Progress": "trace",
+    "Traceable": "trace",
     "Tracer": "trace",
     "Camera": "rendering.camera",
     "Lens": "rendering.lens",
@@ -135,6 +136,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Hits",
     "Normals",
     "Progress",
+    "Traceable",
     "Tracer",
     "Camera",
     "Lens",

@@ -234,7 +234,8 @@ SCENE_HIT = np.dtype(
         ("v", np.float32),
         ("prim_id", np.int32),
         ("instance_id", np.int32),
-        ("spare", np.int32),
+        # The t inside the instance, which is finer where the ray has been advanced to it.
+        ("t_inside", np.float32),
     ]
 )
 SCENE_HIT_LANES = _lane_count(SCENE_HIT)

@@ -60,7 +60,7 @@ INLINED kept_hit_t as_kept_hit(const search_t *search, const crossing_t *crossin
 {
 #if HAS_INSTANCES
     const kept_hit_t hit = {
-        crossing->t + search->t_shift, crossing->u, crossing->v, crossing->prim_id, search->instance_id, 0};
+        crossing->t + search->t_shift, crossing->u, crossing->v, crossing->prim_id, search->instance_id, crossing->t};
     return hit;
 #else
     return as_hit(crossing);
@@ -97,6 +97,10 @@ INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
 #if HAS_INSTANCES
     if (a->t == b->t && a->instance_id != b->instance_id) {
         return a->instance_id < b->instance_id;
+    }
+    // Of one instance, the order is that of t inside.
+    if (a->t == b->t && a->t_inside != b->t_inside) {
+        return a->t_inside < b->t_inside;
     }
 #endif
 #if HAS_SPHERES

@@ -49,7 +49,7 @@ def _count_tests(picture: Picture) -> int:
     """Return about how many primitives the reference tests for one ray."""
     if picture.mesh is not None:
         return picture.mesh.face_count
-    state = picture.shown.state
+    state = picture.objects.state
     prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
     return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum())
 
@@ -60,6 +60,6 @@ def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[D
     hits = picture.hits.take(pixels)
     if picture.mesh is not None:
         return find_differences(picture.mesh, origins, directions, hits)
-    state: SceneState = picture.shown.state
+    state: SceneState = picture.objects.state
     # Pictures show all instances but those that no ray sees.
     return SceneReference(state).find_differences(Rays.make(origins, directions), hits)

@@ -59,8 +59,8 @@ class Picture:
         Facts that a user should know but that are no errors.
     validated_pixels : int
         The number of pixels that were compared with the reference.
-    objects : SceneObjects or None
-        What a picture of several objects shows.
+    objects : object or None
+        What a picture of several objects shows; for the package itself.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class Picture:
     tree_from_cache: bool = False
     notes: tuple[str, ...] = ()
     validated_pixels: int = 0
-    objects: SceneObjects | None = None
+    objects: Any = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the picture to a file, ``.ppm`` or ``.png`` by its name: completely or not at all.
@@ -119,7 +119,7 @@ class Picture:
 
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
-        return refine_pixels(self.shown.surface if self.mesh is None else self.mesh, self.camera, self.found)
+        return refine_pixels(self._shown.surface if self.mesh is None else self.mesh, self.camera, self.found)
 
     @cached_property
     def depth(self) -> NDArray[np.float64]:
@@ -133,12 +133,12 @@ class Picture:
     @property
     def name(self) -> str:
         """The name of the mesh, or of what a picture of several objects shows."""
-        return self.shown.name if self.mesh is None else self.mesh.name
+        return self._shown.name if self.mesh is None else self.mesh.name
 
     @property
-    def shown(self) -> SceneObjects:
+    def _shown(self) -> SceneObjects:
         """The objects; only of a picture of several."""
-        if self.objects is None:
+        if not isinstance(self.objects, SceneObjects):
             raise InternalError("a picture shows a mesh or objects, but this one has neither")
         return self.objects
 
@@ -161,7 +161,7 @@ class Picture:
         """
         rays = self.found.size
         return {
-            **(self._report_mesh(self.mesh) if self.mesh is not None else self.shown.report()),
+            **(self._report_mesh(self.mesh) if self.mesh is not None else self._shown.report()),
             "tree_from_cache": self.tree_from_cache,
             "workers": self.workers,
             "device": self.device.name,

@@ -323,7 +323,7 @@ class Renderer(ContextManager):
         return camera
 
     def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
-        return scene, scene.camera(self._subject.extent)
+        return scene, scene.find_camera(self._subject.extent)
 
 
 def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:

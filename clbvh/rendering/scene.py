@@ -29,7 +29,6 @@ from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
-from .scene_extent import SceneExtent
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
@@ -256,8 +255,8 @@ class Scene(SceneContents):
             )
         return SceneStore(first)
 
-    def camera(self, mesh: Mesh | SceneExtent) -> Camera:
-        """Return the camera: the one that was asked for, or one that sees the whole mesh, or all of the scene.
+    def camera(self, mesh: Mesh) -> Camera:
+        """Return the camera: the one that was asked for, or one that sees the whole mesh.
 
         Examples
         --------
@@ -267,9 +266,21 @@ class Scene(SceneContents):
         >>> camera.fov == scene.fov
         True
         """
+        return self.find_camera(mesh)
+
+    def find_camera(self, extent: Any) -> Camera:
+        """Return the camera for a `Mesh`, or for the extent of a scene of several objects.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.open_scene("demo")
+        >>> scene.find_camera(scene.mesh.load()).fov == scene.fov
+        True
+        """
         if self.eye is not None and self.look_at is not None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
-        return frame_mesh(mesh, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
+        return frame_mesh(extent, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return a scene with those changes that are not None; it shares the objects.

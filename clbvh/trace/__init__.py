@@ -4,6 +4,6 @@ from .hits.hits import AllHits, Hits
 from .hits.normals import Normals
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
-from .tracer import Tracer
+from .tracer import Traceable, Tracer
 
-__all__ = ["AllHits", "ClosestPoints", "Hits", "Normals", "Progress", "Tracer"]
+__all__ = ["AllHits", "ClosestPoints", "Hits", "Normals", "Progress", "Traceable", "Tracer"]

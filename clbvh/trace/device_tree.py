@@ -67,6 +67,8 @@ class DeviceTree:
     mesh : Mesh
     surface : Triangles
         What hits are refined on.
+    scene_surface : SceneSurface or None
+        The scene that is nothing but this mesh.
     most_crossings : int
         Most crossings that a ray can have.
     buffers : TreeBuffers
@@ -75,7 +77,7 @@ class DeviceTree:
     """
 
     has_instances = False
-    scene_surface = None
+    scene_surface: Any = None
     ray_dtype = PACKED_RAY
     point_dtype = PACKED_POINT
     hit_dtype = HIT

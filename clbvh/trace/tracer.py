@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterable
 from functools import partial
 from numbers import Integral
-from typing import cast
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,9 @@ from .rays.pieces import Progress
 from .scene.device_scene import DeviceScene
 from .scene.moving_scene import MovingScene
 from .tree_copies import TreeCopies
+
+Traceable: TypeAlias = SceneContents | Bvh | MeshLike
+"""Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
 
 
 class Tracer(ContextManager):

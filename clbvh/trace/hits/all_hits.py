@@ -45,7 +45,7 @@ def find_all_hits(
 
     caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
     hits = refined.as_hits(ids, (total,), mesh=tree.mesh, scene_surface=tree.scene_surface)
-    return AllHits.of(hits, offsets, locations)
+    return AllHits._of(hits, offsets, locations)
 
 
 def find_hits_by_depth(

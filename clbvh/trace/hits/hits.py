@@ -165,7 +165,7 @@ class Hits:
         >>> hits.normals(smooth=True, facing=True).round(2)
         array([-0.6 , -0.48, -0.64])
         """
-        return Normals.of(self._known_surface().normals(self._points()), self._find_normals)
+        return Normals._of(self._known_surface().normals(self._points()), self._find_normals)
 
     def interpolate(self, attribute: ArrayLike | Mapping[Any, ArrayLike]) -> NDArray[np.float64]:
         """Return the values of an attribute where the rays hit: colours, texture coordinates, temperatures.
@@ -380,7 +380,7 @@ class AllHits(Hits):
     known_locations: NDArray[np.float64] | None = field(default=None, repr=False, kw_only=True)
 
     @classmethod
-    def of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
+    def _of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
         """Return hits with the ranges of each ray's, and their locations if they are known."""
         values = {name.name: getattr(hits, name.name) for name in dataclasses.fields(Hits)}
         return cls(**values, offsets=offsets, known_locations=locations)

@@ -34,7 +34,7 @@ class Normals(np.ndarray):
     _find: Callable[[NDArray[np.float64], bool, bool], NDArray[np.float64]] | None = None
 
     @classmethod
-    def of(
+    def _of(
         cls, normals: NDArray[np.float64], find: Callable[[NDArray[np.float64], bool, bool], NDArray[np.float64]]
     ) -> Normals:
         """Return an array that calls a function with itself and with the answers to `smooth` and `facing`."""

@@ -23,6 +23,10 @@ BLOCK_HITS = 128
 # Prefetch distance in hits; 8 to 16 perform alike.
 PREFETCH_HITS = 12
 
+# A triangle is seen edge-on where the volume that its edges span with the ray is below this share of what it could be.
+# Float64 then knows t to 1e-5 of the triangle's size at best; of a triangle thinner than that, its edges are as good.
+_EDGE_ON = 2.0**-36
+
 # Vectors of each hit in a block, one row for each axis: the ray's direction, the triangle's corner a as seen from the
 # ray's origin, its edges, and (t, u, v). All in local units, the direction with a longest component from 1 to 2.
 DIRECTION, CORNER, AB, AC, TUV = range(5)
@@ -106,7 +110,11 @@ def intersect_planes(vectors, volumes, count):
         volume = abx * px + aby * py + abz * pz
         volumes[hit] = volume
         vectors[TUV, 0, hit] = -(acx * qx + acy * qy + acz * qz) / volume
-        vectors[TUV, 1, hit] = -(tx * px + ty * py + tz * pz) / volume
+        u = -(tx * px + ty * py + tz * pz) / volume
+        # Of a ray in the triangle's plane, but for rounding, this leaves noise: NaN moves it onto an edge.
+        sides = (abs(abx) + abs(aby) + abs(abz)) * (abs(acx) + abs(acy) + abs(acz))
+        is_flat = abs(volume) <= _EDGE_ON * sides * (abs(dx) + abs(dy) + abs(dz))
+        vectors[TUV, 1, hit] = np.nan if is_flat else u
         vectors[TUV, 2, hit] = -(dx * qx + dy * qy + dz * qz) / volume
 
 

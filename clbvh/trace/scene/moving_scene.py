@@ -26,6 +26,7 @@ from ...scene.instance import Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree
+from ..hits.surface import SceneSurface
 from ..launch import Caster
 from ..rays.batch import TreeBox
 from ..tree_copies import TreeCopies
@@ -69,7 +70,12 @@ class MovingScene:
         """
         if self._opened.is_one_mesh:
             bvh = self._built[self._opened.geometry_ids[0]]
-            return DeviceTree(session, bvh.mesh, bvh, layout), TreeBox.around(bvh)
+            tree = DeviceTree(session, bvh.mesh, bvh, layout)
+            # For the ids and the names that hits know.
+            tree.scene_surface = SceneSurface.from_shapes(
+                self._opened.shapes, self._opened.names, self._opened.geometry_ids, self._opened.transforms
+            )
+            return tree, TreeBox.around(bvh)
         scene = DeviceScene(session, self._opened, self._built, self._build_top, layout)
         return scene, scene.box
 
