@@ -47,11 +47,12 @@ def find_frame(
     scale : float
         A power of two: the largest half side becomes 0.5 to 1, and one of 0 stays.
     """
-    with np.errstate(over="ignore"):  # an overflow is refused below
+    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is refused below
         half = max(float(np.max(upper / 2 - lower / 2)), least_half)
         origin = lower + (upper - lower) / 2
     exponent = math.frexp(half)[1]
-    if half > 0.0 and not _LEAST_EXPONENT <= exponent <= _MOST_EXPONENT:
+    # The exponent of infinity is 0.
+    if half > 0.0 and not (math.isfinite(half) and _LEAST_EXPONENT <= exponent <= _MOST_EXPONENT):
         raise MeshError(
             f"{name}: {subject} {half:.3g} units wide to each side of the centre, and float64 has no room to compute "
             f"with less than {2.0**_LEAST_EXPONENT:.0e} or more than {2.0**_MOST_EXPONENT:.0e}: give it in another unit"

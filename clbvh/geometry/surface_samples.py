@@ -51,9 +51,9 @@ def sample_surface(
     sums = np.cumsum(areas)
     if not sums[-1] > 0:
         raise MeshError(f"{name}: nothing can be scattered on a surface without area")
-    # A draw just below 1 may round up to the total: the last triangle with an area is taken for it.
-    last = int(np.flatnonzero(areas)[-1])
-    chosen = np.minimum(np.searchsorted(sums, draws[:, 0] * sums[-1], side="right"), last)
+    # The first sum above the drawn one belongs to a triangle with an area. The total itself is never drawn: a number
+    # less than 1 times the total is rounded to less than the total.
+    chosen = np.searchsorted(sums, draws[:, 0] * sums[-1], side="right")
     # Points of the parallelogram's other half are turned into the triangle.
     u, v = draws[:, 1, None], draws[:, 2, None]
     is_outside = u + v > 1

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ClbvhError, InternalError, MeshError
+from ..errors import ConfigError, InternalError, MeshError, SceneError
 from ..geometry.mesh import Mesh
 from ..scene.geometry import Geometry
 from ..scene.names import UniqueNames
@@ -49,7 +49,7 @@ def load_objects(scene: Scene, objects: Sequence[SceneObject]) -> None:
                 matrices = _place(found, geometries, scene)
             copies = [found.label, *(names.add_numbered(found.label) for _ in range(1, len(matrices)))]
             scene.place_many(geometry, matrices, names=copies, mask=found.mask, colour=found.colour)
-        except ClbvhError as error:
+        except (MeshError, SceneError, ConfigError) as error:
             raise type(error)(f"the object '{found.label}': {error}") from error
 
 

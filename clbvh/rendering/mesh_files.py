@@ -1,4 +1,4 @@
-"""Mesh files and saved scenes become a scene: one file, or several meshes that are placed as they are."""
+"""Mesh files become a scene: one file, or several that are placed as they are."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from pathlib import Path
 
 from ..errors import SceneError
 from ..geometry.loading.several_parts import may_have_parts
-from ..scene.serialize import MAGIC
-from ..support.regular_file import open_regular
 from .mesh_source import MeshSource
 from .scene import Scene
 
 
 def open_mesh_file(path: str | os.PathLike[str]) -> Scene:
-    """Return the scene of one mesh file, or the one that `Scene.save` wrote into a file.
+    """Return the scene of one mesh file.
 
     The parts of an OBJ, GLB or glTF file with several of them are geometries and instances with the file's names, and
     are loaded now. Any other file is one mesh, which is loaded when it is needed.
@@ -24,11 +22,7 @@ def open_mesh_file(path: str | os.PathLike[str]) -> Scene:
     ------
     MeshError
         The parts cannot be loaded.
-    SceneError
-        A saved scene is damaged.
     """
-    if _is_saved_scene(Path(path)):
-        return Scene.load(path)
     if not may_have_parts(path):
         return Scene(MeshSource(path=os.fspath(path)))
     scene = Scene()
@@ -60,12 +54,3 @@ def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
     for path in paths:
         scene.add_scene(path)
     return scene
-
-
-def _is_saved_scene(path: Path) -> bool:
-    """Return whether a file begins as saved scenes do; False if it cannot be read, which its reader explains."""
-    try:
-        with open_regular(path) as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except (OSError, ValueError):
-        return False

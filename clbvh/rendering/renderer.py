@@ -71,11 +71,25 @@ class Renderer(ContextManager):
     Examples
     --------
     >>> import clbvh
+    >>> import numpy as np
     >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
     ...     front = renderer.render(width=64, height=48)
     ...     side = renderer.render(width=64, height=48, camera=front.camera.orbit(90), shading="normal")
     >>> side.rgb.shape
     (48, 64, 3)
+
+    Several objects, with colours of their own:
+
+    >>> scene = clbvh.Scene(width=64, height=48)
+    >>> ball = scene.add(clbvh.Spheres([[0, 0, 0]], 1.0))
+    >>> left = scene.place(ball, colour=(0.8, 0.1, 0.1))
+    >>> right = scene.place(ball, clbvh.Transform(scale=0.5, translate=(2, 0, 0)), colour=(0.1, 0.1, 0.8))
+    >>> with clbvh.Renderer(scene) as renderer:
+    ...     picture = renderer.render()
+    >>> picture
+    Picture(64 x 48 of 'spheres', 1,215 pixels hit)
+    >>> np.unique(picture.hits.instance_id)
+    array([-1,  0,  1], dtype=int32)
     """
 
     def __init__(
@@ -148,7 +162,7 @@ class Renderer(ContextManager):
         light : Light, or (3,) float
             A light, or only the direction towards it.
         surface : (3,) float
-            Linear colour of the mesh.
+            Linear colour of the mesh, and of objects without one of their own.
         background : (3,) float, or a pair of them
             Linear colour, or the colours at the top and at the bottom.
         on_phase : function, optional

@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry.surface_samples import DRAWS_PER_POINT, sample_surface
+from ..support.memory import check_memory
 from .vectors import Vector, check_vector
 
 # Copies of all objects of a scene: 128 MB of matrices. Each costs some microseconds of Python, too.
 MAX_COPIES = 1_000_000
+
+# Random numbers, matrices and their products while copies are placed, and the handle and the name of an instance.
+_BYTES_PER_COPY = 1000
 
 ALIGNMENTS = ("up", "normal")
 
@@ -133,11 +137,17 @@ class Scatter:
         ------
         MeshError
             The surface has no area.
+        SceneError
+            The up direction is zero.
         """
         # One row of random numbers per copy, so that copy i depends on the seed and on i alone.
         draws = np.random.default_rng(self.seed).random((self.count, DRAWS_PER_POINT + 2))
         points, normals = sample_surface(vertices, faces, draws[:, :DRAWS_PER_POINT], name=self.on)
-        upward = np.asarray(up, np.float64) / np.linalg.norm(up)
+        if not any(up):
+            raise SceneError("the camera's up must not be zero: copies stand upright by it")
+        # Not by the sum of the squares, which may leave float64.
+        upward = np.asarray(up, np.float64) / max(map(abs, up))
+        upward /= np.linalg.norm(upward)
         low, high = self.scale
         linear = np.eye(3)[None] * (low + (high - low) * draws[:, -2])[:, None, None]
         if self.turn:
@@ -152,9 +162,10 @@ class Scatter:
 
 
 def check_copies(count: int) -> None:
-    """Raise `SceneError` if a scene would have too many instances; for checks before memory is taken."""
+    """Raise `SceneError` if a scene would have too many instances; for a check before memory is taken."""
     if count > MAX_COPIES:
         raise SceneError(f"{count:,} copies are too many: the limit is {MAX_COPIES:,} in a scene file")
+    check_memory(f"{count:,} copies", count * _BYTES_PER_COPY, SceneError)
 
 
 def _cross_matrix(axes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -160,7 +160,7 @@ class Scene(SceneContents):
     transform : Transform
         Of `mesh`.
     eye, look_at : (3,) float, or None
-        None: chosen so that the whole mesh is visible.
+        None: chosen so that the whole mesh, or all objects, are visible.
     up : (3,) float
         The direction that is up in the picture.
     fov : float
@@ -169,7 +169,7 @@ class Scene(SceneContents):
     shading : str
         One of `structs.SHADINGS`: ``lambert``, ``lambert+shadow``, ``normal``, ``depth``.
     surface : (3,) float
-        Linear colour of the mesh.
+        Linear colour of the mesh, and of objects without one of their own.
     background : pair of (3,) float
         Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int

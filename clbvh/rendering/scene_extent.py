@@ -118,8 +118,8 @@ class SceneExtent:
             part = slice(begin, begin + step)
             sides = self._linear[part] * self._half_sizes[self._geometry_ids[part], None, :]
             corners = self._offsets[part, None, :] + _CORNERS @ sides.transpose(0, 2, 1)
-            values = reaches.of_points(corners.reshape(-1, 3))
-            bounds[part] = values.reshape(-1, len(_CORNERS), values.shape[1]).max(axis=1)
+            values = reaches.of_points(corners.reshape(-1, 3), np.eye(3), np.zeros(3))
+            bounds[part] = values.reshape(len(values), -1, len(_CORNERS)).max(axis=2).T
         return bounds
 
     def _reach_of(self, instance: int, reaches: Reaches) -> NDArray[np.float64]:
@@ -129,10 +129,10 @@ class SceneExtent:
         largest = np.full(len(reaches.slopes), -np.inf)
         for begin in range(0, len(points), _CHUNK_POINTS):
             part = slice(begin, begin + _CHUNK_POINTS)
-            values = reaches.of_points((points[part] - shape.origin) @ linear.T + self._offsets[instance])
+            values = reaches.of_points(points[part] - shape.origin, linear, self._offsets[instance])
             if not isinstance(shape, Mesh):
-                values += shape.radii[part, None] * reaches.of_ball(linear)
-            largest = np.maximum(largest, values.max(axis=0))
+                values += reaches.of_ball(linear)[:, None] * shape.radii[part]
+            largest = np.maximum(largest, values.max(axis=1))
         return largest
 
 

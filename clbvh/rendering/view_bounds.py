@@ -54,12 +54,17 @@ class Reaches(NamedTuple):
     around: NDArray[np.float64]
     axis: NDArray[np.float64]
 
-    def of_points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (n, k) float64: the values for (n, 3) points."""
-        values = points @ self.slopes.T
+    def of_points(
+        self, points: NDArray[np.float64], linear: NDArray[np.float64], offset: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return (k, n) float64: the values for (n, 3) points, after a linear map, (3, 3), and a shift, (3,)."""
+        values = (self.slopes @ linear) @ points.T
+        values += (self.slopes @ offset)[:, None]
         if self.around.any():
-            heights = points @ self.axis
-            values += np.linalg.norm(points - heights[:, None] * self.axis, axis=1)[:, None] * self.around
+            level = np.eye(3) - np.outer(self.axis, self.axis)
+            aside = (level @ linear) @ points.T
+            aside += (level @ offset)[:, None]
+            values += self.around[:, None] * np.sqrt(np.einsum("in,in->n", aside, aside))
         return values
 
     def of_ball(self, linear: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -355,7 +355,7 @@ class SceneContents:
 
         Parameters
         ----------
-        instances : Instance, or a sequence of instances or ids
+        instances : Instance or int, or a sequence of instances or ids
             The tuple `Scene.instances` itself takes no time, nor does an array of ids.
 
         Raises

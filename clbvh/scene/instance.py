@@ -55,7 +55,7 @@ class Instance:
     name: str
     geometry: Geometry
     mask: int
-    colour: Colour | None = None
+    colour: tuple[float, float, float] | None = None
 
     @property
     def transform(self) -> NDArray[np.float64]:

@@ -85,7 +85,7 @@ def parts_of_graph(scene: HasGraph) -> Parts:
             if mesh is None:
                 mesh = meshes[id(geometry)] = Mesh.from_arrays(geometry.vertices, geometry.faces, name=str(name))
             parts.shapes.append((dataclasses.replace(mesh, name=str(name)), str(name)))
-        parts.placed.append(PlacedPart(str(node), numbers[name], _make_affine(matrix)))
+        parts.placed.append(PlacedPart(str(node), numbers[name], make_affine(matrix)))
     if not parts.placed:
         raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
     return parts
@@ -104,7 +104,7 @@ def parts_of_state(state: SceneState) -> Parts:
     )
 
 
-def _make_affine(matrix: Any) -> NDArray[np.float64]:
+def make_affine(matrix: Any) -> NDArray[np.float64]:
     """Return a matrix whose last row is 0, 0, 0, 1 exactly if it is that but for rounding."""
     affine = np.array(matrix, np.float64)
     if affine.shape == (4, 4) and np.allclose(affine[3], (0, 0, 0, 1), rtol=0, atol=_AFFINE_TOLERANCE):

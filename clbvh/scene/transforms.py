@@ -1,4 +1,4 @@
-"""Transforms of instances: the checks of (4, 4) matrices, and their inverses, for many at a time.
+"""Transforms of instances: the checks of (4, 4) matrices, for many at a time.
 
 Owns the limit at which a matrix counts as singular. Must not know of scenes.
 """
@@ -67,16 +67,6 @@ def check_transforms(
     if fault:
         raise SceneError(f"{name_of(index)} {_describe_fault(fault, matrices[index])}")
     return matrices
-
-
-def invert_transforms(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverses of (n, 4, 4) transforms that `check_transforms` has accepted."""
-    inverses = np.zeros_like(transforms)
-    linear = np.linalg.inv(transforms[:, :3, :3])
-    inverses[:, :3, :3] = linear
-    inverses[:, :3, 3] = -(linear @ transforms[:, :3, 3:])[..., 0]
-    inverses[:, 3, 3] = 1.0
-    return inverses
 
 
 def _as_numbers(values: ArrayLike, name: str) -> NDArray:

@@ -116,6 +116,9 @@ class Caster(ContextManager):
         """Return a caster at another copy of the tree, which shares all else with this one."""
         caster = copy(self)
         caster.tree, caster.box = tree, box
+        if tree.defines != self.tree.defines:
+            # A tree that was built anew may need a longer stack.
+            caster._kernels = {}
         return caster
 
     def open_call(self) -> Call:

@@ -37,7 +37,7 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
         for shape in ((3,), _PICTURE, (_MANY,)):
             origins, directions = make(*shape), make(*shape)
             hits = tracer.closest_hit(origins, directions)
-            hits.locations, hits.normals  # noqa: B018 - computed when they are asked for
+            hits.locations, hits.normals(smooth=True)  # computed when they are asked for
             seen = hits[hits.is_hit]
             seen.offset_origins()
             seen.offset_origins(towards=seen.normals)

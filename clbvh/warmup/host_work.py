@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ..builders.build import build
+from ..builders.build import build, build_shape
 from ..builders.ladder import LADDER
 from ..builders.options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, MAX_DEPTH
 from ..bvh import Bvh, validate_tree
-from ..geometry import Mesh, load_mesh
+from ..geometry import Mesh, Spheres, load_mesh
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh
@@ -49,6 +49,7 @@ def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
         ("mesh files", _load_files),
         *((f"build, quality {quality}", partial(_build_all, mesh, quality)) for quality in _QUALITIES),
         ("layouts", partial(_arrange_all, mesh)),
+        ("spheres", _arrange_spheres),
         ("refit, save, load, validate", partial(_for_both, mesh, _use_tree)),
         ("statistics of a tree", partial(_for_both, mesh, measure_tree)),
     ]
@@ -77,6 +78,14 @@ def _arrange_all(mesh: Mesh) -> None:
     for bvh in (build(mesh), build(mesh, leaf_size=_LARGE_LEAF, traversal_cost=_LARGE_LEAF), build(_make_triangle())):
         for layout in LAYOUT_WIDTHS:
             make_device_arrays(bvh, layout)
+
+
+def _arrange_spheres() -> None:
+    """Arrange a tree over spheres, and one that is a single leaf."""
+    for spheres in (Spheres(make_mesh().vertices, 1.0), Spheres(np.eye(3), 1.0)):
+        bvh = build_shape(spheres)
+        for layout in LAYOUT_WIDTHS:
+            make_device_arrays(bvh, layout, spheres)
 
 
 def _for_both(mesh: Mesh, use: Callable[[Bvh], object]) -> None:

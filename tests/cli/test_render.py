@@ -84,7 +84,10 @@ def test_hits_are_written_by_pixel_and_agree_with_the_report(mesh, tmp_path):
     arguments = ("--hits", tmp_path / "hits.npz", "--width", 64, "--height", 48, "--json")
     report = json.loads(run_clbvh("render", mesh, "-o", tmp_path / "out.png", *arguments).stdout)
     with np.load(tmp_path / "hits.npz") as hits:
-        assert {name: hits[name].shape for name in hits} == dict.fromkeys(("t", "u", "v", "prim_id"), (48, 64))
+        by_pixel = ("t", "u", "v", "prim_id", "geometry_id", "instance_id")
+        assert {name: hits[name].shape for name in hits} == {
+            **dict.fromkeys(by_pixel, (48, 64)), "geometry_names": (1,), "instance_names": (1,),
+        }  # fmt: skip
         is_hit = hits["prim_id"] >= 0
         assert is_hit.sum() == report["hits"]
         assert np.isfinite(hits["t"][is_hit]).all()

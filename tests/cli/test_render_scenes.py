@@ -162,6 +162,23 @@ def test_a_wrong_object_is_a_wrong_file(tmp_path, verb, text, words):
     refuses(run_clbvh(verb, path, *output), 2, "scene.toml", *words)
 
 
+def test_a_scene_is_validated(scene, tmp_path):
+    result = run_clbvh("render", scene, "-o", tmp_path / "out.ppm", "--validate", *SIZE)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert f"all trees and {48 * 36:,} pixels agree with the reference" in result.stdout
+
+
+def test_the_trees_of_a_scene_are_kept(scene, tmp_path):
+    arguments = ("--cache-dir", tmp_path / "trees")
+    first, second = (render(scene, *arguments, folder=tmp_path)[0] for _ in range(2))
+    assert (first["tree_from_cache"], second["tree_from_cache"]) == (False, True)
+    assert len(list((tmp_path / "trees").iterdir())) == 3
+
+
+def test_no_tree_at_all_needs_one_mesh(scene, tmp_path):
+    refuses(run_clbvh("render", scene, "-o", tmp_path / "out.ppm", "--builder", "brute"), 2, "brute", "several objects")
+
+
 def test_a_heat_map_needs_one_mesh(scene, tmp_path):
     answer = run_clbvh("render", scene, "-o", tmp_path / "out.ppm", "--heatmap", "nodes")
     refuses(answer, 2, "heat map", "several objects")

@@ -29,8 +29,8 @@ def ask(tracer, kind, arguments):
     """Return the answer to a query, as bytes."""
     answer = getattr(tracer, kind)(*arguments)
     if is_dataclass(answer):
-        answer = [getattr(answer, name) for name in ("t", "u", "v", "prim_id", "offsets", "distance", "point")
-                  if hasattr(answer, name)]  # fmt: skip
+        answer = [getattr(answer, name) for name in ("t", "u", "v", "prim_id", "instance_id", "offsets", "distance",
+                                                  "point") if hasattr(answer, name)]  # fmt: skip
     if not isinstance(answer, (list, tuple)):
         answer = [answer]
     return [part.tobytes() for part in answer if part is not None]

@@ -226,9 +226,10 @@ class TestPrecision:
         geometry = scene.add(KNOT)
         scene.place(geometry, affine(MATRICES["mirrored"]))
         scene.place(geometry, affine(np.eye(3), (0, 2e7, 0)))
+        towards = np.array([0.48, 0.36, 0.8])
         with Renderer(scene) as renderer:
-            far = renderer.render(camera=Camera((0, 0, 1e7), (0, 0, 0), fov=np.degrees(6e-7)))
-            near = renderer.render(camera=Camera((0, 0, 1e4), (0, 0, 0), fov=np.degrees(6e-4)))
+            far = renderer.render(camera=Camera(tuple(1e7 * towards), (0, 0, 0), fov=np.degrees(6e-7)))
+            near = renderer.render(camera=Camera(tuple(1e4 * towards), (0, 0, 0), fov=np.degrees(6e-4)))
         assert far.hits.count > 500
         assert set(np.unique(far.hits.instance_id)) == {-1, 0}
         assert (far.hits.prim_id == near.hits.prim_id).mean() > 0.98

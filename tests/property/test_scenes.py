@@ -234,3 +234,12 @@ def test_a_hit_on_a_triangle_seen_edge_on_is_where_the_ray_is(opened, is_placed)
             hits = tracer.closest_hit(origins, directions)
         beside.append(np.linalg.norm(hits.locations - (origins + hits.t[:, None] * directions), axis=1)[hits.is_hit])
     assert (np.concatenate(beside) < 1e-3).all()
+
+
+@pytest.mark.xfail(strict=True, reason="the heap orders hits by t outside of the instance, closest_hit by t inside")
+def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
+    scene = scale_scene(make_scene(7, ("line", "cube", "ball"), ("turn", "scale", "turn"), is_far=True), 1e30)
+    with Tracer(scene.contents(), device=opened.info) as tracer:
+        closest = tracer.closest_hit(scene.origins, scene.directions)
+        first = tracer.all_hits(scene.origins, scene.directions, max_hits=1)
+    np.testing.assert_array_equal(first.prim_id, closest.prim_id[closest.is_hit])

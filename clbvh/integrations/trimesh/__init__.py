@@ -1,4 +1,4 @@
-"""The engine for trimesh: ray queries, proximity queries, and both as the default of every mesh of the process.
+"""The engine for trimesh: ray queries, of scenes too, proximity queries, and both as the default of every mesh.
 
 Names, arguments, defaults, orders and dtypes are those of trimesh 5: of ``ray_pyembree.RayMeshIntersector`` and of the
 module ``trimesh.proximity``. See docs/trimesh.md.
@@ -7,12 +7,14 @@ module ``trimesh.proximity``. See docs/trimesh.md.
 from .install import Installation, install, is_installed, uninstall
 from .proximity import ProximityQuery, closest_point, signed_distance
 from .ray import RayMeshIntersector
+from .scene_ray import SceneRay
 from .thickness import longest_ray, max_tangent_sphere, reach, thickness
 
 __all__ = [
     "Installation",
     "ProximityQuery",
     "RayMeshIntersector",
+    "SceneRay",
     "closest_point",
     "install",
     "is_installed",

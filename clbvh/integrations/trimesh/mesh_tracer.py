@@ -117,7 +117,7 @@ class MeshTracer:
 
     def cast(self, mesh: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a ray query of the tracer; rays that it refuses hit nothing."""
-        return self._ask(mesh, lambda tracer, tree: _cast_any_rays(tracer, query, rays, **more))
+        return self._ask(mesh, lambda tracer, tree: cast_any_rays(tracer, query, rays, **more))
 
     def closest_point(self, mesh: Any, points: NDArray[np.float64], tolerance: float) -> ClosestPoints:
         """Return the closest points of the surface; of faces that are equally near, the one that faces the point.
@@ -209,7 +209,7 @@ class MeshTracer:
             if known is not None and known.content == content:
                 return known
             vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-            if known is not None and _has_faces(known.mesh, vertices, faces):
+            if known is not None and has_faces(known.mesh, vertices, faces):
                 # Ctrl-C leaves the tracer with either mesh: no tree is known until it has the new one.
                 self._tree = None
                 try:
@@ -250,12 +250,12 @@ class MeshTracer:
             tracer.close()
 
 
-def _has_faces(mesh: Mesh, vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
+def has_faces(mesh: Mesh, vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether a mesh has these faces and this number of vertices."""
     return len(mesh.vertices) == len(vertices) and np.array_equal(mesh.faces, faces)
 
 
-def _cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
+def cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
     """Run a query of a tracer; rays that it refuses hit nothing."""
     try:
         return getattr(tracer, query)(*rays, **more)

@@ -19,7 +19,7 @@ from .mesh_tracer import EngineOptions, read_options
 from .tracers import find_tracer, read_mesh
 
 # Most hits of a ray, unless the caller says otherwise: trimesh's default.
-_MAX_HITS = 100
+MAX_HITS = 100
 
 
 class RayMeshIntersector:
@@ -117,7 +117,7 @@ class RayMeshIntersector:
         ray_origins: ArrayLike,
         ray_directions: ArrayLike,
         multiple_hits: bool = True,
-        max_hits: int = _MAX_HITS,
+        max_hits: int = MAX_HITS,
         return_locations: bool = False,
     ) -> tuple[NDArray[Any], ...]:
         """Return which triangles rays hit.
@@ -149,7 +149,7 @@ class RayMeshIntersector:
         >>> index_ray
         array([0, 0])
         """
-        rays = _read_rays(ray_origins, ray_directions)
+        rays = read_rays(ray_origins, ray_directions)
         if max_hits < 1:
             nothing = np.empty(0, np.int64)
             return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
@@ -182,7 +182,7 @@ class RayMeshIntersector:
         >>> RayMeshIntersector(mesh).intersects_first([[0.2, 0.2, 1], [0.9, 0.9, 1]], [[0, 0, -1]] * 2)
         array([ 0, -1], dtype=int32)
         """
-        return self._cast("closest_prim", _read_rays(ray_origins, ray_directions))
+        return self._cast("closest_prim", read_rays(ray_origins, ray_directions))
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
         """Return (n,) bool: whether each ray hits the mesh.
@@ -199,7 +199,7 @@ class RayMeshIntersector:
         >>> RayMeshIntersector(trimesh.creation.box()).intersects_any([[0, 0, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
         array([ True, False])
         """
-        return self._cast("any_hit", _read_rays(ray_origins, ray_directions))
+        return self._cast("any_hit", read_rays(ray_origins, ray_directions))
 
     def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (n,) bool: whether the mesh contains points; on its surface the answer is either.
@@ -292,7 +292,7 @@ class RayMeshIntersector:
         return self.__copy__()
 
 
-def _read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return both as arrays of one shape."""
     rays = np.asarray(origins), np.asarray(directions)
     if rays[0].shape != rays[1].shape:

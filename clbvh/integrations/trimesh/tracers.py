@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import gc
 import threading
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 from weakref import WeakSet, WeakValueDictionary, ref
 
 from ...geometry.as_mesh import MeshLike, as_mesh
 from .mesh_tracer import EngineOptions, MeshTracer
+from .scene_tracer import SceneTracer
+
+AnyTracer: TypeAlias = MeshTracer | SceneTracer
 
 # After this many trees have gone to a device, meshes that nobody uses are collected: a collection takes about 50 ms
 # with trimesh and what it imports loaded, so it adds less than 1 ms to each tree.
@@ -31,7 +34,7 @@ class _Tracers:
     shared: ClassVar[WeakValueDictionary[tuple[int, EngineOptions], MeshTracer]] = WeakValueDictionary()
     # Those that live as long as a mesh, by its identity. A reference that dies is removed before the identity is free.
     kept: ClassVar[dict[int, tuple[ref[Any], set[MeshTracer]]]] = {}
-    open: ClassVar[WeakSet[MeshTracer]] = WeakSet()
+    open: ClassVar[WeakSet[AnyTracer]] = WeakSet()
     opened_count = 0
 
 
@@ -66,7 +69,7 @@ def find_tracer(mesh: Any, options: EngineOptions, *, keep: bool) -> MeshTracer:
         key = (id(mesh), options)
         tracer = _Tracers.shared.get(key)
         if tracer is None:
-            tracer = _Tracers.shared[key] = MeshTracer(options, _make_room)
+            tracer = _Tracers.shared[key] = MeshTracer(options, make_room)
         if keep:
             entry = _Tracers.kept.get(id(mesh))
             if entry is None:
@@ -80,7 +83,7 @@ def forget_kept() -> None:
     _Tracers.kept.clear()
 
 
-def open_tracers() -> list[MeshTracer]:
+def open_tracers() -> list[AnyTracer]:
     """Return the tracers that hold memory of a device."""
     with _Tracers.lock:
         return [tracer for tracer in _Tracers.open if tracer.open_tracer is not None]
@@ -96,7 +99,7 @@ class _Forget:
         _Tracers.kept.pop(self._mesh_id, None)
 
 
-def _make_room(newest: MeshTracer) -> None:
+def make_room(newest: AnyTracer) -> None:
     """Collect unused meshes from time to time, and remove trees from a device that has too many."""
     tracer = newest.open_tracer
     if tracer is None:
@@ -125,7 +128,7 @@ def _make_room(newest: MeshTracer) -> None:
             return
 
 
-def _others_on(device: Any, newest: MeshTracer) -> dict[MeshTracer, int]:
+def _others_on(device: Any, newest: AnyTracer) -> dict[AnyTracer, int]:
     """Return the bytes that each other tracer holds on a device."""
     pairs = [(other, other.open_tracer) for other in open_tracers() if other is not newest]
     return {other: held.memory_bytes for other, held in pairs if held is not None and held.device == device}

@@ -80,7 +80,7 @@ def find_placed_offset_points(
 @compiled(error_model="numpy")
 def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locations, points):
     corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
-    way, shares = np.empty(3), np.empty(3)
+    way, shares, weights = np.empty(3), np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -110,9 +110,12 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
             way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
+        # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
+        for axis in range(3):
+            weights[axis] = 1.0 if np.isfinite(most) else abs(normal[axis])
 
-        rounding, growth = _bound_roundings(arrays, instance, normal, local, shares)
-        coarseness = _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit, scene_reach)
+        rounding, growth = _bound_roundings(arrays, instance, weights, local, shares)
+        coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach)
         height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
         height = min(height, most) / scale
         for axis in range(3):
@@ -120,10 +123,11 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
 
 
 @compiled
-def _bound_roundings(arrays, instance, normal, local, shares):
-    """Return how far float32 moves a ray and a primitive along the normal, and by how much more for a height of 1.
+def _bound_roundings(arrays, instance, weights, local, shares):
+    """Return how far float32 moves a ray and a primitive apart, and by how much more for a height of 1.
 
-    In local units. `shares` is how far a start point is moved along each axis of the object for a height of 1.
+    In local units. `weights` are those of the object's axes, and `shares` is how far a start point is moved along each
+    of them for a height of 1.
     """
     reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
     sideways = max(shares[0], shares[1], shares[2])
@@ -137,17 +141,14 @@ def _bound_roundings(arrays, instance, normal, local, shares):
                 condition += share * abs(arrays.linear[instance, world_axis, column])
             entry += condition * (1.0 + abs(local[column]))
             growth_of_entry += condition * shares[column]
-        rounding += abs(normal[axis]) * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
-        growth += abs(normal[axis]) * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
+        rounding += weights[axis] * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
+        growth += weights[axis] * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
     return ROUNDING * rounding, ROUNDING * growth
 
 
 @compiled
-def _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit, scene_reach):
-    """Return how far the roundings of world coordinates, in float64 and in pairs, move a point along the normal.
-
-    In local units.
-    """
+def _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach):
+    """Return how far the roundings of world coordinates, in float64 and in pairs, move a point, in local units."""
     scale, coarseness = arrays.scale[geometry], 0.0
     for world_axis in range(3):
         size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
@@ -156,7 +157,7 @@ def _bound_coarseness(arrays, instance, geometry, normal, local, locations, hit,
             size += abs(arrays.linear[instance, world_axis, column]) * place
         moved = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
         for axis in range(3):
-            coarseness += abs(normal[axis]) * abs(arrays.inverse[instance, axis, world_axis]) * moved
+            coarseness += weights[axis] * abs(arrays.inverse[instance, axis, world_axis]) * moved
     return coarseness * scale
 
 

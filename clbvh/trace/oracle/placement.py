@@ -13,8 +13,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.mesh import Mesh
 from ...geometry.shape import Shape
+
+# Rotations, mirrors and uniform scales in float64 stretch all directions alike, but for this.
+_SIMILAR = 2.0**-40
+
+# Which side of a box each of its corners has, along each axis.
+_CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T == 1
+
+# The boxes of shapes are rounded to float32.
+_ROOM = 1.0 + 2.0**-20
 
 
 class SceneLike(Protocol):
@@ -124,22 +132,29 @@ class Placement(NamedTuple):
 
 def place_instances(scene: SceneLike) -> list[Placement]:
     """Return the placements of all instances, in the order of their ids."""
+    farthest = [_radius(shape, np.eye(3)) for shape in scene.shapes]
     return [
-        _place(index, int(geometry_id), int(mask), scene.shapes[geometry_id], transform)
+        _place(index, int(geometry_id), int(mask), scene.shapes[geometry_id], transform, farthest[geometry_id])
         for index, (geometry_id, mask, transform) in enumerate(
             zip(scene.geometry_ids, scene.masks, np.asarray(scene.transforms, np.float64), strict=True)
         )
     ]
 
 
-def _place(index: int, geometry_id: int, mask: int, shape: Shape, transform: NDArray[np.float64]) -> Placement:
+def _place(
+    index: int, geometry_id: int, mask: int, shape: Shape, transform: NDArray[np.float64], farthest: float
+) -> Placement:
+    """Return the placement of an instance; `farthest` is the radius of its shape, in local units."""
     linear = transform[:3, :3]
     centre = linear @ shape.origin + transform[:3, 3]
 
     # A power of two first, so that squares stay within float64.
     size = 2.0 ** math.frexp(float(np.abs(linear).max()) / shape.scale)[1]
     local_to_world = linear / shape.scale / size
-    radius = _radius(shape, local_to_world)
+    stretches = np.linalg.svd(local_to_world, compute_uv=False)
+    # Without a pass over the primitives where all directions are stretched alike.
+    is_similar = stretches[0] - stretches[2] <= _SIMILAR * stretches[0]
+    radius = float(stretches[0]) * farthest if is_similar else _radius(shape, local_to_world)
     exponent = math.frexp(radius)[1] if radius > 0.0 else 0
     unit = size * 2.0**exponent
     to_world = local_to_world / 2.0**exponent
@@ -152,10 +167,10 @@ def _place(index: int, geometry_id: int, mask: int, shape: Shape, transform: NDA
 
 
 def _radius(shape: Shape, to_world: NDArray[np.float64]) -> float:
-    if isinstance(shape, Mesh):
-        return float(np.linalg.norm(shape.local_vertices.astype(np.float64) @ to_world.T, axis=1).max())
-    centres = np.linalg.norm(shape.local_centres.astype(np.float64) @ to_world.T, axis=1)
-    return float((centres + np.linalg.norm(to_world, 2) * shape.local_radii).max())
+    """Return the distance of the farthest corner of the shape's box."""
+    lower, upper = shape.local_box.astype(np.float64)
+    corners = np.where(_CORNERS, upper, lower) @ to_world.T
+    return float(np.linalg.norm(corners, axis=1).max()) * _ROOM
 
 
 def scene_radius(placements: list[Placement]) -> float:

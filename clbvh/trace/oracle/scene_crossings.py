@@ -137,14 +137,26 @@ class _SeenRays(NamedTuple):
     local_blurs: NDArray[np.float64]
 
 
-def find_crossings(scene: SceneLike, rays: Rays, blur: Blur | None = None) -> Crossings:
+def find_crossings(
+    scene: SceneLike, rays: Rays, blur: Blur | None = None, known_placements: list[Placement] | None = None
+) -> Crossings:
     """Return every crossing that there can be.
+
+    Parameters
+    ----------
+    scene : SceneState
+    rays : Rays
+    blur : Blur, optional
+        How far the device may be off.
+    known_placements : list of Placement, optional
+        What `place_instances` returns for the scene.
 
     Notes
     -----
     O(rays x primitives of all instances), less those whose bounding sphere a ray passes by.
     """
-    granted, placements = blur or Blur(), place_instances(scene)
+    granted = blur or Blur()
+    placements = place_instances(scene) if known_placements is None else known_placements
     twins = _find_twins(scene)
     size = scene_radius(placements) if placements else 0.0
     with np.errstate(over="ignore"):

@@ -81,6 +81,7 @@ class ScenePoints:
         self._blur = blur or Blur()
         all_placements = place_instances(scene)
         self._size = scene_radius(all_placements) if all_placements else 0.0
+        self._all_placements = all_placements
         self._placements = [placed for placed in all_placements if placed.mask & mask]
         self._mask = mask
 
@@ -95,14 +96,21 @@ class ScenePoints:
             np.full(len(given), np.inf), np.full(given.shape, np.nan), instance_id, geometry_id, prim_id,
             np.zeros(len(given)),
         )  # fmt: skip
-        for placed in self._placements:
-            distance, point, prim = _find_nearest(placed, given)
-            is_nearer = distance < best.distance
-            best.distance[is_nearer], best.point[is_nearer] = distance[is_nearer], point[is_nearer]
+        distances = np.empty((len(self._placements), len(given)))
+        slacks = np.empty_like(distances)
+        for row, placed in enumerate(self._placements):
+            distances[row], point, prim = _find_nearest(placed, given)
+            slacks[row] = self._slack(placed, given)
+            is_nearer = distances[row] < best.distance
+            best.distance[is_nearer], best.point[is_nearer] = distances[row, is_nearer], point[is_nearer]
             best.instance_id[is_nearer], best.geometry_id[is_nearer] = placed.instance_id, placed.geometry_id
             best.prim_id[is_nearer] = prim[is_nearer]
-            # The device may be wrong by the slack of the instance it prefers, and by that of the one it does not.
-            np.maximum(best.slack, 2.0 * self._slack(placed, given), out=best.slack)
+            best.slack[is_nearer] = slacks[row, is_nearer]
+
+        # The device may be wrong by the slack of the nearest instance, and by that of another that seems as near.
+        least = best.distance + best.slack
+        seems_near = distances - slacks <= least
+        best.slack[:] += np.where(seems_near, slacks, 0.0).max(axis=0, initial=0.0)
         return best
 
     def distance_to(self, points: ArrayLike, instance_ids: ArrayLike, prim_ids: ArrayLike) -> NDArray[np.float64]:
@@ -137,7 +145,11 @@ class ScenePoints:
         distance = np.where(is_inside, inside, -lie.distance.min(axis=1))
         # Where a point is inside, an instance that cannot be decided may have the greatest distance or not.
         could_matter = ~lie.is_decided & (~is_inside[:, None] | (lie.distance + lie.slack >= inside[:, None]))
-        return distance, ~np.logical_or.reduce(could_matter, axis=1), lie.slack.max(axis=1)
+        # Those instances count whose distance the device may choose.
+        least = (lie.distance + lie.slack).min(axis=1, keepdims=True)
+        counts = np.where(is_inside[:, None], lie.is_inside | ~lie.is_decided, lie.distance - lie.slack <= least)
+        slack = 2.0 * np.where(counts, lie.slack, 0.0).max(axis=1)
+        return distance, ~np.logical_or.reduce(could_matter, axis=1), slack
 
     def by_instance(self, points: ArrayLike) -> InstancePoints:
         """Return how (n, 3) points lie to each visible instance.
@@ -164,7 +176,8 @@ class ScenePoints:
         for direction in _DIRECTIONS:
             if count == 0 or lie.is_decided.all():
                 return
-            crossings = find_crossings(self._scene, Rays.make(points, direction[None], mask=self._mask), self._blur)
+            rays = Rays.make(points, direction[None], mask=self._mask)
+            crossings = find_crossings(self._scene, rays, self._blur, self._all_placements)
             ray_id = crossings.ray_id
             for column, placed in enumerate(self._placements):
                 if not isinstance(placed.shape, Mesh):

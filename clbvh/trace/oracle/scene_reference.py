@@ -103,7 +103,7 @@ class SceneReference:
 
     def crossings(self, rays: Rays) -> Crossings:
         """Return every crossing that there can be."""
-        return find_crossings(self._scene, rays, self._blur)
+        return find_crossings(self._scene, rays, self._blur, self._placements)
 
     def closest_hit(self, rays: Rays, crossings: Crossings | None = None) -> ReferenceHits:
         """Return the nearest crossing of each ray that is sure; at equal t that of the smaller (instance, primitive).

@@ -138,14 +138,15 @@ class DeviceScene:
         self._node_counts = [len(part.nodes) for part in arrays]
         triangle_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["triangles"]]
         sphere_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["spheres"]]
-        self._upload(session, "nodes", [part.nodes for part in arrays])
-        self._upload(session, "blocks", triangle_blocks)
-        self._upload(session, "spheres", sphere_blocks)
         self._dtypes = {"nodes": arrays[0].nodes.dtype}
         if triangle_blocks:
             self._dtypes["blocks"] = triangle_blocks[0].dtype
         self.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        self._put_top(session, session)
+        with self._releasing_on_error(session):
+            self._upload(session, "nodes", [part.nodes for part in arrays])
+            self._upload(session, "blocks", triangle_blocks)
+            self._upload(session, "spheres", sphere_blocks)
+            self._put_top(session, session)
 
     def moved(self, owner: DeviceSession, session: DeviceSession, state: SceneState) -> Self:
         """Return the scene with other transforms of the same instances; this one does not change.
@@ -160,7 +161,8 @@ class DeviceScene:
         """
         moved = self._copy(state)
         moved.surface = move_instances(self.surface, state.transforms)
-        moved._put_top(owner, session)
+        with moved._releasing_on_error(owner, self):
+            moved._put_top(owner, session)
         return moved
 
     def with_geometry(
@@ -174,19 +176,10 @@ class DeviceScene:
     ) -> Self:
         """Return the scene with a mesh of it whose vertices have moved; see `moved`."""
         moved = self._copy(state)
-        for name in ("nodes", "blocks"):
-            begin, count, dtype = self._range(name, geometry_id)
-            byte_count = self._byte_counts[name]
-            buffer = owner.allocate(byte_count, writable=False)
-            moved.arguments[name] = buffer
-            first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
-            session.copy(self.arguments[name], buffer, 0, first)
-            session.copy(self.arguments[name], buffer, end, byte_count - end)
-        mesh = state.shapes[geometry_id]
-        with moved.mapped(session, geometry_id, write=True) as arrays:
-            refit.write(cast(Mesh, mesh), *arrays, threads)
-        moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        moved._put_top(owner, session)
+        with moved._releasing_on_error(owner, self):
+            moved._refit(self, owner, session, geometry_id, refit, threads)
+            moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+            moved._put_top(owner, session)
         return moved
 
     def release_other_than(self, other: DeviceScene, owner: DeviceSession) -> None:
@@ -194,6 +187,18 @@ class DeviceScene:
         for name, buffer in self.arguments.items():
             if buffer is not other.arguments[name]:
                 owner.release(buffer)
+
+    @contextmanager
+    def _releasing_on_error(self, owner: DeviceSession, other: DeviceScene | None = None) -> Iterator[None]:
+        """Give back the buffers that no other scene shares if the block fails, or is interrupted."""
+        try:
+            yield
+        except BaseException:
+            for name in list(self.arguments):
+                buffer = self.arguments.pop(name)
+                if other is None or buffer is not other.arguments[name]:
+                    owner.release(buffer)
+            raise
 
     @contextmanager
     def mapped(
@@ -217,6 +222,28 @@ class DeviceScene:
         made.state = state
         made.arguments, made._byte_counts = dict(self.arguments), dict(self._byte_counts)
         return made
+
+    def _refit(
+        self,
+        other: DeviceScene,
+        owner: DeviceSession,
+        session: DeviceSession,
+        geometry_id: int,
+        refit: RefitGeometry,
+        threads: HostThreads,
+    ) -> None:
+        """Put the arrays of all geometries into new buffers: one mesh refitted, the rest from another scene."""
+        for name in ("nodes", "blocks"):
+            begin, count, dtype = self._range(name, geometry_id)
+            byte_count = self._byte_counts[name]
+            self.arguments[name] = buffer = owner.allocate(byte_count, writable=False)
+            first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
+            session.copy(other.arguments[name], buffer, 0, first)
+            session.copy(other.arguments[name], buffer, end, byte_count - end)
+        with self.mapped(session, geometry_id, write=True) as arrays:
+            refit.write(cast(Mesh, self.state.shapes[geometry_id]), *arrays, threads)
+        # Queries have queues of their own, which do not wait for this one.
+        session.finish()
 
     def _put_top(self, owner: DeviceSession, session: DeviceSession) -> None:
         """Build the tree over the instances, and put it into new buffers."""

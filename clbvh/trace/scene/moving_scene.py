@@ -134,16 +134,21 @@ class MovingScene:
             if refit.sah_growth <= REBUILD_GROWTH:
                 return self._replace(caster, scene)
             scene.release_other_than(tree, caster.session)
+        self._refits.pop(geometry_id, None)
         trees = self._trees_now(caster)
         trees[geometry_id] = self._build_tree(moved_shape)
         built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
         return self._replace(caster, built)
 
     def _find_refit(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> RefitGeometry:
-        """Return what refits a geometry; it is kept as long as the geometry has the tree that it was built with."""
+        """Return what refits a geometry; it is kept as long as the geometry has the tree that it was built with.
+
+        Where another geometry is built anew, this one's tree begins again as it was refitted, and with its wear.
+        """
         refit = self._refits.get(geometry_id)
         if refit is None or refit.bvh is not scene.trees[geometry_id]:
-            refit = self._refits[geometry_id] = RefitGeometry(scene, geometry_id, session)
+            growth = 1.0 if refit is None else refit.sah_growth
+            refit = self._refits[geometry_id] = RefitGeometry(scene, geometry_id, session, growth)
         return refit
 
     def _copies_of(self, caster: Caster) -> TreeCopies:

@@ -13,9 +13,11 @@ from ...structs import INSTANCE
 from ...support.compiled import compiled
 from ..hits.scene_arrays import SceneArrays
 
-# An instance's box grows by this share of its own size: more than a ray loses by entering it in float32. And by this
-# share of all boxes: more than float32 rounds off the ray with which the boxes are tested.
-_OWN_GROWTH = 2.0**-18
+# An instance's box grows by this share of its own size, times the condition of its matrix, up to its whole size: more
+# than a ray loses by entering it in float32. A ray begins up to 36 radii away when it is rounded, and each of its
+# components is a sum of three products. And by the other share of all boxes: more than float32 rounds off the ray with
+# which the boxes are tested.
+_OWN_GROWTH = 2.0**-15
 _SCENE_GROWTH = 2.0**-19
 
 # Bounds that are computed in float64 and kept in float32 have this much room.
@@ -100,14 +102,29 @@ def _find_boxes(arrays, lower, upper):
     linear, origin, half_size = arrays.linear, arrays.origin, arrays.half_size
     for instance in range(len(lower)):
         geometry = arrays.geometry_id[instance]
+        condition = _condition(arrays, instance)
         for row in range(3):
             middle, half = arrays.offset[instance, row], 0.0
             for column in range(3):
                 factor = linear[instance, row, column]
                 middle += factor * origin[geometry, column]
                 half += abs(factor) * half_size[geometry, column]
-            half += half * _OWN_GROWTH
+            half += half * min(_OWN_GROWTH * condition, 1.0)
             lower[instance, row], upper[instance, row] = middle - half, middle + half
+
+
+@compiled
+def _condition(arrays, instance):
+    """Return by how much rounding can grow on the way into an instance and back; 1 for a map along the axes."""
+    linear, inverse = arrays.linear, arrays.inverse
+    most = 0.0
+    for row in range(3):
+        total = 0.0
+        for middle in range(3):
+            for column in range(3):
+                total += abs(linear[instance, row, middle] * inverse[instance, middle, column])
+        most = max(most, total)
+    return most
 
 
 @compiled(error_model="numpy")

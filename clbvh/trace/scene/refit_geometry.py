@@ -23,33 +23,37 @@ class RefitGeometry:
     Parameters
     ----------
     scene : DeviceScene
-        With the geometry as it was built.
+        With the geometry as it is now.
     geometry_id : int
         A mesh.
     session : DeviceSession
         A branch of the scene's, for this thread.
+    growth_before : float
+        The SAH cost of the tree in the scene, divided by that of the tree that was built.
 
     Attributes
     ----------
     bvh : Bvh
-        The tree that was built.
+        The tree in the scene.
     sah_growth : float
         The SAH cost of the tree as it was last written, divided by that of the tree that was built.
     """
 
-    def __init__(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> None:
+    def __init__(
+        self, scene: DeviceScene, geometry_id: int, session: DeviceSession, growth_before: float = 1.0
+    ) -> None:
         self.bvh = scene.trees[geometry_id]
-        self._built = scene.state.shapes[geometry_id]
-        self._built_cost = 0.0
-        self.sah_growth = 1.0
+        self._first = scene.state.shapes[geometry_id]
+        self._first_cost = 0.0
+        self._growth_before = self.sah_growth = growth_before
         with scene.mapped(session, geometry_id, write=False) as arrays:
             self._arrays = RefitArrays(read_topology(*arrays, scene.layout))
 
     def write(self, mesh: Mesh, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
         """Write nodes and blocks for a mesh; see `RefitArrays.write`."""
-        if self._built_cost == 0.0 and isinstance(self._built, Mesh):
+        if self._first_cost == 0.0 and isinstance(self._first, Mesh):
             # Only those who move vertices ask how the cost has grown.
-            self._arrays.write(self._built, nodes, blocks, threads)
-            self._built_cost = self._arrays.sah_cost
+            self._arrays.write(self._first, nodes, blocks, threads)
+            self._first_cost = self._arrays.sah_cost
         self._arrays.write(mesh, nodes, blocks, threads)
-        self.sah_growth = self._arrays.sah_cost / self._built_cost
+        self.sah_growth = self._growth_before * self._arrays.sah_cost / self._first_cost

@@ -130,3 +130,18 @@ def test_spheres_are_pickled_with_all_they_have():
 
 def test_repr_says_what_it_is():
     assert repr(Spheres(CENTRES, 1, name="atoms")) == "Spheres('atoms', count=3)"
+
+
+@pytest.mark.parametrize(
+    ("centres", "radii"),
+    [
+        ([[1e308, 0, 0], [-1e308, 0, 0]], 1e308),
+        ([[1.7e308, 0, 0], [-1.7e308, 0, 0]], 1e307),
+        ([[1.7e308, 0, 0], [1, 1, 1]], 1.7e308),
+        ([[1.7e308, 1.7e308, 0]], 1.7e308),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_spheres_that_leave_float64_are_refused(centres, radii):
+    with pytest.raises(MeshError, match="units wide to each side of the centre"):
+        Spheres(centres, radii)

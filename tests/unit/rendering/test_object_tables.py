@@ -84,6 +84,11 @@ def test_what_is_left_out_has_its_default():
     assert read(GROUND + '[object.repeat]\non = "ground"\ncount = 2\nscale = 3')[1].repeat.scale == (3, 3)
 
 
+@pytest.mark.parametrize("mask", [0, 1, 2**32 - 1])
+def test_a_mask_may_have_any_bits(mask):
+    assert read(f'[[object]]\nshape = "knot"\nmask = {mask}')[0].mask == mask
+
+
 def test_objects_without_a_label_are_numbered():
     text = '[[object]]\nshape = "knot"\n'
     assert [found.label for found in read(3 * text)] == ["knot", "knot 2", "knot 3"]

@@ -9,6 +9,7 @@ from clbvh import make_shape
 from clbvh.errors import SceneError
 from clbvh.rendering.repeat import MAX_COPIES, Grid, Scatter
 from clbvh.rendering.scene import Transform
+from clbvh.support import memory
 
 UP = (0.0, 1.0, 0.0)
 # A square of side 4 at height 3, seen from above.
@@ -24,6 +25,12 @@ def test_a_grid_stands_around_the_object():
     assert (copies[:, 3] == [0, 0, 0, 1]).all()
     places = [[-2, 0.5, -5], [0, 0.5, -5], [2, 0.5, -5], [-2, 0.5, 5], [0, 0.5, 5], [2, 0.5, 5]]
     assert copies[:, :3, 3] == pytest.approx(np.array(places, float))
+
+
+def test_x_runs_fastest_and_z_slowest():
+    x, y, z = Grid((2, 3, 4), (1, 10, 100)).matrices(np.eye(4))[:, :3, 3].T
+    order = np.argsort(x + y + z)
+    assert (order == np.arange(24)).all()
 
 
 def test_a_grid_of_one_is_the_object():
@@ -49,15 +56,21 @@ def test_copies_are_scaled_within_the_limits(seed):
     assert np.allclose(copies[:, 1, 3], 3 + 0.5 * scales)
 
 
-@pytest.mark.parametrize("up", [UP, (0, 0, -2.5), (1, 2, 3)])
+@pytest.mark.parametrize("up", [UP, (0, 0, -2.5), (1, 2, 3), (0, 1e-200, 1e-200), (1e300, 0, -1e300)])
 def test_turned_copies_stay_upright_and_face_all_ways(up):
     copies = Scatter("ground", 500, 1).matrices(np.eye(4), SQUARE, FACES, up)
-    axis = np.array(up) / np.linalg.norm(up)
+    axis = np.array(up) / np.max(np.abs(up))
+    axis /= np.linalg.norm(axis)
     assert np.allclose(copies[:, :3, :3] @ axis, axis)
     level = np.cross(axis, [0.3, 0.2, 0.9])
     level /= np.linalg.norm(level)
     cosines = (copies[:, :3, :3] @ level) @ level
     assert (np.histogram(cosines, bins=4, range=(-1, 1))[0] > 50).all()
+
+
+def test_there_must_be_an_up_direction():
+    with pytest.raises(SceneError, match="up must not be zero"):
+        Scatter("ground", 3).matrices(np.eye(4), SQUARE, FACES, (0, 0, 0))
 
 
 @pytest.mark.parametrize("turn", [True, False])
@@ -112,3 +125,12 @@ def test_the_same_seed_gives_the_same_bytes(seed):
 def test_what_cannot_be_repeated_is_refused(make, message):
     with pytest.raises(SceneError, match=message):
         make()
+
+
+def test_copies_must_fit_the_free_memory(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 1e8)
+    Scatter("g", 100)
+    with pytest.raises(SceneError, match="900,000 copies need about 900 MB of memory, but 100 MB are free"):
+        Scatter("g", 900_000)
+    with pytest.raises(SceneError, match="1,000,000 copies need"):
+        Grid((1000, 1, 1000), (1, 1, 1))

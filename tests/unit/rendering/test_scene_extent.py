@@ -147,6 +147,8 @@ def test_a_ball_reaches_at_most_as_far_as_is_said():
     linear = generator.normal(size=(3, 3))
     points = generator.normal(size=(20_000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    assert (reaches.of_points(points @ linear.T).max(axis=0) <= reaches.of_ball(linear)).all()
+    assert (reaches.of_points(points, linear, np.zeros(3)).max(axis=1) <= reaches.of_ball(linear)).all()
     straight = Reaches(generator.normal(size=(6, 3)), np.zeros(6), axis)
-    np.testing.assert_allclose(straight.of_points(points @ linear.T).max(axis=0), straight.of_ball(linear), rtol=1e-2)
+    np.testing.assert_allclose(
+        straight.of_points(points, linear, np.zeros(3)).max(axis=1), straight.of_ball(linear), rtol=1e-2
+    )

@@ -249,6 +249,11 @@ class TestSnapshot:
         assert (after.transforms[:3] == transforms).all()
         assert (after.transforms[3:] == shifted(9, 9, 9)).all()
 
+    def test_a_new_geometry_is_seen_before_it_is_placed(self, scene):
+        assert scene.snapshot().geometry_count == len(scene.geometries) == 2
+        scene.add(KNOT)
+        assert scene.snapshot().geometry_count == len(scene.geometries) == 3
+
     def test_it_cannot_be_written(self, scene):
         state = scene.snapshot()
         for array in (state.geometry_ids, state.transforms, state.masks):
@@ -283,6 +288,7 @@ class TestIds:
     def test_handles_become_ids(self, scene):
         a, b, c = scene.instances
         assert scene.instance_ids(a).tolist() == [0]
+        assert scene.instance_ids(1).tolist() == [1]
         assert scene.instance_ids([c, a]).tolist() == [2, 0]
         assert scene.instance_ids(scene.instances).tolist() == [0, 1, 2]
         assert scene.instance_ids((b, 0, np.int32(2))).tolist() == [1, 0, 2]
@@ -295,7 +301,9 @@ class TestIds:
         with pytest.raises(SceneError, match=r"there is no instance -?\d+: the scene has 3"):
             scene.instance_ids([0, wrong])
 
-    @pytest.mark.parametrize("wrong", ["first", [None], [True], [1.0], 5, None, [[0, 1]], np.eye(2), np.array([0.0])])
+    @pytest.mark.parametrize(
+        "wrong", ["first", [None], [True], [1.0], True, 5.0, None, [[0, 1]], np.eye(2), np.array([0.0])]
+    )
     def test_something_else_is_refused(self, scene, wrong):
         with pytest.raises(SceneError, match=r"expected (an instance|instances) that Scene\.place returned"):
             scene.instance_ids(wrong)

@@ -170,12 +170,17 @@ class TestCopies:
         copied = duplicate(scene)
         for one, other in ((scene, copied), (copied, scene)):
             before = len(other.instances)
-            one.place(one.geometries[1], name=f"new {before}")
+            # Of its own in every one, which shared arrays would mix up.
+            matrix = np.diag([before, len(one.instances), 1, 1])
+            placed = one.place(one.geometries[1], matrix, name=f"new {before}")
             assert len(other.instances) == before
+            assert (placed.transform == matrix).all()
             with pytest.raises(SceneError, match="belongs to another scene"):
                 other.place(one.geometries[0])
             with pytest.raises(SceneError, match="belongs to another scene"):
                 other.instance_ids([one.instances[0]])
+        assert scene.instances[2].transform.tolist() == np.diag([2.0, 2, 1, 1]).tolist()
+        assert copied.instances[2].transform.tolist() == np.diag([3.0, 2, 1, 1]).tolist()
         assert copied.place(copied.geometries[0]).name == "icosphere 2"
         assert copied.instance_ids([copied.instances[1]]).tolist() == [1]
         assert copied.instances[1].geometry is copied.geometries[1]

@@ -1,0 +1,252 @@
+"""A tracer that follows a scene of trimesh, whose nodes and meshes may change between two queries.
+
+Must not know who queries it. What has changed is found by trimesh's own hashes, of the graph and of each mesh.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...device.owner_process import check_process, is_inherited
+from ...errors import DeviceError, QueryError, SceneError
+from ...geometry import Mesh
+from ...scene.contents import SceneContents
+from ...scene.geometry import Geometry
+from ...scene.parts import make_affine
+from ...scene.transforms import check_transforms
+from ...trace import Tracer
+from .mesh_tracer import EngineOptions, cast_any_rays, has_faces
+
+
+class SceneNodes(NamedTuple):
+    """The nodes of a scene that place a triangle mesh, in the order of its graph.
+
+    Attributes
+    ----------
+    names : (n,) object
+        Names of the nodes.
+    geometries : (n,) object
+        The name of each node's geometry.
+    """
+
+    names: NDArray[np.object_]
+    geometries: NDArray[np.object_]
+
+    def is_same(self, other: SceneNodes) -> bool:
+        """Return whether the same nodes place the same geometries."""
+        return self.names.tolist() == other.names.tolist() and self.geometries.tolist() == other.geometries.tolist()
+
+
+class _Follower:
+    """A scene of ours that was made of one of trimesh, and what it knows of that one; a tracer opens with it.
+
+    Parameters
+    ----------
+    nodes : SceneNodes
+    transforms : (n, 4, 4) float64
+    meshes : dict of str to trimesh.Trimesh
+        By the name of the geometry.
+    """
+
+    def __init__(self, nodes: SceneNodes, transforms: NDArray[np.float64], meshes: dict[Any, Any]) -> None:
+        self.nodes = nodes
+        self.contents = SceneContents()
+        self.contents_of = {name: hash(mesh) for name, mesh in meshes.items()}
+        self.geometries: dict[Any, Geometry] = {}
+        self.meshes: dict[Any, Mesh] = {}
+        for name, mesh in meshes.items():
+            self.meshes[name] = Mesh.from_arrays(mesh.vertices, mesh.faces, name=str(name))
+            self.geometries[name] = self.contents.add(self.meshes[name])
+        for geometry, transform in zip(nodes.geometries, transforms, strict=True):
+            self.contents.place(self.geometries[geometry], transform)
+        # None while it is not known what the tracer has: Ctrl-C may strike in the middle of a change.
+        self.transforms: NDArray[np.float64] | None = transforms
+        self.graph_key: Any = None
+
+    def move(self, tracer: Tracer, transforms: NDArray[np.float64]) -> None:
+        """Set the transforms that have changed."""
+        known, self.transforms = self.transforms, None
+        moved = np.arange(len(transforms))
+        if known is not None:
+            moved = moved[(known != transforms).any(axis=(1, 2))]
+        if len(moved):
+            tracer.set_transforms(moved, transforms[moved])
+        self.transforms = transforms
+
+    def deform(self, tracer: Tracer, name: Any, mesh: Any) -> None:
+        """Set the vertices of a mesh whose faces are as before."""
+        self.contents_of.pop(name, None)
+        tracer.set_vertices(self.geometries[name], np.asarray(mesh.vertices))
+        self.contents_of[name] = hash(mesh)
+
+    def can_deform(self, name: Any, mesh: Any) -> bool:
+        """Return whether a mesh has the faces of the one that was known, and as many vertices."""
+        return has_faces(self.meshes[name], np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+class SceneTracer:
+    """A tracer of one scene of trimesh: opened when first needed, and moved or opened again when the scene has changed.
+
+    Any number of threads may use one object, as long as none changes the scene meanwhile.
+
+    Parameters
+    ----------
+    options : EngineOptions
+    on_open : function
+        Called with this object, under no lock, after it has taken more of the device's memory.
+
+    Attributes
+    ----------
+    last_use : float
+        Seconds on a clock of its own.
+    """
+
+    def __init__(self, options: EngineOptions, on_open: Callable[[Any], None]) -> None:
+        self.options = options
+        self.last_use = 0.0
+        self._on_open = on_open
+        self._lock = threading.RLock()
+        self._follower: _Follower | None = None
+        self._tracer: Tracer | None = None
+        self._announced_bytes = 0
+
+    def cast(
+        self, scene: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any
+    ) -> tuple[Any, SceneNodes]:
+        """Run a ray query of the tracer, and return its result and the nodes it is about; see `cast_any_rays`."""
+        self.last_use = time.monotonic()
+        while True:
+            tracer, nodes = self._open(scene)
+            try:
+                return cast_any_rays(tracer, query, rays, **more), nodes
+            except QueryError:
+                # Another thread may have closed it meanwhile: try again with a new one.
+                if not tracer.is_closed:
+                    raise
+
+    def nodes(self, scene: Any) -> SceneNodes:
+        """Return the nodes of the scene as it is now."""
+        with self._lock:
+            known = self._follower
+            if known is not None and known.graph_key is not None and known.graph_key == _graph_key(scene):
+                return known.nodes
+        return _read_nodes(scene)[0]
+
+    def close(self) -> None:
+        """Give the device's and the host's memory back, after the queries of other threads."""
+        if is_inherited():
+            return
+        with self._lock:
+            tracer, self._tracer, self._follower = self._tracer, None, None
+        if tracer is not None:
+            tracer.close()
+
+    def give_way(self) -> bool:
+        """Give the device's memory back, unless a thread is about to use it; return whether it did."""
+        if is_inherited() or not self._lock.acquire(blocking=False):
+            return False
+        try:
+            tracer, self._tracer, self._follower = self._tracer, None, None
+        finally:
+            self._lock.release()
+        if tracer is not None:
+            tracer.close()
+        return tracer is not None
+
+    @property
+    def open_tracer(self) -> Tracer | None:
+        """The tracer, if there is one now."""
+        return self._tracer
+
+    def _open(self, scene: Any) -> tuple[Tracer, SceneNodes]:
+        """Return a tracer of the scene as it is now, and its nodes."""
+        check_process()
+        with self._lock:
+            tracer, follower = self._follow(scene)
+            byte_count = tracer.memory_bytes
+            has_grown = byte_count > self._announced_bytes
+            self._announced_bytes = byte_count
+        if has_grown:
+            self._on_open(self)
+        return tracer, follower.nodes
+
+    def _follow(self, scene: Any) -> tuple[Tracer, _Follower]:
+        """Return a tracer of the scene as it is now, and what it follows: both new ones if they cannot be moved."""
+        tracer, known = self._tracer, self._follower
+        key = _graph_key(scene)
+        if tracer is not None and known is not None and not tracer.is_closed:
+            is_as_known = known.graph_key is not None and known.graph_key == key
+            if is_as_known and all(known.contents_of.get(name) == hash(mesh) for name, mesh in _meshes(scene, known)):
+                return tracer, known
+            nodes, transforms = (known.nodes, known.transforms) if is_as_known else _read_nodes(scene)
+            if transforms is not None and nodes.is_same(known.nodes):
+                try:
+                    if self._update(tracer, known, scene, transforms):
+                        known.graph_key = key
+                        return tracer, known
+                except DeviceError:
+                    pass  # no room for a second copy: open another one in place of this one
+        self._tracer = self._follower = None
+        if tracer is not None:
+            tracer.close()
+        nodes, transforms = _read_nodes(scene)
+        if len(nodes.names) == 0:
+            raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
+        follower = _Follower(nodes, transforms, {name: scene.geometry[name] for name in nodes.geometries})
+        device, layout = self.options
+        tracer = Tracer(follower.contents, device=device, layout=layout)
+        follower.graph_key, self._announced_bytes = key, 0
+        self._tracer, self._follower = tracer, follower
+        return tracer, follower
+
+    @staticmethod
+    def _update(tracer: Tracer, known: _Follower, scene: Any, transforms: NDArray[np.float64]) -> bool:
+        """Move nodes and vertices to where they are now; return false if a mesh has other faces."""
+        changed = [(name, mesh) for name, mesh in _meshes(scene, known) if known.contents_of.get(name) != hash(mesh)]
+        if not all(known.can_deform(name, mesh) for name, mesh in changed):
+            return False
+        known.graph_key = None
+        known.move(tracer, transforms)
+        for name, mesh in changed:
+            known.deform(tracer, name, mesh)
+        return True
+
+
+def _graph_key(scene: Any) -> tuple[Any, ...]:
+    """Return what changes when a node is moved, added or taken away, or gets another geometry."""
+    return hash(scene.graph), scene.graph.base_frame, tuple(scene.geometry)
+
+
+def _meshes(scene: Any, known: _Follower) -> Iterator[tuple[Any, Any]]:
+    """Yield the name and the mesh of each known geometry."""
+    return ((name, scene.geometry[name]) for name in known.geometries)
+
+
+def _read_nodes(scene: Any) -> tuple[SceneNodes, NDArray[np.float64]]:
+    """Return the nodes that place triangle meshes, and their transforms, (n, 4, 4) float64.
+
+    Raises
+    ------
+    SceneError
+        A transform is singular, or not finite; the message names the node.
+    """
+    import trimesh
+
+    rows = []
+    for node in scene.graph.nodes_geometry:
+        matrix, geometry = scene.graph[node]
+        mesh = scene.geometry.get(geometry)
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            rows.append((node, geometry, make_affine(matrix)))
+    names, geometries = (np.empty(len(rows), object) for _ in range(2))
+    for index, (node, geometry, _) in enumerate(rows):
+        names[index], geometries[index] = node, geometry
+    matrices = np.array([matrix for _, _, matrix in rows]).reshape(-1, 4, 4)
+    transforms = check_transforms(matrices, lambda index: f"the transform of the node {names[index]!r}")
+    return SceneNodes(names, geometries), transforms

@@ -1,0 +1,88 @@
+"""Any transform: hits on an instance are those on its mesh, placed."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import clbvh
+from clbvh.trace import Hits
+from clbvh.trace.hits.surface import SceneSurface
+
+from ..profiles import examples
+
+KNOT = clbvh.make_shape("knot", triangles=500)
+BALLS = clbvh.Spheres(np.random.default_rng(0).normal(size=(30, 3)), np.linspace(0.01, 0.5, 30))
+HITS = 50
+
+entry = st.floats(-100, 100, allow_subnormal=False)
+
+
+@st.composite
+def transforms(draw):
+    """A regular matrix of moderate condition, and a translation, in any unit."""
+    linear = np.array(draw(st.lists(entry, min_size=9, max_size=9))).reshape(3, 3)
+    values = np.linalg.svd(linear, compute_uv=False)
+    if not values[2] > 1e-3 * values[0] > 1e-6:
+        linear = np.eye(3)
+    transform = np.eye(4)
+    transform[:3, :3] = linear
+    transform[:3, 3] = draw(st.lists(entry, min_size=3, max_size=3))
+    transform[:3] *= 10.0 ** draw(st.integers(-30, 30))
+    return transform
+
+
+def make_hits(shape, transform, seed):
+    generator = np.random.default_rng(seed)
+    surface = SceneSurface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), transform[None])
+    prim_id = generator.integers(0, shape.prim_count, HITS).astype(np.int32)
+    u, v = generator.uniform(0, 0.5, (2, HITS))
+    is_front = generator.random(HITS) < 0.5
+    return Hits(u, u, v, prim_id, is_front=is_front, scene_surface=surface, known_instance_id=0 * prim_id)
+
+
+@examples(short=40, long=2000)
+@given(transform=transforms(), seed=st.integers(0, 2**32 - 1))
+@pytest.mark.parametrize("shape", [KNOT, BALLS], ids=["mesh", "spheres"])
+def test_hits_of_an_instance_are_those_of_its_shape_placed(shape, transform, seed):
+    hits = make_hits(shape, transform, seed)
+    in_object = make_hits(shape, np.eye(4), seed)
+    linear, offset = transform[:3, :3], transform[:3, 3]
+
+    placed = in_object.locations @ linear.T + offset
+    sizes = np.abs(in_object.locations) @ np.abs(linear).T + np.abs(offset)
+    assert (np.abs(hits.locations - placed) <= 1e-14 * sizes).all()
+
+    # Normals are perpendicular to placed tangents, of length 1, and on the side of the object's.
+    helper = np.roll(in_object.normals, 1, axis=1) * [1, -1, 2]
+    tangents = np.cross(in_object.normals, helper)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    scale = np.abs(linear).max()
+    assert np.abs(((tangents @ linear.T) / scale * hits.normals).sum(axis=1)).max() < 1e-13
+    np.testing.assert_allclose((hits.normals**2).sum(axis=1), 1, atol=1e-14)
+    assert (((in_object.normals @ linear.T) / scale * hits.normals).sum(axis=1) > 0).all()
+
+    # Start points are on the side of the ray, as seen from the object.
+    leaving = np.linalg.solve(linear, (hits.offset_origins() - hits.locations).T).T * scale
+    heights = (leaving * in_object.normals).sum(axis=1)
+    np.testing.assert_array_equal(heights > 0, hits.is_front)
+    np.testing.assert_array_equal(heights < 0, ~hits.is_front)
+
+
+@examples(short=40, long=2000)
+@given(transform=transforms(), seed=st.integers(0, 2**32 - 1))
+def test_smooth_normals_are_on_the_side_of_the_face(transform, seed):
+    hits = make_hits(KNOT, transform, seed)
+    smooth = hits.normals(smooth=True)
+    assert ((smooth * hits.normals).sum(axis=1) > 0).all()
+    np.testing.assert_array_equal((hits.normals(smooth=True, facing=True) == smooth).all(axis=1), hits.is_front)
+
+
+@examples(short=20, long=1000)
+@given(seed=st.integers(0, 2**32 - 1), width=st.integers(1, 4))
+def test_a_linear_function_of_the_place_is_interpolated_exactly(seed, width):
+    generator = np.random.default_rng(seed)
+    factors, constant = generator.normal(size=(3, width)), generator.normal(size=width)
+    hits = make_hits(KNOT, np.eye(4), seed)
+    result = hits.interpolate(KNOT.vertices @ factors + constant)
+    np.testing.assert_allclose(result, hits.locations @ factors + constant, atol=1e-13)
