@@ -1,7 +1,7 @@
 // Distances within an instance are those of the scene: corners are moved into the scene, with the point at zero. A box
-// becomes a parallelepiped there. It is measured in rotated axes, in which the map is triangular (the QR decomposition):
-// the box around it is the thing itself if the map scales along the local axes and rotates then, and for any map the
-// two differ by no more than the size of the thing.
+// becomes a parallelepiped there. It is measured in rotated axes, in which the map is triangular (QR decomposition), by
+// the box around it. That box is the parallelepiped itself if the map scales along the local axes and rotates then; for
+// any map, the two differ by no more than their own size.
 //
 // Lengths are in units of the metric: the power of two that brings the way to the instance, or its radius, to about 1,
 // so that no product leaves float32, however small the instance is.
@@ -121,8 +121,10 @@ INLINED void rotate_axes(metric_t *metric)
 
     // No coordinate within the geometry is above 1. A distance has about 16 roundings, see NEAREST_SLACK; a rotation
     // has four for each entry, and a shear that is left out counts as 8.
-    const float3 reach = magnitude(load_row(metric, 0)) + magnitude(load_row(metric, 1)) + magnitude(load_row(metric, 2));
-    const float rounding = sum_of(reach) + sum_of(magnitude(metric->offset));
+    float rounding = sum_of(magnitude(metric->offset));
+    for (int row = 0; row < 3; row++) {
+        rounding += sum_of(magnitude(load_row(metric, row)));
+    }
     metric->slack = ERROR_BOUND(64) * rounding;
     const float3 shear = magnitude(metric->shear);
     metric->is_sheared = larger(shear.x, larger(shear.y, shear.z)) > ERROR_BOUND(8) * rounding;

@@ -16,18 +16,6 @@
 // NEAREST_SLACK and two more roundings: of the square root and of the subtraction of the slack.
 #define NEAREST_SLACK_OF_LANES ERROR_BOUND(NEAREST_ROUNDINGS + 2)
 
-#if HAS_INSTANCES
-// Returns the least distance that a primitive in each box can have; the slack covers the roundings here, too.
-INLINED lanes_t least_distance(const global node_t *node, const nearest_t *nearest)
-{
-    const point_t lower = {
-        load_lanes(node->aabb_min[0]), load_lanes(node->aabb_min[1]), load_lanes(node->aabb_min[2])};
-    const point_t upper = {
-        load_lanes(node->aabb_max[0]), load_lanes(node->aabb_max[1]), load_lanes(node->aabb_max[2])};
-    const point_t way = way_to_box(&nearest->metric, lower, upper);
-    return sqrt(dot_of(way, way)) - nearest->metric.slack;
-}
-#else
 // Returns the distance from each box along one axis, and adds the distance of its farther plane to *farthest.
 INLINED lanes_t distance_along_axis(
     const global float *aabb_min, const global float *aabb_max, const float point, lanes_t *farthest)
@@ -38,23 +26,25 @@ INLINED lanes_t distance_along_axis(
     return larger_lanes(larger_lanes(below, -above), (lanes_t)(0.0f));
 }
 
-// Returns the least distance that a triangle in each box can have.
-INLINED lanes_t least_distance(const global node_t *node, const nearest_t *nearest)
+// Returns one bit per child, set where a primitive in its box may be as near as the nearest so far; *distance has the
+// least distance that a primitive in each box can have.
+INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *distance)
 {
+#if HAS_INSTANCES
+    const point_t lower = {
+        load_lanes(node->aabb_min[0]), load_lanes(node->aabb_min[1]), load_lanes(node->aabb_min[2])};
+    const point_t upper = {
+        load_lanes(node->aabb_max[0]), load_lanes(node->aabb_max[1]), load_lanes(node->aabb_max[2])};
+    const point_t way = way_to_box(&nearest->metric, lower, upper);
+    *distance = larger_lanes(sqrt(dot_of(way, way)) - nearest->metric.slack, (lanes_t)(0.0f));
+#else
     lanes_t farthest = (lanes_t)(0.0f);
     const float3 point = nearest->point;
     const lanes_t x = distance_along_axis(node->aabb_min[0], node->aabb_max[0], point.x, &farthest);
     const lanes_t y = distance_along_axis(node->aabb_min[1], node->aabb_max[1], point.y, &farthest);
     const lanes_t z = distance_along_axis(node->aabb_min[2], node->aabb_max[2], point.z, &farthest);
-    return sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest;
-}
+    *distance = larger_lanes(sqrt(x * x + y * y + z * z) - NEAREST_SLACK_OF_LANES * farthest, (lanes_t)(0.0f));
 #endif
-
-// Returns one bit per child, set where a triangle in its box may be as near as the nearest so far; *distance has the
-// least distance that a triangle in each box can have.
-INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *distance)
-{
-    *distance = larger_lanes(least_distance(node, nearest), (lanes_t)(0.0f));
     // An inverted box has a huge or infinite distance, which the nearest distance may equal.
     const lane_mask_t is_child = load_lanes(node->aabb_min[0]) <= load_lanes(node->aabb_max[0]);
     return mask_bits((*distance <= nearest->distance) & is_child);

@@ -20,6 +20,7 @@ def make_maps(kind, generator):
     """(n, 3, 3) float64."""
     rotations, others = (np.linalg.qr(generator.normal(size=(COUNT, 3, 3)))[0] for _ in range(2))
     sizes = 10.0 ** generator.uniform(-1, 1, (COUNT, 3))
+    rotations[:, :, 0] *= generator.choice([-1, 1], (COUNT, 1))  # every other one is a mirror
     if kind == "similar":
         sizes[:] = sizes[:, :1]
     if kind == "flat":

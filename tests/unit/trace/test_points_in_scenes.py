@@ -254,6 +254,20 @@ def test_small_instances_in_a_large_scene(session):
         assert (np.abs(distance - expected) <= ROUNDINGS * 2e-5 + 1e-15).all()
 
 
+def test_an_instance_of_a_trillionth_of_the_scene(session):
+    """Products of four of its coordinates would underflow float32."""
+    generator = np.random.default_rng(1371)
+    scene = Scene()
+    geometry = scene.add(make_shape("knot", triangles=170))
+    for size, x in ((1, -5), (1e-12, 0), (1, 5)):
+        scene.place(geometry, make_transform(size * np.eye(3), [x, 0, 0]))
+    points = generator.normal(size=(500, 3)) * 2e-12
+    expected = SceneDistances(scene, points).closest()
+    with Tracer(scene, device=session.info) as tracer:
+        distance = tracer.closest_point(points).distance
+    assert (np.abs(distance - expected) <= ROUNDINGS * 2e-11).all()
+
+
 @pytest.mark.parametrize("scale", [1e-30, 1e30])
 def test_tiny_and_huge_scenes(session, scale):
     generator = np.random.default_rng(1380)
