@@ -72,7 +72,10 @@ def test_one_mesh_against_a_tracer_of_the_mesh(mesh, is_moved):
     scene, bvh = clbvh.Scene(), clbvh.build(mesh)
     scene.place(scene.add(mesh), turn)
     # The same rays, but for rounding.
-    moved = origins @ turn[:3, :3].T + turn[:3, 3], directions @ turn[:3, :3].T
+    moved = (
+        (origins @ turn[:3, :3].T + turn[:3, 3]).astype(np.float32),
+        (directions @ turn[:3, :3].T).astype(np.float32),
+    )
     with clbvh.Tracer(bvh) as alone, clbvh.Tracer(scene) as placed:
         print(f"\n{placed.closest_hit(*moved).count:,} hits, alone {alone.closest_hit(origins, directions).count:,}")
         ratio = compare(

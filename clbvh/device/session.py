@@ -155,11 +155,6 @@ class DeviceSession(ContextManager):
         self._buffers.remove(buffer)
         buffer.release()
 
-    def release_if_held(self, buffer: Any) -> None:
-        """Give a buffer back, unless it has been already."""
-        if any(held is buffer for held in self._buffers):
-            self.release(buffer)
-
     def download(self, buffer: Any, into: NDArray[Any]) -> None:
         """Copy the beginning of a buffer into a contiguous array, filling it."""
         if into.nbytes:

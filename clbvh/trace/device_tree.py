@@ -99,10 +99,6 @@ class DeviceTree:
         self.node_bytes = arrays.nodes.itemsize
         self.memory_bytes = self.buffers.byte_count
 
-    def buffers_of_own(self) -> list[Any]:
-        """Return the buffers that are the tree's alone: none, they belong to its copies."""
-        return []
-
     @property
     def surface(self) -> Triangles:  # noqa: D102
         return triangles_of(self.mesh)

@@ -65,6 +65,3 @@ class TracedTree(Protocol):
     @property
     def most_crossings(self) -> int:
         """Most crossings that a ray can have."""
-
-    def buffers_of_own(self) -> list[Any]:
-        """Return the buffers that nothing but this tree refers to when it is replaced."""

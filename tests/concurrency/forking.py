@@ -42,12 +42,19 @@ class Parent:
         self.bvh = clbvh.build(self.mesh)
         self.rays = np.random.default_rng(0).normal(size=(2, 1000, 3))
         self.box = RayMeshIntersector(trimesh.creation.box())
+        self.objects = clbvh.Scene()
+        self.object = self.objects.add(self.mesh)
+        self.places = np.stack([np.eye(4), clbvh.Transform(translate=(3, 0, 0)).matrix])
+        self.objects.place_many(self.object, self.places)
         self.scene = clbvh.Scene(MeshSource(shape="icosphere", triangles=80), width=8, height=8)
 
     def use(self):
         """Open a tracer, and start threads and workers."""
         self.tracer = clbvh.Tracer(self.bvh)
         self.closed = clbvh.Tracer(self.bvh)
+        self.moving = clbvh.Tracer(self.objects)
+        self.move()
+        self.deform()
         self.renderer = clbvh.Renderer(self.scene)
         self.picture = self.renderer.render()
         self.hits = self.tracer.closest_hit(*np.random.default_rng(0).normal(size=(2, MANY, 3)))
@@ -60,12 +67,12 @@ class Parent:
 
     def forget(self):
         """Drop all that holds the driver's handles."""
-        del self.tracer, self.closed, self.renderer, self.picture, self.box, self.hits
+        del self.tracer, self.closed, self.moving, self.renderer, self.picture, self.box, self.hits
         gc.collect()
 
     def close(self):
         """Close everything."""
-        with self.tracer, self.renderer:
+        with self.tracer, self.moving, self.renderer:
             self.box.close()
             self.pool.close()
             self.threads.close()
@@ -73,6 +80,15 @@ class Parent:
     def query(self):
         """Cast some rays."""
         return self.tracer.closest_hit(*self.rays).count
+
+    def move(self):
+        """Move the objects of the scene, and cast some rays."""
+        self.moving.set_transforms(self.objects.instances, self.places)
+        return self.moving.closest_hit(*self.rays).count
+
+    def deform(self):
+        """Move the vertices of an object of the scene."""
+        self.moving.set_vertices(self.object, self.mesh.vertices)
 
     def open_and_query(self):
         """Cast some rays with a tracer of the child's own."""
@@ -149,6 +165,8 @@ def main():
         "query of a closed tracer": lambda: parent.closed.any_hit(*parent.rays).sum(),
         "points": lambda: parent.tracer.contains(parent.rays[0]),
         "update": lambda: parent.tracer.update(parent.mesh.vertices),
+        "set_transforms": parent.move,
+        "set_vertices": parent.deform,
         "own tracer": parent.open_and_query,
         "times": lambda: parent.tracer.timings_ms,
         "devices": lambda: [str(device) for device in clbvh.list_devices()],
@@ -189,6 +207,7 @@ def main():
     for thread in threads:
         thread.join()
 
+    children["parent of a scene"] = [parent.move(), parent.move()]
     children["parent"] = [parent.query(), clbvh.build(parent.mesh, pool=parent.pool, task_threshold=100).node_count]
     parent.close()
     print(json.dumps(children))

@@ -30,7 +30,13 @@ class Work:
         self.bvh = clbvh.build(self.mesh)
         self.rays = np.random.default_rng(0).normal(size=(2, 10, 3))
         self.scene = clbvh.Scene(MeshSource(shape="icosphere", triangles=80), width=32, height=32)
+        self.objects = clbvh.Scene()
+        self.object = self.objects.add(self.mesh)
+        self.places = np.tile(np.eye(4), (100, 1, 1))
+        self.places[:, 0, 3] = np.arange(100)
+        self.objects.place_many(self.object, self.places)
         self.tracer = None
+        self.moving = None
         self.renderer = None
 
     def tracers(self):
@@ -51,6 +57,18 @@ class Work:
         """Ask one tracer."""
         self.tracer = self.tracer or clbvh.Tracer(self.bvh)
         self.tracer.closest_hit(*self.rays)
+
+    def moves(self):
+        """Move the instances of a scene, and ask its tracer."""
+        self.moving = self.moving or clbvh.Tracer(self.objects)
+        self.moving.set_transforms(self.objects.instances, self.places)
+        self.moving.closest_hit(*self.rays)
+
+    def deformations(self):
+        """Move the vertices of a geometry of a scene, and ask its tracer."""
+        self.moving = self.moving or clbvh.Tracer(self.objects)
+        self.moving.set_vertices(self.object, self.mesh.vertices)
+        self.moving.closest_hit(*self.rays)
 
     def pictures(self):
         """Render a picture."""

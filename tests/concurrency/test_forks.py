@@ -18,6 +18,8 @@ ENDS_ITSELF = [
     "query of a closed tracer",
     "points",
     "update",
+    "set_transforms",
+    "set_vertices",
     "own tracer",
     "times",
     "devices",
@@ -81,6 +83,8 @@ def test_a_picture_is_read_and_encoded(children):
 
 
 def test_the_parent_goes_on(children):
+    before, after = children["parent of a scene"]
+    assert before == after > 0
     hits, nodes = children["parent"]
     assert hits > 0
     assert nodes > 0

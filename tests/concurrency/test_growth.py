@@ -19,6 +19,8 @@ COUNTS = {
     "unclosed_tracers": (20, 60, 1000),
     "builds": (20, 100, 1000),
     "queries": (100, 1000, 100_000),
+    "moves": (100, 1000, 100_000),
+    "deformations": (20, 100, 10_000),
     "pictures": (20, 60, 1000),
     "frames": (100, 1000, 100_000),
     "renderers": (20, 60, 1000),

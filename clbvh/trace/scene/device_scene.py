@@ -212,7 +212,7 @@ class DeviceScene:
         ):
             yield node_array, block_array
 
-    def buffers_of_own(self) -> list[Any]:
+    def buffers(self) -> list[Any]:
         """Return all buffers of the scene."""
         return list(self.arguments.values())
 

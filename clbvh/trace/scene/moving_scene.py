@@ -1,8 +1,10 @@
 """The scene of a tracer, as it opens and as it moves.
 
 Every change makes a new `DeviceScene`, which shares the buffers that stay the same. So a query sees one scene from
-beginning to end, a change waits for none, and one that fails has changed nothing. Buffers that a change has replaced
-are given back once no query uses them: a query holds the caster that it began with.
+beginning to end, a change waits for none, and one that fails has changed nothing.
+
+A scene is in use as long as it is alive: a query holds the one that it began with, and a change that Ctrl-C has undone
+leaves one that nobody holds. Buffers that no scene in use has are given back by the next change.
 """
 
 from __future__ import annotations
@@ -60,8 +62,8 @@ class MovingScene:
         self._refits: dict[int, RefitGeometry] = {}
         # Of the mesh, as long as the scene is nothing but one mesh in its place.
         self._copies: TreeCopies | None = None
-        # Buffers that were replaced, with the last caster that has them, in the order of the changes.
-        self._retired: list[tuple[ref[Caster], list[Any]]] = []
+        # The buffers of each scene that has been used since, and of the mesh's copies, with what is alive as long.
+        self._held: list[tuple[ref[Any], list[Any]]] = []
 
     def open(self, session: DeviceSession, layout: str) -> tuple[DeviceTree | DeviceScene, TreeBox]:
         """Put the scene on a device, and return it with the box around it.
@@ -77,6 +79,7 @@ class MovingScene:
             )
             return tree, TreeBox.around(bvh)
         scene = DeviceScene(session, self._opened, self._built, self._build_top, layout)
+        self._held.append((ref(scene), scene.buffers()))
         return scene, scene.box
 
     def state(self, caster: Caster) -> SceneState:
@@ -114,7 +117,7 @@ class MovingScene:
             moved = tree.moved(caster.session, session, state)
         else:
             moved = DeviceScene(caster.session, state, self._trees_now(caster), self._build_top, caster.tree.layout)
-        return self._replace(caster, moved)
+        return self._use(caster, moved)
 
     def set_vertices(self, caster: Caster, geometry: Geometry, vertices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with a geometry whose vertices have moved; see `Tracer.set_vertices`."""
@@ -138,13 +141,13 @@ class MovingScene:
             refit = self._find_refit(tree, geometry_id, session)
             scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
             if refit.sah_growth <= REBUILD_GROWTH:
-                return self._replace(caster, scene)
+                return self._use(caster, scene)
             scene.release_other_than(tree, caster.session)
         self._refits.pop(geometry_id, None)
         trees = self._trees_now(caster)
         trees[geometry_id] = self._build_tree(moved_shape)
         built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
-        return self._replace(caster, built)
+        return self._use(caster, built)
 
     def _find_refit(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> RefitGeometry:
         """Return what refits a geometry; it is kept as long as the geometry has the tree that it was built with.
@@ -179,28 +182,24 @@ class MovingScene:
             for bvh, shape in zip(trees, self.state(caster).shapes, strict=True)
         ]
 
-    def _replace(self, caster: Caster, scene: DeviceScene) -> Caster:
-        """Return a caster at a scene in place of another one, whose own buffers are given back in time."""
-        kept = {id(buffer) for buffer in scene.arguments.values()}
-        surplus = [buffer for buffer in caster.tree.buffers_of_own() if id(buffer) not in kept]
-        self._retired.append((ref(caster), surplus))
+    def _use(self, caster: Caster, scene: DeviceScene) -> Caster:
+        """Return a caster at a scene in place of another one, and give back the buffers that no scene in use has."""
+        self._held.append((ref(scene), scene.buffers()))
         if not isinstance(caster.tree, DeviceScene):
-            # The copies of the mesh go, too.
-            self._retired += self._copies_of(caster).list_users()
+            self._copies_of(caster)
+        elif self._copies is not None:
+            # Only now: after Ctrl-C the tracer may have stayed with the mesh, and with its copies.
+            self._held += self._copies.list_users()
             self._copies = None
-        moved = caster.over(scene, scene.box)
         self._release_unused(caster.session)
-        return moved
+        return caster.over(scene, scene.box)
 
     def _release_unused(self, session: DeviceSession) -> None:
-        """Give back the buffers that no query uses.
-
-        In the order of the changes: an older caster may have a buffer that only a later change replaced. After Ctrl-C a
-        change may be made once more, and its buffers be listed twice.
-        """
-        while self._retired and self._retired[0][0]() is None:
-            _, buffers = self._retired[0]
-            while buffers:
-                session.release_if_held(buffers[-1])
-                buffers.pop()
-            self._retired.pop(0)
+        """Give back the buffers that no scene in use has."""
+        in_use = [held for held in self._held if held[0]() is not None]
+        used = {id(buffer) for _, buffers in in_use for buffer in buffers}
+        unused = {id(buffer): buffer for _, buffers in self._held for buffer in buffers if id(buffer) not in used}
+        # Forgotten first: Ctrl-C below may leave buffers to the end of the session, but gives none back twice.
+        self._held = in_use
+        for buffer in unused.values():
+            session.release(buffer)
