@@ -91,6 +91,12 @@ INLINED float search_limit(const search_t *search, const ray_t *ray, const int q
     return ray->t_max;
 }
 
+// Whether the first of two hits comes before the other one: by t, then by prim_id.
+INLINED bool precedes(const float t, const int prim_id, const float other_t, const int other_prim_id)
+{
+    return t < other_t || (t == other_t && prim_id < other_prim_id);
+}
+
 // The order of hits along a ray.
 INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
 {
@@ -109,13 +115,13 @@ INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
         return a->u < b->u;
     }
 #endif
-    return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
+    return precedes(a->t, a->prim_id, b->t, b->prim_id);
 }
 
 // The order of crossings with one geometry along a ray.
 INLINED bool is_nearer(const crossing_t *a, const crossing_t *b)
 {
-    return a->t < b->t || (a->t == b->t && a->prim_id < b->prim_id);
+    return precedes(a->t, a->prim_id, b->t, b->prim_id);
 }
 
 // Replaces the hit in a slot; it moves down until none of its children is farther (Williams, "Heapsort", 1964).
