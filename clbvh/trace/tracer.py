@@ -77,7 +77,7 @@ class Tracer(ContextManager):
 
     def __init__(
         self,
-        source: SceneContents | Bvh | MeshLike,
+        source: Traceable,
         *,
         device: DeviceInfo | str | int | None = None,
         layout: str = "auto",

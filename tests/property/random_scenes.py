@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 import clbvh
 from clbvh import Mesh, Spheres, make_shape
 from clbvh.scene.state import SceneState
-from clbvh.trace.oracle.scene_crossings import Rays
-from clbvh.trace.oracle.scene_reference import SceneReference
 
 from ..unit.trace.scene_states import ALL, affine, make_state, turn
 
@@ -21,9 +19,6 @@ RAYS = 120
 
 # Instances may be this far away, in units of the grid.
 FAR = 1e7
-
-# The sine of the angle below which a ray lies in a triangle's plane.
-EDGE_ON = 2.0**-24
 
 MASKS = (ALL, ALL, ALL, 1, 2, 3, 0)
 RAY_MASKS = (ALL, 1, 2, 4)
@@ -176,25 +171,7 @@ def make_scene(seed: int, kinds: tuple[str, ...], linear: tuple[str, ...], *, is
             placed.append((*placed[-1][:2], int(generator.choice(MASKS))))
     state = make_state(shapes, *placed)
     call = f"make_scene({seed}, {kinds}, {linear}, is_far={is_far})"
-    return without_edge_on_rays(RandomScene(call, state, *make_rays(state, generator), generator))
-
-
-def without_edge_on_rays(scene: RandomScene) -> RandomScene:
-    """The scene without rays that lie in the plane of a triangle that they may cross, but for rounding.
-
-    Float64 cannot tell where they cross it, and so far t, u and v of such a hit are no numbers of its.
-    """
-    known = SceneReference(scene.state).crossings(Rays.make(scene.origins, scene.directions))
-    keep = np.ones(len(scene.origins), np.bool_)
-    for ray, instance, geometry, prim in zip(
-        known.ray_id, known.instance_id, known.geometry_id, known.prim_id, strict=True
-    ):
-        shape = scene.state.shapes[geometry]
-        if isinstance(shape, Mesh):
-            a, b, c = shape.vertices[shape.faces[prim]] @ scene.state.transforms[instance, :3, :3].T
-            normal, direction = np.cross(b - a, c - a), scene.directions[ray]
-            keep[ray] &= abs(normal @ direction) > EDGE_ON * np.linalg.norm(normal) * np.linalg.norm(direction)
-    return replace(scene, origins=scene.origins[keep], directions=scene.directions[keep])
+    return RandomScene(call, state, *make_rays(state, generator), generator)
 
 
 SCALES = (1.0, 1.0, 2.0**-99, 2.0**99, 1e-30, 1e30)

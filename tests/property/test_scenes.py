@@ -212,7 +212,6 @@ def test_meshes_are_hit_as_in_the_flattened_mesh(opened, scene):
     assert (np.abs(hits.t[both] - flat_hits.t[both]) <= 1e-4 * (reach + flat_hits.t)[both]).all()
 
 
-@pytest.mark.xfail(strict=True, reason="t, u and v of a triangle seen edge-on are rounding errors: see refine_block.py")
 @pytest.mark.parametrize("is_placed", [False, True], ids=["mesh", "instance"])
 def test_a_hit_on_a_triangle_seen_edge_on_is_where_the_ray_is(opened, is_placed):
     """Rays in the plane of a square: float32 may see them hit it, but then near its edges."""
@@ -236,7 +235,6 @@ def test_a_hit_on_a_triangle_seen_edge_on_is_where_the_ray_is(opened, is_placed)
     assert (np.concatenate(beside) < 1e-3).all()
 
 
-@pytest.mark.xfail(strict=True, reason="the heap orders hits by t outside of the instance, closest_hit by t inside")
 def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
     scene = scale_scene(make_scene(7, ("line", "cube", "ball"), ("turn", "scale", "turn"), is_far=True), 1e30)
     with Tracer(scene.contents(), device=opened.info) as tracer:

@@ -134,7 +134,11 @@ def settle(block, count):
 
 @compiled(error_model="numpy")
 def _move_onto_edge(vectors, hit):
-    """Write (t, u, v) of the point of the triangle's edges that is nearest to the ray's line."""
+    """Write (t, u, v) of the point of the triangle's edges that is nearest to the ray's line.
+
+    Of a triangle seen edge-on, to the part of the line that the ray is: the line crosses two edges.
+    """
+    is_edge_on = np.isnan(vectors[TUV, 1, hit])
     # Numbers, not slices of arrays, which take the compiler two seconds.
     direction, corner = _vector(vectors, DIRECTION, hit), _vector(vectors, CORNER, hit)
     to_a, to_b, to_c = (0.0, 0.0, 0.0), _vector(vectors, AB, hit), _vector(vectors, AC, hit)
@@ -151,10 +155,13 @@ def _move_onto_edge(vectors, hit):
         share = -_dot(beside, across) / _dot(across, across)
         share = min(share, 1.0) if share > 0.0 else 0.0
         offset = _add(beside, share, across)
+        t = _dot(_add(begin, share, way), direction) / square
         distance = _dot(offset, offset)
+        if is_edge_on and t < 0.0:
+            distance += t * t * square
         if distance < least:
             least = distance
-            vectors[TUV, 0, hit] = _dot(_add(begin, share, way), direction) / square
+            vectors[TUV, 0, hit] = t
             vectors[TUV, 1, hit] = 1.0 - share if edge == 0 else 0.0 if edge == 1 else share
             vectors[TUV, 2, hit] = share if edge == 0 else 1.0 - share if edge == 1 else 0.0
 
