@@ -181,8 +181,7 @@ class Mesh:
     @cached_property
     def local_box(self) -> NDArray[np.float32]:
         """(2, 3) float32: the least and the greatest local coordinates of the vertices."""
-        lower, upper = self.local_vertices.min(axis=0), self.local_vertices.max(axis=0)
-        return np.stack((lower, upper))
+        return np.stack(find_bounds(self.local_vertices))
 
     @cached_property
     def degenerate_faces(self) -> NDArray[np.bool_]:

@@ -12,6 +12,10 @@ def interrupt(work, delay_s):
         is_done = True
     except KeyboardInterrupt:
         pass
+    except SystemError as error:
+        # numba calls Python on the way out of a compiled function, and does not look whether that has raised.
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
     return is_done, result
