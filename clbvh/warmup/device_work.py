@@ -9,6 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 from ..builders.registry import DEFAULT_BUILDER
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
+from ..geometry import Spheres
 from ..integrations.trimesh import ProximityQuery, RayMeshIntersector, max_tangent_sphere, thickness
 from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
@@ -60,6 +61,31 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
             query(make(), rows, t_min=np.zeros(len(rows)), t_max=np.full(len(rows), size))
         tracer.update(bvh.mesh.vertices)
         tracer.closest_hit(make(), make())
+
+
+def use_scene(device: DeviceInfo, layout: str) -> None:
+    """Run the queries of scenes, with meshes, spheres and masks, and draw one."""
+    random = np.random.default_rng(_SEED)
+    mesh = make_mesh()
+    contents = Scene(width=_PICTURE[1], height=_PICTURE[0])
+    shapes = [contents.add(mesh), contents.add(Spheres(random.normal(size=(20, 3)), 0.2))]
+    instances = [contents.place(shape) for shape in (*shapes, *shapes)]
+    render(contents, RenderOptions(device=device, layout=layout)).hits  # noqa: B018 - computed when they are asked for
+    with Tracer(contents, device=device, layout=layout) as tracer:
+        for dtype in (np.float32, np.float64):
+            origins, directions = (random.normal(size=(_MANY, 3)).astype(dtype) for _ in range(2))
+            hits = tracer.closest_hit(origins, directions, mask=1)
+            hits.locations, hits.normals(smooth=True, facing=True)
+            hits[hits.is_hit].offset_origins()
+            tracer.any_hit(origins, directions)
+            tracer.count_hits(origins, directions)
+            tracer.all_hits(origins, directions)
+            tracer.hits_by_depth(origins, directions, with_locations=True)
+            points = origins[:1000]
+            tracer.closest_point(points)
+            tracer.signed_distance(points)
+        tracer.set_transforms(instances[0], np.diag([1.0, 2.0, 1.0, 1.0]))
+        tracer.set_vertices(shapes[0], mesh.vertices)
 
 
 def use_trimesh(device: DeviceInfo) -> None:

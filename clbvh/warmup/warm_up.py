@@ -19,7 +19,7 @@ from ..device.settings import find_settings
 from ..structs import LAYOUT_WIDTHS
 from ..support.stopwatch import Stopwatch
 from ..trace.device_tree import BRUTE
-from .device_work import cast_all, draw, use_trimesh
+from .device_work import cast_all, draw, use_scene, use_trimesh
 from .host_work import list_host_work, make_mesh
 
 HOST = "host"
@@ -97,6 +97,8 @@ def _list_device_work(device: DeviceInfo, *, is_first: bool, quick: bool) -> Ite
         yield "queries of trimesh", partial(use_trimesh, device)
     if quick:
         return
+    for layout in layouts:
+        yield f"scenes, {layout}", partial(use_scene, device, layout)
     yield "validation", partial(draw, device, own, validate=True)
     yield "pictures without a tree", partial(draw, device, own, builder=BRUTE)
 
