@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import trimesh
 from numpy.typing import DTypeLike, NDArray
@@ -13,6 +15,7 @@ from ..geometry import Spheres
 from ..integrations.trimesh import ProximityQuery, RayMeshIntersector, max_tangent_sphere, thickness
 from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
+from ..structs import SHADINGS
 from ..trace import Tracer
 from .host_work import TRIANGLES, make_mesh
 
@@ -63,29 +66,40 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
         tracer.closest_hit(make(), make())
 
 
-def use_scene(device: DeviceInfo, layout: str) -> None:
-    """Run the queries of scenes, with meshes, spheres and masks, and draw one."""
+def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
+    """Run the queries of scenes of meshes, or of meshes and spheres, and draw one."""
     random = np.random.default_rng(_SEED)
     mesh = make_mesh()
     contents = Scene(width=_PICTURE[1], height=_PICTURE[0])
-    shapes = [contents.add(mesh), contents.add(Spheres(random.normal(size=(20, 3)), 0.2))]
-    instances = [contents.place(shape) for shape in (*shapes, *shapes)]
-    render(contents, RenderOptions(device=device, layout=layout)).hits  # noqa: B018 - computed when they are asked for
+    knot = contents.add(mesh)
+    instances = [contents.place(knot), contents.place(knot)]
+    if has_spheres:
+        contents.place(contents.add(Spheres(random.normal(size=(20, 3)), 0.2)))
+    for shading in SHADINGS:
+        options = RenderOptions(device=device, layout=layout)
+        render(contents, options, shading=shading).hits  # noqa: B018 - computed when they are asked for
     with Tracer(contents, device=device, layout=layout) as tracer:
-        for dtype in (np.float32, np.float64):
-            origins, directions = (random.normal(size=(_MANY, 3)).astype(dtype) for _ in range(2))
-            hits = tracer.closest_hit(origins, directions, mask=1)
+        for dtype, shape in itertools.product((np.float32, np.float64), ((3,), _PICTURE, (_MANY,))):
+            count = shape[:-1] if shape == (3,) else shape
+            origins, directions = (random.normal(size=(*count, 3)).astype(dtype) for _ in range(2))
+            hits = tracer.closest_hit(origins, directions, mask=np.ones(count, np.uint32))
             hits.locations, hits.normals(smooth=True, facing=True)
-            hits[hits.is_hit].offset_origins()
+            hits.interpolate({knot: mesh.vertices})
+            seen = hits[hits.is_hit]
+            seen.offset_origins()
+            seen.offset_origins(towards=seen.normals)
+            tracer.closest_prim(origins, directions)
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
             tracer.all_hits(origins, directions)
+            tracer.all_hits(origins, directions, with_locations=True)
+            tracer.hits_by_depth(origins, directions)
             tracer.hits_by_depth(origins, directions, with_locations=True)
-            points = origins[:1000]
-            tracer.closest_point(points)
-            tracer.signed_distance(points)
+            tracer.closest_point(origins)
+            tracer.contains(origins)
+            tracer.signed_distance(origins)
         tracer.set_transforms(instances[0], np.diag([1.0, 2.0, 1.0, 1.0]))
-        tracer.set_vertices(shapes[0], mesh.vertices)
+        tracer.set_vertices(knot, mesh.vertices)
 
 
 def use_trimesh(device: DeviceInfo) -> None:

@@ -97,8 +97,9 @@ def _list_device_work(device: DeviceInfo, *, is_first: bool, quick: bool) -> Ite
         yield "queries of trimesh", partial(use_trimesh, device)
     if quick:
         return
-    for layout in layouts:
-        yield f"scenes, {layout}", partial(use_scene, device, layout)
+    # Other layouts of scenes are compiled when they are asked for: they would take as long as all the rest.
+    yield "scenes of meshes", partial(use_scene, device, own, has_spheres=False)
+    yield "scenes with spheres", partial(use_scene, device, own, has_spheres=True)
     yield "validation", partial(draw, device, own, validate=True)
     yield "pictures without a tree", partial(draw, device, own, builder=BRUTE)
 

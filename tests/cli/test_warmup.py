@@ -21,7 +21,7 @@ from clbvh.device.select import list_devices
 from clbvh.warmup.warm_up import WarmStep
 
 from ..docs.snippets import PAGES, find_snippets, list_commands
-from ..docs.test_pages import MESHES, NOT_RUN, replace_placeholders
+from ..docs.test_pages import MESHES, NOT_RUN, find_scene_name, replace_placeholders
 from .command import make_environment, refuses, run_clbvh
 
 ROOT = Path(__file__).parents[2]
@@ -48,6 +48,12 @@ try:
     run({!r})
 except SystemExit as ended:
     assert not ended.code
+"""
+
+# A scene file of a page.
+WRITE = """
+from pathlib import Path
+Path({!r}).write_text({!r})
 """
 
 SCENE = '[mesh]\nshape = "knot"\ntriangles = 5000\n[image]\nwidth = 64\nheight = 40\n'
@@ -159,6 +165,8 @@ def make_program(page):
         if snippet.language == "python":
             examples = doctest.DocTestParser().get_examples(snippet.text)
             parts.append("".join(example.source for example in examples) or snippet.text)
+        if snippet.language == "toml":
+            parts.append(WRITE.format(find_scene_name(snippet), snippet.text))
         for command in list_commands(snippet):
             words = replace_placeholders(command) if command.startswith("clbvh ") else []
             if words and " ".join(words[:2]) not in NOT_RUN:

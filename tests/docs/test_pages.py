@@ -79,10 +79,16 @@ def test_blocks_run(page, folder):
 
 def write_scene(snippet, folder):
     """Write a scene file, and check its keys; the files that it names may come later."""
+    path = folder / find_scene_name(snippet)
+    path.write_text(snippet.text)
+    parse_scene(path)
+
+
+def find_scene_name(snippet):
+    """Return the name that a scene file has in its first line."""
     name = re.match(r"# ([\w-]+\.toml)\b", snippet.text)
     assert name, f"{snippet}: a scene begins with its name in a comment, such as `# part.toml`"
-    (folder / name[1]).write_text(snippet.text)
-    parse_scene(folder / name[1])
+    return name[1]
 
 
 def run_python(snippet, names):

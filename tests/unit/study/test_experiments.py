@@ -140,13 +140,21 @@ def test_another_version_is_noticed_and_nothing_is_mixed(tiny, monkeypatch, tmp_
     assert '<section id="ladder">' not in study.page.read_text()
 
 
+@pytest.fixture
+def no_engines():
+    """The engines, none of them; afterwards all of them in their order, which tables follow."""
+    every = dict(engines.ENGINES)
+    engines.ENGINES.clear()
+    yield engines.ENGINES
+    engines.ENGINES.clear()
+    engines.ENGINES.update(every)
+
+
 @pytest.mark.usefixtures("_opened_device")
-def test_a_missing_peer_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(engines.ENGINES, "ghost", type("Ghost", (engines.Engine,), {
+def test_a_missing_peer_is_named(tmp_path, no_engines):
+    no_engines["ghost"] = type("Ghost", (engines.Engine,), {
         "name": "ghost", "packages": ("no_such_package",), "queries": ("build",),
-    }))  # fmt: skip
-    for name in ("clbvh", "Open3D", "embreex", "trimesh"):
-        monkeypatch.delitem(engines.ENGINES, name)
+    })  # fmt: skip
     study = run_study(tmp_path, ["peers"], scale=TINY)
     assert "Missing peer: ghost (no_such_package is not installed)." in study.notes
     assert "no_such_package is not installed: run" in study.page.read_text()
