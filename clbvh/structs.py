@@ -182,7 +182,6 @@ SCENE_RAY = np.dtype(
 )
 SCENE_RAY_LANES = _lane_count(SCENE_RAY)
 SCENE_RAY_ORIGIN_LOW = _lane(SCENE_RAY, "origin_low")
-SCENE_RAY_MASK = _lane(SCENE_RAY, "mask")
 SCENE_RAY_DIRECTION_LOW = _lane(SCENE_RAY, "direction_low")
 
 # A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
@@ -200,7 +199,7 @@ SCENE_POINT_MASK = _lane(SCENE_POINT, "mask")
 SCENE_POINT_POSITION_LOW = _lane(SCENE_POINT, "position_low")
 SCENE_POINT_SPARE = _lane(SCENE_POINT, "spare")
 
-# A placed geometry: 128 bytes. Matrices are by rows.
+# A placed geometry: 128 bytes, two cache lines. Matrices are by rows.
 INSTANCE = np.dtype(
     [
         # The linear part of the map from the scene's local coordinates to the geometry's.
@@ -212,8 +211,7 @@ INSTANCE = np.dtype(
         ("radius", np.float32),
         # The linear part of the map from the geometry's local coordinates to the scene's.
         ("to_scene", np.float32, (3, 3)),
-        # The map to the scene shortens no distance by more than this factor.
-        ("least_stretch", np.float32),
+        ("spare", np.float32),
         # Where the geometry's nodes and blocks begin, and how many blocks it has.
         ("first_node", np.int32),
         ("first_block", np.int32),

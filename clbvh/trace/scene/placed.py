@@ -33,7 +33,7 @@ def _lane(name: str) -> int:
     return int(INSTANCE.fields[name][1]) // 4  # type: ignore[index]
 
 
-_TO_OBJECT, _TO_SCENE, _STRETCH = _lane("to_object"), _lane("to_scene"), _lane("least_stretch")
+_TO_OBJECT, _TO_SCENE = _lane("to_object"), _lane("to_scene")
 _CENTRE, _CENTRE_LOW, _RADIUS = _lane("centre"), _lane("centre_low"), _lane("radius")
 _FIRST_NODE, _FIRST_BLOCK, _BLOCK_COUNT = _lane("first_node"), _lane("first_block"), _lane("block_count")
 _KIND, _MASK, _ID = _lane("kind"), _lane("mask"), _lane("instance_id")
@@ -84,9 +84,9 @@ def make_records(
     SceneError
         An instance is too small or too flat beside the scene.
     """
-    lanes = np.empty((len(order), _LANES), np.float32)
+    lanes = np.zeros((len(order), _LANES), np.float32)
     bad = _write_records(
-        arrays, parts, np.ascontiguousarray(masks).view(np.int32), order, centre, scale, np.empty((3, 3)), lanes,
+        arrays, parts, np.ascontiguousarray(masks).view(np.int32), order, centre, scale, lanes,
         lanes.view(np.int32),
     )  # fmt: skip
     if bad >= 0:
@@ -128,7 +128,7 @@ def _condition(arrays, instance):
 
 
 @compiled(error_model="numpy")
-def _write_records(arrays, parts, masks, order, centre, scale, matrix, lanes, ints):
+def _write_records(arrays, parts, masks, order, centre, scale, lanes, ints):
     """Write the records; return the first instance that is too small, or -1."""
     linear, inverse, origin, half_size = arrays.linear, arrays.inverse, arrays.origin, arrays.half_size
     for slot in range(len(order)):
@@ -142,8 +142,7 @@ def _write_records(arrays, parts, masks, order, centre, scale, matrix, lanes, in
                 entry = linear[instance, row, column]
                 place += entry * origin[geometry, column]
                 extent += abs(entry) * half_size[geometry, column]
-                matrix[row, column] = entry / own_scale * scale
-                lanes[slot, _TO_SCENE + 3 * row + column] = matrix[row, column]
+                lanes[slot, _TO_SCENE + 3 * row + column] = entry / own_scale * scale
                 inverse_entry = inverse[instance, row, column] / scale * own_scale
                 # Written so that NaN is too large.
                 if not abs(inverse_entry) <= _MOST_INVERSE:
@@ -154,38 +153,7 @@ def _write_records(arrays, parts, masks, order, centre, scale, matrix, lanes, in
             lanes[slot, _CENTRE + row] = local
             lanes[slot, _CENTRE_LOW + row] = local - np.float64(lanes[slot, _CENTRE + row])
         lanes[slot, _RADIUS] = np.sqrt(squared_radius) * _ROOM
-        lanes[slot, _STRETCH] = _least_stretch(matrix) / _ROOM
         ints[slot, _FIRST_NODE], ints[slot, _FIRST_BLOCK] = parts[geometry, 0], parts[geometry, 1]
         ints[slot, _BLOCK_COUNT], ints[slot, _KIND] = parts[geometry, 2], parts[geometry, 3]
         ints[slot, _MASK], ints[slot, _ID] = masks[instance], instance
     return -1
-
-
-@compiled(error_model="numpy")
-def _least_stretch(matrix):
-    """Return a lower bound of the smallest singular value of a 3 x 3 matrix; close to it but for rounding.
-
-    From the eigenvalues of the product with the transpose, by the formula of Smith, "Eigenvalues of a symmetric 3 x 3
-    matrix", 1961.
-    """
-    largest = 0.0
-    for row in range(3):
-        for column in range(3):
-            largest = max(largest, abs(matrix[row, column]))
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for row in range(3):
-        x, y, z = matrix[row, 0] / largest, matrix[row, 1] / largest, matrix[row, 2] / largest
-        xx, yy, zz = xx + x * x, yy + y * y, zz + z * z
-        xy, xz, yz = xy + x * y, xz + x * z, yz + y * z
-    mean = (xx + yy + zz) / 3.0
-    dx, dy, dz = xx - mean, yy - mean, zz - mean
-    spread = np.sqrt((dx * dx + dy * dy + dz * dz + 2.0 * (xy * xy + xz * xz + yz * yz)) / 6.0)
-    if spread <= 0.0:
-        return np.sqrt(mean) * largest
-    half_determinant = (dx * (dy * dz - yz * yz) - xy * (xy * dz - yz * xz) + xz * (xy * yz - dy * xz)) / (
-        2.0 * spread * spread * spread
-    )
-    angle = np.arccos(min(max(half_determinant, -1.0), 1.0)) / 3.0
-    least = mean + 2.0 * spread * np.cos(angle + 2.0 * np.pi / 3.0)
-    # Cancellation leaves an error of some roundings of the mean.
-    return np.sqrt(max(least - mean * 2.0**-44, 0.0)) * largest
