@@ -33,7 +33,7 @@ from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
 from ..support.atomic_file import check_target, write_atomically
 from ..support.compiled import compiled
-from ..support.regular_file import open_regular
+from ..support.regular_file import open_regular, read_errors_as
 from .refit import fit_nodes
 
 # The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).
@@ -104,20 +104,11 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
     -----
     O(N + F), with memory for twice the result, whatever sizes the file claims.
     """
-    try:
-        with open_regular(Path(path)) as file:
-            node_count, digest = _check_header(file, path, mesh)
-            payload = np.empty(2 * node_count + mesh.face_count, _WORD)
-            if file.readinto(payload.data.cast("B")) != payload.nbytes:
-                raise _damaged(path)
-    except TreeFileError:
-        raise
-    except FileNotFoundError:
-        raise TreeFileError(f"{path}: no such file") from None
-    except (TypeError, ValueError) as error:
-        raise TreeFileError(f"{path!r}: this is not the path of a file: {error}") from error
-    except OSError as error:
-        raise TreeFileError(f"{path}: the file cannot be read: {error.strerror or error}") from error
+    with read_errors_as(TreeFileError, path), open_regular(Path(path)) as file:
+        node_count, digest = _check_header(file, path, mesh)
+        payload = np.empty(2 * node_count + mesh.face_count, _WORD)
+        if file.readinto(payload.data.cast("B")) != payload.nbytes:
+            raise _damaged(path)
     if _digest(payload.data) != digest:
         raise _damaged(path)
 

@@ -45,7 +45,7 @@ from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
 from ..support.atomic_file import check_target, write_atomically
 from ..support.memory import check_memory
-from ..support.regular_file import open_regular
+from ..support.regular_file import open_regular, read_errors_as
 from .names import UniqueNames
 from .state import SceneState
 from .transforms import check_transforms
@@ -135,22 +135,13 @@ def read_scene(path: str | os.PathLike[str]) -> SavedScene:
     -----
     Memory for twice the file, whatever sizes it claims.
     """
-    try:
-        with open_regular(Path(path)) as file:
-            text_bytes, digest = _check_header(file, path)
-            size = os.fstat(file.fileno()).st_size - _HEADER_BYTES
-            check_memory(f"{path}: a scene of {size:,} bytes", 2 * size, SceneError)
-            content = np.empty(size, np.uint8)
-            if file.readinto(content.data) != size:
-                raise _damaged(path)
-    except SceneError:
-        raise
-    except FileNotFoundError:
-        raise SceneError(f"{path}: no such file") from None
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"{path!r}: this is not the path of a file: {error}") from error
-    except OSError as error:
-        raise SceneError(f"{path}: the file cannot be read: {error.strerror or error}") from error
+    with read_errors_as(SceneError, path), open_regular(Path(path)) as file:
+        text_bytes, digest = _check_header(file, path)
+        size = os.fstat(file.fileno()).st_size - _HEADER_BYTES
+        check_memory(f"{path}: a scene of {size:,} bytes", 2 * size, SceneError)
+        content = np.empty(size, np.uint8)
+        if file.readinto(content.data) != size:
+            raise _damaged(path)
     if _digest(content.data) != digest:
         raise _damaged(path)
     try:

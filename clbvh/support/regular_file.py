@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
 
@@ -37,6 +39,21 @@ def open_regular(path: Path) -> BufferedReader:
     except BaseException:
         os.close(descriptor)
         raise
+
+
+@contextmanager
+def read_errors_as(kind: type[Exception], path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn the errors of opening and reading a file into errors of one kind, which name it; those of the kind pass."""
+    try:
+        yield
+    except kind:
+        raise
+    except FileNotFoundError:
+        raise kind(f"{path}: no such file") from None
+    except (TypeError, ValueError) as error:
+        raise kind(f"{path!r}: this is not the path of a file: {error}") from error
+    except OSError as error:
+        raise kind(f"{path}: the file cannot be read: {error.strerror or error}") from error
 
 
 def read_regular(path: Path, *, max_bytes: int | None = None) -> bytes:
