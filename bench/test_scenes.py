@@ -20,7 +20,7 @@ from .scene_engines import open3d_flattened, ours, trimesh_loop
 WIDTH, HEIGHT = 1920, 1080
 
 INSTANCES = 10_000
-# Bytes of a triangle in Open3D: its own copy, and Embree's tree. It gets so many copies as fit this share of memory.
+# Bytes of a triangle in Open3D: its own copy, and Embree's tree. The copies that it gets fill this share of memory.
 FLAT_BYTES, MEMORY_SHARE = 400, 0.25
 
 MOVING, FRAMES, MOVING_RAYS = 100, 100, 100_000

@@ -67,7 +67,7 @@ INLINED ray_t enter_instance(
     const float3 direction = outside->ray.direction;
     const float3 size = magnitude(start);
     if (larger(size.x, larger(size.y, size.z)) > FAR_RADII * instance->radius) {
-        // The direction is at least 1 long, so that a t of so many radii is at least as far.
+        // The direction is at least 1 long, so a t of four radii is a distance of four radii or more.
         const float t_closest = -dot_product(start, direction) / dot_product(direction, direction);
         const float advance = t_closest - t_closest * SHARE_BEFORE - RADII_BEFORE * instance->radius;
         if (advance > 0.0f) {
