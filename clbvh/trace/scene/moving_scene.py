@@ -107,7 +107,7 @@ class MovingScene:
         """Return a caster at the scene with other transforms; see `Tracer.set_transforms`."""
         ids = self._contents.instance_ids(instances)
         given = np.asarray(matrices)
-        transforms = check_transforms(given[None] if given.ndim == 2 else given)
+        transforms = check_transforms(given[None] if given.shape == (4, 4) else given)
         if len(transforms) != len(ids):
             raise SceneError(f"{len(ids):,} instances need as many transforms, not {len(transforms):,}")
         self._check_known(ids)
