@@ -97,6 +97,10 @@ class MeshSubject:
         """Return the arguments of the kernel beside those of the tree: none."""
         return {}
 
+    def looks(self) -> tuple[tuple[Mesh, ...], NDArray[np.integer], NDArray[np.floating]]:
+        """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
+        return (self.mesh,), np.zeros(1, np.int64), np.full((1, 3), np.nan)
+
     def make_view(self, scene: Scene, camera: Camera) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""
         return make_view(scene, camera, self.mesh)

@@ -34,8 +34,13 @@ class Picture:
     ----------
     rgb : (height, width, 3) uint8
         The pixels; row 0 is the top.
+    alpha : (height, width) uint8
+        255 where every sample hits something, 0 where none does. In a transparent picture also the shadow on the
+        ground, and `rgb` is the colour of the covered share alone.
+    samples : int
+        Of each pixel.
     found : (height, width) `structs.HIT`
-        The device's hits, in float32; t in local units.
+        The device's hits through the centres of the pixels, in float32; t in local units.
     camera : Camera
         The camera of the picture.
     mesh : Mesh or None
@@ -71,6 +76,8 @@ class Picture:
     """
 
     rgb: NDArray[np.uint8]
+    alpha: NDArray[np.uint8]
+    samples: int
     found: NDArray[np.void]
     camera: Camera
     mesh: Mesh | None

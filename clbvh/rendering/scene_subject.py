@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -16,6 +17,7 @@ from ..bvh import Bvh, validate_tree
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
+from ..geometry.shape import Shape
 from ..geometry.sphere_boxes import mesh_of
 from ..scene.state import SceneState
 from ..trace.device_tree import BRUTE
@@ -109,6 +111,10 @@ class SceneSubject:
         colours[is_own, :_CHANNELS] = self._state.colours[is_own]
         colours[:, _CHANNELS] = is_own
         return {"instance_colours": session.upload(colours)}
+
+    def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
+        """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
+        return self._state.shapes, self._state.geometry_ids, self._state.colours
 
     def make_view(self, scene: Scene, camera: Camera) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""

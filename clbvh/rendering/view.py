@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..structs import SHADINGS, VIEW
+from ..structs import SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera, find_window
+from .film.settings import find_tone_curve
 from .scene import Scene
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
@@ -18,6 +19,9 @@ _MOST_DISTANCE = 1e30
 
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
+
+# Tangent of half the angle of the soft light: that of a large lamp.
+_LIGHT_SPREAD = 0.15
 
 
 def make_view(
@@ -64,6 +68,9 @@ def make_view(
     )
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
+    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
+    view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
 
 
