@@ -247,9 +247,10 @@ SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
 VIEW = np.dtype(
     [
-        # A pixel's ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
+        # A perspective ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
         # from -1 to 1. `forward` points to the middle of the picture's plane at distance 1 from the eye; `right` and
-        # `up` are half its size. They are at right angles unless the lens is off centre or has skew.
+        # `up` are half its size. They are at right angles unless the lens is off centre or has skew. The other
+        # projections have them, too, see cl/rays/camera.cl.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),
         ("right", np.float32, 3),
@@ -291,6 +292,19 @@ VIEW = np.dtype(
         # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
         ("eye_low", np.float32, 3),
         ("forward_low", np.float32, 3),
+        # One of PROJECTIONS.
+        ("projection", np.int32),
+        # The lens of depth of field: its halves to the right and upwards, in local units, and 1 / its distance to the
+        # plane of focus. Both halves are 0: a point.
+        ("lens_right", np.float32, 3),
+        ("lens_up", np.float32, 3),
+        ("inverse_focus", np.float32),
+        # The picture in the plane of its projection, see `Window` in clbvh/rendering/lens.py.
+        ("centre", np.float32, 2),
+        ("half_size", np.float32, 2),
+        ("shear", np.float32),
+        # k1, k2, p1, p2 and k3 of OpenCV.
+        ("distortion", np.float32, 5),
     ]
 )
 
@@ -383,6 +397,9 @@ TONE_CURVES = {"linear": 0, "filmic": 1}
 # What a texture shows beyond its edges.
 TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 
+# How the points of a picture become rays; `distorted` is perspective with the distortion of a lens.
+PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
+
 # Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
 LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
 
@@ -401,6 +418,7 @@ DEVICE_CONSTANTS = {
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},
     **{"WRAP_" + name.upper(): number for name, number in TEXTURE_WRAPS.items()},
+    **{"PROJECTION_" + name.upper(): number for name, number in PROJECTIONS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }
 

@@ -162,8 +162,6 @@ class FrameRenderer(ContextManager):
         session.write(view_buffer, view)
         for first_row in range(0, height, band_rows):
             row_count = min(band_rows, height - first_row)
-            painter.paint(
-                Band(memory, width, height, first_row, row_count, view_buffer, colour_buffer, hit_buffer)
-            )
+            painter.paint(Band(memory, width, height, first_row, row_count, view_buffer, colour_buffer, hit_buffer))
             session.download(colour_buffer, colours[first_row : first_row + row_count])
             session.download(hit_buffer, hits[first_row : first_row + row_count])

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..device.program import build_kernels
+from ..device.program import build_kernel
 from ..device.session import DeviceSession
-from ..trace.rays.entry_points import find_entry_points
 from ..trace.traced_tree import TracedTree
 from .frame import Band
+from .view_entry_points import ViewEntryPoints
 
 
 class OneRayPainter:
@@ -41,19 +41,15 @@ class OneRayPainter:
         self._arguments = {**tree.arguments, **(arguments or {})}
         self._tile = tile or session.settings.tile
         name = "scene_render" if tree.has_instances else "render"
-        kernels = build_kernels(session, name, tree.defines)
-        self._kernel = kernels[name]
-        # Absent in a layout without entry points, and in scenes.
-        self._entry_point_kernel = kernels.get("view_entry_points")
+        self._kernel = build_kernel(session, name, tree.defines)
+        # The kernel of scenes begins at the root.
+        self._entry_points = None if tree.has_instances else ViewEntryPoints(session, tree, self._tile, 0.0)
 
     def paint(self, band: Band) -> None:
         """Fill the colours and the hits of a band."""
-        work_size, arguments = (band.width, band.row_count), {**self._arguments, **band.rows}
-        if self._entry_point_kernel is not None:
-            buffer = band.memory.buffer("entry points", for_mapping=False)
-            arguments["entry_points"] = find_entry_points(
-                band.session, self._tree, self._entry_point_kernel, buffer, work_size, self._tile, **band.rows
-            )
-        elif not self._tree.has_instances:
-            arguments["entry_points"] = None
-        band.session.run(self._kernel, work_size, self._tile, **arguments, colours=band.colours, hits=band.hits)
+        arguments = {**self._arguments, **band.rows}
+        if self._entry_points is not None:
+            arguments["entry_points"] = self._entry_points.find(band)
+        band.session.run(
+            self._kernel, (band.width, band.row_count), self._tile, **arguments, colours=band.colours, hits=band.hits
+        )

@@ -12,14 +12,17 @@ import numpy as np
 from ...device.program import build_kernel
 from ...device.session import DeviceSession
 from ...structs import SHADINGS
-from ...trace.rays.entry_points import find_entry_points
 from ...trace.traced_tree import TracedTree
 from ..frame import Band
+from ..view_entry_points import ViewEntryPoints
 
 _FILM_DTYPE = np.dtype((np.float32, 4))
 
 # Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
 _LAUNCH_S = 0.25
+
+# Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
+_FILTER_RADIUS = 1.0
 
 # Arguments of `render_samples` that a mesh without a scene, or a scene, has none of.
 _NO_ARGUMENTS: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
@@ -85,9 +88,7 @@ class SampleShading:
         defines = {**tree.defines, "SHADING": SHADINGS[shading], "HAS_CUTOUTS": int(has_cutouts)}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")
-        self.entry_point_kernel = None
-        if tree.has_entry_points:
-            self.entry_point_kernel = build_kernel(session, "view_entry_points", tree.defines)
+        self.entry_points = ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
 
 
 class SamplePainter:
@@ -108,7 +109,7 @@ class SamplePainter:
         shading, session = self._shading, band.session
         pixel_count = band.width * band.row_count
         film = band.memory.buffer("film", for_mapping=False).take(pixel_count * _FILM_DTYPE.itemsize)
-        arguments = {**shading.arguments, **band.rows, "entry_points": self._find_entry_points(band)}
+        arguments = {**shading.arguments, **band.rows, "entry_points": shading.entry_points.find(band)}
         taken = self._take_samples(band, film, arguments)
         session.run(
             shading.develop, (pixel_count,), (session.settings.work_group_size,),
@@ -136,14 +137,3 @@ class SamplePainter:
             if first >= progress.samples or progress.is_stopped() or now - self._begin > progress.time_limit_s:
                 return first
             count = max(1, min(progress.samples - first, int(_LAUNCH_S * count / max(now - begin, 1e-9))))
-
-    def _find_entry_points(self, band: Band) -> Any:
-        """Return the entry points of the band's tiles, None in a layout or a scene without."""
-        shading = self._shading
-        if shading.entry_point_kernel is None:
-            return None
-        buffer = band.memory.buffer("entry points", for_mapping=False)
-        return find_entry_points(
-            band.session, shading.tree, shading.entry_point_kernel, buffer, (band.width, band.row_count), shading.tile,
-            **band.rows,
-        )  # fmt: skip
