@@ -26,6 +26,7 @@ from .as_scene import SceneLike, as_scene
 from .camera import Camera
 from .check_pixels import check_pixels
 from .film.sample_painter import Progress
+from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
 from .film.settings import MAX_SAMPLES, find_sample_count
 from .frame import FrameRenderer
 from .framing import frame_turn
@@ -37,6 +38,7 @@ from .scene import Light, Scene
 from .scene_subject import SceneSubject
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
+from .view import sky_direction
 
 
 class Renderer(ContextManager):
@@ -113,6 +115,7 @@ class Renderer(ContextManager):
             on_phase("load")
             subject.load()
             self._framed = self._frame(self.scene)
+            self._ground: tuple[NDArray[np.float64], Ground] | None = None
             watch.lap("load")
 
             on_phase("build")
@@ -228,7 +231,7 @@ class Renderer(ContextManager):
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
         camera = camera or self._find_camera(scene)
         times = EventTimes()
-        view = self._subject.make_view(scene, camera)
+        view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
         colours, found = self._frames.render(view, self._painters.painter(scene, progress), times)
         rgb = _take_rgb(colours)
         made = self._subject.made
@@ -344,6 +347,15 @@ class Renderer(ContextManager):
         if _framing_of(scene) != _framing_of(framed_scene):
             self._framed = framed_scene, camera = self._frame(scene)
         return camera
+
+    def _find_ground(self, scene: Scene, camera: Camera) -> Ground | None:
+        """Return the ground of a picture that shows one; the last one is kept, because it reads all vertices."""
+        if not scene.ground or scene.shading not in SHADINGS_WITH_GROUND:
+            return None
+        up = sky_direction(scene, camera)
+        if self._ground is None or not np.array_equal(self._ground[0], up):
+            self._ground = up, find_ground(self._subject.extent, up)
+        return self._ground[1]
 
     def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
         return scene, scene.find_camera(self._subject.extent)

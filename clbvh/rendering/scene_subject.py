@@ -24,6 +24,7 @@ from ..trace.device_tree import BRUTE
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from .camera import Camera
+from .film.ground import Ground
 from .render_options import RenderOptions
 from .scene import Scene
 from .scene_extent import SceneExtent
@@ -116,10 +117,10 @@ class SceneSubject:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
         return self._state.shapes, self._state.geometry_ids, self._state.colours
 
-    def make_view(self, scene: Scene, camera: Camera) -> NDArray[np.void]:
+    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""
         boxes = self._scene.top.bvh.mesh
-        return make_view(scene, camera, boxes, self.extent.box_in(boxes))
+        return make_view(scene, camera, boxes, self.extent.box_in(boxes), ground)
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""

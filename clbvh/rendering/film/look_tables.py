@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ...device.session import DeviceSession
 from ...geometry import Mesh
 from ...geometry.appearance.appearance import Appearance
-from ...geometry.appearance.crease import smooth_normals_by_angle
 from ...geometry.appearance.material import Material
+from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ...geometry.shape import Shape
 from ...structs import LOOK, MATERIAL
 from .pack_normals import pack_normals

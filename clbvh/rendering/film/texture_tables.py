@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SceneError
-from ...geometry.appearance.material import Texture
+from ...geometry.appearance.texture import Texture
 from ...structs import TEXTURE, TEXTURE_WRAPS
 
 
