@@ -1,9 +1,9 @@
 // The shading `ao`: the share of the hemisphere above a surface from which light comes, white where it is open.
 
-#include "film/stage.cl"
-#include "film/studio.cl"
+#include "film/ground.cl"
+#include "film/openness.cl"
 
-INLINED float4 find_sample(const stage_t *stage, const world_ray_t *ray, const int row, sampler_t *sampler, search_t *first)
+INLINED float4 find_sample(const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
 {
     shown_t shown;
     if (!find_shown(stage, ray, true, sampler, &shown, first)) {

@@ -18,9 +18,9 @@ INLINED float2 centre_on(const float2 point, const float2 origin)
 
 // Returns whether the camera sees anything there.
 INLINED bool sample_pixel(
-    const global view_t *view, const int column, const int row, sampler_t *sampler, world_ray_t *ray)
+    const global view_t *view, const int column, const int row, sobol_sampler_t *sampler, world_ray_t *ray)
 {
-    sampler_t first = make_sampler(row * view->width + column, 0, view->seed);
+    sobol_sampler_t first = make_sampler(row * view->width + column, 0, view->seed);
     const float2 offset = sample_tent_2d(centre_on(sample_2d(sampler), sample_2d(&first)));
     const float2 lens = centre_on(sample_2d(sampler), sample_2d(&first));
     const float2 film = (float2)(

@@ -27,7 +27,7 @@ typedef struct {
 // Finds the first surface along a ray that stops it. A share of the rays passes through a surface with an alpha of less
 // than 1. Returns whether there is one. *first becomes the hit that the ray has with no regard to alpha.
 INLINED bool find_shown(
-    const stage_t *stage, const world_ray_t *ray, const bool is_primary, sampler_t *sampler, shown_t *shown,
+    const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
     search_t *first)
 {
     world_ray_t rest = *ray;
@@ -57,7 +57,7 @@ INLINED bool find_shown(
 
 // Whether anything stops the light between a position and t_max along a direction.
 INLINED bool is_shaded(
-    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sampler_t *sampler)
+    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sobol_sampler_t *sampler)
 {
     const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), t_max);
     shown_t shown;
@@ -68,7 +68,7 @@ INLINED bool is_shaded(
 #else
 
 INLINED bool find_shown(
-    const stage_t *stage, const world_ray_t *ray, const bool is_primary, sampler_t *sampler, shown_t *shown,
+    const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
     search_t *first)
 {
     *first = make_search(1, 0);
@@ -83,7 +83,7 @@ INLINED bool find_shown(
 }
 
 INLINED bool is_shaded(
-    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sampler_t *sampler)
+    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sobol_sampler_t *sampler)
 {
     return is_blocked(&stage->world, from, direction, t_max);
 }

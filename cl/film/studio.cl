@@ -2,6 +2,7 @@
 // highlight; no light is reflected from one surface to another.
 
 #include "film/ground.cl"
+#include "film/openness.cl"
 #include "film/stage.cl"
 #include "sampling/frame.cl"
 #include "sampling/warps.cl"
@@ -21,20 +22,12 @@ INLINED float3 find_ambient_light(const global view_t *view, const float3 direct
 }
 
 // A direction to the key light, which has a disk's size.
-INLINED float3 sample_key_light(const global view_t *view, sampler_t *sampler)
+INLINED float3 sample_key_light(const global view_t *view, sobol_sampler_t *sampler)
 {
     const float3 to_light = load3(view->to_light);
     const frame_t frame = frame_around(to_light);
     const float2 at = view->light_spread * sample_disk(sample_2d(sampler));
     return unit_vector(to_light + at.x * frame.tangent + at.y * frame.bitangent);
-}
-
-// Whether light from nearby reaches a position along a random direction around a normal.
-INLINED bool is_open(const stage_t *stage, const position_t above, const float3 normal, sampler_t *sampler)
-{
-    const frame_t frame = frame_around(normal);
-    const float3 direction = from_frame(&frame, sample_hemisphere(sample_2d(sampler)));
-    return !is_shaded(stage, above, direction, stage->view->occlusion_reach, sampler);
 }
 
 // The fifth power, with which reflectance grows towards grazing angles (Schlick, "An inexpensive BRDF model for
@@ -65,7 +58,7 @@ INLINED float highlight(
 }
 
 INLINED float3 shade_studio(
-    const stage_t *stage, const shown_t *shown, const float3 direction, sampler_t *sampler)
+    const stage_t *stage, const shown_t *shown, const float3 direction, sobol_sampler_t *sampler)
 {
     const global view_t *view = stage->view;
     const appearance_t *look = &shown->appearance;
@@ -97,7 +90,7 @@ INLINED float3 shade_studio(
 }
 
 // How much darker shadows make the background, from 0 to 1.
-INLINED float find_ground_shadow(const stage_t *stage, const ground_t *ground, sampler_t *sampler)
+INLINED float find_ground_shadow(const stage_t *stage, const ground_t *ground, sobol_sampler_t *sampler)
 {
     const global view_t *view = stage->view;
     const float3 normal = load3(view->ground_normal);
@@ -116,7 +109,7 @@ INLINED float find_ground_shadow(const stage_t *stage, const ground_t *ground, s
     return all > 0.0f ? ground->strength * missing / all : 0.0f;
 }
 
-INLINED float4 find_sample(const stage_t *stage, const world_ray_t *ray, const int row, sampler_t *sampler, search_t *first)
+INLINED float4 find_sample(const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
 {
     shown_t shown;
     const ray_t *plain = as_plain_ray(ray);

@@ -13,12 +13,11 @@
 // their numbers, so that the film does not depend on bands or on how many samples a launch takes.
 
 // keep: files that several shadings include are expanded before the branches
-#include "film/stage.cl"
+#include "film/ground.cl"
+#include "film/openness.cl"
 #include "film/pixel.cl"
 #include "traversal/entry_point.cl"
-#if SHADING == SHADE_PATH
-#include "film/path.cl"
-#elif SHADING == SHADE_AO
+#if SHADING == SHADE_AO
 #include "film/ao.cl"
 #else
 #include "film/studio.cl"
@@ -51,7 +50,7 @@ kernel void render_samples(
 
     float4 sum = first_sample == 0 ? (float4)(0.0f) : film[pixel];
     for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
-        sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
+        sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
         world_ray_t ray;
         search_t first = make_search(1, 0);
         if (sample_pixel(view, column, row, &sampler, &ray)) {

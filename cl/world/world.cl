@@ -6,12 +6,14 @@
 // nodes[], blocks[], block_count         the tree, see rays/batch.cl; in a scene see instances/traverse.cl
 // top_nodes[], instances[], spheres[]    the rest of a scene, see instances/traverse.cl
 
+// keep: files that both branches need are expanded before them
+#include "boxes/aabb.cl"
+#include "math/pairs.cl"
+#include "shading/surface.cl"
 #include "traversal/traverse.cl"
 #if HAS_INSTANCES
 #include "instances/surface.cl"
 #include "instances/traverse.cl"
-#else
-#include "shading/surface.cl"
 #endif
 
 typedef struct {
@@ -23,9 +25,6 @@ typedef struct {
     const global instance_t *instances;
     const global float *spheres;
 } world_t;
-
-// Arguments of a kernel over both kinds.
-#define WORLD_OF(start)     {nodes, start, blocks, block_count, top_nodes, instances, spheres}
 
 // A position as a pair of floats: the low part is what float32 has rounded off. It is zero where there is no scene.
 typedef struct {
