@@ -3,7 +3,8 @@
 #include "film/ground.cl"
 #include "film/openness.cl"
 
-INLINED float4 find_sample(const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
+INLINED float4 find_sample(
+    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
 {
     shown_t shown;
     if (!find_shown(stage, ray, true, sampler, &shown, first)) {

@@ -28,8 +28,13 @@ INLINED bool sample_pixel(
         1.0f - (2.0f * (row + offset.y) + 1.0f) / view->height);
     position_t origin;
     float3 direction, direction_low;
-    const bool is_seen =
-        camera_ray(view, film, lens, &origin.high, &origin.low, &direction, &direction_low);
+#if HAS_INSTANCES
+    const bool is_seen = camera_ray(view, film, lens, &origin.high, &origin.low, &direction, &direction_low);
+#else
+    // Without the lows, the direction is rounded as in cl/kernels/render.cl.
+    const bool is_seen = camera_ray(view, film, lens, &origin.high, 0, &direction, 0);
+    origin.low = direction_low = (float3)(0.0f);
+#endif
     *ray = make_world_ray(origin, direction, direction_low, INFINITY);
     return is_seen;
 }

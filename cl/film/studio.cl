@@ -6,7 +6,6 @@
 #include "film/stage.cl"
 #include "sampling/frame.cl"
 #include "sampling/warps.cl"
-#include "shading/shade.cl"
 
 // The reflectance of surfaces that are no metal, seen at a right angle: that of an index of refraction of 1.5.
 #define DIELECTRIC_REFLECTANCE 0.04f
@@ -109,7 +108,8 @@ INLINED float find_ground_shadow(const stage_t *stage, const ground_t *ground, s
     return all > 0.0f ? ground->strength * missing / all : 0.0f;
 }
 
-INLINED float4 find_sample(const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
+INLINED float4 find_sample(
+    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
 {
     shown_t shown;
     const ray_t *plain = as_plain_ray(ray);

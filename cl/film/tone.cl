@@ -1,6 +1,5 @@
 // Tone curves: from any linear light to colours from 0 to 1, still linear.
 
-#include "structs.cl"
 #include "math/numeric.cl"
 
 // A filmic curve: a toe, a straight part and a shoulder (Narkowicz, "ACES filmic tone mapping curve", 2016, a fit to

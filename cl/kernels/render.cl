@@ -2,7 +2,8 @@
 //
 // nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
 // blocks[block_count]                        block_t: triangles in leaf order, local coordinates
-// entry_points[tile_rows * tile_columns]     node_t, see cl/kernels/view_entry_points.cl. NULL: all rays begin at the root
+// entry_points[tile_rows * tile_columns]     node_t, see cl/kernels/view_entry_points.cl. NULL: rays begin
+//                                            at the root
 // view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
 // colours[row_count * width]                 written: red, green, blue, and 255 where something is hit

@@ -97,8 +97,8 @@ INLINED appearance_t appearance_at(
     const float3 direction)
 {
     const global look_t *look = looks->looks + surface->instance_id;
-    const int material_id = look->first_material_id >= 0 ? looks->material_ids[look->first_material_id + surface->prim_id]
-                                                         : look->material_id;
+    const int first_id = look->first_material_id;
+    const int material_id = first_id >= 0 ? looks->material_ids[first_id + surface->prim_id] : look->material_id;
     const global material_t *material = looks->materials + material_id;
     const float w = 1.0f - surface->u - surface->v;
 

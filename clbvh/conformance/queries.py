@@ -16,7 +16,7 @@ from ..rendering.one_ray import OneRayPainter
 from ..rendering.refine_pixels import refine_pixels
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view
-from ..structs import LAYOUT_WIDTHS, SHADINGS
+from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS
 from ..trace.device_tree import BRUTE, DeviceTree
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.tracer import Tracer

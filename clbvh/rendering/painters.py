@@ -51,6 +51,7 @@ class Painters:
                     self._one_ray = OneRayPainter(
                         self._session, self._tree, arguments=self._subject.arguments(self._session)
                     )
+                progress.taken = 1
                 return self._one_ray
             return SamplePainter(self._find_shading(scene), progress)
 

@@ -25,8 +25,8 @@ from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera
 from .check_pixels import check_pixels
-from .film.sample_painter import Progress
 from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
+from .film.sample_painter import Progress
 from .film.settings import MAX_SAMPLES, find_sample_count
 from .frame import FrameRenderer
 from .framing import frame_turn
@@ -239,6 +239,7 @@ class Renderer(ContextManager):
             rgb=rgb,
             alpha=colours[..., 3].copy(),
             samples=progress.taken,
+            is_transparent=scene.transparent,
             found=found,
             camera=camera,
             **self._subject.picture_parts(),

@@ -67,8 +67,8 @@ def make_look_tables(
     """
     tables = _Tables()
     rows = np.zeros(len(shapes), LOOK)
-    for row, shape in zip(rows, shapes, strict=True):
-        tables.add(shape, row, crease_angle)
+    for number, shape in enumerate(shapes):
+        tables.add(shape, rows[number : number + 1], crease_angle)
     looks = rows[np.asarray(geometry_ids)]
     has_colour = ~np.isnan(colours).any(axis=1)
     looks["has_colour"] = has_colour
@@ -119,8 +119,8 @@ class _Tables:
         """Return the tables."""
         textures = TextureTables()
         materials = np.zeros(len(self._materials), MATERIAL)
-        for row, material in zip(materials, self._materials, strict=True):
-            _fill_material(row, material, textures)
+        for number, material in enumerate(self._materials):
+            _fill_material(materials[number : number + 1], material, textures)
         arrays = {"looks": looks, "materials": materials, **textures.arrays()}
         for name, parts in self._parts.items():
             dtype = np.float32 if name == "corner_uvs" else np.int32 if name == "material_ids" else np.uint32

@@ -58,10 +58,14 @@ def find_tone_curve(scene: Scene) -> str:
 
 
 def _check_integer(name: str, value: object, least: int, most: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= value <= most:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
         raise SceneError(f"{name} must be a whole number from {least} to {most:,}, not {value!r}")
 
 
 def _check_number(name: str, value: object, least: float, most: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, Real) or not (math.isfinite(value) and least <= value <= most):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, Real)
+        or not (math.isfinite(value) and least <= float(value) <= most)
+    ):
         raise SceneError(f"{name} must be a number from {least:g} to {most:g}, not {value!r}")
