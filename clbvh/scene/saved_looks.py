@@ -85,6 +85,8 @@ def read_appearance(
     names, materials = table["arrays"], table["materials"]
     if not isinstance(names, list) or not all(isinstance(name, str) and name in _ARRAYS for name in names):
         raise SceneError("its text has an appearance with unknown arrays")
+    if not has_corners and not {"colours", "material_ids"}.issuperset(names):
+        raise SceneError("its text has spheres with arrays of corners")
     if not isinstance(materials, list):
         raise SceneError("its text has materials that are no list")
     arrays = {}

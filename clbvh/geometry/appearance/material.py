@@ -14,8 +14,6 @@ from typing import Any
 from ...errors import MeshError
 from .texture import Texture
 
-Colour = tuple[float, float, float]
-
 _TEXTURES = ("base_colour_texture", "metallic_roughness_texture", "emission_texture")
 _SHARES = ("alpha", "metallic", "roughness", "transmission")
 
@@ -73,12 +71,12 @@ class Material:
     """
 
     name: str = ""
-    base_colour: Colour = (0.8, 0.72, 0.6)
+    base_colour: tuple[float, float, float] = (0.8, 0.72, 0.6)
     alpha: float = 1.0
     alpha_cutoff: float | None = None
     metallic: float = 0.0
     roughness: float = 0.5
-    emission: Colour = (0.0, 0.0, 0.0)
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ior: float = 1.5
     transmission: float = 0.0
     base_colour_texture: Texture | None = None
@@ -119,7 +117,7 @@ class Material:
             raise MeshError(f"the material's {name} must be a number {limits}, not {value!r}")
         return float(value)
 
-    def _check_colour(self, name: str, most: float) -> Colour:
+    def _check_colour(self, name: str, most: float) -> tuple[float, float, float]:
         value: Any = getattr(self, name)
         try:
             numbers = tuple(float(number) for number in value)

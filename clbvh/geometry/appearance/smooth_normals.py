@@ -26,6 +26,9 @@ _GRID = 32  # cells along a side of the octahedral map, so that a cell is about 
 # A sum of unit vectors is no direction if it is shorter than this share of their weights.
 _LEAST_SHARE = 1e-6
 
+# Of cosines, in units of 1.
+_ROUNDING = 1e-9
+
 
 def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_ANGLE) -> NDArray[np.float32]:
     """Return normals at the corners of faces that do not smooth over edges sharper than an angle.
@@ -53,7 +56,7 @@ def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_AN
 
     Notes
     -----
-    In O(V log V + F); about 0.5 s for 871,306 faces on one x86-64 core. Where more than 256 corners meet in one point,
+    In O(V log V + F); about 0.6 s for 871,306 faces on one x86-64 core. Where more than 256 corners meet in one point,
     differences of normals are measured between cells of about 5 degrees.
 
     Examples
@@ -75,7 +78,8 @@ def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_AN
     smooth = np.empty((mesh.face_count, 3, 3), np.float32)
     # At 180 degrees even opposite faces count.
     least_cosine = math.cos(math.radians(angle_degrees)) if angle_degrees < 180 else -2.0
-    _smooth(mesh.faces, normals, angles, point_ids, begin, around, least_cosine, smooth)
+    half_cosine = math.cos(math.radians(angle_degrees) / 2) + _ROUNDING
+    _smooth(mesh.faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, smooth)
     return smooth
 
 
@@ -106,13 +110,31 @@ def _find_faces(vertices, faces, scale, normals, angles):
 
 
 @compiled(error_model="numpy")
-def _smooth(faces, normals, angles, point_ids, begin, around, least_cosine, smooth):
+def _smooth(faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, smooth):
     """Write the normal at each corner."""
     cells = np.empty(_GRID * _GRID, np.int64)
     sums = np.empty((_GRID * _GRID, 4))
     cell_of = np.full(_GRID * _GRID, -1)
     for point in range(len(begin) - 1):
         first, end = begin[point], begin[point + 1]
+        # Where all normals are within half the angle of one, no two differ by more: nearly everywhere, nearly always.
+        x, y, z = 0.0, 0.0, 0.0
+        for slot in range(first, end):
+            face = around[slot]
+            angle = _angle_at(faces, angles, point_ids, face, point)
+            x, y, z = x + angle * normals[face, 0], y + angle * normals[face, 1], z + angle * normals[face, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        is_smooth = length > 0.0
+        for slot in range(first, end):
+            face = around[slot]
+            cosine = x * normals[face, 0] + y * normals[face, 1] + z * normals[face, 2]
+            if not cosine > half_cosine * length:
+                is_smooth = False
+                break
+        if is_smooth:
+            for slot in range(first, end):
+                _store(faces, point_ids, around[slot], point, x / length, y / length, z / length, smooth)
+            continue
         cell_count = 0
         if end - first > _MOST_COMPARED:
             cell_count = _gather(faces, normals, angles, point_ids, around, first, end, point, cells, cell_of, sums)
@@ -143,11 +165,14 @@ def _smooth(faces, normals, angles, point_ids, begin, around, least_cosine, smoo
                 x, y, z, length = nx, ny, nz, 1.0
                 if not has_area:
                     x, y, z = 0.0, 0.0, 1.0
-            for corner in range(3):
-                if point_ids[faces[face, corner]] == point:
-                    smooth[face, corner, 0] = x / length
-                    smooth[face, corner, 1] = y / length
-                    smooth[face, corner, 2] = z / length
+            _store(faces, point_ids, face, point, x / length, y / length, z / length, smooth)
+
+
+@compiled
+def _store(faces, point_ids, face, point, x, y, z, smooth):
+    for corner in range(3):
+        if point_ids[faces[face, corner]] == point:
+            smooth[face, corner, 0], smooth[face, corner, 1], smooth[face, corner, 2] = x, y, z
 
 
 @compiled

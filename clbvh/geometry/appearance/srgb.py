@@ -19,7 +19,7 @@ def srgb_to_linear(colours: ArrayLike) -> NDArray[np.float64]:
     --------
     >>> from clbvh.geometry.appearance.srgb import srgb_to_linear
     >>> srgb_to_linear([0, 0.5, 1]).round(4)
-    array([0.    , 0.214 , 1.    ])
+    array([0.   , 0.214, 1.   ])
     """
     values = np.clip(np.asarray(colours, np.float64), 0, 1)
     return np.where(values <= _LINEAR_END, values / _SLOPE, ((values + _OFFSET) / (1 + _OFFSET)) ** _POWER)
