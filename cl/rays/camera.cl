@@ -59,15 +59,15 @@ INLINED float3 unit_pair(const float3 direction, const float3 low, float3 *unit_
 // A fisheye and a panorama see far around, so that float32 is precise enough: the direction has no low part.
 INLINED bool wide_direction(const global view_t *view, const float2 film, float3 *direction)
 {
-    float3 local;
+    float3 in_frame;
     bool is_seen = true;
     if (view->projection == PROJECTION_FISHEYE) {
-        is_seen = fisheye_direction(view, film, &local);
+        is_seen = fisheye_direction(view, film, &in_frame);
     } else {
-        local = panorama_direction(film);
+        in_frame = panorama_direction(film);
     }
     *direction =
-        unit_vector(local.z * load3(view->forward) + local.x * load3(view->right) + local.y * load3(view->up));
+        unit_vector(in_frame.z * load3(view->forward) + in_frame.x * load3(view->right) + in_frame.y * load3(view->up));
     return is_seen;
 }
 

@@ -1,7 +1,7 @@
 // Bounds of the rays that a camera sends through a rectangle of its picture.
 
 #include "boxes/beam.cl"
-#include "rays/camera.cl"
+#include "structs.cl"
 
 // Roundings of a ray's direction, relative to |forward| + reach * (|right| + |up|), with the farthest x or y of the
 // rectangle as reach. At most 22 for a ray: twice 5 by the division in x or y, which is up to 2, twice 4 by the place
