@@ -84,7 +84,7 @@ class Camera:
     up: Vector = DEFAULT_UP
     fov: float = DEFAULT_FOV
     lens: Lens | None = None
-    projection: Projection | None = None
+    projection: Orthographic | Fisheye | Panorama | None = None
     aperture: float = 0.0
     focus_distance: float | None = None
 

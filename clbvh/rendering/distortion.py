@@ -92,7 +92,7 @@ def undistort(x: _Array, y: _Array, coefficients: Coefficients) -> tuple[_Array,
     return np.where(is_found, u, np.nan), np.where(is_found, v, np.nan)
 
 
-def check_invertible(window: Window, coefficients: Coefficients) -> None:
+def check_invertible(window: Window, distortion: Coefficients) -> None:
     """Raise `SceneError` unless each point of a picture shows one point of the plane.
 
     That point is followed from the principal point, where there is no distortion, along a straight line of the picture:
@@ -102,9 +102,10 @@ def check_invertible(window: Window, coefficients: Coefficients) -> None:
     ----------
     window : Window
         Of the picture, with y upwards.
-    coefficients : Coefficients
-        With y upwards.
+    distortion : Coefficients
+        OpenCV's.
     """
+    coefficients = upwards(distortion)
     side = np.linspace(-1 - _CHECKED_MARGIN, 1 + _CHECKED_MARGIN, _CHECKED_POINTS)
     x, y = window.points(side[None, :], side[:, None])
     x, y = np.broadcast_arrays(x, y)
@@ -120,7 +121,7 @@ def check_invertible(window: Window, coefficients: Coefficients) -> None:
     if not is_good.all():
         row, column = np.argwhere(~is_good)[0]
         raise SceneError(
-            f"the camera's distortion {coefficients} cannot be inverted in all of its picture: near "
+            f"the camera's distortion {distortion} cannot be inverted in all of its picture: near "
             f"({side[column]:.2f}, {side[row]:.2f}), from -1 to 1 and y upwards, it folds, and a pixel there would have "
             f"several rays or none. Give a smaller size, or coefficients that were fitted up to the corners"
         )

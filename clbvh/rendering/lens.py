@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from .distortion import Coefficients, check_invertible, read_distortion, upwards
+from .distortion import check_invertible, read_distortion
 from .finite_number import is_finite_number
 from .matrices import read_matrix, show_matrix
 from .window import Window
@@ -69,7 +69,7 @@ class Lens:
     skew: float
     width: int
     height: int
-    distortion: Coefficients | None = None
+    distortion: tuple[float, float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -96,7 +96,7 @@ class Lens:
             )
         object.__setattr__(self, "distortion", read_distortion(self.distortion))
         if self.distortion is not None:
-            check_invertible(window_of(self), upwards(self.distortion))
+            check_invertible(window_of(self), self.distortion)
 
     @classmethod
     def from_matrix(
