@@ -294,15 +294,18 @@ VIEW = np.dtype(
         ("forward_low", np.float32, 3),
         # One of PROJECTIONS.
         ("projection", np.int32),
-        # The lens of depth of field: its halves to the right and upwards, in local units, and 1 / its distance to the
-        # plane of focus. Both halves are 0: a point.
+        # The lens of depth of field, if there is one: its halves to the right and upwards, in local units, and 1 / its
+        # distance to the plane of focus.
+        ("has_lens", np.int32),
         ("lens_right", np.float32, 3),
         ("lens_up", np.float32, 3),
         ("inverse_focus", np.float32),
-        # The picture in the plane of its projection, see `Window` in clbvh/rendering/lens.py.
+        # The picture in the plane of its projection, see clbvh/rendering/window.py.
         ("centre", np.float32, 2),
         ("half_size", np.float32, 2),
         ("shear", np.float32),
+        # Of a fisheye, from the middle to the circle: turns.
+        ("half_angle", np.float32),
         # k1, k2, p1, p2 and k3 of OpenCV.
         ("distortion", np.float32, 5),
     ]

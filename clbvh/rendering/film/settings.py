@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
@@ -63,9 +62,6 @@ def _check_integer(name: str, value: object, least: int, most: int) -> None:
 
 
 def _check_number(name: str, value: object, least: float, most: float) -> None:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, Real)
-        or not (math.isfinite(value) and least <= float(value) <= most)
-    ):
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not least <= float(value) <= most:  # type: ignore[arg-type]
         raise SceneError(f"{name} must be a number from {least:g} to {most:g}, not {value!r}")
