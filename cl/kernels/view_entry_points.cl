@@ -9,10 +9,12 @@
 //
 // Work-items: (tile_columns, tile_rows). Layouts without entry points have no such kernel.
 
+#include "rays/camera.cl"
 #include "traversal/entry_point.cl"
-#include "rays/camera_bounds.cl"
 
 #if HAS_ENTRY_POINTS
+
+#include "rays/camera_bounds.cl"
 
 kernel void view_entry_points(
     const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
