@@ -289,6 +289,16 @@ VIEW = np.dtype(
         # Of the sample points.
         ("seed", np.uint32),
         ("most_bounces", np.int32),
+        # The light that paths draw: whether there is directed light, how many emitting primitives there are, and the
+        # sum of their luminance times area, in local units.
+        ("has_sun", np.int32),
+        ("light_count", np.int32),
+        ("light_power", np.float32),
+        # Pixels of the environment, 0 where there is none; and the unit vectors to the right of its middle, and to it.
+        ("environment_width", np.int32),
+        ("environment_height", np.int32),
+        ("environment_right", np.float32, 3),
+        ("environment_front", np.float32, 3),
         # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
         ("eye_low", np.float32, 3),
         ("forward_low", np.float32, 3),
@@ -324,6 +334,8 @@ LOOK = np.dtype(
         ("first_material_id", np.int32),
         # Of all primitives, where `first_material_id` is -1.
         ("material_id", np.int32),
+        # Whether its emitting primitives are among the lights that paths draw.
+        ("is_light", np.int32),
     ]
 )
 
@@ -360,6 +372,19 @@ TEXTURE = np.dtype(
     ]
 )
 
+# A primitive that emits light, in local coordinates: a triangle with corner a and two edges, or a sphere around a.
+LIGHT = np.dtype(
+    [
+        ("a", np.float32, 3),
+        # 0: a triangle.
+        ("radius", np.float32),
+        ("ab", np.float32, 3),
+        ("ac", np.float32, 3),
+        # Linear.
+        ("emission", np.float32, 3),
+    ]
+)
+
 # --- The same in C ---
 
 # Structs by their C names, in the order of their declarations.
@@ -384,6 +409,7 @@ DEVICE_STRUCTS = {
     "look_t": LOOK,
     "material_t": MATERIAL,
     "texture_t": TEXTURE,
+    "light_t": LIGHT,
 }
 
 NO_PRIM = -1

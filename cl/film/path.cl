@@ -1,0 +1,118 @@
+// The shading `path`: light along paths from the eye, with light drawn at each surface (Kajiya, "The rendering equation",
+// 1986; Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
+
+#include "film/bsdf.cl"
+#include "film/lights.cl"
+#include "film/stage.cl"
+#include "sampling/frame.cl"
+
+// Reflections before paths end by chance, and the most that they go on with.
+#define SURE_BOUNCES 3
+#define MOST_SURVIVAL 0.95f
+
+// A ray to a point of a light ends just before it.
+#define LIGHT_SHARE 0.9999f
+
+// The weight of a sample where a second way of sampling could have found the direction, too: the balance heuristic.
+INLINED float balance(const float density, const float other_density)
+{
+    return density / (density + other_density);
+}
+
+// The light that comes straight from a source to a surface and is scattered to the eye.
+INLINED float3 find_direct_light(
+    const stage_t *stage, const lights_t *lights, const shown_t *shown, const bsdf_t *bsdf, const frame_t *frame,
+    const float3 to_eye, sobol_sampler_t *sampler)
+{
+    light_sample_t light;
+    const float3 from = shown->surface.position;
+    if (!sample_light(lights, stage->view, from, sampler, &light)) {
+        return (float3)(0.0f);
+    }
+    float density;
+    const float3 scattered = evaluate_bsdf(bsdf, to_eye, to_frame(frame, light.direction), &density);
+    if (!(luminance(scattered) > 0.0f) || !(dot_product(shown->surface.normal, light.direction) > 0.0f)) {
+        return (float3)(0.0f);
+    }
+    if (is_shaded(stage, shown->surface.above, light.direction, LIGHT_SHARE * light.distance, sampler)) {
+        return (float3)(0.0f);
+    }
+    const float weight = light.density > 0.0f ? balance(light.density, density) : 1.0f;
+    return weight * scattered * light.radiance;
+}
+
+INLINED float4 find_path_sample(
+    const stage_t *stage, const lights_t *lights, const world_ray_t *primary, sobol_sampler_t *sampler,
+    search_t *first)
+{
+    const global view_t *view = stage->view;
+    world_ray_t ray = *primary;
+    float3 throughput = (float3)(1.0f);
+    float3 light = (float3)(0.0f);
+    float density = 0.0f;  // of the ray's direction; 0 where light is found by this ray alone
+    float covered = 1.0f;
+
+    for (int bounce = 0;; bounce++) {
+        search_t search;
+        shown_t shown;
+        const float3 direction = as_plain_ray(&ray)->direction;
+        const bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &search);
+        if (bounce == 0) {
+            *first = search;
+        }
+        if (!is_hit) {
+            if (bounce == 0) {
+                covered = 0.0f;
+            }
+            if (bounce > 0 || !view->is_transparent) {
+                const float other = density > 0.0f ? environment_density(lights, view, direction) : 0.0f;
+                const float weight = density > 0.0f ? balance(density, other) : 1.0f;
+                light += weight * throughput * environment_light(lights, view, direction);
+            }
+            break;
+        }
+
+        const float3 emission = shown.appearance.emission;
+        if (luminance(emission) > 0.0f) {
+            float weight = 1.0f;
+            if (density > 0.0f && shown.appearance.is_light) {
+                const float3 way = shown.surface.position - as_plain_ray(&ray)->origin;
+                const float cosine = -dot_product(shown.surface.normal, direction);
+                weight = balance(density, emitter_density(view, emission, dot_product(way, way), cosine));
+            }
+            light += weight * throughput * emission;
+        }
+        if (bounce == view->most_bounces) {
+            break;
+        }
+
+        const frame_t frame = frame_around(shown.appearance.normal);
+        const float3 to_eye = to_frame(&frame, -direction);
+        const bsdf_t bsdf = make_bsdf(&shown.appearance, shown.surface.is_back, to_eye);
+        light += throughput * find_direct_light(stage, lights, &shown, &bsdf, &frame, to_eye, sampler);
+
+        scattered_t scattered;
+        const float lobe = sample_1d(sampler);
+        const float2 sample = sample_2d(sampler);
+        if (!sample_bsdf(&bsdf, to_eye, lobe, sample, &scattered)) {
+            break;
+        }
+        const float3 next = from_frame(&frame, scattered.direction);
+        // A direction that the shading normal allows, but not the surface, would leak light through it.
+        if ((dot_product(shown.surface.normal, next) > 0.0f) == scattered.is_below) {
+            break;
+        }
+        throughput *= scattered.weight;
+        density = scattered.density;
+        if (bounce >= SURE_BOUNCES) {
+            const float survival = smaller(larger(throughput.x, larger(throughput.y, throughput.z)), MOST_SURVIVAL);
+            if (!(sample_1d(sampler) < survival)) {
+                break;
+            }
+            throughput /= survival;
+        }
+        const position_t origin = scattered.is_below ? shown.surface.below : shown.surface.above;
+        ray = make_world_ray(origin, unit_vector(next), (float3)(0.0f), INFINITY);
+    }
+    return (float4)(light, covered);
+}

@@ -1,6 +1,7 @@
 // Samples of a band of rows of a picture, added to its film.
 //
 // Shared arguments: see cl/world/world.cl, cl/looks/looks.cl and cl/traversal/entry_point.cl.
+// lights[] and so on          see cl/film/lights.cl; NULL but for SHADE_PATH
 // view[1]                     view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count        rows of the picture in this band; row 0 is the top
 // first_sample, sample_count  samples to take of each pixel, by their numbers
@@ -17,7 +18,9 @@
 #include "film/openness.cl"
 #include "film/pixel.cl"
 #include "traversal/entry_point.cl"
-#if SHADING == SHADE_AO
+#if SHADING == SHADE_PATH
+#include "film/path.cl"
+#elif SHADING == SHADE_AO
 #include "film/ao.cl"
 #else
 #include "film/studio.cl"
@@ -31,7 +34,10 @@ kernel void render_samples(
     const global uint *restrict corner_colours, const global float *restrict corner_uvs,
     const global int *restrict material_ids, const global material_t *restrict materials,
     const global texture_t *restrict textures, const global uint *restrict texels,
-    const global float *restrict decoded_srgb, const global view_t *restrict view, const int first_row,
+    const global float *restrict decoded_srgb, const global light_t *restrict lights,
+    const global float *restrict light_shares, const global float *restrict environment,
+    const global float *restrict environment_rows, const global float *restrict environment_columns,
+    const global view_t *restrict view, const int first_row,
     const int row_count, const int first_sample, const int sample_count, global float4 *restrict film,
     global kept_hit_t *restrict hits)
 {
@@ -48,13 +54,21 @@ kernel void render_samples(
          {textures, texels, decoded_srgb}, view->surface_colour},
         view};
 
+#if SHADING == SHADE_PATH
+    const lights_t light_tables = {lights, light_shares, environment, environment_rows, environment_columns};
+#endif
+
     float4 sum = first_sample == 0 ? (float4)(0.0f) : film[pixel];
     for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
         sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
         world_ray_t ray;
         search_t first = make_search(1, 0);
         if (sample_pixel(view, column, row, &sampler, &ray)) {
+#if SHADING == SHADE_PATH
+            sum += find_path_sample(&stage, &light_tables, &ray, &sampler, &first);
+#else
             sum += find_sample(&stage, &ray, row, &sampler, &first);
+#endif
         }
         if (sample == 0) {
             hits[pixel] = as_kept_hit(&first, &first.nearest);

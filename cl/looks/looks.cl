@@ -40,6 +40,7 @@ typedef struct {
     float ior;
     float transmission;
     float3 emission;
+    bool is_light;       // whether paths draw the emitting surface as a light
 } appearance_t;
 
 // A unit vector from two 16-bit numbers: an octahedron unfolded to a square (Cigolle et al., "A survey of efficient
@@ -113,6 +114,7 @@ INLINED appearance_t appearance_at(
     found.ior = material->ior;
     found.transmission = material->transmission;
     found.emission = load3(material->emission);
+    found.is_light = look->is_light && material->emission_texture < 0;
 
     if (look->first_colour >= 0 && !look->has_colour) {
         const global uint *corners = looks->corner_colours + look->first_colour + 3 * surface->prim_id;

@@ -18,6 +18,7 @@ from ..geometry import Mesh
 from ..trace.device_tree import BRUTE, DeviceTree
 from .camera import Camera
 from .film.ground import Ground
+from .film.light_tables import local_maps
 from .render_options import RenderOptions
 from .scene import Scene
 from .view import make_view
@@ -101,6 +102,10 @@ class MeshSubject:
     def looks(self) -> tuple[tuple[Mesh, ...], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
         return (self.mesh,), np.zeros(1, np.int64), np.full((1, 3), np.nan)
+
+    def to_local(self) -> NDArray[np.float64]:
+        """Return (1, 4, 4) float64: the map from the mesh's coordinates to the local ones of pictures."""
+        return local_maps(np.eye(4)[None], self.mesh.origin, self.mesh.scale)
 
     def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""

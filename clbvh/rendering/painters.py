@@ -5,9 +5,13 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..device.session import DeviceSession
 from ..structs import REPORT_SHADINGS
 from ..trace.traced_tree import TracedTree
+from .film.light_tables import LightTables, find_lights, make_light_tables
 from .film.look_tables import LookTables, make_look_tables
 from .film.sample_painter import Progress, SamplePainter, SampleShading
 from .frame import Painter
@@ -32,11 +36,12 @@ class Painters:
         self._session, self._tree, self._subject = session, tree, subject
         self._lock = threading.Lock()
         self._one_ray: OneRayPainter | None = None
+        self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
         self._shadings: dict[tuple[str, float], SampleShading] = {}
 
-    def painter(self, scene: Scene, progress: Progress) -> Painter:
-        """Return the painter of a picture.
+    def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
+        """Return the painter of a picture, and fill what the view says of the light.
 
         Raises
         ------
@@ -53,20 +58,32 @@ class Painters:
                     )
                 progress.taken = 1
                 return self._one_ray
+            if scene.shading == "path":
+                self._find_lights(scene).describe(view)
             return SamplePainter(self._find_shading(scene), progress)
 
     def _find_shading(self, scene: Scene) -> SampleShading:
         key = scene.shading, float(scene.smooth)
         if key not in self._shadings:
             tables, buffers = self._find_looks(scene)
+            if scene.shading == "path":
+                lights = self._find_lights(scene)
+                buffers = buffers | {name: self._session.upload(array) for name, array in lights.arrays.items()}
             self._shadings[key] = SampleShading(
                 self._session, self._tree, scene.shading, buffers, has_cutouts=tables.has_cutouts
             )
         return self._shadings[key]
 
+    def _find_lights(self, scene: Scene) -> LightTables:
+        if self._lights is None:
+            shapes, geometry_ids, _ = self._subject.looks()
+            self._lights = make_light_tables(shapes, geometry_ids, self._subject.to_local())
+        return self._lights
+
     def _find_looks(self, scene: Scene) -> tuple[LookTables, dict[str, Any]]:
         angle = float(scene.smooth)
         if angle not in self._looks:
-            tables = make_look_tables(*self._subject.looks(), angle)
+            looks = self._subject.looks()
+            tables = make_look_tables(*looks, find_lights(*looks[:2], self._subject.to_local()), angle)
             self._looks[angle] = tables, tables.upload(self._session)
         return self._looks[angle]

@@ -19,6 +19,7 @@ from ..device.session import DeviceSession
 from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
+from ..structs import VIEW
 from ..support.context_manager import ContextManager
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
@@ -133,7 +134,7 @@ class Renderer(ContextManager):
             self._painters = Painters(session, self._tree, subject)
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
-            self._painters.painter(self.scene, Progress(1))
+            self._painters.painter(self.scene, np.zeros(1, VIEW), Progress(1))
             upload_ms = session.times.sums_ms()["upload"]
             watch.lap("compile")
             self.timings = list_setup_ms(watch, subject.made, upload_ms)
@@ -232,7 +233,7 @@ class Renderer(ContextManager):
         camera = camera or self._find_camera(scene)
         times = EventTimes()
         view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
-        colours, found = self._frames.render(view, self._painters.painter(scene, progress), times)
+        colours, found = self._frames.render(view, self._painters.painter(scene, view, progress), times)
         rgb = _take_rgb(colours)
         made = self._subject.made
         picture = Picture(

@@ -25,6 +25,7 @@ from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from .camera import Camera
 from .film.ground import Ground
+from .film.light_tables import local_maps
 from .render_options import RenderOptions
 from .scene import Scene
 from .scene_extent import SceneExtent
@@ -116,6 +117,11 @@ class SceneSubject:
     def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
         return self._state.shapes, self._state.geometry_ids, self._state.colours
+
+    def to_local(self) -> NDArray[np.float64]:
+        """Return (n, 4, 4) float64: the map from each instance's coordinates to the local ones of pictures."""
+        boxes = self._scene.top.bvh.mesh
+        return local_maps(self._state.transforms, boxes.origin, boxes.scale)
 
     def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""

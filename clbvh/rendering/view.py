@@ -83,6 +83,7 @@ def make_view(
         view["ground_radius"] = ground.radius * mesh.scale
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
     view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
+    view["has_sun"] = any(scene.light.colour)
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
     view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces

@@ -51,6 +51,7 @@ def make_look_tables(
     shapes: Sequence[Shape],
     geometry_ids: NDArray[np.integer],
     colours: NDArray[np.floating],
+    is_light: NDArray[np.bool_],
     crease_angle: float,
 ) -> LookTables:
     """Return the tables of a scene.
@@ -62,6 +63,8 @@ def make_look_tables(
         The shape of each instance.
     colours : (n, 3) float
         Linear colours of instances, instead of those of their materials; NaN: none.
+    is_light : (n,) bool
+        Instances whose emitting primitives paths draw, see `find_lights`.
     crease_angle : float
         Degrees. Meshes without normals are shaded smoothly over edges that turn by less; 0: over none.
     """
@@ -72,6 +75,7 @@ def make_look_tables(
     looks = rows[np.asarray(geometry_ids)]
     has_colour = ~np.isnan(colours).any(axis=1)
     looks["has_colour"] = has_colour
+    looks["is_light"] = is_light
     looks["colour"][has_colour] = colours[has_colour]
     return tables.finish(looks)
 

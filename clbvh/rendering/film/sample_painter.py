@@ -25,7 +25,11 @@ _LAUNCH_S = 0.25
 _FILTER_RADIUS = 1.0
 
 # Arguments of `render_samples` that a mesh without a scene, or a scene, has none of.
-_NO_ARGUMENTS: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
+_NO_ARGUMENTS: dict[str, Any] = {
+    "top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0),
+    "lights": None, "light_shares": None,
+    "environment": None, "environment_rows": None, "environment_columns": None,
+}  # fmt: skip
 
 
 @dataclass

@@ -1,0 +1,139 @@
+"""The light that paths draw, as the device takes it: primitives that emit light, by their power; see cl/film/lights.cl."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import SceneError
+from ...geometry import Mesh
+from ...geometry.shape import Shape
+from ...geometry.spheres import Spheres
+from ...structs import LIGHT
+
+# Weights of linear red, green and blue in the luminance (ITU-R BT.709).
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+# Spheres that a map stretches by more than this share are no lights that paths draw, as their area is not a sphere's.
+_MOST_STRETCH = 1e-4
+
+_MOST_LIGHTS = 2**24
+
+
+@dataclass(frozen=True, eq=False)
+class LightTables:
+    """The tables, by the names of the kernels' arguments.
+
+    Attributes
+    ----------
+    arrays : dict of str to array
+    power : float
+        Sum of luminance times area, in local units.
+    count : int
+        Emitting primitives.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+    power: float
+    count: int
+
+    def describe(self, view: NDArray[np.void]) -> None:
+        """Fill what the view, (1,) `structs.VIEW`, says of the lights."""
+        view["light_count"], view["light_power"] = self.count, self.power
+
+
+def local_maps(transforms: NDArray[np.float64], origin: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Return (n, 4, 4) float64: (n, 4, 4) transforms, followed by the map to local coordinates."""
+    maps = np.array(transforms, np.float64)
+    maps[:, :3, 3] -= origin
+    maps[:, :3] *= scale
+    return maps
+
+
+def emits_light(shape: Shape) -> NDArray[np.bool_]:
+    """Return (m,) bool: whether each material of a shape emits light that does not depend on a texture."""
+    materials = () if shape.appearance is None else shape.appearance.materials
+    return np.array([any(each.emission) and each.emission_texture is None for each in materials], bool)
+
+
+def is_similar(linear: NDArray[np.float64]) -> bool:
+    """Return whether a (3, 3) map keeps the shape of spheres."""
+    stretches = np.linalg.svd(linear, compute_uv=False)
+    return bool(stretches[0] - stretches[2] <= _MOST_STRETCH * stretches[0])
+
+
+def find_lights(
+    shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], to_local: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return (n,) bool: the instances whose emitting primitives are in the tables; see `make_light_tables`."""
+    emits = np.array([bool(emits_light(shape).any()) for shape in shapes])[np.asarray(geometry_ids)]
+    for number in np.flatnonzero(emits):
+        is_mesh = isinstance(shapes[geometry_ids[number]], Mesh)
+        emits[number] = is_mesh or is_similar(to_local[number, :3, :3])
+    return emits
+
+
+def make_light_tables(
+    shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], to_local: NDArray[np.float64]
+) -> LightTables:
+    """Return the tables of a scene.
+
+    Parameters
+    ----------
+    shapes : sequence of Mesh or Spheres
+    geometry_ids : (n,) int
+        The shape of each instance.
+    to_local : (n, 4, 4) float64
+        From each instance's coordinates to the local ones of pictures.
+
+    Raises
+    ------
+    SceneError
+        More primitives emit light than the tables hold.
+    """
+    rows, areas = [], []
+    for number in np.flatnonzero(find_lights(shapes, geometry_ids, to_local)):
+        shape = shapes[geometry_ids[number]]
+        lights, area = _list_lights(shape, emits_light(shape), to_local[number])
+        rows.append(lights)
+        areas.append(area)
+    lights = np.concatenate(rows) if rows else np.zeros(0, LIGHT)
+    if len(lights) > _MOST_LIGHTS:
+        raise SceneError(f"{len(lights):,} primitives emit light, and there is room for {_MOST_LIGHTS:,}")
+    powers = (np.concatenate(areas) if areas else np.zeros(0)) * (lights["emission"].astype(np.float64) @ _LUMINANCE)
+    power = float(powers.sum())
+    shares = np.cumsum(powers) / power if power > 0 else np.zeros(0)
+    if power > 0:
+        shares[-1] = 1.0
+    # A table without rows still needs a buffer.
+    arrays = {
+        "lights": lights if len(lights) else np.zeros(1, LIGHT),
+        "light_shares": np.asarray(shares if len(shares) else [1.0], np.float32),
+    }
+    return LightTables(arrays, power, len(lights) if power > 0 else 0)
+
+
+def _list_lights(
+    shape: Mesh | Spheres, emitting: NDArray[np.bool_], place: NDArray[np.float64]
+) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+    """Return the emitting primitives of an instance, and their areas in local units."""
+    appearance = shape.appearance
+    assert appearance is not None
+    ids = np.zeros(shape.prim_count, np.int64) if appearance.material_ids is None else appearance.material_ids
+    chosen = np.flatnonzero(emitting[ids])
+    emissions = np.array([material.emission for material in appearance.materials])[ids[chosen]]
+    lights = np.zeros(len(chosen), LIGHT)
+    lights["emission"] = emissions
+    linear, shift = place[:3, :3], place[:3, 3]
+    if isinstance(shape, Mesh):
+        corners = shape.vertices[shape.faces[chosen]] @ linear.T + shift
+        ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        lights["a"], lights["ab"], lights["ac"] = corners[:, 0], ab, ac
+        return lights, np.linalg.norm(np.cross(ab, ac), axis=1) / 2
+    radii = shape.radii[chosen] * np.cbrt(abs(np.linalg.det(linear)))
+    lights["a"], lights["radius"] = shape.centres[chosen] @ linear.T + shift, radii
+    return lights, 4 * np.pi * radii**2
