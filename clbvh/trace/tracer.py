@@ -155,8 +155,7 @@ class Tracer(ContextManager):
         >>> tracer.closest_hit(origins, directions, t_min=5).t
         array([5.5, inf])
         """
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        caster = self._caster
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_closest_hits(caster, batch, shape, progress)
 
     def closest_prim(
@@ -180,8 +179,8 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
         array([ 0, -1], dtype=int32)
         """
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_closest_prims(self._caster, batch, shape, progress)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_closest_prims(caster, batch, shape, progress)
 
     def any_hit(
         self,
@@ -209,8 +208,8 @@ class Tracer(ContextManager):
         >>> tracer.any_hit(start, end - start, t_max=1)
         array([ True, False])
         """
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_any_hits(self._caster, batch, shape, progress)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_any_hits(caster, batch, shape, progress)
 
     def count_hits(
         self,
@@ -236,8 +235,8 @@ class Tracer(ContextManager):
         array([2, 1], dtype=int32)
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return count_hits(self._caster, batch, shape, limit, progress)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return count_hits(caster, batch, shape, limit, progress)
 
     def all_hits(
         self,
@@ -274,8 +273,7 @@ class Tracer(ContextManager):
         array([1., 1.])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        caster = self._caster
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def hits_by_depth(
@@ -317,8 +315,7 @@ class Tracer(ContextManager):
         array([ 0.5,  0.5, -0.5, -0.5])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        caster = self._caster
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_hits_by_depth(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def closest_point(
@@ -660,12 +657,17 @@ class Tracer(ContextManager):
 
     def _read_rays(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
-    ) -> tuple[RayBatch, tuple[int, ...]]:
-        """Return rays as a batch. A mesh without instances is seen by every mask but 0."""
+    ) -> tuple[Caster, RayBatch, tuple[int, ...]]:
+        """Return rays as a batch, with the caster that casts them.
+
+        What has no instances on the device is seen by every mask but 0.
+        """
+        # Read once, because an update may replace it by one that masks differently.
+        caster = self._caster.of_rays
         batch, shape = read_rays(origins, directions, t_min, t_max, mask)
-        if batch.mask is None or self._caster.tree.has_instances:
-            return batch, shape
-        return read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+        if batch.mask is not None and not caster.tree.has_instances:
+            batch, shape = read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+        return caster, batch, shape
 
     def _see(
         self,

@@ -26,6 +26,7 @@ from ..device_tree import pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
+from .lone_spheres import LoneSpheres
 from .placed import find_boxes, make_records
 from .refit_geometry import RefitGeometry
 
@@ -102,6 +103,7 @@ class DeviceScene:
     top : TopTree
     layout, arguments, defines, has_entry_points, node_bytes
         As in `DeviceTree`.
+    ray_tree : LoneSpheres or None
     """
 
     has_entry_points = False
@@ -259,6 +261,14 @@ class DeviceScene:
         if name == "blocks":
             return int(part[1]), int(part[2]), dtype
         return int(part[0]), self._node_counts[geometry_id], dtype
+
+    @property
+    def ray_tree(self) -> LoneSpheres | None:
+        """The tree for rays, where they need not know of instances."""
+        parts = self._parts[self.state.geometry_ids[0]]
+        if not self.state.is_one_group_of_spheres or parts[:2].any():
+            return None
+        return LoneSpheres(self, int(parts[2]))
 
     @property
     def scene_surface(self) -> SceneSurface:
