@@ -550,7 +550,7 @@ class Tracer(ContextManager):
         geometry : Geometry
             As `Scene.add` returned it.
         vertices : (V, 3) float, the geometry's coordinates
-            The same number as before; of spheres, their centres.
+            The same number as before; of spheres, their centres, see also `set_spheres`.
 
         Raises
         ------
@@ -563,7 +563,7 @@ class Tracer(ContextManager):
 
         Notes
         -----
-        A tree whose SAH cost has grown by 1.3 is built anew, and so are those of spheres. See `set_transforms`.
+        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
 
         Examples
         --------
@@ -581,6 +581,46 @@ class Tracer(ContextManager):
         scene = self._known_scene()
         with self._caster.open_call() as call, self._updating:
             self._caster = scene.set_vertices(self._caster, geometry, vertices, call.memory.session)
+
+    def set_spheres(self, geometry: Geometry, centres: ArrayLike, radii: ArrayLike | None = None) -> None:
+        """Move the spheres of a geometry of a scene: their tree is refitted, or built anew where that pays.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            As `Scene.add` returned it.
+        centres : (n, 3) float, the geometry's coordinates
+            As many as before.
+        radii : (n,) float, or float, optional
+            The present radii if left out.
+
+        Raises
+        ------
+        MeshError
+            Another number of spheres, or spheres that `clbvh.Spheres` refuses.
+        SceneError
+            The geometry is a mesh, of another scene, or was added after the tracer was opened.
+        ConfigError, QueryError, DeviceError
+            As of `set_transforms`.
+
+        Notes
+        -----
+        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> atoms = scene.add(clbvh.Spheres([[0, 0, 0], [4, 0, 0]], 1))
+        >>> placed = scene.place(atoms)
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     tracer.set_spheres(atoms, [[0, 0, 1], [4, 0, 0]], [1, 0.5])
+        ...     tracer.closest_hit([[0, 0, 5], [4, 0, 5]], [0, 0, -1]).t
+        array([3. , 4.5])
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_spheres(self._caster, geometry, centres, radii, call.memory.session)
 
     def _known_scene(self) -> MovingScene:
         if self._scene is None:

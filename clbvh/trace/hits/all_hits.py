@@ -73,7 +73,10 @@ def find_hits_by_depth(
     by_depth[:] = np.cumsum(by_depth).reshape(by_depth.shape) - by_depth
 
     surface = caster.tree.surface
-    ids, ray_id = HitIds.make(total, has_instances=caster.tree.hit_dtype == SCENE_HIT, dtype=np.int64), np.empty(total, np.int64)
+    ids, ray_id = (
+        HitIds.make(total, has_instances=caster.tree.hit_dtype == SCENE_HIT, dtype=np.int64),
+        np.empty(total, np.int64),
+    )
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int, slots: NDArray[np.int64]) -> None:

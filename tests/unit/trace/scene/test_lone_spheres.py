@@ -1,4 +1,4 @@
-"""Spheres that are alone in a scene, in their place: rays take the way of a mesh, and find what they find in any scene."""
+"""Spheres alone in a scene, in their place: rays take the way of a mesh, and find what they find in any scene."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,12 @@ def is_alone(tracer):
     return not tracer._caster.of_rays.tree.has_instances
 
 
-def picture(generator):
+def rays_down(spheres):
+    """One to each centre, along the z axis."""
+    return spheres.centres + np.array([0.0, 0.0, 5.0]), np.array([0.0, 0.0, -1.0])
+
+
+def picture():
     towards = np.stack(np.meshgrid(*[np.linspace(-0.6, 0.6, SIDE)] * 2, [-1.0]), axis=-1).reshape(SIDE, SIDE, 3)
     return np.array([0.1, 0.2, 2.5]), towards
 
@@ -43,8 +48,9 @@ def bytes_of(hits):
 
 
 def assert_same_answers(alone, among, rays, **limits):
-    """Of all queries, byte for byte; with rays of which float32 represents all numbers, no rounding comes in between."""
-    assert is_alone(alone) and not is_alone(among)
+    """Of all queries, byte for byte: float32 represents the rays, so no rounding comes in between."""
+    assert is_alone(alone)
+    assert not is_alone(among)
     closest = alone.closest_hit(*rays, **limits)
     assert bytes_of(closest) == bytes_of(among.closest_hit(*rays, **limits))
     np.testing.assert_array_equal(closest.prim_id, alone.closest_prim(*rays, **limits))
@@ -88,7 +94,7 @@ def test_pictures_begin_at_entry_points(layout, generator, spheres):
         clbvh.Tracer(scene_of(spheres), layout=layout) as alone,
         clbvh.Tracer(scene_of(spheres, mask=0x7FFFFFFF), layout=layout) as among,
     ):
-        rays = picture(generator)
+        rays = picture()
         one, other = alone.closest_hit(*rays), among.closest_hit(*rays)
         # At the rims, float32 may decide either way.
         assert 5000 < one.count < SIDE * SIDE
@@ -99,7 +105,7 @@ def test_pictures_begin_at_entry_points(layout, generator, spheres):
 
 
 def test_masks_without_a_bit_see_nothing(spheres):
-    rays = spheres.centres + [0, 0, 5], np.array([0.0, 0.0, -1.0])
+    rays = rays_down(spheres)
     with clbvh.Tracer(scene_of(spheres)) as tracer:
         assert is_alone(tracer)
         mask = np.arange(300) % 3
@@ -122,7 +128,7 @@ def test_only_lone_spheres_in_their_place_are_cast_at_alone(spheres):
     behind.add(clbvh.Spheres([[0, 0, 0]], 9))
     behind.place(behind.add(spheres))
     scenes["behind others"] = behind, False
-    rays = spheres.centres + [0, 0, 5], np.array([0.0, 0.0, -1.0])
+    rays = rays_down(spheres)
     expected = None
     for name, (scene, alone) in scenes.items():
         with clbvh.Tracer(scene) as tracer:
@@ -134,7 +140,7 @@ def test_only_lone_spheres_in_their_place_are_cast_at_alone(spheres):
 
 
 def test_spheres_that_move_away_and_back(spheres):
-    rays = spheres.centres + [0, 0, 5], np.array([0.0, 0.0, -1.0])
+    rays = rays_down(spheres)
     with clbvh.Tracer(scene_of(spheres)) as tracer:
         before = tracer.closest_hit(*rays)
         tracer.set_transforms(0, clbvh.Transform(translate=(0, 0, 1)).matrix)
@@ -156,6 +162,4 @@ def test_spheres_of_any_size_far_from_zero(size, generator):
         assert hits.is_hit.all()
         # Of several spheres in a line, the first.
         first = [centres[(centres[:, :2] == centre[:2]).all(axis=1), 2].max() for centre in centres]
-        np.testing.assert_allclose(
-            hits.t, centres[:, 2] + 2.0**16 * size - first - 2.0**-10 * size, rtol=2.0**-50
-        )
+        np.testing.assert_allclose(hits.t, centres[:, 2] + 2.0**16 * size - first - 2.0**-10 * size, rtol=2.0**-50)
