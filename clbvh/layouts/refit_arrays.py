@@ -23,7 +23,8 @@ from .topology import BOX_LANES_OF_CHILD, NO_CHILD, Topology
 _CORNER_LANES = 9
 
 # Primitives per task of a thread: small, so that a thread that waits for a processor delays the others little. An
-# update of 99,900 triangles takes 2.2 to 2.8 ms, 2.9 to 3.5 ms with twice as many, 2.8 ms with half (2-core x86-64 server).
+# update of 99,900 triangles takes 2.2 to 2.8 ms, 2.9 to 3.5 ms with twice as many, 2.8 ms with half (2-core x86-64
+# server).
 _PRIMS_PER_PART = 1 << 13
 
 # A missing child has an inverted box, from the greatest number to the least, which no ray hits.
