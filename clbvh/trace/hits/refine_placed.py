@@ -113,8 +113,14 @@ def finish_placed(rays, arrays, found_ints, block, count):
         centre = spheres[sphere, 0], spheres[sphere, 1], spheres[sphere, 2]
         t, x, y, z = sphere_crossing(origin, direction, centre, spheres[sphere, 3], is_leaving)
         vectors[TUV, 0, hit] = t
-        vectors[TUV, 1, hit], vectors[TUV, 2, hit] = sphere_uv(x, y, z)
+        vectors[CORNER, 0, hit], vectors[CORNER, 1, hit], vectors[CORNER, 2, hit] = x, y, z
         volumes[hit] = -1.0 if is_leaving else 1.0
+    # In a loop of their own the calls of atan2 take half the time.
+    for hit in range(count):
+        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        if kind[geometry_id[instance]] == _SPHERES:
+            x, y, z = vectors[CORNER, 0, hit], vectors[CORNER, 1, hit], vectors[CORNER, 2, hit]
+            vectors[TUV, 1, hit], vectors[TUV, 2, hit] = sphere_uv(x, y, z)
 
 
 @compiled
