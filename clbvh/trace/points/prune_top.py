@@ -28,8 +28,8 @@ def prune_top(top: Any, instance_ids: NDArray[np.integer]) -> dict[str, NDArray[
 
     Notes
     -----
-    O(instances of the scene), in this thread: 0.1 to 0.6 ms for 10,000. Leaves keep their boxes; those of interior nodes
-    shrink.
+    O(instances of the scene), in this thread: 0.1 to 0.6 ms for 10,000. Leaves keep their boxes; those of interior
+    nodes shrink.
     """
     is_chosen = np.zeros(len(top.instances), np.bool_)
     is_chosen[instance_ids] = True

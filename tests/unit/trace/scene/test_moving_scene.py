@@ -105,8 +105,8 @@ def test_spheres_are_refitted_until_their_tree_is_worn(layout, generator, transf
         ):
             tracer.set_spheres(dots, moved.centres, moved.radii)
             assert_same(tracer, make_scene(KNOT, BALL, moved, transforms), rays, layout)
-        tracer.set_spheres(dots, spheres.centres + 0.1)
-        moved = spheres.with_spheres(spheres.centres + 0.1)
+        moved = spheres.with_spheres(spheres.centres * [1, 0.8, 1.2])
+        tracer.set_spheres(dots, moved.centres)
         assert_same(tracer, make_scene(KNOT, BALL, moved, transforms), rays, layout)
         # Each new tracer above has built the three of its own; the one whose spheres move, none.
         assert len(built) == 4 * 3
