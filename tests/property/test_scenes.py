@@ -7,9 +7,11 @@ from hypothesis import given
 import clbvh
 from clbvh import Mesh, Tracer
 from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace.device_tree import BRUTE
 from clbvh.trace.oracle.scene_crossings import Rays
 from clbvh.trace.oracle.scene_reference import SceneReference
 
+from ..brute import open_tracer
 from ..profiles import examples, seeds
 from ..unit.trace.scene_states import affine, flatten, make_state
 from .random_scenes import KINDS, LINEAR, MESH_KINDS, RAY_MASKS, RAYS, make_scene, random_scenes, scale_scene
@@ -28,7 +30,7 @@ def as_bytes(hits):
 
 def ask(scene, opened, layout, limits):
     """The answers to all queries about rays, as the tracer gives them."""
-    with Tracer(scene.contents(), device=opened.info, layout=layout) as tracer:
+    with open_tracer(scene, opened.info, layout) as tracer:
         rays = scene.origins, scene.directions
         return {
             "closest_hit": tracer.closest_hit(*rays),
@@ -45,8 +47,8 @@ def ask(scene, opened, layout, limits):
 
 def compare_layouts(scene, opened, limits):
     """Ask every layout; return the answers, which are the same."""
-    answers = {layout: ask(scene, opened, layout, limits) for layout in LAYOUT_WIDTHS}
-    first, *others = LAYOUT_WIDTHS
+    answers = {layout: ask(scene, opened, layout, limits) for layout in (*LAYOUT_WIDTHS, BRUTE)}
+    first, *others = answers
     for layout in others:
         for query, expected in answers[first].items():
             found = answers[layout][query]

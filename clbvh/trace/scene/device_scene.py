@@ -18,11 +18,11 @@ from ...geometry import Mesh
 from ...geometry.box_mesh import box_mesh
 from ...geometry.shape import Shape
 from ...layouts.bvh2 import make_bvh2_nodes
-from ...layouts.device_arrays import DeviceArrays, make_device_arrays
+from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
 from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
 from ...support.host_threads import HostThreads
-from ..device_tree import pad_stack, resolve_layout
+from ..device_tree import BRUTE, pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
@@ -77,12 +77,13 @@ class DeviceScene:
         Owns the buffers.
     state : SceneState
         At least one instance.
-    trees : sequence of Bvh
-        One for each geometry.
+    trees : sequence of Bvh, or None
+        One for each geometry. None: no tree but the one over the instances.
     build_top : function
         Builds the tree over the instances.
     layout : str
-        Of the geometries' trees. The one over the instances is `bvh2` in any case.
+        Of the geometries' trees. The one over the instances is `bvh2` in any case. Without trees the layout is
+        ``"brute"``, whatever is asked: each primitive of an instance is tested against each ray that meets its box.
 
     Raises
     ------
@@ -99,6 +100,7 @@ class DeviceScene:
     surface : SceneArrays
         What hits are refined on.
     trees : tuple of Bvh
+        Empty in the layout ``"brute"``.
     top : TopTree
     layout, arguments, defines, has_entry_points, node_bytes
         As in `DeviceTree`.
@@ -115,20 +117,27 @@ class DeviceScene:
         self,
         session: DeviceSession,
         state: SceneState,
-        trees: Sequence[Bvh],
+        trees: Sequence[Bvh] | None,
         build_top: BuildTree,
         layout: str = "auto",
     ) -> None:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
-        self.layout = resolve_layout(layout, session)
-        self.state, self.trees = state, tuple(trees)
+        self.layout = BRUTE if trees is None else resolve_layout(layout, session)
+        self.state, self.trees = state, tuple(trees or ())
         self._build_top = build_top
-        arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
+        if trees is None:
+            arrays = [list_prims(shape) for shape in state.shapes]
+        else:
+            arrays = [
+                make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)
+            ]
         self._parts = _list_parts(state, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
-        stack_size = pad_stack(self.layout, max(part.stack_size for part in arrays), max(bvh.depth for bvh in trees))
+        stack_size = pad_stack(
+            self.layout, max(part.stack_size for part in arrays), max((bvh.depth for bvh in self.trees), default=0)
+        )
         has_spheres = bool((self._parts[:, 3] == PRIM_KINDS["spheres"]).any())
         self.defines = {
             "LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size, "HAS_INSTANCES": 1,
