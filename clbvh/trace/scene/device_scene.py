@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, Self, cast
 
 import numpy as np
@@ -15,57 +14,20 @@ from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh
-from ...geometry.box_mesh import box_mesh
 from ...geometry.shape import Shape
-from ...layouts.bvh2 import make_bvh2_nodes
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
 from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
 from ...support.host_threads import HostThreads
 from ..device_tree import BRUTE, pad_stack, resolve_layout
-from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
+from ..hits.scene_arrays import make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
-from .placed import find_boxes, make_records
 from .refit_geometry import RefitGeometry
-
-BuildTree = Callable[[Mesh], Bvh]
+from .top_tree import BuildTree, TopTree, list_parts
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
 _TOP_STACK_SIZE = 64
-
-
-@dataclass(frozen=True, eq=False)
-class TopTree:
-    """The tree over the instances, as the device takes it.
-
-    Attributes
-    ----------
-    nodes : (m,) `structs.BVH2_NODE`
-    instances : (n,) `structs.INSTANCE`
-        In the order of the leaves.
-    bvh : Bvh
-        Its primitives are the instances.
-    """
-
-    nodes: NDArray[np.void]
-    instances: NDArray[np.void]
-    bvh: Bvh
-
-    @classmethod
-    def build(
-        cls, arrays: SceneArrays, parts: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
-    ) -> TopTree:
-        """Build the tree over the instances of a scene.
-
-        Raises
-        ------
-        SceneError
-            An instance is too small beside the scene.
-        """
-        bvh = build_tree(box_mesh(*find_boxes(arrays), "the instances"))
-        records = make_records(arrays, parts, masks, bvh.prim_ids, bvh.mesh.origin, bvh.mesh.scale)
-        return cls(make_bvh2_nodes(bvh), records, bvh)
 
 
 class DeviceScene:
@@ -132,7 +94,7 @@ class DeviceScene:
             arrays = [
                 make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)
             ]
-        self._parts = _list_parts(state, arrays)
+        self._parts = list_parts(state, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
         stack_size = pad_stack(
@@ -308,18 +270,3 @@ class DeviceScene:
         joined = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
         self.arguments[name] = session.upload(joined)
         self._byte_counts[name] = joined.nbytes
-
-
-def _list_parts(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:
-    """Return where the arrays of each geometry are in the joined ones, (geometries, 4), see `make_records`."""
-    rows = []
-    first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
-    for shape, part in zip(state.shapes, arrays, strict=True):
-        kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
-        rows.append((first_node, first_blocks[kind], len(part.blocks), kind))
-        first_node += len(part.nodes)
-        first_blocks[kind] += len(part.blocks)
-    most = np.iinfo(np.int32).max
-    if max(first_node, *first_blocks) > most:
-        raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
-    return np.array(rows, np.int32)
