@@ -58,11 +58,19 @@ class HostTrees(NamedTuple):
         spheres: Sequence[NDArray[np.void]],
     ) -> Self:
         """Return the trees of these nodes, and of these blocks of either kind."""
-        lanes: list[NDArray[np.float32]] = []
-        for parts, width in ((nodes, BVH2_LANES), (triangles, TRIANGLE_LANES), (spheres, _SPHERE_LANES)):
-            rows = [np.ascontiguousarray(part).view(np.float32).reshape(-1, width) for part in parts]
-            lanes.append(rows[0] if len(rows) == 1 else np.concatenate([np.empty((0, width), np.float32), *rows]))
-        return cls(*(view for one in lanes for view in (one, one.view(np.int32))))
+        of_nodes, of_triangles, of_spheres = (
+            _join_lanes(parts, width)
+            for parts, width in ((nodes, BVH2_LANES), (triangles, TRIANGLE_LANES), (spheres, _SPHERE_LANES))
+        )
+        return cls(
+            of_nodes, of_nodes.view(np.int32), of_triangles, of_triangles.view(np.int32), of_spheres,
+            of_spheres.view(np.int32),
+        )  # fmt: skip
+
+
+def _join_lanes(parts: Sequence[NDArray[np.void]], width: int) -> NDArray[np.float32]:
+    rows = [np.ascontiguousarray(part).view(np.float32).reshape(-1, width) for part in parts]
+    return rows[0] if len(rows) == 1 else np.concatenate([np.empty((0, width), np.float32), *rows])
 
 
 class PackedRays(NamedTuple):
