@@ -8,7 +8,9 @@ import clbvh
 from clbvh import Mesh, Tracer
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import BRUTE
-from clbvh.trace.oracle.scene_crossings import Rays
+from clbvh.trace.oracle import scene_crossings
+from clbvh.trace.oracle.placement import Blur, place_instances
+from clbvh.trace.oracle.scene_crossings import Rays, find_crossings
 from clbvh.trace.oracle.scene_reference import SceneReference
 
 from ..brute import open_tracer
@@ -243,3 +245,31 @@ def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
         closest = tracer.closest_hit(scene.origins, scene.directions)
         first = tracer.all_hits(scene.origins, scene.directions, max_hits=1)
     np.testing.assert_array_equal(first.prim_id, closest.prim_id[closest.is_hit])
+
+
+@examples(short=25, long=1000)
+@given(scene=random_scenes())
+def test_the_oracle_leaves_out_no_instance_that_a_ray_may_meet(scene):
+    """Instances that a ray passes by are left out of it before anything else is computed of them."""
+    rays = Rays.make(scene.origins, scene.directions, mask=scene.generator.choice(RAY_MASKS, len(scene.origins)))
+    found = find_crossings(scene.state, rays)
+
+    def find_all(bound, origins, directions, masks, near):
+        seen = np.flatnonzero(masks & bound.mask)
+        near[: len(seen)] = seen
+        return len(seen)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene_crossings, "_find_near", find_all)
+        expected = find_crossings(scene.state, rays)
+    for name in expected._fields:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+
+
+def test_most_instances_are_left_out():
+    """So that the test above can fail, and the oracle is as fast as it is meant to be."""
+    scene = make_scene(3, ("cube", "ball"), tuple(LINEAR))
+    bound = scene_crossings._bound(place_instances(scene.state)[0], Blur(), 100.0)
+    directions = scene.directions / np.linalg.norm(scene.directions, axis=1)[:, None]
+    masks, near = np.full(RAYS, 2**32 - 1, np.uint32), np.empty(RAYS, np.int64)
+    assert 0 < scene_crossings._find_near(bound, scene.origins, directions, masks, near) < 0.7 * RAYS
