@@ -11,8 +11,8 @@ from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import BRUTE
 from clbvh.trace.oracle.scene_points import ScenePoints
 
-from ..brute import open_tracer
 from ..profiles import examples, seeds
+from ..state_tracer import open_tracer
 from .random_scenes import LINEAR, RAY_MASKS, make_scene, random_scenes
 
 # Float64 rounds placed coordinates, relative to the scene and the points.

@@ -6,6 +6,7 @@ from hypothesis import given
 
 import clbvh
 from clbvh import Mesh, Tracer
+from clbvh.builders.build import build_over
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import BRUTE
 from clbvh.trace.oracle import scene_crossings
@@ -13,8 +14,8 @@ from clbvh.trace.oracle.placement import Blur, place_instances
 from clbvh.trace.oracle.scene_crossings import Rays, find_crossings
 from clbvh.trace.oracle.scene_reference import SceneReference
 
-from ..brute import open_tracer
 from ..profiles import examples, seeds
+from ..state_tracer import StateTracer, open_tracer
 from ..unit.trace.scene_states import affine, flatten, make_state
 from .random_scenes import KINDS, LINEAR, MESH_KINDS, RAY_MASKS, RAYS, make_scene, random_scenes, scale_scene
 
@@ -273,3 +274,26 @@ def test_most_instances_are_left_out():
     directions = scene.directions / np.linalg.norm(scene.directions, axis=1)[:, None]
     masks, near = np.full(RAYS, 2**32 - 1, np.uint32), np.empty(RAYS, np.int64)
     assert 0 < scene_crossings._find_near(bound, scene.origins, directions, masks, near) < 0.7 * RAYS
+
+
+def test_workers_build_the_same_trees_and_so_the_same_hits(opened, pools):
+    generator = np.random.default_rng(1)
+    dust = clbvh.Spheres(generator.uniform(-2, 2, (30_000, 3)), generator.uniform(0.001, 0.01, 30_000))
+    state = make_state(
+        [clbvh.make_shape("knot", triangles=30_000), dust],
+        (0, affine()), (1, affine((1, 2, 1), (3, 0, 0))), (0, affine((-1, 1, 1), (0, 6, 0))),
+    )  # fmt: skip
+    origins = generator.normal(size=(2000, 3)) * 20
+    directions = generator.uniform(-3, 6, (2000, 3)) - origins
+    options = clbvh.BuildOptions(task_threshold=5000)
+    trees, answers = {}, {}
+    for workers, pool in ((0, None), *list(pools.items())[:2]):
+        trees[workers] = [build_over(shape, "sah", pool, options) for shape in state.shapes]
+        with StateTracer(state, opened.info, trees[workers]) as tracer:
+            answers[workers] = as_bytes(tracer.all_hits(origins, directions))
+    for workers in (1, 2):
+        for built, alone in zip(trees[workers], trees[0], strict=True):
+            assert built.nodes.tobytes() == alone.nodes.tobytes()
+            assert built.prim_ids.tobytes() == alone.prim_ids.tobytes()
+        assert answers[workers] == answers[0]
+    assert len(answers[0]["prim_id"]) > 4 * 1000

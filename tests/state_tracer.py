@@ -1,4 +1,4 @@
-"""The queries of a tracer in a scene without trees of its geometries."""
+"""The queries of a tracer in a scene whose trees are given, or left out."""
 
 import functools
 
@@ -11,12 +11,12 @@ from clbvh.trace.ray_queries import RayQueries
 from clbvh.trace.scene.device_scene import DeviceScene
 
 
-class BruteTracer(RayQueries, PointQueries):
-    """In place of a `Tracer`; masks choose instances, names do not."""
+class StateTracer(RayQueries, PointQueries):
+    """In place of a `Tracer`; without `trees` the layout is ``"brute"``. Masks choose instances, names do not."""
 
-    def __init__(self, state, device):
+    def __init__(self, state, device, trees=None):
         session = DeviceSession(device)
-        tree = DeviceScene(session, state, None, functools.partial(build, leaf_size=1))
+        tree = DeviceScene(session, state, trees, functools.partial(build, leaf_size=1))
         self._caster = Caster(session, tree, tree.box)
 
     def close(self):
@@ -26,5 +26,5 @@ class BruteTracer(RayQueries, PointQueries):
 def open_tracer(scene, device, layout):
     """A tracer of a random scene, in a layout, or in ``"brute"``; one mesh in its place has a tree anyway."""
     if layout == BRUTE and not scene.state.is_one_mesh:
-        return BruteTracer(scene.state, device)
+        return StateTracer(scene.state, device)
     return Tracer(scene.contents(), device=device, layout="auto" if layout == BRUTE else layout)
