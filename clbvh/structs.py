@@ -223,6 +223,23 @@ INSTANCE = np.dtype(
     ]
 )
 
+# Where the rays of a tile begin in a scene, see cl/instances/start.cl.
+MAX_TILE_LEAVES = 14
+SCENE_TILE = np.dtype(
+    [
+        # Leaves that the tile's beam meets, as slots 2 * node + child; or -1: its rays traverse the tree over the
+        # instances from `top_node` on.
+        ("leaf_count", np.int32),
+        ("top_node", np.int32),
+        # The only instance that the rays can hit, which they enter without a test; or -1.
+        ("instance_index", np.int32),
+        ("spare", np.int32),
+        ("leaf", np.int32, MAX_TILE_LEAVES),
+        # The least t at which a ray of the tile may enter the leaf's box, in ascending order.
+        ("t_near", np.float32, MAX_TILE_LEAVES),
+    ]
+)
+
 # A hit in a scene. The prim_id counts within the geometry. Of a sphere, u is 0 where the ray enters and 1 where it
 # leaves.
 SCENE_HIT = np.dtype(
@@ -295,6 +312,7 @@ DEVICE_STRUCTS = {
     "scene_ray_t": SCENE_RAY,
     "instance_t": INSTANCE,
     "scene_point_t": SCENE_POINT,
+    "scene_tile_t": SCENE_TILE,
     "scene_hit_t": SCENE_HIT,
     "scene_prim_t": SCENE_PRIM,
     "view_t": VIEW,
@@ -319,6 +337,7 @@ PRIM_KINDS = {"triangles": 0, "spheres": 1}
 
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
+    "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},

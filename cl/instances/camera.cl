@@ -21,7 +21,6 @@ INLINED scene_ray_pair_t scene_primary_ray(const global view_t *view, const int 
     const float to_unit = scale / sqrt(dot_product(scaled, scaled));
     const float3 unit = multiply_exactly(to_unit, direction, &unit_low);
     const scene_ray_pair_t ray = {
-        make_ray(load3(view->eye), unit, 0.0f, INFINITY), load3(view->eye_low), unit_low + to_unit * low,
-        PICTURE_MASK};
+        load3(view->eye), unit, 0.0f, INFINITY, load3(view->eye_low), unit_low + to_unit * low, PICTURE_MASK};
     return ray;
 }

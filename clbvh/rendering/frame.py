@@ -69,7 +69,7 @@ class FrameRenderer(ContextManager):
         name = "scene_render" if tree.has_instances else "render"
         kernels = build_kernels(session, name, tree.defines)
         self._kernel = kernels[name]
-        # Absent in a layout without entry points, and in scenes.
+        # Absent in a layout without entry points.
         self._entry_point_kernel = kernels.get("view_entry_points")
         self._band_pixels = session.fit_items(tree.hit_dtype.itemsize, BAND_PIXELS)
 
@@ -142,17 +142,21 @@ class FrameRenderer(ContextManager):
         colour_buffer = memory.buffer("colours", for_mapping=False).take(band_rows * width * _CHANNELS)
         hit_buffer = memory.buffer("hits", for_mapping=False).take(band_rows * width * hits.itemsize)
         entry_point_buffer = memory.buffer("entry points", for_mapping=False)
+        tile_buffer = memory.buffer("tiles", for_mapping=False) if self._tree.has_instances else None
         session.write(view_buffer, view)
         for first_row in range(0, height, band_rows):
             row_count = min(band_rows, height - first_row)
             band = {"view": view_buffer, "first_row": np.int32(first_row), "row_count": np.int32(row_count)}
             work_size, arguments = (width, row_count), {**self._arguments, **band}
             if self._entry_point_kernel is not None:
-                arguments["entry_points"] = find_entry_points(
-                    session, self._tree, self._entry_point_kernel, entry_point_buffer, work_size, self._tile, **band
-                )
-            elif not self._tree.has_instances:
+                arguments |= find_entry_points(
+                    session, self._tree, self._entry_point_kernel, entry_point_buffer, work_size, self._tile,
+                    tile_buffer=tile_buffer, **band,
+                )  # fmt: skip
+            else:
                 arguments["entry_points"] = None
+                if tile_buffer is not None:
+                    arguments["tiles"] = None
             session.run(self._kernel, work_size, self._tile, **arguments, colours=colour_buffer, hits=hit_buffer)
             session.download(colour_buffer, colours[first_row : first_row + row_count])
             session.download(hit_buffer, hits[first_row : first_row + row_count])

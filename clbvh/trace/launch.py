@@ -25,7 +25,7 @@ from ..structs import HIT, SCENE_HIT
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .rays.batch import RayBatch, TreeBox
-from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
+from .rays.entry_points import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
@@ -232,15 +232,16 @@ class Call(MemoryLoan):
         row_length = piece.row_length or count
         work_size, work_group = (row_length, -(-count // row_length)), self._work_group(piece)
         described = {"rays": rays, "ray_count": np.int32(count), "row_length": np.int32(row_length)}
-        if self._tree.has_instances:
-            return Batch(count, work_size, work_group, described | {"order": order})
-        entry_points = None
+        has_instances = self._tree.has_instances
+        starts: dict[str, Any] = {"entry_points": None} | ({"tiles": None} if has_instances else {})
         if piece.is_coherent and self._tree.has_entry_points:
-            kernel, buffer = self.caster.kernel(ENTRY_POINT_KERNEL), self._buffer("entry points")
-            entry_points = find_entry_points(
-                self._session, self._tree, kernel, buffer, work_size, work_group, **described
-            )
-        return Batch(count, work_size, work_group, described | {"order": order, "entry_points": entry_points})
+            starts = find_entry_points(
+                self._session, self._tree,
+                self.caster.kernel(SCENE_ENTRY_POINT_KERNEL if has_instances else ENTRY_POINT_KERNEL),
+                self._buffer("entry points"), work_size, work_group,
+                tile_buffer=self._buffer("tiles") if has_instances else None, **described,
+            )  # fmt: skip
+        return Batch(count, work_size, work_group, described | {"order": order} | starts)
 
     def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
         """Yield the chunks in which to cast points; see `pieces.cut_points`."""
@@ -300,7 +301,7 @@ class Call(MemoryLoan):
         return buffer
 
     def _buffer(self, name: str) -> ReusableBuffer:
-        return self.memory.buffer(name, for_mapping=name != "entry points")
+        return self.memory.buffer(name, for_mapping=name not in ("entry points", "tiles"))
 
 
 def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:

@@ -20,7 +20,7 @@ from ...geometry.shape import Shape
 from ...layouts.bvh2 import make_bvh2_nodes
 from ...layouts.device_arrays import DeviceArrays, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
+from ...structs import ENTRY_POINT_LAYOUTS, LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
 from ...support.host_threads import HostThreads
 from ..device_tree import pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
@@ -104,7 +104,6 @@ class DeviceScene:
         As in `DeviceTree`.
     """
 
-    has_entry_points = False
     has_instances = True
     ray_dtype = SCENE_RAY
     point_dtype = SCENE_POINT
@@ -122,6 +121,7 @@ class DeviceScene:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
         self.layout = resolve_layout(layout, session)
+        self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.state, self.trees = state, tuple(trees)
         self._build_top = build_top
         arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
