@@ -166,23 +166,18 @@ HIT_PRIM_ID = _lane(HIT, "prim_id")
 
 # --- Scenes ---
 
-# A ray in a scene, in the scene's local coordinates: a packed ray, and what float32 has rounded off its origin and its
-# direction. Only the instances whose mask shares a bit with the ray's are visible to it.
-SCENE_RAY = np.dtype(
+# What float32 has rounded off the origin and the direction of a packed ray in a scene, and the ray's mask: only the
+# instances whose mask shares a bit with it are visible. The rays of a camera share one.
+SCENE_LOW = np.dtype(
     [
         ("origin", np.float32, 3),
-        ("t_min", np.float32),
-        ("direction", np.float32, 3),
-        ("t_max", np.float32),
-        ("origin_low", np.float32, 3),
         ("mask", np.uint32),
-        ("direction_low", np.float32, 3),
+        ("direction", np.float32, 3),
         ("spare", np.float32),
     ]
 )
-SCENE_RAY_LANES = _lane_count(SCENE_RAY)
-SCENE_RAY_ORIGIN_LOW = _lane(SCENE_RAY, "origin_low")
-SCENE_RAY_DIRECTION_LOW = _lane(SCENE_RAY, "direction_low")
+SCENE_LOW_LANES = _lane_count(SCENE_LOW)
+SCENE_LOW_DIRECTION = _lane(SCENE_LOW, "direction")
 
 # A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
 # mask shares a bit with the point's are visible to it.
@@ -222,6 +217,9 @@ INSTANCE = np.dtype(
         ("instance_id", np.int32),
     ]
 )
+
+# A ray that begins farther away than this many radii of an instance is advanced to just before it.
+FAR_RADII = 32
 
 # Where the rays of a tile begin in a scene, see cl/instances/start.cl.
 MAX_TILE_LEAVES = 14
@@ -309,7 +307,7 @@ DEVICE_STRUCTS = {
     "sphere8_t": SPHERE_BLOCKS[8],
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
-    "scene_ray_t": SCENE_RAY,
+    "scene_low_t": SCENE_LOW,
     "instance_t": INSTANCE,
     "scene_point_t": SCENE_POINT,
     "scene_tile_t": SCENE_TILE,
@@ -337,6 +335,7 @@ PRIM_KINDS = {"triangles": 0, "spheres": 1}
 
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
+    "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},

@@ -7,9 +7,6 @@
 #include "math/vectors.cl"
 #include "rays/ray.cl"
 
-// A ray that begins farther away than this many radii of the instance is advanced to just before it.
-#define FAR_RADII 32.0f
-
 // How far before the instance, in radii, and in shares of the way to it for the rounding of that.
 #define RADII_BEFORE 4.0f
 #define SHARE_BEFORE 0x1p-20f
@@ -31,11 +28,11 @@ INLINED ray_t rounded_ray(const scene_ray_pair_t *ray)
     return make_ray(ray->origin, ray->direction, ray->t_min, ray->t_max);
 }
 
-INLINED scene_ray_pair_t unpack_scene_ray(const global scene_ray_t *packed)
+INLINED scene_ray_pair_t unpack_scene_ray(const global packed_ray_t *packed, const global scene_low_t *low)
 {
     const scene_ray_pair_t pair = {
-        load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max, load3(packed->origin_low),
-        load3(packed->direction_low), packed->mask};
+        load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max, load3(low->origin),
+        load3(low->direction), low->mask};
     return pair;
 }
 

@@ -15,8 +15,9 @@
 
 kernel void scene_tile_entry_points(
     const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
-    const global node_t *restrict nodes, const global scene_ray_t *restrict rays, const int ray_count,
-    const int row_length, const int tile_width, const int tile_height, global scene_tile_t *restrict tiles,
+    const global node_t *restrict nodes, const global packed_ray_t *restrict rays,
+    const global scene_low_t *restrict lows, const int low_step, const int ray_count, const int row_length,
+    const int tile_width, const int tile_height, global scene_tile_t *restrict tiles,
     global node_t *restrict entry_points)
 {
     const int tile_columns = (row_length + tile_width - 1) / tile_width;
@@ -35,9 +36,8 @@ kernel void scene_tile_entry_points(
         for (int column = first_column; column < first_column + column_count; column++) {
             const int ray = row * row_length + column;
             if (ray < ray_count) {
-                // A ray of a scene begins like a packed ray.
-                include_ray(&bounds, *(const global float8 *)(rays + ray));
-                mask |= rays[ray].mask;
+                include_ray(&bounds, ((const global float8 *)rays)[ray]);
+                mask |= lows[low_step * ray].mask;
             }
         }
     }

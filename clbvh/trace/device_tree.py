@@ -77,6 +77,7 @@ class DeviceTree:
     """
 
     has_instances = False
+    advances_rays = False
     scene_surface: Any = None
     ray_dtype = PACKED_RAY
     point_dtype = PACKED_POINT
