@@ -68,6 +68,49 @@ INLINED void visit_instance(
     }
 }
 
+// A function for each query keeps the query a constant. On CPUs it is called, not inlined: what the way from instance to
+// instance keeps in registers would leave too few for the tree of an instance, which is nearly all of the work.
+#if HAS_ENTRY_POINTS && !defined(PORTABLE)
+#define CALLED static __attribute__((noinline))
+#else
+#define CALLED INLINED
+#endif
+
+CALLED void visit_for_closest(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+{
+    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_CLOSEST);
+}
+
+CALLED void visit_for_count(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+{
+    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_COUNT);
+}
+
+CALLED void visit_for_first(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+{
+    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_FIRST);
+}
+
+INLINED void visit_for(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search,
+    const int query)
+{
+    if (query == QUERY_CLOSEST) {
+        visit_for_closest(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+    } else if (query == QUERY_COUNT) {
+        visit_for_count(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+    } else {
+        visit_for_first(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+    }
+}
+
 // The largest t outside at which a crossing can still change the answer.
 INLINED float scene_limit(const search_t *search, const scene_ray_pair_t *ray, const int query)
 {
@@ -150,36 +193,36 @@ INLINED void traverse_scene(
     const global block_t *blocks, const global float *spheres, const scene_start_t start,
     const scene_ray_pair_t *ray, search_t *search, const int query)
 {
+#if HAS_ENTRY_POINTS
+    if (start.instance_index != NO_INSTANCE) {
+        visit_for(
+            instances, start.instance_index, nodes, blocks, spheres, start.entry_point, ray, search, query);
+        return;
+    }
+    if (start.tile && start.tile->leaf_count == 0) {
+        return;
+    }
+#endif
+    const ray_t rounded = rounded_ray(ray);
     int stack[TOP_STACK_SIZE];
     top_walk_t walk;
+    walk.padded = pad_ray(&rounded);
     walk.tile = start.tile;
     walk.next_leaf = 0;
     walk.node = start.top_node;
     walk.stack_count = 0;
-    if (start.instance_index == NO_INSTANCE) {
-        const ray_t rounded = rounded_ray(ray);
-        walk.padded = pad_ray(&rounded);
-    }
-
     while (true) {
-        // The instances of a leaf, or the one in which the ray begins.
-        int index = start.instance_index, end = start.instance_index + 1;
-        if (start.instance_index == NO_INSTANCE) {
-            const int leaf = find_next_leaf(top_nodes, scene_limit(search, ray, query), &walk, stack);
-            if (leaf == NO_LEAF) {
-                return;
-            }
-            index = top_nodes[leaf >> 1].first[leaf & 1];
-            end = index + top_nodes[leaf >> 1].count[leaf & 1];
+        const int leaf = find_next_leaf(top_nodes, scene_limit(search, ray, query), &walk, stack);
+        if (leaf == NO_LEAF) {
+            return;
         }
-        for (; index < end; index++) {
-            visit_instance(instances, index, nodes, blocks, spheres, start.entry_point, ray, search, query);
+        const int first = top_nodes[leaf >> 1].first[leaf & 1];
+        const int end = first + top_nodes[leaf >> 1].count[leaf & 1];
+        for (int index = first; index < end; index++) {
+            visit_for(instances, index, nodes, blocks, spheres, 0, ray, search, query);
             if (is_complete(search, query)) {
                 return;
             }
-        }
-        if (start.instance_index != NO_INSTANCE) {
-            return;
         }
     }
 }
