@@ -144,10 +144,14 @@ INLINED void find_scene_tile(
     } else if (bound_inside(instance, bounds, &inside)) {
         const global node_t *root = nodes + instance->first_node;
         find_entry_point(root, &inside, entry_point);
-        if (entry_point->child[0] == NO_CHILD) {
-            tile->leaf_count = 0;
-        } else if (entry_point->child[0] != ROOT) {
+        if (entry_point->child[0] == ROOT) {
+            return;
+        }
+        // A child may be the block 0, which has the number of no child: its box tells.
+        if (has_children(entry_point)) {
             tile->instance_index = index;
+        } else {
+            tile->leaf_count = 0;
         }
     }
 }
