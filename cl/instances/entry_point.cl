@@ -9,8 +9,8 @@
 
 #if HAS_ENTRY_POINTS
 
-// The roundings of a ray on its way into an instance and of its bounds, relative to the coordinates of its origin and of
-// the instance, and to its direction: docs/internals/scenes.md counts them.
+// The roundings of a ray on its way into an instance and of its bounds, relative to the coordinates of its origin and
+// of the instance, and to its direction: docs/internals/scenes.md counts them.
 #define ORIGIN_SLACK ERROR_BOUND(32)
 #define DIRECTION_SLACK_INSIDE ERROR_BOUND(16)
 

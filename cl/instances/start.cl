@@ -3,8 +3,8 @@
 // The beam of a tile's rays meets few instances, or none. Their leaves are listed, so that its rays need not find them
 // in the tree over the instances; and of a single instance, its rays begin at an entry point of the geometry's tree.
 //
-// tiles[tile_count]            scene_tile_t: see instances/entry_point.cl, which finds them. NULL: all rays begin at the
-//                              root
+// tiles[tile_count]            scene_tile_t: see instances/entry_point.cl, which finds them. NULL: all rays begin at
+//                              the root
 // entry_points[tile_count]     node_t: see traversal/entry_point.cl; written for tiles with an instance_index only
 
 #include "rays/batch.cl"

@@ -1,5 +1,5 @@
-// A band of rows of a picture of a scene: `view_entry_points` finds where the rays of each tile begin, `scene_render` the
-// closest hit and the colour of each pixel.
+// A band of rows of a picture of a scene: `view_entry_points` finds where the rays of each tile begin, `scene_render`
+// the closest hit and the colour of each pixel.
 //
 // Shared arguments: see cl/instances/traverse.cl.
 // view[1]                                view_t: camera, light and colours, see clbvh/structs.py

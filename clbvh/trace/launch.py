@@ -217,14 +217,21 @@ class Call(MemoryLoan):
         count = piece.ray_count
         chunk = None if piece.order is None else batch.part(piece.begin, piece.end)
 
-        def pack(first: int, last: int, packed: NDArray[np.void], **lows: NDArray[np.void]) -> bool:
+        def pack(
+            first: int,
+            last: int,
+            packed: NDArray[np.void],
+            lows: NDArray[np.void] | None = None,
+            shared_low: NDArray[np.void] | None = None,
+        ) -> bool:
             if chunk is None or piece.order is None:
-                begin = piece.begin + first
-                return pack_rays(
-                    batch, batch.part(begin, piece.begin + last), self.box, packed, first_ray=begin, **lows
-                )
-            order = piece.order[first:last]
-            return pack_rays(batch, chunk, self.box, packed, order=order, first_ray=piece.begin, **lows)
+                order, begin = None, piece.begin + first
+                rays = batch.part(begin, piece.begin + last)
+            else:
+                order, begin, rays = piece.order[first:last], piece.begin, chunk
+            return pack_rays(
+                batch, rays, self.box, packed, order=order, first_ray=begin, lows=lows, shared_low=shared_low
+            )
 
         has_instances = self._tree.has_instances
         described: dict[str, Any] = {"ray_count": np.int32(count)}
@@ -251,9 +258,7 @@ class Call(MemoryLoan):
     def _fill_scene_rays(self, batch: RayBatch, piece: RayPiece, pack: Callable[..., bool]) -> dict[str, Any]:
         """Put the rays of a scene on the device, and their low parts: one for all of them if that is enough."""
         count = piece.ray_count
-        shared = find_shared_low(
-            batch, self.box, piece.begin, piece.end, reads_direction=self._tree.advances_rays
-        )
+        shared = find_shared_low(batch, self.box, piece.begin, piece.end, reads_direction=self._tree.advances_rays)
         if shared is not None:
             are_shared: list[bool] = []
             rays = self._fill(
@@ -324,7 +329,11 @@ class Call(MemoryLoan):
         """Return a buffer of the call after several threads have filled it."""
         buffer = self._buffer(name).take(count * dtype.itemsize)
         with self._session.mapped(buffer, count, dtype, write=True) as items:
-            self.threads.for_ranges(count, lambda first, last: fill(first, last, items[first:last]))
+
+            def fill_part(first: int, last: int) -> None:
+                fill(first, last, items[first:last])
+
+            self.threads.for_ranges(count, fill_part)
         return buffer
 
     def _buffer(self, name: str) -> ReusableBuffer:
