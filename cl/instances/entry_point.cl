@@ -11,8 +11,8 @@
 
 // The roundings of a ray on its way into an instance and of its bounds, relative to the coordinates of its origin and
 // of the instance, and to its direction: docs/internals/scenes.md counts them.
-#define ORIGIN_SLACK ERROR_BOUND(32)
-#define DIRECTION_SLACK_INSIDE ERROR_BOUND(16)
+#define ENTERING_SLACK ERROR_BOUND(32)
+#define TURNING_SLACK ERROR_BOUND(16)
 
 INLINED float3 larger_magnitude(const float3 a, const float3 b)
 {
@@ -42,7 +42,7 @@ INLINED bool bound_inside(
     const float3 lower = outside->lower.s012 - centre;
     const float3 upper = outside->upper.s012 - centre;
     const float3 reach = larger_magnitude(outside->lower.s012, outside->upper.s012) + magnitude(centre);
-    const float3 slack = ORIGIN_SLACK * reach;
+    const float3 slack = ENTERING_SLACK * reach;
     if (!(largest_component(larger_magnitude(lower, upper) + slack) <= FAR_RADII * instance->radius)) {
         return false;
     }
@@ -50,7 +50,7 @@ INLINED bool bound_inside(
     bound_transformed(instance->to_object, lower, upper, slack, &lowest, &highest);
     const float3 speed = larger_magnitude(outside->lower.s456, outside->upper.s456);
     bound_transformed(
-        instance->to_object, outside->lower.s456, outside->upper.s456, DIRECTION_SLACK_INSIDE * speed,
+        instance->to_object, outside->lower.s456, outside->upper.s456, TURNING_SLACK * speed,
         &lowest_direction, &highest_direction);
     inside->lower = (float8)(lowest, outside->lower.s3, lowest_direction, outside->lower.s7);
     inside->upper = (float8)(highest, outside->upper.s3, highest_direction, outside->upper.s7);

@@ -1,41 +1,20 @@
-// A band of rows of a picture: `view_entry_points` finds the entry point of each tile, `render` the closest hit and the
-// colour of each pixel.
+// A band of rows of a picture: the closest hit and the colour of each pixel.
 //
 // nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
 // blocks[block_count]                        block_t: triangles in leaf order, local coordinates
+// entry_points[tile_rows * tile_columns]     node_t, see cl/kernels/view_entry_points.cl. NULL: rays begin
+//                                            at the root
 // view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
-// tile_width, tile_height                    work-group of `render`, pixels
-// entry_points[tile_rows * tile_columns]     node_t, see cl/traversal/entry_point.cl: written by `view_entry_points`.
-//                                            NULL for `render`: all rays begin at the root
 // colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
 // hits[row_count * width]                    written: t in local units
 //
-// Work-items: (tile_columns, tile_rows) for `view_entry_points`; (width, row_count) for `render`, rounded up to tiles.
+// Work-items: (width, row_count), rounded up to tiles.
 
 #include "rays/camera.cl"
-#include "rays/camera_tile.cl"
 #include "traversal/entry_point.cl"
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
-
-#if HAS_ENTRY_POINTS
-
-kernel void view_entry_points(
-    const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, global node_t *restrict entry_points)
-{
-    const int tile_columns = (view->width + tile_width - 1) / tile_width;
-    const int left = tile_width * get_global_id(0);
-    const int top = tile_height * get_global_id(1);
-    if (left >= view->width || top >= row_count) {
-        return;
-    }
-    const ray_bounds_t bounds = bound_tile(view, left, top, tile_width, tile_height, first_row, row_count);
-    find_entry_point(nodes, &bounds, entry_points + get_global_id(1) * tile_columns + get_global_id(0));
-}
-
-#endif
 
 kernel void render(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,

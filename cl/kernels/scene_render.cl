@@ -1,50 +1,21 @@
-// A band of rows of a picture of a scene: `view_entry_points` finds where the rays of each tile begin, `scene_render`
-// the closest hit and the colour of each pixel.
+// A band of rows of a picture of a scene: the closest hit and the colour of each pixel.
 //
 // Shared arguments: see cl/instances/traverse.cl.
 // view[1]                                view_t: camera, light and colours, see clbvh/structs.py
 // instance_colours[4 * instance_count]   by instance_id: linear red, green, blue, and whether the instance has a colour
 //                                        of its own, 0 or 1; without, it has that of the view
 // first_row, row_count                   rows of the picture in this band; row 0 is the top
-// tile_width, tile_height                work-group of `scene_render`, pixels
-// tiles[tile_rows * tile_columns]        scene_tile_t, see cl/instances/start.cl: written by `view_entry_points`. NULL
-//                                        for `scene_render`: all rays begin at the root
-// entry_points[tile_rows * tile_columns] node_t: the same
 // colours[row_count * width]             written: red, green, blue, and 255 where something is hit
 // hits[row_count * width]                written: t in local units
 //
-// Work-items: (tile_columns, tile_rows) for `view_entry_points`; (width, row_count) for `scene_render`, rounded up to
-// tiles.
+// Work-items: (width, row_count), rounded up to work-groups.
 
 #include "instances/camera.cl"
-#include "instances/entry_point.cl"
 #include "instances/shadow.cl"
 #include "instances/start.cl"
 #include "instances/surface.cl"
 #include "instances/traverse.cl"
-#include "rays/camera_tile.cl"
 #include "shading/shade.cl"
-
-#if HAS_ENTRY_POINTS
-
-kernel void view_entry_points(
-    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
-    const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, global scene_tile_t *restrict tiles,
-    global node_t *restrict entry_points)
-{
-    const int tile_columns = (view->width + tile_width - 1) / tile_width;
-    const int left = tile_width * get_global_id(0);
-    const int top = tile_height * get_global_id(1);
-    if (left >= view->width || top >= row_count) {
-        return;
-    }
-    const int tile = get_global_id(1) * tile_columns + get_global_id(0);
-    const ray_bounds_t bounds = bound_tile(view, left, top, tile_width, tile_height, first_row, row_count);
-    find_scene_tile(top_nodes, instances, nodes, &bounds, PICTURE_MASK, tiles + tile, entry_points + tile);
-}
-
-#endif
 
 INLINED float3 find_colour(const global view_t *view, const global float *instance_colours, const int instance_id)
 {
@@ -55,7 +26,6 @@ INLINED float3 find_colour(const global view_t *view, const global float *instan
 kernel void scene_render(
     const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
     const global node_t *restrict nodes, const global block_t *restrict blocks, const global float *restrict spheres,
-    const global scene_tile_t *restrict tiles, const global node_t *restrict entry_points,
     const global float *restrict instance_colours, const global view_t *restrict view, const int first_row,
     const int row_count, global uchar4 *restrict colours, global scene_hit_t *restrict hits)
 {
@@ -69,8 +39,8 @@ kernel void scene_render(
 
     const scene_ray_pair_t ray = scene_primary_ray(view, column, row);
     search_t search = make_search(1, 0);
-    const scene_start_t start = find_scene_start(tiles, entry_points);
-    traverse_scene(top_nodes, instances, nodes, blocks, spheres, start, &ray, &search, QUERY_CLOSEST);
+    const scene_start_t root = start_at_root();
+    traverse_scene(top_nodes, instances, nodes, blocks, spheres, root, &ray, &search, QUERY_CLOSEST);
     const bool is_hit = is_found(&search.nearest);
     hits[pixel] = as_kept_hit(&search, &search.nearest);
 
