@@ -95,7 +95,8 @@ class Transform:
         if self == Transform():
             return mesh
         points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
-        return Mesh.from_arrays(points, mesh.faces, name=mesh.name)
+        appearance = None if mesh.appearance is None else mesh.appearance.transformed(self.matrix)
+        return Mesh.from_arrays(points, mesh.faces, name=mesh.name, appearance=appearance)
 
     @property
     def matrix(self) -> NDArray[np.float64]:
