@@ -5,13 +5,13 @@ Owns the order of the steps from a scene to a picture; each step has a file of i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from numbers import Integral
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
@@ -27,6 +27,9 @@ from .camera import Camera
 from .check_pixels import check_pixels
 from .frame import FrameRenderer
 from .framing import frame_turn
+from .images.channels import DEFAULT_CHANNELS
+from .images.images import Images
+from .images.make_images import make_images
 from .mesh_subject import MeshSubject
 from .picture import Picture
 from .render_options import RenderOptions
@@ -227,6 +230,35 @@ class Renderer(ContextManager):
             return picture
         on_phase("validate")
         return check_pixels(picture)
+
+    def images(
+        self,
+        channels: Iterable[str] = DEFAULT_CHANNELS,
+        *,
+        camera: Camera | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        shading: str | None = None,
+        next_camera: Camera | None = None,
+        next_transforms: Mapping[Any, ArrayLike] | None = None,
+        on_phase: Callable[[str], None] = lambda phase: None,
+    ) -> Images:
+        """Return what each pixel of a view sees, as arrays: depth, normals, ids and more; see `render_images`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     images = [
+        ...         renderer.images("depth", camera=camera, width=64, height=48) for camera in renderer.turntable(4)
+        ...     ]
+        >>> images[3]
+        Images(64 x 48: depth)
+        """
+        return make_images(
+            self, channels, next_camera, next_transforms, shading, camera=camera, width=width, height=height,
+            on_phase=on_phase,
+        )  # fmt: skip
 
     @property
     def mesh(self) -> Mesh | None:
