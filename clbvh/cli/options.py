@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from ..builders.options import BuildOptions
+    from ..rendering.scene import Scene
 
 TREE_PANEL = "Tree"
 
@@ -94,6 +95,29 @@ CacheFolder = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
+
+
+def parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
+    """Return the three numbers of an option such as ``--eye 1,2,3``."""
+    from ..errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
+        ) from error
+    return x, y, z
+
+
+def open_sources(sources: list[str]) -> Scene:
+    """Return the scene of the command line: one scene or mesh, or several mesh files together."""
+    from ..rendering.mesh_files import open_mesh_files
+    from ..rendering.scene_file import open_scene
+
+    return open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
 
 
 def make_build_options(

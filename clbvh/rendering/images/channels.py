@@ -97,6 +97,13 @@ def check_channels(channels: Iterable[str]) -> tuple[str, ...]:
     return names
 
 
+def find_limits(channel: str, array: NDArray[Any]) -> tuple[float, float] | None:
+    """Return the least and the greatest value of the hits of a channel; None if nothing is hit."""
+    kind = CHANNELS[channel].kind
+    known = array[array >= 0] if kind == "id" else array[np.isfinite(array)]
+    return (known.min().item(), known.max().item()) if len(known) else None
+
+
 def turn_to_camera(normals: ArrayLike, camera: Camera) -> NDArray[np.float64]:
     """Return directions, (..., 3), along the axes of a camera: x right, y down, z forward."""
     return np.asarray(normals) @ camera.camera_to_world("opencv")[:3, :3]

@@ -109,8 +109,8 @@ class Images(Mapping[str, NDArray[Any]]):
         path : str or path
             The suffix decides:
 
-            - ``.npz``: every array under the name of its channel, bit for bit, and `camera_to_world`, `intrinsics`,
-              `geometry_names`, `instance_names`.
+            - ``.npz``: each array by the name of its channel, bit for bit, and `camera_to_world`, `intrinsics`,
+              `size` (width, height), `geometry_names`, `instance_names`.
             - ``.exr``: float32 and uint32, in layers: R, G, B (`colour`), A, depth.Z, normal.X and so on; ids are
               uint32 with 4294967295 on a miss. `position` is rounded to float32; `rgb` is left out, `colour` has it.
               Camera and names stand in the head. Needs OpenEXR.
@@ -162,6 +162,7 @@ class Images(Mapping[str, NDArray[Any]]):
         described: dict[str, NDArray[Any]] = {"camera_to_world": self.camera_to_world}
         if (matrix := self.intrinsics) is not None:
             described["intrinsics"] = matrix
+        described["size"] = np.array([self.width, self.height])
         described["geometry_names"] = np.array(self.geometry_names, np.str_)
         described["instance_names"] = np.array(self.instance_names, np.str_)
         return described

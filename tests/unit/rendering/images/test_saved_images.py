@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from clbvh import Camera, ConfigError
+from clbvh.rendering.camera_file import read_camera
 from clbvh.rendering.formats.exr import read_exr
 from clbvh.rendering.images.channels import CHANNELS
 from clbvh.rendering.images.images import Images
@@ -61,7 +62,7 @@ def images():
 def test_npz_holds_every_bit_the_camera_and_the_names(images, tmp_path):
     images.save(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as loaded:
-        facts = {"camera_to_world", "intrinsics", "geometry_names", "instance_names"}
+        facts = {"camera_to_world", "intrinsics", "size", "geometry_names", "instance_names"}
         assert set(loaded) == set(ARRAYS) | facts
         for name, array in ARRAYS.items():
             assert loaded[name].dtype == array.dtype
@@ -102,6 +103,9 @@ def test_png_files_follow_the_scales_beside_them(images, tmp_path):
     names = {f"out-{name}.png" for name in ARRAYS} | {"out.json"}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert facts["intrinsics"] == CAMERA.intrinsics(WIDTH, HEIGHT).tolist()
+    camera = read_camera(tmp_path / "out.json")
+    assert camera.eye == CAMERA.eye
+    np.testing.assert_allclose(camera.rays(WIDTH, HEIGHT)[1], CAMERA.rays(WIDTH, HEIGHT)[1], atol=1e-15)
     for name, array in ARRAYS.items():
         note = facts["channels"][name]
         pixels = read_png(tmp_path, note)
