@@ -116,7 +116,8 @@ class Images(Mapping[str, NDArray[Any]]):
               Camera and names stand in the head. Needs OpenEXR.
             - ``.png``: `out.png` stands for out-depth.png, out-normal.png and so on, with 16 bits but for `rgb` and
               `alpha`, and out.json, which has the camera, the names, and for each channel `scale` and `offset`:
-              ``value = pixel / scale + offset``; pixel 0 is a miss.
+              ``value = pixel / scale + offset``; pixel 0 is a miss. A pair has a third channel, 1 on a hit. Ids
+              beyond 65534 have 8 bits: the pixel is ``R + 256 G + 65536 B``.
         depth_scale : float, optional
             Of `depth` and `range` in PNG files: pixel values for a unit of length, 1000 for millimetres where the unit
             is the metre. By default the largest of 1, 2, 5, 10, 20 and so on (or 0.5, 0.2, ...) that fits.

@@ -18,7 +18,7 @@ from ...support.atomic_file import check_target, write_atomically
 from ..formats.png import encode_png
 from .channels import CHANNELS
 
-_MOST_BYTE, _MOST = 255, 65535
+_MOST_BYTE, _MOST, _MOST_COLOUR = 255, 2**16 - 1, 2**24 - 1
 
 # Directions: -1 is pixel 1, 0 is the middle, and 1 the last pixel value.
 _DIRECTION_SCALE = 32767
@@ -27,12 +27,16 @@ _NOTE = "clbvh"
 
 
 class Coded(NamedTuple):
-    """Pixels, and what they stand for: ``value = pixel / scale + offset``; `is_linear` is false for colours."""
+    """Pixels, and what they stand for: ``value = pixel / scale + offset``; `is_linear` is false for colours.
+
+    With `bytes_of_id`, the pixel is R + 256 G + 65536 B.
+    """
 
     pixels: NDArray[Any]
     scale: float
     offset: float
     is_linear: bool = True
+    bytes_of_id: bool = False
 
 
 def check_png_targets(path: Path, channels: Iterable[str]) -> None:
@@ -62,7 +66,7 @@ def write_images_png(
     Raises
     ------
     ConfigError
-        A scale that is not above 0 or too large, or an id beyond 65534.
+        A scale that is not above 0 or too large, or an id beyond 16,777,214.
     """
     if depth_scale is not None and (
         isinstance(depth_scale, bool) or not isinstance(depth_scale, Real) or not 0 < depth_scale < math.inf
@@ -77,6 +81,8 @@ def write_images_png(
         notes[channel] = {"file": target.name}
         if coded.is_linear:
             notes[channel] |= {"scale": coded.scale, "offset": coded.offset}
+        if coded.bytes_of_id:
+            notes[channel]["pixel"] = "R + 256 G + 65536 B"
         files[target] = encode_png(coded.pixels, {_NOTE: json.dumps({"channel": channel, **notes[channel]})})
     described = {name: values.tolist() for name, values in facts.items()}
     files[path.with_suffix(".json")] = json.dumps({**described, "channels": notes}, indent=1).encode()
@@ -107,11 +113,16 @@ def encode_channel(channel: str, array: NDArray[Any], depth_scale: float | None 
 
 
 def _encode_ids(channel: str, ids: NDArray[np.int32]) -> Coded:
-    if ids.max(initial=0) >= _MOST:
+    """Count from 1; beyond 16 bits over red, green and blue, the lowest byte first, as in COCO's panoptic files."""
+    most = int(ids.max(initial=0))
+    if most < _MOST:
+        return Coded((ids + 1).astype(np.uint16), 1.0, -1.0)
+    if most >= _MOST_COLOUR:
         raise ConfigError(
-            f"a PNG file has {channel} up to {_MOST - 1:,}, and here it goes to {ids.max():,}: write .exr or .npz"
+            f"a PNG file has {channel} up to {_MOST_COLOUR - 1:,}, and here it goes to {most:,}: write .exr or .npz"
         )
-    return Coded((ids + 1).astype(np.uint16), 1.0, -1.0)
+    counted = np.ascontiguousarray(ids + 1).astype("<u4")
+    return Coded(counted.view(np.uint8).reshape(*ids.shape, 4)[..., :3], 1.0, -1.0, bytes_of_id=True)
 
 
 def _encode_distances(channel: str, array: NDArray[Any], most: float, scale: float | None) -> Coded:

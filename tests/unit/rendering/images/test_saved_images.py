@@ -186,12 +186,29 @@ def test_odd_images_are_written(name, array):
     assert (coded.pixels[..., : array.shape[2] if array.ndim == 3 else None][~known] == 0).all()
 
 
-def test_large_ids_do_not_fit_a_png_and_leave_no_file(tmp_path):
-    ids = np.array([[65535]], np.int32)
-    images = Images({"depth": np.ones((1, 1), np.float32), "primitive_id": ids}, CAMERA, geometry_names=(),
-                    instance_names=())  # fmt: skip
-    with pytest.raises(ConfigError, match=r"primitive_id up to 65,534, and here it goes to 65,535: write \.exr"):
-        images.save(tmp_path / "out.png")
+def make_ids(*ids):
+    arrays = {"depth": np.ones((1, len(ids)), np.float32), "primitive_id": np.array([ids], np.int32)}
+    return Images(arrays, CAMERA, geometry_names=(), instance_names=())
+
+
+def test_ids_beyond_sixteen_bits_go_over_three_bytes(tmp_path):
+    ids = (65535, -1, 0, 2**24 - 2, 70000)
+    make_ids(*ids).save(tmp_path / "out.png")
+    note = json.loads((tmp_path / "out.json").read_text())["channels"]["primitive_id"]
+    assert note["pixel"] == "R + 256 G + 65536 B"
+    pixels = decode((tmp_path / "out-primitive_id.png").read_bytes())
+    assert pixels.dtype == np.uint8
+    assert (pixels @ [1, 256, 65536] / note["scale"] + note["offset"]).tolist() == [list(ids)]
+
+
+def test_ids_of_sixteen_bits_stay_grey(tmp_path):
+    make_ids(65533, -1).save(tmp_path / "out.png")
+    assert decode((tmp_path / "out-primitive_id.png").read_bytes())[..., 0].tolist() == [[65534, 0]]
+
+
+def test_ids_beyond_three_bytes_leave_no_file(tmp_path):
+    with pytest.raises(ConfigError, match=r"up to 16,777,214, and here it goes to 16,777,215: write \.exr"):
+        make_ids(2**24 - 1).save(tmp_path / "out.png")
     assert not list(tmp_path.iterdir())
 
 
