@@ -5,7 +5,8 @@ Owns their values and the checks of these. `ray_model.py` makes rays of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 from ..errors import SceneError
 from .finite_number import is_finite_number
@@ -116,8 +117,33 @@ def check_projection(projection: object) -> None:
         )
 
 
+def as_named(projection: Projection | None) -> dict[str, Any] | None:
+    """Return a projection as plain values: its kind, and its own."""
+    return None if projection is None else {"kind": name_of(projection), **asdict(projection)}
+
+
+def from_named(values: object) -> Projection | None:
+    """Return the projection of plain values, as `as_named` makes them; raise `SceneError` for others."""
+    if values is None:
+        return None
+    if not isinstance(values, dict):
+        raise SceneError("the projection is no table")
+    values = dict(values)
+    kind = find_kind(values.pop("kind", None))
+    if kind is None or not values.keys() <= {each.name for each in fields(kind)}:
+        raise SceneError("the projection has values that its kind has not")
+    return kind(**values)
+
+
+def find_kind(name: object) -> type[Projection] | None:
+    """Return the class of a projection's name, None for perspective; raise `SceneError` for an unknown one."""
+    if not isinstance(name, str) or name not in PROJECTION_KINDS:
+        raise SceneError(f"the camera's kind must be one of {', '.join(PROJECTION_KINDS)}, not {name!r}")
+    return PROJECTION_KINDS[name]
+
+
 def name_of(projection: Projection | None) -> str:
     """Return the name of a projection's kind."""
-    return next(
-        name for name, kind in PROJECTION_KINDS.items() if (projection is None if kind is None else type(projection) is kind)
-    )
+    if projection is None:
+        return "perspective"
+    return next(name for name, kind in PROJECTION_KINDS.items() if kind is not None and isinstance(projection, kind))
