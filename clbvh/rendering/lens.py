@@ -126,7 +126,9 @@ class Lens:
             )
         shift = 0.5 - centre
         fx, skew, fy = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
-        return cls(fx, fy, float(k[0, 2]) + shift, float(k[1, 2]) + shift, skew, width, height, read_distortion(distortion))
+        return cls(
+            fx, fy, float(k[0, 2]) + shift, float(k[1, 2]) + shift, skew, width, height, read_distortion(distortion)
+        )
 
     @classmethod
     def from_fov(cls, fov: float, width: int, height: int) -> Lens:

@@ -123,16 +123,45 @@ def as_named(projection: Projection | None) -> dict[str, Any] | None:
 
 
 def from_named(values: object) -> Projection | None:
-    """Return the projection of plain values, as `as_named` makes them; raise `SceneError` for others."""
+    """Return the projection of plain values, as `as_named` makes them; None for perspective.
+
+    Raises
+    ------
+    SceneError
+        The kind is unknown, or a value is not one of that kind.
+    """
     if values is None:
         return None
     if not isinstance(values, dict):
-        raise SceneError("the projection is no table")
+        raise SceneError(f"the camera's projection must be a table, not {type(values).__name__}")
     values = dict(values)
-    kind = find_kind(values.pop("kind", None))
-    if kind is None or not values.keys() <= {each.name for each in fields(kind)}:
-        raise SceneError("the projection has values that its kind has not")
-    return kind(**values)
+    name = values.pop("kind", None)
+    kind = find_kind(name)
+    known = [] if kind is None else [each.name for each in fields(kind)]
+    for other in values:
+        if other not in known:
+            raise SceneError(f"a camera of the kind {name} has no {other}")
+    return None if kind is None else kind(**values)
+
+
+def parse_projection(text: str) -> Projection | None:
+    """Return the projection of the command line: a kind, and perhaps its value, as in ``fisheye:220``.
+
+    Raises
+    ------
+    SceneError
+        The kind is unknown, or it has no value, or not this one.
+    """
+    name, colon, value = text.partition(":")
+    kind = find_kind(name)
+    if not colon:
+        return None if kind is None else kind()
+    if kind not in (Orthographic, Fisheye):
+        raise SceneError(f"a camera of the kind {name} has no value: give '{name}' alone")
+    try:
+        return kind(float(value))
+    except ValueError as error:
+        raise SceneError(f"the value of a camera must be a number, as in {name}:2, not '{value}'") from error
 
 
 def find_kind(name: object) -> type[Projection] | None:

@@ -297,9 +297,7 @@ class Scene(SceneContents):
     def _place_camera(self, extent: Any, aspect: float) -> Camera:
         """Return the camera without its depth of field."""
         if self.eye is None or self.look_at is None:
-            return frame_mesh(
-                extent, aspect=aspect, up=self.up, fov=self.fov, eye=self.eye, projection=self.projection
-            )
+            return frame_mesh(extent, aspect=aspect, up=self.up, fov=self.fov, eye=self.eye, projection=self.projection)
         if self.projection is None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
         return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=self.up)

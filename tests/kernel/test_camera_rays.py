@@ -1,7 +1,5 @@
 """The rays of all kinds of cameras against those of the host, through any point of the picture and of the lens."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,9 @@ FRAME = {"eye": (3, 2, 5), "look_at": (0.5, -1, 0), "up": (0.1, 1, 0.2)}
 CAMERAS = {
     "perspective": Camera(**FRAME, fov=50),
     "lens": Camera.from_intrinsics(K, POSE, (WIDTH, HEIGHT)),
-    "distorted-barrel": Camera.from_intrinsics(K, POSE, (WIDTH, HEIGHT), distortion=(-0.25, 0.06, 0.004, -0.003, -0.01)),
+    "distorted-barrel": Camera.from_intrinsics(
+        K, POSE, (WIDTH, HEIGHT), distortion=(-0.25, 0.06, 0.004, -0.003, -0.01)
+    ),
     "distorted-pincushion": Camera.from_intrinsics(K, POSE, (WIDTH, HEIGHT), distortion=(0.3, 0.1, -0.002, 0.006)),
     "orthographic": Camera(**FRAME, projection=Orthographic(3.5)),
     "fisheye-180": Camera(**FRAME, projection=Fisheye(180)),
@@ -29,7 +29,13 @@ CAMERAS = {
 }
 
 # Of the direction, in roundings: float32 steps of the inverse distortion and the polynomials of sine and cosine.
-DIRECTION_SLACK = {"distorted-barrel": 40, "distorted-pincushion": 40, "fisheye-180": 16, "fisheye-360": 16, "panorama": 16}
+DIRECTION_SLACK = {
+    "distorted-barrel": 40,
+    "distorted-pincushion": 40,
+    "fisheye-180": 16,
+    "fisheye-360": 16,
+    "panorama": 16,
+}
 
 MESH = Mesh.from_arrays([[-1, -1, -1], [1, 1, 1], [1, -1, 0]], [[0, 1, 2]])
 
@@ -76,7 +82,9 @@ def test_rays_are_those_of_the_host(take, name):
     slack = DIRECTION_SLACK.get(name, 8) * ROUNDING
     is_seen = rays["seen"]
     np.testing.assert_allclose(rays["direction"][is_seen], directions[is_seen], rtol=0, atol=slack)
-    np.testing.assert_allclose(rays["single_direction"][is_seen], directions[is_seen], rtol=0, atol=slack + 8 * ROUNDING)
+    np.testing.assert_allclose(
+        rays["single_direction"][is_seen], directions[is_seen], rtol=0, atol=slack + 8 * ROUNDING
+    )
     np.testing.assert_allclose(rays["origin"], origins, rtol=0, atol=8 * ROUNDING)
     np.testing.assert_allclose(rays["single_origin"], origins, rtol=0, atol=16 * ROUNDING * 6)
     np.testing.assert_allclose(np.linalg.norm(rays["direction"], axis=1), 1, rtol=0, atol=4 * ROUNDING)
