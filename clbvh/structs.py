@@ -247,9 +247,10 @@ SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
 VIEW = np.dtype(
     [
-        # A pixel's ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
+        # A perspective ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
         # from -1 to 1. `forward` points to the middle of the picture's plane at distance 1 from the eye; `right` and
-        # `up` are half its size. They are at right angles unless the lens is off centre or has skew.
+        # `up` are half its size. They are at right angles unless the lens is off centre or has skew. The other
+        # projections have them, too, see cl/rays/camera.cl.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),
         ("right", np.float32, 3),
@@ -274,6 +275,22 @@ VIEW = np.dtype(
         # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
         ("eye_low", np.float32, 3),
         ("forward_low", np.float32, 3),
+        # One of PROJECTIONS.
+        ("projection", np.int32),
+        # The lens of depth of field, if there is one: its halves to the right and upwards, in local units, and 1 / its
+        # distance to the plane of focus.
+        ("has_lens", np.int32),
+        ("lens_right", np.float32, 3),
+        ("lens_up", np.float32, 3),
+        ("inverse_focus", np.float32),
+        # The picture in the plane of its projection, see clbvh/rendering/window.py.
+        ("centre", np.float32, 2),
+        ("half_size", np.float32, 2),
+        ("shear", np.float32),
+        # Of a fisheye, from the middle to the circle: turns.
+        ("half_angle", np.float32),
+        # k1, k2, p1, p2 and k3 of OpenCV.
+        ("distortion", np.float32, 5),
     ]
 )
 
@@ -305,6 +322,9 @@ NO_PRIM = -1
 # Values of `view.shading`.
 SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3}
 
+# How the points of a picture become rays; `distorted` is perspective with the distortion of a lens.
+PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
+
 # Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
 LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
 
@@ -321,6 +341,7 @@ DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
+    **{"PROJECTION_" + name.upper(): number for name, number in PROJECTIONS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }
 

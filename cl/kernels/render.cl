@@ -6,6 +6,7 @@
 // view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
 // tile_width, tile_height                    work-group of `render`, pixels
+// margin                                     pixels: how far the rays of a pixel may be from its centre
 // entry_points[tile_rows * tile_columns]     node_t, see cl/traversal/entry_point.cl: written by `view_entry_points`.
 //                                            NULL for `render`: all rays begin at the root
 // colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
@@ -20,15 +21,11 @@
 
 #if HAS_ENTRY_POINTS
 
-// The directions through the pixels in a tile's corners bound those of all its pixels; they need no normalization,
-// because t has no limit. Relative to |forward| + |right| + |up|, a component is rounded by 14 at most: twice 5 by the
-// division in x or y, which is up to 2, and 4 by the difference there, a product and two sums. The corners' are, too;
-// the normalization, with a division, adds 5 and the slack itself 3.
-#define DIRECTION_SLACK ERROR_BOUND(14 + 14 + 5 + 3)
+#include "rays/camera_bounds.cl"
 
 kernel void view_entry_points(
     const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, global node_t *restrict entry_points)
+    const int tile_width, const int tile_height, const float margin, global node_t *restrict entry_points)
 {
     const int tile_columns = (view->width + tile_width - 1) / tile_width;
     const int left = tile_width * get_global_id(0);
@@ -38,23 +35,18 @@ kernel void view_entry_points(
     }
     const int right = min(left + tile_width, view->width) - 1;
     const int bottom = min(top + tile_height, row_count) - 1;
+    const float2 beyond = 2.0f * margin / (float2)(view->width, view->height);
+    const float2 upper_left = pixel_centre(view, left, first_row + top) + (float2)(-beyond.x, beyond.y);
+    const float2 lower_right = pixel_centre(view, right, first_row + bottom) + (float2)(beyond.x, -beyond.y);
 
-    float3 lower_direction = (float3)(INFINITY);
-    float3 upper_direction = (float3)(-INFINITY);
-    for (int corner = 0; corner < 4; corner++) {
-        const int column = corner & 1 ? left : right;
-        const int row = corner & 2 ? top : bottom;
-        const float3 direction = pixel_direction(view, column, first_row + row);
-        lower_direction = direction < lower_direction ? direction : lower_direction;
-        upper_direction = direction > upper_direction ? direction : upper_direction;
+    global node_t *entry_point = entry_points + get_global_id(1) * tile_columns + get_global_id(0);
+    ray_bounds_t bounds;
+    if (bound_camera_rays(
+            view, (float2)(upper_left.x, lower_right.y), (float2)(lower_right.x, upper_left.y), &bounds)) {
+        find_entry_point(nodes, &bounds, entry_point);
+    } else {
+        clear_child(entry_point, 0, ROOT);
     }
-    const float3 size = magnitude(load3(view->forward)) + magnitude(load3(view->right)) + magnitude(load3(view->up));
-    const float3 slack = size * DIRECTION_SLACK;
-    const float3 eye = load3(view->eye);
-    const ray_bounds_t bounds = {
-        (float8)(eye, 0.0f, lower_direction - slack, INFINITY),
-        (float8)(eye, 0.0f, upper_direction + slack, INFINITY)};
-    find_entry_point(nodes, &bounds, entry_points + get_global_id(1) * tile_columns + get_global_id(0));
 }
 
 #endif
@@ -80,7 +72,7 @@ kernel void render(
 
     float3 colour;
     if (!is_found(&nearest)) {
-        colour = shade_background(view, row);
+        colour = has_range(&ray) ? shade_background(view, row) : (float3)(0.0f);
     } else {
         const corners_t corners = corners_at(blocks, nearest.triangle_index);
         const surface_t surface = surface_at(&corners, &nearest, ray.direction);

@@ -40,7 +40,7 @@ def images(
         typer.Option(
             metavar="A,B,...",
             help="rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, "
-            "smooth_normal, smooth_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, "
+            "shading_normal, shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, "
             "motion.",
         ),
     ] = DEFAULT_CHANNELS,

@@ -65,6 +65,31 @@ def render(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the "
+            "degrees of a fisheye as in fisheye:220.",
+            show_default="perspective",
+            rich_help_panel=_SCENE,
+        ),
+    ] = None,
+    aperture: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DIAMETER", help="Opening of the lens: depth of field.", show_default="0", rich_help_panel=_SCENE
+        ),
+    ] = None,
+    focus: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DISTANCE",
+            help="Distance that is sharp with an aperture.",
+            show_default="that of the point looked at",
+            rich_help_panel=_SCENE,
+        ),
+    ] = None,
     light: Annotated[
         str | None,
         typer.Option(
@@ -127,6 +152,8 @@ def render(
         "look_at": options.parse_vector("--look-at", look_at),
         "up": options.parse_vector("--up", up),
         "fov": fov,
+        "aperture": aperture,
+        "focus_distance": focus,
         # One colour stands for top and bottom.
         "background": options.parse_vector("--background", background),
     }
@@ -142,6 +169,8 @@ def render(
     )
 
     scene, load_timings_ms = _open(sources)
+    if camera is not None:
+        scene = _with_camera(scene, camera, fov)
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
@@ -172,6 +201,19 @@ def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
     watch.lap("load")
     timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
     return scene, {**timings_ms, "total": sum(timings_ms.values())}
+
+
+def _with_camera(scene: Scene, camera: str, fov: float | None) -> Scene:
+    """Return the scene with a camera of another kind, which may be perspective."""
+    from dataclasses import replace
+
+    from ..errors import ConfigError
+    from ..rendering.projection import parse_projection
+
+    projection = parse_projection(camera)
+    if projection is not None and fov is not None:
+        raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
+    return replace(scene, projection=projection)
 
 
 def _render_with_status(scene: Scene, options: RenderOptions) -> Picture:

@@ -24,6 +24,9 @@ BAND_PIXELS = 2**24
 
 _CHANNELS = 4
 
+# Rays go through the centres of pixels.
+_MARGIN = np.float32(0)
+
 # Of the host: the channels, and once more without the fourth.
 _COLOUR_BYTES = 2 * _CHANNELS - 1
 
@@ -149,8 +152,9 @@ class FrameRenderer(ContextManager):
             work_size, arguments = (width, row_count), {**self._arguments, **band}
             if self._entry_point_kernel is not None:
                 arguments["entry_points"] = find_entry_points(
-                    session, self._tree, self._entry_point_kernel, entry_point_buffer, work_size, self._tile, **band
-                )
+                    session, self._tree, self._entry_point_kernel, entry_point_buffer, work_size, self._tile,
+                    margin=_MARGIN, **band,
+                )  # fmt: skip
             elif not self._tree.has_instances:
                 arguments["entry_points"] = None
             session.run(self._kernel, work_size, self._tile, **arguments, colours=colour_buffer, hits=hit_buffer)

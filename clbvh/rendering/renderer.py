@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from numbers import Integral
 from typing import Any, cast
 
@@ -292,7 +293,7 @@ class Renderer(ContextManager):
         Raises
         ------
         SceneError
-            A value is out of range.
+            A value is out of range, or the scene's projection is a panorama, which has no turn.
 
         Examples
         --------
@@ -305,7 +306,15 @@ class Renderer(ContextManager):
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
         scene = self.scene.with_changes(width=width, height=height, up=up)
-        first = frame_turn(self._subject.extent, aspect=scene.width / scene.height, up=scene.up, fov=scene.fov)
+        first = frame_turn(
+            self._subject.extent,
+            aspect=scene.width / scene.height,
+            up=scene.up,
+            fov=scene.fov,
+            projection=scene.projection,
+        )
+        if scene.aperture:
+            first = replace(first, aperture=scene.aperture, focus_distance=scene.focus_distance)
         return [first.orbit(360.0 * number / count) for number in range(count)]
 
     @property
@@ -381,4 +390,5 @@ def _find_subject(
 
 def _framing_of(scene: Scene) -> tuple[object, ...]:
     """Return the values of a scene that its camera depends on, beside the mesh."""
-    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.fov
+    lens = scene.fov, scene.projection, scene.aperture, scene.focus_distance
+    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, *lens

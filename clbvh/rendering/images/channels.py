@@ -18,6 +18,7 @@ from ...trace.hits.hits import Hits
 from ..camera import Camera
 from ..picture import Picture
 from .motion import NextPose
+from .shading_normals import find_shading_normals
 from .texture_coordinates import find_texture_coordinates
 
 DEFAULT_CHANNELS = ("rgb", "alpha", "depth", "normal", "instance_id")
@@ -50,9 +51,9 @@ class Subject:
         return _clear_misses(self.hits.normals(facing=True))
 
     @cached_property
-    def smooth_normals(self) -> NDArray[np.float64]:
-        """The same with the normals of vertices interpolated."""
-        return _clear_misses(self.hits.normals(smooth=True, facing=True))
+    def shading_normals(self) -> NDArray[np.float64]:
+        """The same of those that light is computed with."""
+        return _clear_misses(find_shading_normals(self.hits, self.shapes))
 
 
 @dataclass(frozen=True)
@@ -149,12 +150,12 @@ CHANNELS = {
         _as_single(lambda subject: turn_to_camera(subject.normals, subject.picture.camera)),
         "direction", _vector("normal_camera", "XYZ"), 12,
     ),
-    "smooth_normal": Channel(
-        _as_single(lambda subject: subject.smooth_normals), "direction", _vector("smooth_normal", "XYZ"), 12
+    "shading_normal": Channel(
+        _as_single(lambda subject: subject.shading_normals), "direction", _vector("shading_normal", "XYZ"), 12
     ),
-    "smooth_normal_camera": Channel(
-        _as_single(lambda subject: turn_to_camera(subject.smooth_normals, subject.picture.camera)),
-        "direction", _vector("smooth_normal_camera", "XYZ"), 12,
+    "shading_normal_camera": Channel(
+        _as_single(lambda subject: turn_to_camera(subject.shading_normals, subject.picture.camera)),
+        "direction", _vector("shading_normal_camera", "XYZ"), 12,
     ),
     "position": Channel(lambda subject: subject.hits.locations, "vector", _vector("position", "XYZ"), 24),
     "instance_id": Channel(lambda subject: subject.hits.instance_id, "id", ("instance_id.ID",), 4),

@@ -34,7 +34,7 @@ class Images(Mapping[str, NDArray[Any]]):
     | range | (h, w) float32: distance along the ray, the t of hits | inf |
     | normal | (h, w, 3) float32: of the primitive, of length 1, towards the camera, the scene's axes | 0 |
     | normal_camera | the same along the camera's axes: x right, y down, z forward, as in OpenCV | 0 |
-    | smooth_normal, smooth_normal_camera | with the normals of vertices interpolated | 0 |
+    | shading_normal, shading_normal_camera | the file's at vertices, or smooth ones | 0 |
     | position | (h, w, 3) float64: the scene's coordinates | NaN |
     | instance_id, geometry_id, primitive_id | (h, w) int32 | -1 |
     | barycentric | (h, w, 2) float32: u and v of hits | NaN |

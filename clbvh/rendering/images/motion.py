@@ -75,7 +75,7 @@ class NextPose:
             centres = np.stack((pixels % width + 0.5, pixels // width + 0.5), axis=-1)
             of_pixels = hits.take(pixels)
             points = SurfacePoints(of_pixels.prim_id, of_pixels.instance_id, of_pixels.u, of_pixels.v)
-            motion[pixels] = project(camera, locate(points, of_pixels.locations), width, height) - centres
+            motion[pixels] = camera.project(locate(points, of_pixels.locations), width, height)[0] - centres
         return motion.reshape(height, width, 2)
 
     def _make_locator(self, picture: Picture) -> Any:
@@ -91,11 +91,3 @@ class NextPose:
         first = self._scene.transform.matrix if self._scene.is_one_mesh else np.eye(4)
         change = self._matrices[-1] @ np.linalg.inv(first)
         return lambda points, locations: locations @ change[:3, :3].T + change[:3, 3]
-
-
-def project(camera: Camera, points: NDArray[np.float64], width: int, height: int) -> NDArray[np.float64]:
-    """Return where points, (n, 3), are in a picture: (n, 2) float64 pixels; NaN for those not before the camera."""
-    pose = camera.camera_to_world()
-    seen = (points - pose[:3, 3]) @ pose[:3, :3]
-    depth = np.where(seen[:, 2:] > 0, seen[:, 2:], np.nan)
-    return (seen / depth @ camera.intrinsics(width, height).T)[:, :2]

@@ -24,7 +24,7 @@ WALL = Mesh.from_arrays(
     appearance=clbvh.Appearance(uvs=np.array([[0, 0], [1, 0], [1, 1], [0, 1]])[[[0, 1, 2], [0, 2, 3]]]),
 )
 ALL = (
-    "rgb", "colour", "alpha", "depth", "range", "normal", "normal_camera", "smooth_normal", "smooth_normal_camera",
+    "rgb", "colour", "alpha", "depth", "range", "normal", "normal_camera", "shading_normal", "shading_normal_camera",
     "position", "instance_id", "geometry_id", "primitive_id", "barycentric", "uv", "motion",
 )  # fmt: skip
 
@@ -116,7 +116,7 @@ def test_positions(images):
     assert np.isnan(images["position"][~is_hit]).all()
 
 
-@pytest.mark.parametrize("name", ["normal", "smooth_normal"])
+@pytest.mark.parametrize("name", ["normal", "shading_normal"])
 def test_normals_face_the_camera(images, name):
     expected = np.zeros((HEIGHT, WIDTH, 3))
     for instance in (0, 1):
@@ -128,13 +128,53 @@ def test_normals_face_the_camera(images, name):
     assert (images[f"{name}_camera"][INSTANCE == 2] @ [0, 0, 1] < 0).all()
 
 
-def test_smooth_normals_are_those_of_the_vertices(renderer):
+def see(mesh, *channels, transform=None):
+    scene = Scene(width=40, height=30)
+    scene.place(scene.add(mesh), transform, colour=(1, 1, 1))
+    return clbvh.render_images(scene, (*channels, "normal", "position"))
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_shading_normals_are_smooth_up_to_a_crease(placed):
     ball = clbvh.make_shape("icosphere", triangles=320)
-    images = clbvh.render_images(ball, ("smooth_normal", "normal", "position"), width=40, height=30)
+    move = Transform(scale=(1, 2, 1), rotate=(0, 0, 30)) if placed else None
+    images = see(ball, "shading_normal", transform=move)
     seen = np.isfinite(images["position"]).all(axis=-1)
-    outwards = images["position"][seen] / np.linalg.norm(images["position"][seen], axis=-1, keepdims=True)
-    assert (np.einsum("ij,ij->i", images["smooth_normal"][seen], outwards) > 0.9995).all()
-    assert not (np.einsum("ij,ij->i", images["normal"][seen], outwards) > 0.9995).all()
+    inverse = np.linalg.inv(move.matrix[:3, :3]) if placed else np.eye(3)
+    outwards = images["position"][seen] @ inverse.T @ inverse  # the gradient of |M^-1 x|^2
+    outwards /= np.linalg.norm(outwards, axis=-1, keepdims=True)
+    cosines = np.einsum("ij,ij->i", images["shading_normal"][seen], outwards)
+    assert np.quantile(cosines, 0.02) > (0.99 if placed else 0.9995)
+    assert np.quantile(np.einsum("ij,ij->i", images["normal"][seen], outwards), 0.02) < cosines.min()
+
+
+def test_shading_normals_of_a_box_are_flat():
+    box = clbvh.Mesh.from_arrays(
+        [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]],
+    )  # fmt: skip
+    images = see(box, "shading_normal")
+    assert (images["normal"] != 0).any()
+    np.testing.assert_allclose(images["shading_normal"], images["normal"], atol=1e-6)
+
+
+@pytest.mark.parametrize("side", [1, -1], ids=["of the corners", "other side"])
+def test_shading_normals_of_a_file_are_taken_and_face_the_camera(side):
+    tilted = np.array([0.6, 0.0, 0.8]) * side
+    wall = Mesh.from_arrays(
+        WALL.vertices, WALL.faces, appearance=clbvh.Appearance(normals=np.broadcast_to(tilted, (2, 3, 3)))
+    )
+    images = clbvh.render_images(
+        wall, ("shading_normal", "alpha"), camera=Camera(eye=(0, 0, 9), look_at=(0, 0, 0)), width=20, height=16
+    )
+    seen = images["alpha"] > 0
+    assert seen.any()
+    np.testing.assert_allclose(images["shading_normal"][seen] - [0.6, 0, 0.8], 0, atol=1e-6)
+    back = clbvh.render_images(
+        wall, ("shading_normal", "alpha"), camera=Camera(eye=(0, 0, -9), look_at=(0, 0, 0)), width=20, height=16
+    )
+    np.testing.assert_allclose(back["shading_normal"][back["alpha"] > 0] + [0.6, 0, 0.8], 0, atol=1e-6)
 
 
 def test_texture_coordinates_follow_the_wall(images):
@@ -249,7 +289,7 @@ def test_nothing_hit_is_all_misses(renderer):
     images = renderer.images(ALL, camera=away, next_camera=away, width=5, height=4)
     assert np.isinf(images["depth"]).all()
     assert np.isinf(images["range"]).all()
-    for name in ("normal", "normal_camera", "smooth_normal", "alpha"):
+    for name in ("normal", "normal_camera", "shading_normal", "alpha"):
         assert not images[name].any()
     for name in ("position", "barycentric", "uv", "motion"):
         assert np.isnan(images[name]).all()
