@@ -55,6 +55,7 @@ def images(
     camera: Annotated[
         Path | None,
         typer.Option(
+            "--camera-file",
             metavar="FILE.json",
             help="Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.",
             rich_help_panel=_SCENE,
@@ -62,7 +63,12 @@ def images(
     ] = None,
     next_camera: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.json", help="Camera of the second pose, for motion.", rich_help_panel=_SCENE),
+        typer.Option(
+            "--next-camera-file",
+            metavar="FILE.json",
+            help="Camera of the second pose, for motion.",
+            rich_help_panel=_SCENE,
+        ),
     ] = None,
     eye: Annotated[
         str | None,
@@ -109,9 +115,9 @@ def images(
     for path in output:
         check_images_path(path, names)
     if camera is not None and any(value is not None for value in (eye, look_at, up, fov)):
-        raise ConfigError("--camera says all of the view: give it without --eye, --look-at, --up and --fov")
+        raise ConfigError("--camera-file says all of the view: give it without --eye, --look-at, --up and --fov")
     if "motion" in names and next_camera is None:
-        raise ConfigError("the channel motion needs a second pose: give --next-camera")
+        raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
     first, second = (None if path is None else read_camera(path) for path in (camera, next_camera))
     changes: dict[str, Any] = {
         "eye": options.parse_vector("--eye", eye),

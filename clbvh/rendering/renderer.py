@@ -20,7 +20,9 @@ from ..device.session import DeviceSession
 from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
+from ..structs import REPORT_SHADINGS
 from ..support.context_manager import ContextManager
+from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
@@ -43,6 +45,9 @@ from .scene_subject import SceneSubject
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
 from .view import sky_direction
+
+# Four channels of float32.
+_FILM_BYTES = 16
 
 
 class Renderer(ContextManager):
@@ -163,6 +168,7 @@ class Renderer(ContextManager):
         time_limit_s: float | None = None,
         on_samples: Callable[[int, int], None] = lambda done, total: None,
         is_stopped: Callable[[], bool] = lambda: False,
+        keeps_film: bool = False,
         on_phase: Callable[[str], None] = lambda phase: None,
     ) -> Picture:
         """Render a picture; arguments that are None keep the values of the scene.
@@ -190,6 +196,8 @@ class Renderer(ContextManager):
             Called with the samples that are done, and that all pixels are to get, after each launch of the kernel.
         is_stopped : function, optional
             Asked after each launch; if it returns True, the picture shows the samples taken so far.
+        keeps_film : bool
+            Whether the picture keeps the linear colours of its samples, see `Picture.film`.
         on_phase : function, optional
             Called with the name of each phase as it begins.
 
@@ -233,6 +241,8 @@ class Renderer(ContextManager):
             samples=samples,
         )
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
+        if keeps_film and scene.shading not in REPORT_SHADINGS:
+            progress.film = _make_film(scene)
         camera = camera or self._find_camera(scene)
         times = EventTimes()
         view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
@@ -242,6 +252,7 @@ class Renderer(ContextManager):
         picture = Picture(
             rgb=rgb,
             alpha=colours[..., 3].copy(),
+            film=progress.film,
             samples=progress.taken,
             is_transparent=scene.transparent,
             found=found,
@@ -409,6 +420,11 @@ def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     for channel in range(3):
         rgb[..., channel] = colours[..., channel]
     return rgb
+
+
+def _make_film(scene: Scene) -> NDArray[np.float32]:
+    check_memory("the film of the picture", scene.width * scene.height * _FILM_BYTES, SceneError)
+    return np.empty((scene.height, scene.width, 4), np.float32)
 
 
 def _make_progress(

@@ -14,7 +14,7 @@ from clbvh.rendering.images.images import Images
 
 from .command import refuses, run_clbvh
 
-SIZE = ("--width", 40, "--height", 30)
+SIZE = ("--width", 40, "--height", 30, "--shading", "lambert")
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_a_camera_comes_back_from_its_file_and_shows_the_same(mesh, tmp_path):
     view = ("--eye", "1,2,4", "--look-at", "0,0,0", "--fov", 30)
     assert run_clbvh("images", mesh, "-o", tmp_path / "a.png", "-o", tmp_path / "a.npz", *SIZE, *view).returncode == 0
     camera = tmp_path / "a.json"
-    wanted = ("--channels", "depth,motion", "--camera", camera, "--next-camera", camera)
+    wanted = ("--channels", "depth,motion", "--camera-file", camera, "--next-camera-file", camera)
     answer = run_clbvh("images", mesh, "-o", tmp_path / "b.npz", *wanted)
     assert answer.returncode == 0, answer.stderr
     with np.load(tmp_path / "a.npz") as first, np.load(tmp_path / "b.npz") as again:
@@ -80,9 +80,9 @@ def test_nothing_in_view_is_said(mesh, tmp_path):
     [
         (("--channels", "depth,glow"), "there is no channel 'glow'"),
         (("--channels", ","), "at least one channel"),
-        (("--channels", "motion"), "--next-camera"),
-        (("--camera", "gone.json", "--fov", "30"), "--camera says all of the view"),
-        (("--camera", "gone.json"), "gone.json: no such file"),
+        (("--channels", "motion"), "--next-camera-file"),
+        (("--camera-file", "gone.json", "--fov", "30"), "--camera-file says all of the view"),
+        (("--camera-file", "gone.json"), "gone.json: no such file"),
         (("--eye", "1,2"), "--eye needs three numbers"),
         (("--depth-scale", "0"), "depth_scale must be"),
     ],

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ConfigError
 from ...geometry import Shape
 from ...geometry.appearance.srgb import srgb_to_linear
-from ...structs import NO_PRIM
 from ...trace.hits.hits import Hits
 from ..camera import Camera
 from ..picture import Picture
@@ -34,11 +33,14 @@ class Subject:
     shapes : sequence of Mesh or Spheres
         By geometry id.
     next_pose : NextPose
+    crease_angle : float
+        Degrees; see `Scene.smooth`.
     """
 
     picture: Picture
     shapes: Sequence[Shape]
     next_pose: NextPose
+    crease_angle: float
 
     @property
     def hits(self) -> Hits:
@@ -53,7 +55,7 @@ class Subject:
     @cached_property
     def shading_normals(self) -> NDArray[np.float64]:
         """The same of those that light is computed with."""
-        return _clear_misses(find_shading_normals(self.hits, self.shapes))
+        return _clear_misses(find_shading_normals(self.hits, self.shapes, self.crease_angle))
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Channel:
     @property
     def needs_shading(self) -> bool:
         """Whether it depends on light and materials."""
-        return self.kind in ("rgb", "colour")
+        return self.kind in ("rgb", "colour", "share")
 
 
 def check_channels(channels: Iterable[str]) -> tuple[str, ...]:
@@ -111,12 +113,17 @@ def turn_to_camera(normals: ArrayLike, camera: Camera) -> NDArray[np.float64]:
 
 
 def _find_colour(subject: Subject) -> NDArray[np.float32]:
+    if (film := subject.picture.film) is not None:
+        return np.ascontiguousarray(film[..., :3])
+    # The shadings with one ray for each pixel have no film: the 8 bits are decoded.
     table = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
     return table[subject.picture.rgb]
 
 
 def _find_alpha(subject: Subject) -> NDArray[np.float32]:
-    return (subject.picture.found["prim_id"] != NO_PRIM).astype(np.float32)
+    if (film := subject.picture.film) is not None:
+        return np.ascontiguousarray(film[..., 3])
+    return np.divide(subject.picture.alpha, 255, dtype=np.float32)
 
 
 def _find_barycentric(subject: Subject) -> NDArray[np.float32]:

@@ -22,14 +22,14 @@ from .targets import check_images_path
 class Images(Mapping[str, NDArray[Any]]):
     """What each pixel of one view sees: a mapping of channels to arrays of (height, width) or (height, width, k).
 
-    All but the colours belong to the centre of each pixel: they are never mixed of several surfaces. They are computed
-    in float64 on the file's own vertices, like every hit.
+    All but the colours and alpha belong to the centre of each pixel: they are never mixed of several surfaces. They are
+    computed in float64 on the file's own vertices, like every hit.
 
     | channel | array | a miss holds |
     |---|---|---|
     | rgb | (h, w, 3) uint8: the picture, sRGB | the background |
-    | colour | (h, w, 3) float32: the picture, linear, 0 to 1 | the background |
-    | alpha | (h, w) float32: 1 where something is hit | 0 |
+    | colour | (h, w, 3) float32: the picture, linear, before exposure and tone curve | the background |
+    | alpha | (h, w) float32: the share of the pixel that is covered | 0 |
     | depth | (h, w) float32: distance along the optical axis, the z of depth cameras | inf |
     | range | (h, w) float32: distance along the ray, the t of hits | inf |
     | normal | (h, w, 3) float32: of the primitive, of length 1, towards the camera, the scene's axes | 0 |

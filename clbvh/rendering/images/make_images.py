@@ -110,13 +110,15 @@ def make_images(
     next_pose = NextPose(renderer.scene, next_camera, next_transforms)
     if "motion" in names:
         next_pose.check()
-    if not any(CHANNELS[name].needs_shading for name in names):
-        shading = "normal"  # no ray to the light
-    picture = renderer.render(shading=shading, **arguments)
+    if any(CHANNELS[name].needs_shading for name in names):
+        picture = renderer.render(shading=shading, keeps_film="colour" in names or "alpha" in names, **arguments)
+    else:
+        # One ray for each pixel, and none to the light.
+        picture = renderer.render(shading="normal", samples=1, **arguments)
     pixel_bytes = _PIXEL_BYTES + sum(CHANNELS[name].pixel_bytes for name in names)
     check_memory("the images", picture.found.size * pixel_bytes, SceneError)
     shapes, geometry_names, instance_names = _list_objects(picture)
-    subject = Subject(picture, shapes, next_pose)
+    subject = Subject(picture, shapes, next_pose, renderer.scene.smooth)
     arrays = {name: CHANNELS[name].find(subject) for name in names}
     return Images(arrays, picture.camera, geometry_names=geometry_names, instance_names=instance_names)
 

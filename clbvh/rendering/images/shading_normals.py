@@ -20,11 +20,11 @@ _CHUNK_HITS = 1 << 14
 # The sum of unit vectors is no direction if its square is smaller: they cancel each other.
 _LEAST_SQUARE = 2.0**-40
 
-# Smooth normals of meshes that are alive: 36 bytes per face, 0.6 s for a million faces.
-_known: WeakKeyDictionary[Mesh, NDArray[np.float32]] = WeakKeyDictionary()
+# The last angle and the smooth normals of meshes that are alive: 36 bytes per face, 0.6 s for a million faces.
+_known: WeakKeyDictionary[Mesh, tuple[float, NDArray[np.float32]]] = WeakKeyDictionary()
 
 
-def find_shading_normals(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.float64]:
+def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: float) -> NDArray[np.float64]:
     """Return (..., 3) float64: unit normals on the side from which the rays came, NaN on a miss.
 
     Parameters
@@ -33,6 +33,8 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.floa
         They know the sides of their rays.
     shapes : sequence of Mesh or Spheres
         By the geometry ids of the hits.
+    crease_angle : float
+        Degrees. Meshes without normals are smooth over edges that turn by less; 0: over none.
     """
     normals = np.array(hits.normals(facing=True)).reshape(-1, 3)
     prims, us, vs, instances = (
@@ -42,7 +44,7 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.floa
         shape = shapes[geometry]
         if not isinstance(shape, Mesh):
             continue
-        corners = _find_corner_normals(shape)
+        corners = _find_corner_normals(shape, float(crease_angle))
         for begin in range(0, len(of_geometry), _CHUNK_HITS):
             rows = of_geometry[begin : begin + _CHUNK_HITS]
             a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
@@ -59,10 +61,12 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.floa
     return normals.reshape(*hits.prim_id.shape, 3)
 
 
-def _find_corner_normals(mesh: Mesh) -> NDArray[np.float32]:
+def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32]:
     """Return (F, 3, 3) float32: unit normals at the corners of faces."""
     if mesh.appearance is not None and mesh.appearance.normals is not None:
         return mesh.appearance.normals
-    if mesh not in _known:
-        _known[mesh] = smooth_normals_by_angle(mesh)
-    return _known[mesh]
+    angle, normals = _known.get(mesh, (-1.0, None))
+    if normals is None or angle != crease_angle:
+        normals = smooth_normals_by_angle(mesh, crease_angle)
+        _known[mesh] = crease_angle, normals
+    return normals

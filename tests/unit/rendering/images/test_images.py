@@ -31,7 +31,7 @@ ALL = (
 
 @pytest.fixture(scope="module")
 def scene():
-    scene = Scene(width=WIDTH, height=HEIGHT)
+    scene = Scene(width=WIDTH, height=HEIGHT, shading="lambert")
     ball = scene.add(Spheres([[9, 9, 9], [0, 0, 0]], [0.01, 1.0]), name="ball")
     scene.place(ball, name="large")
     scene.place(ball, Transform(scale=RADII[1], translate=tuple(CENTRES[1])), name="small")
@@ -190,12 +190,27 @@ def test_barycentric_coordinates_are_those_of_the_hits(renderer, images):
     assert np.isnan(images["barycentric"][~seen]).all()
 
 
-def test_colours_are_those_of_the_picture(renderer, images):
+def decode_srgb(rgb):
+    shares = rgb / 255
+    return np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+
+
+def test_colours_of_one_ray_are_decoded(renderer, images):
     assert (images["rgb"] == renderer.render(camera=CAMERA).rgb).all()
-    shares = images["rgb"] / 255
-    linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
-    np.testing.assert_allclose(images["colour"], linear, atol=1e-6)
+    np.testing.assert_allclose(images["colour"], decode_srgb(images["rgb"]), atol=1e-6)
     assert (images["alpha"] == (INSTANCE >= 0)).all()
+
+
+def test_colours_of_samples_are_their_means(renderer):
+    images = renderer.images(("rgb", "colour", "alpha"), camera=CAMERA, shading="studio")
+    rgb, colour = images["rgb"].astype(int), images["colour"].astype(np.float64)
+    assert (decode_srgb(np.maximum(rgb - 0.51, 0)) <= colour + 1e-6).all()
+    assert (colour <= decode_srgb(rgb + 0.51) + 1e-6).all()
+    assert np.abs(colour - decode_srgb(rgb)).max() > 1e-4  # more than 8 bits
+    alpha = images["alpha"]
+    assert 0 < np.count_nonzero((alpha > 0) & (alpha < 1)) < alpha.size / 4
+    assert ((alpha > 0.5) == (INSTANCE >= 0)).mean() > 0.95
+    assert renderer.render(camera=CAMERA, shading="studio").film is None
 
 
 class TestMotion:
@@ -322,6 +337,14 @@ def test_geometry_alone_casts_no_ray_to_the_light(renderer, monkeypatch):
     shadings = []
     render = renderer.render
     monkeypatch.setattr(renderer, "render", lambda **given: shadings.append(given["shading"]) or render(**given))
+    renderer.images(("depth", "normal"), camera=CAMERA, shading="lambert+shadow")
     renderer.images(("depth", "alpha"), camera=CAMERA, shading="lambert+shadow")
     renderer.images(("depth", "rgb"), camera=CAMERA, shading="lambert+shadow")
-    assert shadings == ["normal", "lambert+shadow"]
+    assert shadings == ["normal", "lambert+shadow", "lambert+shadow"]
+
+
+def test_geometry_of_a_scene_with_many_samples_takes_one():
+    ball = clbvh.make_shape("icosphere", triangles=80)
+    with clbvh.Renderer(ball) as renderer:
+        renderer.scene = renderer.scene.with_changes(shading="studio", samples=64)
+        assert np.isfinite(renderer.images("depth", width=8, height=8)["depth"]).any()
