@@ -101,7 +101,7 @@ def test_a_cut_file_is_refused(tmp_path, compressed, missing):
         (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n1234", "must be 32-bit_rle_rgbe"),
         (HEAD.replace(b"\n\n", b"\nEXPOSURE=no\n\n") + b"-Y 1 +X 1\n1234", "exposure must be above 0"),
         (HEAD.replace(b"\n\n", b"\nEXPOSURE=0\n\n") + b"-Y 1 +X 1\n1234", "exposure must be above 0"),
-        (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x00" * 40, "row 0 of 1 is damaged"),
+        (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x00\x89\x07" * 4, "row 0 of 1 is damaged"),
         (HEAD + b"-Y 1 +X 9\n\x02\x02\x00\x09" + b"\x8a\x07" * 40, "row 0 of 1 is damaged"),
         (HEAD + b"-Y 1 +X 3\n" + b"\x01\x01\x01\x03" * 3, "run-length code of old files"),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -297,6 +299,27 @@ class TestMotion:
     def test_other_poses_are_refused(self, renderer, pose, words):
         with pytest.raises(SceneError, match=words):
             renderer.images("motion", camera=CAMERA, **pose)
+
+
+@pytest.mark.parametrize(
+    "projection", [clbvh.Orthographic(5.0), clbvh.Fisheye(220.0), clbvh.Panorama()], ids=["flat", "fisheye", "panorama"]
+)
+def test_cameras_of_other_kinds(renderer, projection, tmp_path):
+    camera = Camera(eye=(0.5, 0.8, -3), look_at=(0, 0, 0), projection=projection)
+    images = renderer.images(
+        ("depth", "range", "position", "motion"), camera=camera, next_camera=camera, width=40, height=30
+    )
+    seen = images["range"] < np.inf
+    assert seen.sum() > 50
+    origins, directions = camera.rays(40, 30)
+    points = origins[seen] + directions[seen] * images["range"][seen][:, None]
+    np.testing.assert_allclose(images["position"][seen], points, atol=1e-5)
+    depth = (points - camera.eye) @ camera.axes()[2]
+    np.testing.assert_allclose(images["depth"][seen], depth, atol=1e-5)
+    assert np.abs(images["motion"][seen]).max() < 1e-6
+    assert images.intrinsics is None
+    images.save(tmp_path / "a.png")
+    assert "intrinsics" not in json.loads((tmp_path / "a.json").read_text())
 
 
 def test_nothing_hit_is_all_misses(renderer):
