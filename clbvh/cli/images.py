@@ -173,7 +173,7 @@ def _report(made: Images, output: list[Path], made_s: float, write_s: float, as_
     for heading in ("channel", "least", "greatest"):
         table.add_column(heading, justify="left" if heading == "channel" else "right")
     for name, pair in limits.items():
-        table.add_row(name, *(("nothing hit",) if pair is None else (f"{value:,.6g}" for value in pair)))
+        table.add_row(name, *(("no values",) if pair is None else (f"{value:,.6g}" for value in pair)))
     files = Table(box=None, show_header=False, pad_edge=False)
     files.add_row(f"{made.width} x {made.height}, {made_s:.2f} s, written in {write_s:.2f} s")
     print_tables(table, files)

@@ -101,7 +101,7 @@ def check_channels(channels: Iterable[str]) -> tuple[str, ...]:
 
 
 def find_limits(channel: str, array: NDArray[Any]) -> tuple[float, float] | None:
-    """Return the least and the greatest value of the hits of a channel; None if nothing is hit."""
+    """Return the least and the greatest value of the hits of a channel; None if there is none."""
     kind = CHANNELS[channel].kind
     known = array[array >= 0] if kind == "id" else array[np.isfinite(array)]
     return (known.min().item(), known.max().item()) if len(known) else None

@@ -85,7 +85,7 @@ def write_images_png(
             notes[channel]["pixel"] = "R + 256 G + 65536 B"
         files[target] = encode_png(coded.pixels, {_NOTE: json.dumps({"channel": channel, **notes[channel]})})
     described = {name: values.tolist() for name, values in facts.items()}
-    files[path.with_suffix(".json")] = json.dumps({**described, "channels": notes}, indent=1).encode()
+    files[path.with_suffix(".json")] = _show_facts({**described, "channels": notes}).encode()
     for target, content in files.items():
         write_atomically(target, lambda file, content=content: file.write(content))  # type: ignore[misc]
 
@@ -160,6 +160,11 @@ def _round_scale(most: float) -> float:
 
 def _round(values: NDArray[np.floating]) -> NDArray[np.uint16]:
     return np.clip(np.rint(values), 0, _MOST).astype(np.uint16)
+
+
+def _show_facts(facts: Mapping[str, Any]) -> str:
+    """Return JSON with a line for each fact."""
+    return "{\n" + ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in facts.items()) + "\n}\n"
 
 
 def _file_of(path: Path, channel: str) -> Path:
