@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ..rendering.render_options import RenderOptions
     from ..rendering.scene import Scene
 
-_SCENE = "Scene"
-
 # Those of `clbvh.render_images`, repeated because importing them would make `clbvh --help` slow. A test compares them.
 DEFAULT_CHANNELS = "rgb,alpha,depth,normal,instance_id"
 
@@ -50,48 +48,62 @@ def images(
             help="Pixel values for a unit of length in PNG files, such as 1000.", show_default="a round one that fits"
         ),
     ] = None,
-    width: Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=_SCENE)] = None,
-    height: Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=_SCENE)] = None,
-    camera: Annotated[
+    width: Annotated[
+        int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=options.SCENE_PANEL)
+    ] = None,
+    height: Annotated[
+        int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=options.SCENE_PANEL)
+    ] = None,
+    camera: options.CameraKind = None,
+    camera_file: Annotated[
         Path | None,
         typer.Option(
             "--camera-file",
             metavar="FILE.json",
             help="Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.",
-            rich_help_panel=_SCENE,
+            rich_help_panel=options.SCENE_PANEL,
         ),
     ] = None,
-    next_camera: Annotated[
+    next_camera_file: Annotated[
         Path | None,
         typer.Option(
             "--next-camera-file",
             metavar="FILE.json",
             help="Camera of the second pose, for motion.",
-            rich_help_panel=_SCENE,
+            rich_help_panel=options.SCENE_PANEL,
         ),
     ] = None,
     eye: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Position of the camera.", show_default="sees the whole mesh", rich_help_panel=_SCENE
+            metavar="X,Y,Z",
+            help="Position of the camera.",
+            show_default="sees the whole mesh",
+            rich_help_panel=options.SCENE_PANEL,
         ),
     ] = None,
     look_at: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Point that the camera looks at.", rich_help_panel=_SCENE)
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Point that the camera looks at.", rich_help_panel=options.SCENE_PANEL),
     ] = None,
     up: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=_SCENE
+            metavar="X,Y,Z",
+            help="Direction that is up in the picture.",
+            show_default="0,1,0",
+            rich_help_panel=options.SCENE_PANEL,
         ),
     ] = None,
     fov: Annotated[
         float | None,
-        typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
+        typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=options.SCENE_PANEL),
     ] = None,
     shading: Annotated[
         str | None,
-        typer.Option(help="Of rgb and colour; see `clbvh render`.", show_default=False, rich_help_panel=_SCENE),
+        typer.Option(
+            help="Of rgb and colour; see `clbvh render`.", show_default=False, rich_help_panel=options.SCENE_PANEL
+        ),
     ] = None,
     cache: options.UseCache = False,
     cache_dir: options.CacheFolder = None,
@@ -114,11 +126,11 @@ def images(
     names = check_channels([name.strip() for name in channels.split(",") if name.strip()])
     for path in output:
         check_images_path(path, names)
-    if camera is not None and any(value is not None for value in (eye, look_at, up, fov)):
-        raise ConfigError("--camera-file says all of the view: give it without --eye, --look-at, --up and --fov")
-    if "motion" in names and next_camera is None:
+    if camera_file is not None and any(value is not None for value in (camera, eye, look_at, up, fov)):
+        raise ConfigError("--camera-file says all of the view: give it without --camera, --eye, --look-at, --up, --fov")
+    if "motion" in names and next_camera_file is None:
         raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
-    first, second = (None if path is None else read_camera(path) for path in (camera, next_camera))
+    first, second = (None if path is None else read_camera(path) for path in (camera_file, next_camera_file))
     changes: dict[str, Any] = {
         "eye": options.parse_vector("--eye", eye),
         "look_at": options.parse_vector("--look-at", look_at),
@@ -126,7 +138,10 @@ def images(
         "fov": fov,
     }
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
-    scene = options.open_sources(sources).with_changes(**changes)
+    scene = options.open_sources(sources)
+    if camera is not None:
+        scene = options.with_camera(scene, camera, fov)
+    scene = scene.with_changes(**changes)
 
     begin = time.perf_counter()
     view: dict[str, Any] = {"width": width, "height": height, "shading": shading}

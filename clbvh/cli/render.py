@@ -60,16 +60,7 @@ def render(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help="perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the "
-            "degrees of a fisheye as in fisheye:220.",
-            show_default="perspective",
-            rich_help_panel=_SCENE,
-        ),
-    ] = None,
+    camera: options.CameraKind = None,
     aperture: Annotated[
         float | None,
         typer.Option(
@@ -183,7 +174,7 @@ def render(
 
     scene, load_timings_ms = _open(sources)
     if camera is not None:
-        scene = _with_camera(scene, camera, fov)
+        scene = options.with_camera(scene, camera, fov)
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
@@ -214,19 +205,6 @@ def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
     watch.lap("load")
     timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
     return scene, {**timings_ms, "total": sum(timings_ms.values())}
-
-
-def _with_camera(scene: Scene, camera: str, fov: float | None) -> Scene:
-    """Return the scene with a camera of another kind, which may be perspective."""
-    from dataclasses import replace
-
-    from ..errors import ConfigError
-    from ..rendering.projection import parse_projection
-
-    projection = parse_projection(camera)
-    if projection is not None and fov is not None:
-        raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
-    return replace(scene, projection=projection)
 
 
 def _check_heat_map(quantity: str, builder: str) -> None:

@@ -69,6 +69,13 @@ def test_a_camera_comes_back_from_its_file_and_shows_the_same(mesh, tmp_path):
         assert np.abs(again["motion"][seen]).max() < 1e-6
 
 
+def test_a_panorama(mesh, tmp_path):
+    wanted = ("--channels", "range", "--camera", "panorama", "--eye", "0.1,0,0", "--look-at", "1,0,0")
+    assert run_clbvh("images", mesh, "-o", tmp_path / "a.npz", *wanted, *SIZE).returncode == 0
+    with np.load(tmp_path / "a.npz") as loaded:
+        assert (loaded["range"] < 1.11).all()  # from inside the ball, in all directions
+
+
 def test_an_empty_view_is_said(mesh, tmp_path):
     view = ("--eye", "0,0,9", "--look-at", "0,0,20")
     answer = run_clbvh("images", mesh, "-o", tmp_path / "a.npz", "--channels", "depth", *SIZE, *view)
@@ -82,6 +89,7 @@ def test_an_empty_view_is_said(mesh, tmp_path):
         (("--channels", ","), "at least one channel"),
         (("--channels", "motion"), "--next-camera-file"),
         (("--camera-file", "gone.json", "--fov", "30"), "--camera-file says all of the view"),
+        (("--camera", "fisheye", "--fov", "30"), "--fov is that of a perspective camera"),
         (("--camera-file", "gone.json"), "gone.json: no such file"),
         (("--eye", "1,2"), "--eye needs three numbers"),
         (("--depth-scale", "0"), "depth_scale must be"),
