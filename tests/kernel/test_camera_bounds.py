@@ -20,7 +20,7 @@ BOUNDED = {
     "wide": Camera(**FRAME, fov=150),
     "lens": Camera.from_intrinsics(LENS, POSE, (WIDTH, HEIGHT)),
     "opening": Camera(**FRAME, aperture=0.8, focus_distance=2.0),
-    "opening-far": Camera(**FRAME, aperture=0.8, focus_distance=np.inf),
+    "opening-far": Camera(**FRAME, aperture=0.8, focus_distance=1e9),
     "orthographic": Camera(**FRAME, projection=Orthographic(3)),
     "orthographic-opening": Camera(**FRAME, projection=Orthographic(3), aperture=0.5, focus_distance=1.5),
 }
