@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from .device import choose_device, list_devices
     from .device.info import DeviceInfo
     from .errors import (
+        AppearanceWarning,
         ClbvhError,
+        ClbvhWarning,
         ConfigError,
         DeviceError,
         DeviceMemoryError,
@@ -34,6 +36,10 @@ if TYPE_CHECKING:
         ValidationError,
     )
     from .geometry import Mesh, MeshLike, Spheres, load_mesh, make_shape
+    from .geometry.appearance.appearance import Appearance
+    from .geometry.appearance.material import Material
+    from .geometry.appearance.smooth_normals import smooth_normals_by_angle
+    from .geometry.appearance.texture import Texture
     from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
@@ -62,6 +68,10 @@ _HOME_OF = {
     "MeshLike": "geometry",
     "Spheres": "geometry",
     "Shape": "geometry.shape",
+    "Appearance": "geometry.appearance.appearance",
+    "Material": "geometry.appearance.material",
+    "Texture": "geometry.appearance.texture",
+    "smooth_normals_by_angle": "geometry.appearance.smooth_normals",
     "load_mesh": "geometry",
     "make_shape": "geometry",
     "Bvh": "bvh",
@@ -113,6 +123,8 @@ _HOME_OF = {
     "FetchError": "errors",
     "PoolError": "errors",
     "ValidationError": "errors",
+    "ClbvhWarning": "errors",
+    "AppearanceWarning": "errors",
     "OpenMeshWarning": "errors",
     "InternalError": "errors",
 }
@@ -122,6 +134,10 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "MeshLike",
     "Spheres",
     "Shape",
+    "Appearance",
+    "Material",
+    "Texture",
+    "smooth_normals_by_angle",
     "load_mesh",
     "make_shape",
     "Bvh",
@@ -173,6 +189,8 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "FetchError",
     "PoolError",
     "ValidationError",
+    "ClbvhWarning",
+    "AppearanceWarning",
     "OpenMeshWarning",
     "InternalError",
 ]

@@ -176,7 +176,41 @@ class ValidationError(ClbvhError, RuntimeError):
     """
 
 
-class OpenMeshWarning(UserWarning):
+class ClbvhWarning(UserWarning):
+    """Anything that clbvh warns of through `warnings`.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore", clbvh.ClbvhWarning)
+    ...     mesh = clbvh.make_shape("icosphere", triangles=1000)
+    """
+
+
+class AppearanceWarning(ClbvhWarning):
+    r"""Colours, normals, texture coordinates, materials or textures of a file cannot be used; its triangles can.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import tempfile
+    >>> import warnings
+    >>> from pathlib import Path
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = Path(folder.name, "triangle.obj")
+    >>> _ = path.write_text("mtllib lost.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n")
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     mesh = clbvh.load_mesh(path)
+    >>> [warning.category.__name__ for warning in caught]
+    ['AppearanceWarning']
+    >>> folder.cleanup()
+    """
+
+
+class OpenMeshWarning(ClbvhWarning):
     """A query about the inside of a mesh that is not closed.
 
     Examples

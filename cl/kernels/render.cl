@@ -1,55 +1,20 @@
-// A band of rows of a picture: `view_entry_points` finds the entry point of each tile, `render` the closest hit and the
-// colour of each pixel.
+// A band of rows of a picture: the closest hit and the colour of each pixel.
 //
 // nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
 // blocks[block_count]                        block_t: triangles in leaf order, local coordinates
+// entry_points[tile_rows * tile_columns]     node_t, see cl/kernels/view_entry_points.cl. NULL: rays begin
+//                                            at the root
 // view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
-// tile_width, tile_height                    work-group of `render`, pixels
-// margin                                     pixels: how far the rays of a pixel may be from its centre
-// entry_points[tile_rows * tile_columns]     node_t, see cl/traversal/entry_point.cl: written by `view_entry_points`.
-//                                            NULL for `render`: all rays begin at the root
 // colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
 // hits[row_count * width]                    written: t in local units
 //
-// Work-items: (tile_columns, tile_rows) for `view_entry_points`; (width, row_count) for `render`, rounded up to tiles.
+// Work-items: (width, row_count), rounded up to tiles.
 
 #include "rays/camera.cl"
 #include "traversal/entry_point.cl"
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
-
-#if HAS_ENTRY_POINTS
-
-#include "rays/camera_bounds.cl"
-
-kernel void view_entry_points(
-    const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, const float margin, global node_t *restrict entry_points)
-{
-    const int tile_columns = (view->width + tile_width - 1) / tile_width;
-    const int left = tile_width * get_global_id(0);
-    const int top = tile_height * get_global_id(1);
-    if (left >= view->width || top >= row_count) {
-        return;
-    }
-    const int right = min(left + tile_width, view->width) - 1;
-    const int bottom = min(top + tile_height, row_count) - 1;
-    const float2 beyond = 2.0f * margin / (float2)(view->width, view->height);
-    const float2 upper_left = pixel_centre(view, left, first_row + top) + (float2)(-beyond.x, beyond.y);
-    const float2 lower_right = pixel_centre(view, right, first_row + bottom) + (float2)(beyond.x, -beyond.y);
-
-    global node_t *entry_point = entry_points + get_global_id(1) * tile_columns + get_global_id(0);
-    ray_bounds_t bounds;
-    if (bound_camera_rays(
-            view, (float2)(upper_left.x, lower_right.y), (float2)(lower_right.x, upper_left.y), &bounds)) {
-        find_entry_point(nodes, &bounds, entry_point);
-    } else {
-        clear_child(entry_point, 0, ROOT);
-    }
-}
-
-#endif
 
 kernel void render(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
 from ..support.memory import check_memory
+from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
 from .vertex_normals import find_vertex_normals
@@ -53,11 +54,13 @@ class Mesh:
         A power of two: local units in one unit of the file.
     name : str
         The name of the mesh in messages and reports.
+    appearance : Appearance, or None
+        Normals, colours, texture coordinates and materials, for pictures. No tree depends on it.
 
     Notes
     -----
     Build one with `Mesh.from_arrays` or `clbvh.load_mesh`: they check their arguments, which the constructor does not.
-    36 bytes per vertex and 12 per face.
+    36 bytes per vertex and 12 per face, without the appearance.
 
     Examples
     --------
@@ -75,9 +78,12 @@ class Mesh:
     origin: NDArray[np.float64]
     scale: float
     name: str = field(default="mesh")
+    appearance: Appearance | None = None
 
     @classmethod
-    def from_arrays(cls, vertices: ArrayLike, faces: ArrayLike, *, name: str = "mesh") -> Mesh:
+    def from_arrays(
+        cls, vertices: ArrayLike, faces: ArrayLike, *, name: str = "mesh", appearance: Appearance | None = None
+    ) -> Mesh:
         """Check the arrays, copy them, and find the local coordinates.
 
         Parameters
@@ -88,6 +94,8 @@ class Mesh:
             Vertex indices from 0 to V - 1.
         name : str, optional
             The name of the mesh in messages and reports.
+        appearance : Appearance, optional
+            Normals, colours, texture coordinates and materials, for pictures.
 
         Returns
         -------
@@ -97,8 +105,8 @@ class Mesh:
         ------
         MeshError
             Wrong shape or dtype, no faces, too many faces, a NaN or infinite coordinate, a vertex index out of range,
-            or a box whose sides float64 cannot scale: smaller than 1e-150 or larger than 1e150. The message names the
-            first fault.
+            the appearance of another number of faces, or a box whose sides float64 cannot scale: smaller than 1e-150 or
+            larger than 1e150. The message names the first fault.
 
         Examples
         --------
@@ -112,7 +120,8 @@ class Mesh:
         checked_vertices = _check_vertices(vertices, name)
         checked_faces = _check_faces(faces, len(checked_vertices), name)
         local_vertices, origin, scale = _localize(checked_vertices, name)
-        return cls(checked_vertices, checked_faces, local_vertices, origin, scale, name)
+        check_fit(appearance, len(checked_faces), name, has_corners=True)
+        return cls(checked_vertices, checked_faces, local_vertices, origin, scale, name, appearance)
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """Return a mesh of the same faces with moved vertices.
@@ -125,7 +134,8 @@ class Mesh:
         Returns
         -------
         Mesh
-            With its own origin and scale; it shares the array of faces.
+            With its own origin and scale; it shares the array of faces, and the appearance except for its normals,
+            which the movement has made wrong.
 
         Raises
         ------
@@ -145,7 +155,8 @@ class Mesh:
             raise MeshError(
                 f"{self.name}: {len(checked_vertices):,} vertices cannot replace the mesh's {len(self.vertices):,}"
             )
-        moved = Mesh(checked_vertices, self.faces, *_localize(checked_vertices, self.name), self.name)
+        appearance = None if self.appearance is None else self.appearance.without_normals()
+        moved = Mesh(checked_vertices, self.faces, *_localize(checked_vertices, self.name), self.name, appearance)
         if "_is_joined" in vars(self):  # cached: it depends on the faces alone
             vars(moved)["_is_joined"] = self._is_joined
         return moved

@@ -6,14 +6,18 @@ Owns the checks of centres and radii. Must not know of files or trees.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
 from ..support.memory import check_memory
+from .appearance.appearance import Appearance, check_fit
+from .appearance.material import Material
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
 from .mesh import MAX_FACE_COUNT
@@ -45,6 +49,11 @@ class Spheres:
         Above 0, in the same unit. One number is the radius of all spheres.
     name : str, optional
         The name of the spheres in messages and reports.
+    colours : (n, 4) or (n, 3) uint8, optional
+        sRGB and alpha of each sphere, for pictures.
+    materials : sequence of Material, optional
+    material_ids : (n,) int, optional
+        The material of each sphere. All have the first one if left out.
 
     Attributes
     ----------
@@ -60,13 +69,15 @@ class Spheres:
         A power of two: local units in one unit of the centres. The largest half side of the box around all spheres is
         about 0.5 to 1 local units.
     name : str
+    appearance : Appearance, or None
+        Colours and materials. No tree depends on it.
 
     Raises
     ------
     MeshError
         Wrong shape or dtype, no spheres, too many spheres, a coordinate that is not finite, a radius that is not finite
-        or not above 0, or a box whose sides float64 cannot scale: smaller than 1e-150 or larger than 1e150. The message
-        names the first fault.
+        or not above 0, colours or material ids of another number of spheres, or a box whose sides float64 cannot scale:
+        smaller than 1e-150 or larger than 1e150. The message names the first fault.
 
     Notes
     -----
@@ -92,13 +103,26 @@ class Spheres:
     origin: NDArray[np.float64]
     scale: float
     name: str
+    appearance: Appearance | None
 
-    def __init__(self, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres") -> None:
+    def __init__(
+        self,
+        centres: ArrayLike,
+        radii: ArrayLike,
+        *,
+        name: str = "spheres",
+        colours: ArrayLike | None = None,
+        materials: Sequence[Material] = (),
+        material_ids: ArrayLike | None = None,
+    ) -> None:
         checked_centres = _check_centres(centres, name)
         checked_radii = _check_radii(radii, len(checked_centres), name)
         origin, scale = _find_frame(checked_centres, checked_radii, name)
         local_radii = np.maximum((checked_radii * scale).astype(np.float32), _LEAST_LOCAL_RADIUS)
+        appearance: Any = Appearance(None, None, colours, materials, material_ids)  # type: ignore[arg-type]
+        check_fit(appearance, len(checked_centres), name, has_corners=False)
         attributes = {
+            "appearance": None if appearance.is_empty else appearance,
             "centres": checked_centres,
             "radii": checked_radii,
             "name": name,
@@ -111,7 +135,7 @@ class Spheres:
             object.__setattr__(self, attribute, value)
 
     @classmethod
-    def from_arrays(cls, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres") -> Spheres:
+    def from_arrays(cls, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres", **looks: Any) -> Spheres:
         """Return spheres, as the constructor does; named like `Mesh.from_arrays`.
 
         Examples
@@ -120,7 +144,7 @@ class Spheres:
         >>> clbvh.Spheres.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], 0.5, name="atoms")
         Spheres('atoms', count=3)
         """
-        return cls(centres, radii, name=name)
+        return cls(centres, radii, name=name, **looks)
 
     def with_spheres(self, centres: ArrayLike, radii: ArrayLike | None = None) -> Spheres:
         """Return as many spheres that have moved.
@@ -135,7 +159,7 @@ class Spheres:
         Returns
         -------
         Spheres
-            With their own origin and scale.
+            With their own origin and scale, and the present appearance.
 
         Raises
         ------
@@ -152,7 +176,9 @@ class Spheres:
         array = as_array(centres, f"{self.name}: centres")
         if array.ndim == 2 and len(array) != self.prim_count:
             raise MeshError(f"{self.name}: {len(array):,} spheres cannot replace the present {self.prim_count:,}")
-        return Spheres(centres, self.radii if radii is None else radii, name=self.name)
+        moved = Spheres(centres, self.radii if radii is None else radii, name=self.name)
+        object.__setattr__(moved, "appearance", self.appearance)
+        return moved
 
     def to_local(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points in local coordinates.

@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..structs import SHADINGS, VIEW
+from ..structs import SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera
+from .film.ground import Ground
+from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
 from .scene import Scene
 from .view_projection import set_projection
@@ -19,9 +21,20 @@ _MOST_DISTANCE = 1e30
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
+# Tangent of half the angle of the soft light: that of a large lamp.
+_LIGHT_SPREAD = 0.15
+
+# Surfaces within this share of the half diagonal of the box around all objects keep ambient light off each other:
+# without a limit, a closed room would have none.
+_OCCLUSION_REACH = 0.5
+
 
 def make_view(
-    scene: Scene, camera: Camera, mesh: Mesh, local_box: NDArray[np.floating] | None = None
+    scene: Scene,
+    camera: Camera,
+    mesh: Mesh,
+    local_box: NDArray[np.floating] | None = None,
+    ground: Ground | None = None,
 ) -> NDArray[np.void]:
     """Return the view of a mesh, (1,) `structs.VIEW`.
 
@@ -34,6 +47,8 @@ def make_view(
     local_box : (2, 3) float, local coordinates, optional
         The box whose depths a depth picture shows; by default the mesh's. For a fisheye and a panorama, distances from
         the eye.
+    ground : Ground, optional
+        In the scene's coordinates.
 
     Raises
     ------
@@ -50,9 +65,7 @@ def make_view(
 
     view["to_light"] = _light_direction(scene, right, up, forward)
     view["light_colour"] = scene.light.colour
-    # The `up` of a camera with a lens is the picture's, not the world's.
-    to_sky = np.asarray(camera.up if camera.lens is None else scene.up)
-    view["to_sky"] = to_sky / np.linalg.norm(to_sky)
+    view["to_sky"] = sky_direction(scene, camera)
     view["sky_colour"] = scene.light.sky
     view["ground_colour"] = scene.light.ground
     view["surface_colour"] = scene.surface
@@ -65,7 +78,22 @@ def make_view(
     view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
+    if ground is not None:
+        view["ground_point"], view["ground_normal"] = mesh.to_local(ground.point), ground.normal
+        view["ground_radius"] = ground.radius * mesh.scale
+    half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
+    view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
+    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
+    view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
+
+
+def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+    """Return (3,) float64: the unit vector upwards in the scene."""
+    # The `up` of a camera with a lens is the picture's, not the world's.
+    to_sky = np.asarray(camera.up if camera.lens is None else scene.up, np.float64)
+    return to_sky / np.linalg.norm(to_sky)
 
 
 def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:

@@ -17,11 +17,14 @@ The text is one object:
 
     geometries   a list of {kind: "mesh", name, shape_name, vertices: V, faces: F}
                         and {kind: "spheres", name, shape_name, count: n}
+                        either with `appearance`, if it has one: see `saved_looks.py`
+    textures     a list of {name, width: w, height: h, is_srgb, wrap}
     instances    {count: n, names: a list of n texts}
     settings     an object of the caller
 
-The arrays are, in this order: of each mesh vertices (V, 3) float64 and faces (F, 3) int32, of each spheres centres
-(n, 3) float64 and radii (n,) float64; then of all instances transforms (n, 4, 4) float64, colours (n, 3) float64 with
+The arrays are, in this order: of each texture pixels (h, w, 4) uint8; of each mesh vertices (V, 3) float64 and faces
+(F, 3) int32, of each spheres centres (n, 3) float64 and radii (n,) float64, each followed by the arrays of its
+appearance; then of all instances transforms (n, 4, 4) float64, colours (n, 3) float64 with
 NaN for those without, geometry ids (n,) int32 and masks (n,) uint32. Local coordinates and trees are not stored: they
 follow from the arrays.
 """
@@ -40,6 +43,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, MeshError, SceneError
+from ..geometry.appearance.appearance import check_fit
+from ..geometry.appearance.texture import Texture
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
@@ -47,6 +52,14 @@ from ..support.atomic_file import check_target, write_atomically
 from ..support.memory import check_memory
 from ..support.regular_file import open_regular, read_errors_as
 from .names import UniqueNames
+from .saved_looks import (
+    describe_appearance,
+    describe_texture,
+    list_appearance_arrays,
+    list_textures,
+    read_appearance,
+    read_texture,
+)
 from .state import SceneState
 from .transforms import check_transforms
 
@@ -90,8 +103,10 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     except TypeError as error:
         raise ConfigError(f"{path!r}: this is not the path of a file: {error}") from error
     check_target(target)
+    textures = list_textures(shape.appearance for shape in state.shapes)
     document = {
-        "geometries": [_describe(shape, name) for shape, name in zip(state.shapes, state.names, strict=True)],
+        "geometries": [_describe(shape, name, textures) for shape, name in zip(state.shapes, state.names, strict=True)],
+        "textures": [describe_texture(texture) for texture in textures],
         "instances": {"count": state.instance_count, "names": state.instance_names},
         "settings": settings,
     }
@@ -194,9 +209,10 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
         raise SceneError(f"its text is no JSON ({error})") from error
     arrays = _Arrays(data)
     shapes: list[Shape] = []
+    textures = [read_texture(table, arrays.take) for table in get_item(document, "textures", list)]
     names = UniqueNames("a geometry")
     for table in get_item(document, "geometries", list):
-        shapes.append(_read_shape(table, arrays))
+        shapes.append(_read_shape(table, arrays, textures))
         names.check(name := get_item(table, "name", str))
         names.add(name)
 
@@ -256,7 +272,17 @@ class _Arrays:
             raise SceneError(f"its text tells of arrays of {self._begin:,} bytes, but it has {len(self._data):,}")
 
 
-def _read_shape(table: object, arrays: _Arrays) -> Shape:
+def _read_shape(table: object, arrays: _Arrays, textures: list[Texture]) -> Shape:
+    shape = _read_bare_shape(table, arrays)
+    if isinstance(table, dict) and "appearance" in table:
+        is_mesh, count = isinstance(shape, Mesh), shape.prim_count
+        appearance = read_appearance(table["appearance"], count, arrays.take, textures, has_corners=is_mesh)
+        check_fit(appearance, count, str(shape.name), has_corners=is_mesh)
+        object.__setattr__(shape, "appearance", appearance)  # nobody else has the shape yet
+    return shape
+
+
+def _read_bare_shape(table: object, arrays: _Arrays) -> Shape:
     kind, name = get_item(table, "kind", str), get_item(table, "shape_name", str)
     if kind == _MESH:
         vertices = arrays.take((get_item(table, "vertices", int), 3), "<f8")
@@ -268,11 +294,15 @@ def _read_shape(table: object, arrays: _Arrays) -> Shape:
     raise SceneError(f"it has a geometry of the unknown kind {kind[:20]!r}")
 
 
-def _describe(shape: Shape, name: str) -> dict[str, Any]:
+def _describe(shape: Shape, name: str, textures: list[Texture]) -> dict[str, Any]:
+    described: dict[str, Any] = {"name": name, "shape_name": str(shape.name)}
     if isinstance(shape, Mesh):
-        counts = {"vertices": len(shape.vertices), "faces": shape.face_count}
-        return {"kind": _MESH, "name": name, "shape_name": str(shape.name), **counts}
-    return {"kind": _SPHERES, "name": name, "shape_name": str(shape.name), "count": shape.prim_count}
+        described |= {"kind": _MESH, "vertices": len(shape.vertices), "faces": shape.face_count}
+    else:
+        described |= {"kind": _SPHERES, "count": shape.prim_count}
+    if shape.appearance is not None:
+        described["appearance"] = describe_appearance(shape.appearance, textures)
+    return described
 
 
 def _list_chunks(state: SceneState) -> Iterator[memoryview | bytes]:
@@ -285,6 +315,8 @@ def _list_chunks(state: SceneState) -> Iterator[memoryview | bytes]:
 
 
 def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
+    for texture in list_textures(shape.appearance for shape in state.shapes):
+        yield texture.pixels, "|u1"
     for shape in state.shapes:
         if isinstance(shape, Mesh):
             yield shape.vertices, "<f8"
@@ -292,6 +324,7 @@ def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
         else:
             yield shape.centres, "<f8"
             yield shape.radii, "<f8"
+        yield from list_appearance_arrays(shape.appearance)
     yield state.transforms, "<f8"
     yield state.colours, "<f8"
     yield state.geometry_ids, "<i4"

@@ -1,0 +1,140 @@
+"""How a surface reflects, emits and lets through light.
+
+Brent Burley, "Physically Based Shading at Disney", 2012, for the parameters, as glTF 2.0 has them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+from ...errors import MeshError
+from .texture import Texture
+
+_TEXTURES = ("base_colour_texture", "metallic_roughness_texture", "emission_texture")
+_SHARES = ("alpha", "metallic", "roughness", "transmission")
+
+# The strongest light and refraction that float32 arithmetic on a device bears well.
+_MAX_EMISSION, _MAX_IOR = 1e12, 100.0
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface looks: the parameters of glTF's metal-roughness model.
+
+    Textures multiply the numbers beside them, and the colours of a mesh multiply the base colour. All colours here are
+    linear; `clbvh.geometry.appearance.srgb.srgb_to_linear` converts those of a colour picker.
+
+    Parameters
+    ----------
+    name : str
+    base_colour : (3,) float from 0 to 1, linear
+        Of a diffuse surface or a metal; of glass, what it lets through.
+    alpha : float from 0 to 1
+        How much of the surface is there.
+    alpha_cutoff : float, optional
+        The surface is there wherever alpha is at least this, and nowhere else: leaves, fences. None: alpha is the share
+        of light that the surface stops.
+    metallic : float from 0 to 1
+    roughness : float from 0 to 1
+        0 is a mirror. The square of it is the width of GGX's distribution.
+    emission : (3,) float, linear
+        Light that the surface sends out; may be above 1.
+    ior : float, at least 1
+        Index of refraction: 1.5 is glass and plastics, 1.33 water.
+    transmission : float from 0 to 1
+        The share of light that goes through the surface: 1 is glass.
+    base_colour_texture : Texture, optional
+        Multiplies `base_colour`, and its alpha `alpha`.
+    metallic_roughness_texture : Texture, optional
+        Its green multiplies `roughness`, and its blue `metallic`.
+    emission_texture : Texture, optional
+        Multiplies `emission`.
+
+    Raises
+    ------
+    MeshError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> gold = clbvh.Material("gold", base_colour=(1.0, 0.77, 0.34), metallic=1, roughness=0.2)
+    >>> gold == clbvh.Material("gold", base_colour=(1.0, 0.77, 0.34), metallic=1, roughness=0.2)
+    True
+    >>> clbvh.Material(roughness=2)
+    Traceback (most recent call last):
+    clbvh.errors.MeshError: the material's roughness must be a number from 0 to 1, not 2
+    """
+
+    name: str = ""
+    base_colour: tuple[float, float, float] = (0.8, 0.72, 0.6)
+    alpha: float = 1.0
+    alpha_cutoff: float | None = None
+    metallic: float = 0.0
+    roughness: float = 0.5
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ior: float = 1.5
+    transmission: float = 0.0
+    base_colour_texture: Texture | None = None
+    metallic_roughness_texture: Texture | None = None
+    emission_texture: Texture | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise MeshError(f"the material's name must be a text, not {self.name!r}")
+        for name in _SHARES:
+            self._set(name, self._check_number(name, 0.0, 1.0))
+        if self.alpha_cutoff is not None:
+            self._set("alpha_cutoff", self._check_number("alpha_cutoff", 0.0, math.inf))
+        self._set("ior", self._check_number("ior", 1.0, _MAX_IOR))
+        self._set("base_colour", self._check_colour("base_colour", 1.0))
+        self._set("emission", self._check_colour("emission", _MAX_EMISSION))
+        for name in _TEXTURES:
+            if not isinstance(texture := getattr(self, name), Texture | None):
+                raise MeshError(f"the material's {name} must be a clbvh.Texture, not a {type(texture).__name__}")
+
+    @property
+    def textures(self) -> tuple[Texture, ...]:
+        """The textures that the material has."""
+        found = (getattr(self, name) for name in _TEXTURES)
+        return tuple(texture for texture in found if texture is not None)
+
+    @property
+    def is_opaque(self) -> bool:
+        """Whether the surface is there wherever the mesh is, as far as the material says."""
+        texture = self.base_colour_texture
+        return self.alpha == 1.0 and (texture is None or texture.is_opaque)
+
+    def _check_number(self, name: str, least: float, most: float) -> float:
+        value: Any = getattr(self, name)
+        is_number = isinstance(value, Real) and not isinstance(value, bool)
+        if not is_number or not least <= value <= most:
+            limits = f"from {least:g} to {most:g}" if most < math.inf else f"of at least {least:g}"
+            raise MeshError(f"the material's {name} must be a number {limits}, not {value!r}")
+        return float(value)
+
+    def _check_colour(self, name: str, most: float) -> tuple[float, float, float]:
+        value: Any = getattr(self, name)
+        try:
+            numbers = tuple(float(number) for number in value)
+        except (TypeError, ValueError, OverflowError):
+            numbers = ()
+        if len(numbers) != 3 or not all(0 <= number <= most for number in numbers):
+            raise MeshError(f"the material's {name} must be three numbers from 0 to {most:g}, not {value!r}")
+        return numbers[0], numbers[1], numbers[2]
+
+    def _set(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        """Show what differs from a material without arguments."""
+        shown = [
+            f"{each.name}={value!r}"
+            for each in dataclasses.fields(self)
+            if (value := getattr(self, each.name)) != each.default
+        ]
+        return f"Material({', '.join(shown)})"

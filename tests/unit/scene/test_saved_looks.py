@@ -1,0 +1,113 @@
+"""Appearances in saved scenes: they come back, and forged ones are refused."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.errors import SceneError
+
+from .test_serialize import forge, split
+
+TEXTURE = clbvh.Texture(
+    "checker", np.arange(24, dtype=np.uint8).reshape(3, 2, 4), is_srgb=False, wrap=("clamp", "mirror")
+)
+MATERIALS = (
+    clbvh.Material("tiles", base_colour=(0.1, 0.2, 0.3), base_colour_texture=TEXTURE, alpha_cutoff=0.5),
+    clbvh.Material("lamp", emission=(5, 6, 7), emission_texture=TEXTURE, transmission=1, ior=1.33),
+)
+MESH = clbvh.Mesh.from_arrays(
+    [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+    [[0, 1, 2], [2, 1, 0], [1, 2, 0]],
+    appearance=clbvh.Appearance(
+        normals=np.tile(np.float32([0.6, 0, 0.8]), (3, 3, 1)),
+        uvs=np.arange(18).reshape(3, 3, 2),
+        colours=np.arange(36, dtype=np.uint8).reshape(3, 3, 4),
+        materials=MATERIALS,
+        material_ids=[0, 1, 0],
+    ),
+)
+DOTS = clbvh.Spheres(np.eye(3), 0.1, colours=np.arange(12, dtype=np.uint8).reshape(3, 4), materials=MATERIALS[1:])
+
+
+@pytest.fixture
+def path(tmp_path):
+    scene = clbvh.Scene(MESH)
+    scene.place(scene.add(DOTS))
+    scene.place(scene.add(clbvh.make_shape("icosphere", triangles=20)))
+    scene.save(tmp_path / "a.scene")
+    return tmp_path / "a.scene"
+
+
+def same_texture(first, second):
+    np.testing.assert_array_equal(first.pixels, second.pixels)
+    return (first.name, first.is_srgb, first.wrap) == (second.name, second.is_srgb, second.wrap)
+
+
+def test_looks_come_back(path):
+    mesh, dots, ball = (geometry.shape for geometry in clbvh.Scene.load(path).geometries)
+    for name in ("normals", "uvs", "colours", "material_ids"):
+        values = getattr(mesh.appearance, name)
+        np.testing.assert_array_equal(values, getattr(MESH.appearance, name))
+        assert values.dtype == getattr(MESH.appearance, name).dtype
+    np.testing.assert_array_equal(dots.appearance.colours, DOTS.appearance.colours)
+    assert dots.appearance.material_ids is None
+    assert ball.appearance is None
+    tiles, lamp = mesh.appearance.materials
+    assert same_texture(tiles.base_colour_texture, TEXTURE)
+    # Stored once, and shared again.
+    assert tiles.base_colour_texture is lamp.emission_texture
+    assert dots.appearance.materials == (lamp,)
+    assert tiles == dataclasses.replace(MATERIALS[0], base_colour_texture=tiles.base_colour_texture)
+    assert lamp == dataclasses.replace(MATERIALS[1], emission_texture=tiles.base_colour_texture)
+
+
+def test_a_scene_that_comes_back_is_saved_to_the_same_bytes(path, tmp_path):
+    clbvh.Scene.load(path).save(tmp_path / "b.scene")
+    assert (tmp_path / "b.scene").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (["textures"], 5, "wrong 'textures'"),
+        (["textures"], [], "refers to vertex"),
+        (["textures", 0], 5, "texture that is none"),
+        (["textures", 0, "width"], 0, "without pixels"),
+        (["textures", 0, "width"], 2**40, "arrays of"),
+        (["textures", 0, "wrap"], "spiral", "two of repeat"),
+        (["geometries", 0, "appearance"], 5, "appearance that is none"),
+        (["geometries", 0, "appearance", "arrays"], ["smells"], "unknown arrays"),
+        (["geometries", 0, "appearance", "arrays"], [["normals"]], "unknown arrays"),
+        (["geometries", 0, "appearance", "arrays"], [], "."),
+        (["geometries", 1, "appearance", "arrays"], ["normals"], "arrays of corners"),
+        (["geometries", 0, "appearance", "materials"], {}, "no list"),
+        (["geometries", 0, "appearance", "materials"], [], "material"),
+        (["geometries", 0, "appearance", "materials", 0], 5, "material that is none"),
+        (["geometries", 0, "appearance", "materials", 0, "spin"], 5, "material that is none"),
+        (["geometries", 0, "appearance", "materials", 0, "ior"], 10**400, "ior"),
+        (["geometries", 0, "appearance", "materials", 0, "base_colour"], None, "base_colour"),
+        (["geometries", 0, "appearance", "materials", 0, "base_colour_texture"], 1, "texture 1, but there are 1"),
+        (["geometries", 0, "appearance", "materials", 0, "base_colour_texture"], None, "texture None"),
+    ],
+    ids=str,
+)
+def test_a_forged_text_is_refused(path, keys, value, message):
+    text, data = split(path.read_bytes())
+    table = text
+    for key in keys[:-1]:
+        table = table[key]
+    table[keys[-1]] = value
+    path.write_bytes(forge(text, data))
+    with pytest.raises(SceneError, match=message):
+        clbvh.Scene.load(path)
+
+
+def test_forged_normals_are_refused(path):
+    text, data = split(path.read_bytes())
+    at = data.index(MESH.appearance.normals.tobytes())
+    path.write_bytes(forge(json.loads(json.dumps(text)), data[:at] + b"\xff" * 12 + data[at + 12 :]))
+    with pytest.raises(SceneError, match="no direction"):
+        clbvh.Scene.load(path)
