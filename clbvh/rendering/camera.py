@@ -52,7 +52,7 @@ class Camera:
         Diameter of the lens's opening, from which samples of a pixel start: depth of field. 0: all is sharp. For
         perspective and orthographic cameras.
     focus_distance : float or None, the scene's units
-        Depth at which a camera with an aperture is sharp; may be infinite. None: that of `look_at`.
+        Depth at which a camera with an aperture is sharp. None: that of `look_at`.
 
     Raises
     ------
@@ -508,9 +508,8 @@ def check_focus(projection: Projection | None, aperture: float, focus_distance: 
         raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
     if aperture and isinstance(projection, Fisheye | Panorama):
         raise SceneError(f"a {name_of(projection)} camera has no plane of focus: its aperture must be 0")
-    is_number = isinstance(focus_distance, Real) and not isinstance(focus_distance, bool)
-    if focus_distance is not None and not (is_number and focus_distance > 0):
-        raise SceneError(f"the camera's focus_distance must be above 0, not {focus_distance!r}")
+    if focus_distance is not None and not (is_finite_number(focus_distance) and focus_distance > 0):
+        raise SceneError(f"the camera's focus_distance must be a finite number above 0, not {focus_distance!r}")
 
 
 def check_fov(fov: float) -> None:

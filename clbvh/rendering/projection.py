@@ -159,9 +159,10 @@ def parse_projection(text: str) -> Projection | None:
     if kind not in (Orthographic, Fisheye):
         raise SceneError(f"a camera of the kind {name} has no value: give '{name}' alone")
     try:
-        return kind(float(value))
+        number = float(value)
     except ValueError as error:
         raise SceneError(f"the value of a camera must be a number, as in {name}:2, not '{value}'") from error
+    return kind(number)
 
 
 def find_kind(name: object) -> type[Projection] | None:
