@@ -84,6 +84,8 @@ class NextPose:
             return lambda points, locations: locations
         objects = picture.objects
         if isinstance(objects, SceneObjects):
+            if (newest := int(self._ids.max())) >= objects.instance_count:
+                raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
             state = objects.state.with_transforms(self._ids, self._matrices)
             surface = SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)
             return lambda points, locations: surface.locate(points)

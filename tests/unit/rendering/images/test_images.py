@@ -274,6 +274,15 @@ class TestMotion:
         expected = np.stack((0 * images["depth"][seen], -focal * 0.1 / images["depth"][seen]), axis=-1)
         np.testing.assert_allclose(images["motion"][seen], expected, rtol=1e-4, atol=1e-6)
 
+    def test_an_instance_that_came_later_is_refused(self):
+        scene = Scene(width=8, height=6)
+        ball = scene.add(Spheres([[0, 0, 0]], 1.0))
+        scene.place(ball)
+        with clbvh.Renderer(scene) as renderer:
+            late = scene.place(ball, Transform(translate=(3, 0, 0)))
+            with pytest.raises(SceneError, match="instance"):
+                renderer.images("motion", next_transforms={late: np.eye(4)})
+
     def test_behind_the_next_camera_is_nowhere(self, renderer):
         back = Camera(eye=(0, 0, -20), look_at=(0, 0, -30))
         assert np.isnan(renderer.images("motion", camera=CAMERA, next_camera=back)["motion"]).all()
