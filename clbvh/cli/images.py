@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options
+from . import options, picture_options
 
 if TYPE_CHECKING:
     from ..rendering.camera import Camera
@@ -99,12 +99,8 @@ def images(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=options.SCENE_PANEL),
     ] = None,
-    shading: Annotated[
-        str | None,
-        typer.Option(
-            help="Of rgb and colour; see `clbvh render`.", show_default=False, rich_help_panel=options.SCENE_PANEL
-        ),
-    ] = None,
+    shading: picture_options.Shading = None,
+    samples: picture_options.Samples = None,
     cache: options.UseCache = False,
     cache_dir: options.CacheFolder = None,
     device: Annotated[
@@ -144,7 +140,7 @@ def images(
     scene = scene.with_changes(**changes)
 
     begin = time.perf_counter()
-    view: dict[str, Any] = {"width": width, "height": height, "shading": shading}
+    view: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}
     made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, **view)
     made_s = time.perf_counter() - begin
     for path in output:

@@ -278,6 +278,7 @@ class Renderer(ContextManager):
         width: int | None = None,
         height: int | None = None,
         shading: str | None = None,
+        samples: int | None = None,
         next_camera: Camera | None = None,
         next_transforms: Mapping[Any, ArrayLike] | None = None,
         on_phase: Callable[[str], None] = lambda phase: None,
@@ -295,7 +296,7 @@ class Renderer(ContextManager):
         Images(64 x 48: depth)
         """
         return make_images(
-            self, channels, next_camera, next_transforms, shading, camera=camera, width=width, height=height,
+            self, channels, next_camera, next_transforms, shading, samples, camera=camera, width=width, height=height,
             on_phase=on_phase,
         )  # fmt: skip
 

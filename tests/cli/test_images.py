@@ -76,6 +76,15 @@ def test_a_panorama(mesh, tmp_path):
         assert (loaded["range"] < 1.11).all()  # from inside the ball, in all directions
 
 
+def test_more_samples_are_more_shares_of_a_pixel(mesh, tmp_path):
+    wanted = ("--channels", "alpha,depth", "--shading", "studio", "--samples", 3)
+    assert run_clbvh("images", mesh, "-o", tmp_path / "a.npz", *SIZE[:4], *wanted).returncode == 0
+    with np.load(tmp_path / "a.npz") as loaded:
+        shares = np.unique(loaded["alpha"].round(3))
+        assert len(shares) > 2
+        assert np.isfinite(loaded["depth"]).sum() == pytest.approx(loaded["alpha"].sum(), rel=0.1)
+
+
 def test_an_empty_view_is_said(mesh, tmp_path):
     view = ("--eye", "0,0,9", "--look-at", "0,0,20")
     answer = run_clbvh("images", mesh, "-o", tmp_path / "a.npz", "--channels", "depth", *SIZE, *view)

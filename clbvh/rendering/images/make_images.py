@@ -34,6 +34,7 @@ def render_images(
     width: int | None = None,
     height: int | None = None,
     shading: str | None = None,
+    samples: int | None = None,
     next_camera: Camera | None = None,
     next_transforms: Mapping[Any, ArrayLike] | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
@@ -52,7 +53,9 @@ def render_images(
     width, height : int, pixels
         See `Renderer.render`.
     shading : str, optional
-        Of the channels `rgb` and `colour`; by default the scene's.
+        Of the channels `rgb`, `colour` and `alpha`; by default the scene's.
+    samples : int, optional
+        Of each pixel in these channels; by default the scene's. The others are those of the pixel's centre.
     next_camera : Camera, optional
         For the channel `motion`: the camera of the second pose, for a picture of the same size.
     next_transforms : mapping of instances, ids or names to (4, 4) float, optional
@@ -92,8 +95,8 @@ def render_images(
     check_channels(channels)
     with Renderer(source, options, on_phase=on_phase) as renderer:
         return renderer.images(
-            channels, camera=camera, width=width, height=height, shading=shading, next_camera=next_camera,
-            next_transforms=next_transforms, on_phase=on_phase,
+            channels, camera=camera, width=width, height=height, shading=shading, samples=samples,
+            next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase,
         )  # fmt: skip
 
 
@@ -103,6 +106,7 @@ def make_images(
     next_camera: Camera | None,
     next_transforms: Mapping[Any, ArrayLike] | None,
     shading: str | None,
+    samples: int | None,
     **arguments: Any,
 ) -> Images:
     """Return the images of `Renderer.images`; `arguments` are those of `Renderer.render`."""
@@ -111,7 +115,8 @@ def make_images(
     if "motion" in names:
         next_pose.check()
     if any(CHANNELS[name].needs_shading for name in names):
-        picture = renderer.render(shading=shading, keeps_film="colour" in names or "alpha" in names, **arguments)
+        keeps_film = "colour" in names or "alpha" in names
+        picture = renderer.render(shading=shading, samples=samples, keeps_film=keeps_film, **arguments)
     else:
         # One ray for each pixel, and none to the light.
         picture = renderer.render(shading="normal", samples=1, **arguments)
