@@ -113,6 +113,25 @@ def test_a_damaged_file_is_refused(tmp_path, content, words):
         read_radiance(tmp_path / "bad.hdr")
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_any_change_of_bytes_gives_pixels_or_one_error(tmp_path, seed):
+    generator = np.random.default_rng(seed)
+    path = write(tmp_path / "a.hdr", make_rgbe(4, 20))
+    content = path.read_bytes()
+    for _ in range(100):
+        changed = bytearray(content)
+        for at in generator.integers(0, len(content), 3):
+            changed[at : at + generator.integers(0, 3)] = generator.bytes(int(generator.integers(0, 4)))
+        path.write_bytes(changed)
+        try:
+            pixels = read_radiance(path)
+        except SceneError as error:
+            assert "a.hdr" in str(error)
+        else:
+            assert pixels.dtype == np.float32
+            assert pixels.ndim == 3
+
+
 class TestEnvironmentMaps:
     def test_a_radiance_file(self, tmp_path):
         rgbe = make_rgbe(4, 8)

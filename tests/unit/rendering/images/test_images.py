@@ -215,6 +215,14 @@ def test_colours_of_samples_are_their_means(renderer):
     assert renderer.render(camera=CAMERA, shading="studio").film is None
 
 
+def test_the_film_does_not_depend_on_bands(renderer, monkeypatch):
+    whole = renderer.render(camera=CAMERA, shading="studio", samples=3, keeps_film=True).film
+    monkeypatch.setattr(renderer._frames, "_band_pixels", 7 * WIDTH)
+    cut = renderer.render(camera=CAMERA, shading="studio", samples=3, keeps_film=True).film
+    assert cut.shape == (HEIGHT, WIDTH, 4)
+    assert cut.tobytes() == whole.tobytes()
+
+
 class TestMotion:
     def test_without_a_change_nothing_moves(self, images):
         seen = INSTANCE >= 0
