@@ -29,8 +29,8 @@ def images(
         typer.Option(
             "-o",
             "--output",
-            help="One file of all channels, .exr or .npz, or .png: out.png stands for out-depth.png and so on, and "
-            "out.json with their scales and the camera. May be given several times.",
+            help="One file of all channels, .exr or .npz; or .png or .ppm: out.png stands for out-depth.png and so "
+            "on, and out.json with their scales and the camera. May be given several times.",
         ),
     ],
     channels: Annotated[
@@ -115,7 +115,7 @@ def images(
     from ..errors import ConfigError
     from ..rendering.camera_file import read_camera
     from ..rendering.images.channels import check_channels
-    from ..rendering.images.targets import check_images_path
+    from ..rendering.images.targets import FILES_SUFFIXES, check_images_path
     from ..rendering.render_options import RenderOptions
 
     # All input is checked before any work.
@@ -144,7 +144,7 @@ def images(
     made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, **view)
     made_s = time.perf_counter() - begin
     for path in output:
-        made.save(path, depth_scale=depth_scale if path.suffix.lower() == ".png" else None)
+        made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)
     _report(made, output, made_s, time.perf_counter() - begin - made_s, as_json)
 
 

@@ -110,7 +110,7 @@ def test_wrong_words_are_one_line(mesh, tmp_path, words, named):
 
 
 def test_a_wrong_file_is_found_before_the_work(mesh, tmp_path):
-    refuses(run_clbvh("images", "gone.ply", "-o", tmp_path / "a.jpg"), 2, "must end in .exr, .npz, .png")
+    refuses(run_clbvh("images", "gone.ply", "-o", tmp_path / "a.jpg"), 2, "must end in .exr, .npz, .png, .ppm")
     refuses(run_clbvh("images", "gone.ply", "-o", tmp_path / "a.npz"), 2, "gone.ply")
 
 

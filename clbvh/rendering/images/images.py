@@ -14,8 +14,8 @@ from ...errors import ConfigError, SceneError
 from ...support.atomic_file import write_atomically
 from ..camera import Camera
 from .save_exr import list_exr_channels, write_images_exr
-from .save_png import check_png_targets, write_images_png
-from .targets import check_images_path
+from .save_files import check_file_targets, write_image_files
+from .targets import FILES_SUFFIXES, check_images_path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,7 +102,7 @@ class Images(Mapping[str, NDArray[Any]]):
             return None
 
     def save(self, path: str | os.PathLike[str], *, depth_scale: float | None = None) -> None:
-        """Write all channels to one ``.exr`` or ``.npz`` file, or each to a ``.png`` file of its own.
+        """Write all channels to one ``.exr`` or ``.npz`` file, or each to a ``.png`` or ``.ppm`` file of its own.
 
         Parameters
         ----------
@@ -118,9 +118,10 @@ class Images(Mapping[str, NDArray[Any]]):
               `alpha`, and out.json, which has the camera, the names, and for each channel `scale` and `offset`:
               ``value = pixel / scale + offset``; pixel 0 is a miss. A pair has a third channel, 1 on a hit. Ids
               beyond 65534 have 8 bits: the pixel is ``R + 256 G + 65536 B``.
+            - ``.ppm``: the same without compression.
         depth_scale : float, optional
-            Of `depth` and `range` in PNG files: pixel values for a unit of length, 1000 for millimetres where the unit
-            is the metre. By default the largest of 1, 2, 5, 10, 20 and so on (or 0.5, 0.2, ...) that fits.
+            Of `depth` and `range` in PNG and PPM files: pixel values for a unit of length, 1000 for millimetres where
+            the unit is the metre. By default the largest of 1, 2, 5, 10, 20 and so on (or 0.5, 0.2, ...) that fits.
 
         Raises
         ------
@@ -146,8 +147,8 @@ class Images(Mapping[str, NDArray[Any]]):
         """
         target = check_images_path(path)
         suffix = target.suffix.lower()
-        if depth_scale is not None and suffix != ".png":
-            raise ConfigError(f"depth_scale is for PNG files: {suffix} files hold the distances themselves")
+        if depth_scale is not None and suffix not in FILES_SUFFIXES:
+            raise ConfigError(f"depth_scale is for PNG and PPM files: {suffix} files hold the distances themselves")
         if suffix == ".npz":
             arrays: dict[str, Any] = {**self._arrays, **self._describe()}
             write_atomically(target, lambda file: np.savez(file, **arrays))
@@ -155,8 +156,8 @@ class Images(Mapping[str, NDArray[Any]]):
             list_exr_channels(self._arrays)
             write_images_exr(target, self._arrays, self._describe())
         else:
-            check_png_targets(target, self._arrays)
-            write_images_png(target, self._arrays, self._describe(), depth_scale)
+            check_file_targets(target, self._arrays)
+            write_image_files(target, self._arrays, self._describe(), depth_scale)
 
     def _describe(self) -> dict[str, NDArray[Any]]:
         """Return the camera and the names as arrays."""

@@ -10,9 +10,12 @@ from ...errors import ConfigError
 from ...support.atomic_file import check_target
 from ..formats.exr import import_openexr
 from .save_exr import list_exr_channels
-from .save_png import check_png_targets
+from .save_files import check_file_targets
 
-IMAGES_SUFFIXES = (".exr", ".npz", ".png")
+IMAGES_SUFFIXES = (".exr", ".npz", ".png", ".ppm")
+
+# One file for each channel.
+FILES_SUFFIXES = (".png", ".ppm")
 
 
 def check_images_path(path: str | os.PathLike[str], channels: Iterable[str] = ()) -> Path:
@@ -25,8 +28,8 @@ def check_images_path(path: str | os.PathLike[str], channels: Iterable[str] = ()
     if suffix not in IMAGES_SUFFIXES:
         raise ConfigError(f"{target}: the name of images must end in {', '.join(IMAGES_SUFFIXES)}")
     names = tuple(channels)
-    if suffix == ".png":
-        check_png_targets(target, names)
+    if suffix in FILES_SUFFIXES:
+        check_file_targets(target, names)
         return target
     check_target(target)
     if suffix == ".exr":

@@ -15,7 +15,7 @@ from clbvh.rendering.camera_file import read_camera
 from clbvh.rendering.formats.exr import read_exr
 from clbvh.rendering.images.channels import CHANNELS
 from clbvh.rendering.images.images import Images
-from clbvh.rendering.images.save_png import encode_channel
+from clbvh.rendering.images.save_files import encode_channel
 from clbvh.rendering.images.targets import check_images_path
 
 from ..formats.test_png import decode
@@ -126,6 +126,20 @@ def test_png_files_follow_the_scales_beside_them(images, tmp_path):
         assert json.loads(image.text["clbvh"]) == {"channel": "depth", **facts["channels"]["depth"]}
 
 
+def test_ppm_files_have_the_pixels_of_png_files(images, tmp_path):
+    images.save(tmp_path / "one.png", depth_scale=1000)
+    images.save(tmp_path / "two.PPM", depth_scale=1000)
+    assert (tmp_path / "two.json").read_text() == (tmp_path / "one.json").read_text().replace(".png", ".ppm").replace(
+        "one-", "two-"
+    )
+    for name in ARRAYS:
+        pixels = decode((tmp_path / f"one-{name}.png").read_bytes())
+        kind = b"P5" if pixels.shape[2] == 1 else b"P6"
+        data = (tmp_path / f"two-{name}.ppm").read_bytes()
+        assert data.startswith(kind + f"\n{WIDTH} {HEIGHT}\n".encode())
+        assert data.endswith(b"\n" + pixels.tobytes())
+
+
 def test_colours_of_png_files_are_srgb(images, tmp_path):
     images.save(tmp_path / "out.png")
     assert (decode((tmp_path / "out-rgb.png").read_bytes()) == ARRAYS["rgb"]).all()
@@ -163,7 +177,7 @@ def test_a_given_depth_scale_is_taken_or_refused(images, tmp_path):
         with pytest.raises(ConfigError, match="depth_scale must be"):
             images.save(tmp_path / "other.png", depth_scale=wrong)
     assert not list(tmp_path.glob("other*"))
-    with pytest.raises(ConfigError, match="depth_scale is for PNG files"):
+    with pytest.raises(ConfigError, match="depth_scale is for PNG and PPM files"):
         images.save(tmp_path / "a.npz", depth_scale=1000)
 
 
@@ -221,9 +235,9 @@ def test_only_rgb_is_no_exr(tmp_path):
 
 
 class TestTargets:
-    @pytest.mark.parametrize("name", ["a.ppm", "a", "a.jpg"])
+    @pytest.mark.parametrize("name", ["a.pgm", "a", "a.jpg"])
     def test_other_suffixes_are_refused(self, tmp_path, name):
-        with pytest.raises(ConfigError, match=r"must end in \.exr, \.npz, \.png"):
+        with pytest.raises(ConfigError, match=r"must end in \.exr, \.npz, \.png, \.ppm"):
             check_images_path(tmp_path / name)
 
     def test_every_png_file_is_checked_first(self, images, tmp_path):

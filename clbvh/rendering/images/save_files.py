@@ -1,4 +1,4 @@
-"""Images as PNG files, one for each channel: numbers of 16 bits, with the scale beside them."""
+"""Images as PNG or PPM files, one for each channel: numbers of 16 bits, with the scale beside them."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ...errors import ConfigError
 from ...geometry.appearance.srgb import linear_to_srgb
 from ...support.atomic_file import check_target, write_atomically
 from ..formats.png import encode_png
+from ..formats.ppm import encode_ppm
 from .channels import CHANNELS
 
 _MOST_BYTE, _MOST, _MOST_COLOUR = 255, 2**16 - 1, 2**24 - 1
@@ -39,24 +40,24 @@ class Coded(NamedTuple):
     bytes_of_id: bool = False
 
 
-def check_png_targets(path: Path, channels: Iterable[str]) -> None:
+def check_file_targets(path: Path, channels: Iterable[str]) -> None:
     """Raise `ConfigError` unless all files of these channels can be written."""
     for target in (path.with_suffix(".json"), *(_file_of(path, channel) for channel in channels)):
         check_target(target)
 
 
-def write_images_png(
+def write_image_files(
     path: Path,
     arrays: Mapping[str, NDArray[Any]],
     facts: Mapping[str, NDArray[Any]],
     depth_scale: float | None,
 ) -> None:
-    """Write a PNG file for each channel, and a JSON file with their scales.
+    """Write a PNG or PPM file for each channel, and a JSON file with their scales.
 
     Parameters
     ----------
     path : Path
-        ``out.png`` stands for ``out-CHANNEL.png`` and ``out.json``.
+        ``out.png`` stands for ``out-CHANNEL.png`` and ``out.json``, ``out.ppm`` likewise.
     arrays : mapping of channels to arrays
     facts : mapping of str to array
         Camera and names, for the JSON file.
@@ -83,7 +84,10 @@ def write_images_png(
             notes[channel] |= {"scale": coded.scale, "offset": coded.offset}
         if coded.bytes_of_id:
             notes[channel]["pixel"] = "R + 256 G + 65536 B"
-        files[target] = encode_png(coded.pixels, {_NOTE: json.dumps({"channel": channel, **notes[channel]})})
+        if target.suffix == ".ppm":
+            files[target] = encode_ppm(coded.pixels)
+        else:
+            files[target] = encode_png(coded.pixels, {_NOTE: json.dumps({"channel": channel, **notes[channel]})})
     described = {name: values.tolist() for name, values in facts.items()}
     files[path.with_suffix(".json")] = _show_facts({**described, "channels": notes}).encode()
     for target, content in files.items():
@@ -119,7 +123,7 @@ def _encode_ids(channel: str, ids: NDArray[np.int32]) -> Coded:
         return Coded((ids + 1).astype(np.uint16), 1.0, -1.0)
     if most >= _MOST_COLOUR:
         raise ConfigError(
-            f"a PNG file has {channel} up to {_MOST_COLOUR - 1:,}, and here it goes to {most:,}: write .exr or .npz"
+            f"a picture file has {channel} up to {_MOST_COLOUR - 1:,}, and here it goes to {most:,}: write .exr or .npz"
         )
     counted = np.ascontiguousarray(ids + 1).astype("<u4")
     return Coded(counted.view(np.uint8).reshape(*ids.shape, 4)[..., :3], 1.0, -1.0, bytes_of_id=True)
@@ -168,4 +172,4 @@ def _show_facts(facts: Mapping[str, Any]) -> str:
 
 
 def _file_of(path: Path, channel: str) -> Path:
-    return path.with_name(f"{path.stem}-{channel}.png")
+    return path.with_name(f"{path.stem}-{channel}{path.suffix.lower()}")
