@@ -42,12 +42,13 @@ class Camera:
     up : (3,) float
         The direction that is up in the picture; any length, not parallel to the line of sight.
     fov : float
-        Vertical field of view in degrees, above 0 and below 180. For a camera with a lens it follows from the lens.
+        Vertical field of view in degrees, above 0 and below 180. For a camera with a lens it follows from the lens;
+        other projections than perspective do not use it.
     lens : Lens or None
         Intrinsics in pixels, for a picture of one size. None: square pixels, the optical axis in the middle of the
         picture, and any size.
     projection : Orthographic, Fisheye, Panorama or None
-        None: perspective. The others have neither a field of view nor a lens.
+        None: perspective. The others have no lens.
     aperture : float, the scene's units
         Diameter of the lens's opening, from which samples of a pixel start: depth of field. 0: all is sharp. For
         perspective and orthographic cameras.
@@ -114,11 +115,8 @@ class Camera:
         check_projection(self.projection)
         if self.projection is None:
             return
-        kind = name_of(self.projection)
         if self.lens is not None:
-            raise SceneError(f"a lens is that of a perspective camera: the {kind} one has none")
-        if self.fov != DEFAULT_FOV:
-            raise SceneError(f"a fov is that of a perspective camera: the {kind} one has none")
+            raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
         if self.projection == Orthographic():
             raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
 

@@ -26,7 +26,7 @@ MESH = clbvh.make_shape("knot", triangles=500)
 
 
 def two_objects():
-    scene = clbvh.Scene(width=WIDTH, height=HEIGHT)
+    scene = clbvh.Scene(width=WIDTH, height=HEIGHT, shading="lambert+shadow")
     knot = scene.add(MESH)
     scene.place(knot)
     scene.place(knot, clbvh.Transform(scale=0.4, translate=(0.5, 0.8, 0.3)))
@@ -40,7 +40,11 @@ LAYOUTS = ("bvh2", "bvh8")
 @pytest.fixture(scope="module", params=["mesh", "scene"])
 def pictures(request):
     """The pictures of one mesh or of three objects, by layout and camera."""
-    subject = clbvh.Scene(MESH, width=WIDTH, height=HEIGHT) if request.param == "mesh" else two_objects()
+    subject = (
+        clbvh.Scene(MESH, width=WIDTH, height=HEIGHT, shading="lambert+shadow")
+        if request.param == "mesh"
+        else two_objects()
+    )
     found = {}
     for layout in LAYOUTS:
         with clbvh.Renderer(subject, RenderOptions(layout=layout, validate=True)) as renderer:
@@ -90,7 +94,9 @@ def test_a_depth_picture_of_all_directions_shows_distances(pictures, name):
 
 
 def test_a_renderer_frames_for_each_projection():
-    with clbvh.Renderer(clbvh.Scene(MESH, width=WIDTH, height=HEIGHT, projection=Orthographic())) as renderer:
+    with clbvh.Renderer(
+        clbvh.Scene(MESH, width=WIDTH, height=HEIGHT, shading="normal", projection=Orthographic())
+    ) as renderer:
         assert renderer.camera.projection.height > 0
         found = [renderer.render(camera=camera).found["prim_id"] >= 0 for camera in renderer.turntable(3)]
     assert all(0.05 < is_hit.mean() < 0.9 for is_hit in found)

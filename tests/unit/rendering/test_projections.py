@@ -178,7 +178,6 @@ def test_an_angle_that_is_none_is_refused(angle):
         ({"projection": "panorama"}, "must be a clbvh.Orthographic"),
         ({"projection": Fisheye}, "must be a clbvh.Orthographic"),
         ({"projection": Orthographic()}, "needs a height"),
-        ({"projection": Panorama(), "fov": 50}, "fov"),
         ({"projection": Panorama(), "lens": Lens.from_fov(40, 64, 48)}, "the panorama one has none"),
         ({"projection": Fisheye(), "aperture": 0.1}, "no plane of focus"),
         ({"projection": Panorama(), "aperture": 0.1}, "no plane of focus"),
