@@ -22,6 +22,7 @@ from ..face_limit import check_face_count
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
 from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
 from .polygons import cut_fans
+from .problems import Problems
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_COUNT = 7  # the modes below are points and lines
@@ -53,7 +54,7 @@ class _Primitive(NamedTuple):
     faces: NDArray[np.integer]
 
 
-def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+def read_gltf(data: bytes, file: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3) and faces (F, 3) of all parts of the scene, in the order of the file.
 
     The vertices of an accessor are listed once for each node that draws it.
@@ -78,10 +79,10 @@ def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.
                 vertex_count += len(vertices[-1])
             # A mirrored triangle is seen from its other side, unless its corners are turned round.
             faces.append((triangles[:, ::-1] if mirrors else triangles) + first_vertices[positions])
-    return np.concatenate(vertices), np.concatenate(faces)
+    return FileMesh("", np.concatenate(vertices), np.concatenate(faces))
 
 
-def read_gltf_parts(data: bytes, file: Path) -> FileParts:
+def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
     """Return the meshes of the scene, each once, and the nodes that place them, in the order of the nodes.
 
     The primitives of a mesh follow each other. Vertices that no face refers to are left out, because meshes may share

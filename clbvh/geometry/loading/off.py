@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from .parts import FileMesh
 from .polygons import cut_fans
+from .problems import Problems
 from .text_lines import join_polygons, read_coordinates, read_table
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
@@ -20,7 +22,7 @@ OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:ST)?C?N?OFF\b")
 _BINARY = re.compile(rb"[ \t]+BINARY\b")
 
 
-def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+def read_off(data: bytes, _: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3) and faces (F, 3) of a text OFF file."""
     keyword = OFF_KEYWORD.match(data)
     if keyword is None:
@@ -42,7 +44,7 @@ def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
         )
     vertices = read_coordinates(lines[:vertex_count])
     corners, sizes = _read_faces(lines[vertex_count:])
-    return vertices, cut_fans(corners, sizes)
+    return FileMesh("", vertices, cut_fans(corners, sizes))
 
 
 def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

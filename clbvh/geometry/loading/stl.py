@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from .merge_points import merge_points
+from .parts import FileMesh
+from .problems import Problems
 
 _COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -23,14 +25,14 @@ _FACET = (b"facet", b"normal", None, None, None, b"outer", b"loop", *3 * _VERTEX
 _COORDINATES = [at for at, word in enumerate(_FACET) if word is None][3:]
 
 
-def read_stl(data: bytes, _: Path) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3), float32 of a binary file and float64 of a text, and the faces (F, 3)."""
     if is_binary_stl(data):
         corners = np.frombuffer(data, _TRIANGLE, offset=_COUNT.stop)["corners"].reshape(-1, 3)
     else:
         corners = _read_text(data)
     vertices, ids = merge_points(corners)
-    return vertices, ids.reshape(-1, 3)
+    return FileMesh("", vertices, ids.reshape(-1, 3))
 
 
 def is_binary_stl(data: bytes) -> bool:
