@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ..appearance.srgb import linear_to_srgb, to_bytes
+from ..appearance.srgb import linear_to_srgb_bytes, to_bytes
 from .corner_values import spread_colours, spread_normals, spread_uvs
 from .gltf_data import GltfData, get_object
 from .gltf_materials import GltfMaterials
@@ -66,7 +66,7 @@ class GltfLooks:
         """Return the colours of corners in sRGB; in the file they are linear."""
         linear = self._read(accessor, (3, 4), points)
         colours = np.full((len(linear), 4), _OPAQUE, np.uint8)
-        colours[:, :3] = to_bytes(linear_to_srgb(linear[:, :3]))
+        colours[:, :3] = linear_to_srgb_bytes(linear[:, :3])
         if linear.shape[1] == 4 and not is_opaque:
             colours[:, 3] = to_bytes(linear[:, 3])
         return spread_colours(colours, faces)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
 from ..appearance.material import Material
-from ..appearance.srgb import linear_to_srgb, to_bytes
+from ..appearance.srgb import linear_to_srgb_bytes
 from ..appearance.texture import OPAQUE
 from .corner_values import spread_colours
 from .finished_looks import finish_looks
@@ -70,7 +70,7 @@ def _read_colours(header: bytes, attributes: NDArray[np.uint16]) -> Appearance |
         default, channels = np.frombuffer(found[1], np.uint8), (0, 5, 10)
         has_own = ~is_marked if attributes.any() else np.zeros(len(attributes), np.bool_)
     else:
-        default = np.append(to_bytes(linear_to_srgb(Material.base_colour)), np.uint8(OPAQUE))
+        default = np.append(linear_to_srgb_bytes(Material.base_colour), np.uint8(OPAQUE))
         has_own, channels = is_marked, (10, 5, 0)
         if not has_own.any():
             return None
