@@ -102,7 +102,8 @@ class GltfData:
         if numbers.shape[1] not in widths:
             raise MeshError(f"accessors[{index}] has vectors of {numbers.shape[1]} numbers")
         if not self.item("accessors", index).get("normalized") or numbers.dtype.kind == "f":
-            return numbers.astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a signalling NaN
+                return numbers.astype(np.float64)
         # The smallest signed number would be a little less than -1.
         return np.maximum(numbers / np.iinfo(numbers.dtype).max, -1)
 
