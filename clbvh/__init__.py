@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .rendering.light import Light
     from .rendering.mesh_source import MeshSource
     from .rendering.picture import Picture
+    from .rendering.projection import Fisheye, Orthographic, Panorama
     from .rendering.render import render
     from .rendering.render_options import RenderOptions
     from .rendering.renderer import Renderer
@@ -93,6 +94,9 @@ _HOME_OF = {
     "Tracer": "trace",
     "Camera": "rendering.camera",
     "Lens": "rendering.lens",
+    "Orthographic": "rendering.projection",
+    "Fisheye": "rendering.projection",
+    "Panorama": "rendering.projection",
     "Light": "rendering.light",
     "MeshSource": "rendering.mesh_source",
     "Picture": "rendering.picture",
@@ -156,6 +160,9 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Tracer",
     "Camera",
     "Lens",
+    "Orthographic",
+    "Fisheye",
+    "Panorama",
     "Light",
     "MeshSource",
     "Picture",

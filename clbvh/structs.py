@@ -247,9 +247,10 @@ SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
 VIEW = np.dtype(
     [
-        # A pixel's ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
+        # A perspective ray starts at `eye`, in local coordinates, along forward + x * right + y * up with x and y
         # from -1 to 1. `forward` points to the middle of the picture's plane at distance 1 from the eye; `right` and
-        # `up` are half its size. They are at right angles unless the lens is off centre or has skew.
+        # `up` are half its size. They are at right angles unless the lens is off centre or has skew. The other
+        # projections have them, too, see cl/rays/camera.cl.
         ("eye", np.float32, 3),
         ("forward", np.float32, 3),
         ("right", np.float32, 3),
@@ -271,9 +272,91 @@ VIEW = np.dtype(
         ("width", np.int32),
         ("height", np.int32),
         ("shading", np.int32),
+        # The ground of a picture: a plane through a point, with a unit normal, seen up to a distance from the point.
+        # A radius of 0: there is none.
+        ("ground_point", np.float32, 3),
+        ("ground_normal", np.float32, 3),
+        ("ground_radius", np.float32),
+        # Tangent of half the angle under which the directed light is seen: soft shadows.
+        ("light_spread", np.float32),
+        # Occlusion is searched for up to here, in local units.
+        ("occlusion_reach", np.float32),
+        # Light is multiplied by it before it becomes a colour.
+        ("exposure", np.float32),
+        # One of TONE_CURVES.
+        ("tone_curve", np.int32),
+        ("is_transparent", np.int32),
+        # Of the sample points.
+        ("seed", np.uint32),
+        ("most_bounces", np.int32),
         # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
         ("eye_low", np.float32, 3),
         ("forward_low", np.float32, 3),
+        # One of PROJECTIONS.
+        ("projection", np.int32),
+        # The lens of depth of field, if there is one: its halves to the right and upwards, in local units, and 1 / its
+        # distance to the plane of focus.
+        ("has_lens", np.int32),
+        ("lens_right", np.float32, 3),
+        ("lens_up", np.float32, 3),
+        ("inverse_focus", np.float32),
+        # The picture in the plane of its projection, see clbvh/rendering/window.py.
+        ("centre", np.float32, 2),
+        ("half_size", np.float32, 2),
+        ("shear", np.float32),
+        # Of a fisheye, from the middle to the circle: turns.
+        ("half_angle", np.float32),
+        # k1, k2, p1, p2 and k3 of OpenCV.
+        ("distortion", np.float32, 5),
+    ]
+)
+
+# How the primitives of an instance look: where their rows begin in the tables of all geometries, or -1. The tables have
+# one value for each corner of each triangle; a sphere has one material.
+LOOK = np.dtype(
+    [
+        # Linear; instead of the base colour of the material where `has_colour` is 1.
+        ("colour", np.float32, 3),
+        ("has_colour", np.int32),
+        ("first_normal", np.int32),
+        ("first_colour", np.int32),
+        ("first_uv", np.int32),
+        ("first_material_id", np.int32),
+        # Of all primitives, where `first_material_id` is -1.
+        ("material_id", np.int32),
+    ]
+)
+
+# A material, with the meanings of glTF 2.0. Textures are indices, or -1.
+MATERIAL = np.dtype(
+    [
+        # Linear.
+        ("base_colour", np.float32, 3),
+        ("alpha", np.float32),
+        ("emission", np.float32, 3),
+        # An alpha below it is no surface, any other is opaque; -1: the alpha is a share of covered area.
+        ("alpha_cutoff", np.float32),
+        ("metallic", np.float32),
+        ("roughness", np.float32),
+        ("ior", np.float32),
+        # The share of light that goes through: 1 is glass.
+        ("transmission", np.float32),
+        ("base_colour_texture", np.int32),
+        ("metallic_roughness_texture", np.int32),
+        ("emission_texture", np.int32),
+        ("spare", np.int32),
+    ]
+)
+
+# A texture: rows of texels from the top, 8-bit red, green, blue and alpha in one uint.
+TEXTURE = np.dtype(
+    [
+        ("first_texel", np.int32),
+        ("width", np.int32),
+        ("height", np.int32),
+        # One of TEXTURE_WRAPS, along u and along v.
+        ("wrap", np.int32, 2),
+        ("is_srgb", np.int32),
     ]
 )
 
@@ -298,12 +381,27 @@ DEVICE_STRUCTS = {
     "scene_hit_t": SCENE_HIT,
     "scene_prim_t": SCENE_PRIM,
     "view_t": VIEW,
+    "look_t": LOOK,
+    "material_t": MATERIAL,
+    "texture_t": TEXTURE,
 }
 
 NO_PRIM = -1
 
 # Values of `view.shading`.
-SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3}
+SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3, "studio": 4, "ao": 5, "path": 6}
+
+# The shadings of the report, with one ray through the centre of each pixel. The others take samples.
+REPORT_SHADINGS = ("lambert", "lambert+shadow", "normal", "depth")
+
+# How linear light becomes a colour from 0 to 1, before the encoding as sRGB.
+TONE_CURVES = {"linear": 0, "filmic": 1}
+
+# What a texture shows beyond its edges.
+TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
+
+# How the points of a picture become rays; `distorted` is perspective with the distortion of a lens.
+PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
 
 # Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
 LAYOUTS = {"bvh2": 0, "brute": 1, "bvh4": 2, "bvh8": 3}
@@ -321,6 +419,9 @@ DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
+    **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},
+    **{"WRAP_" + name.upper(): number for name, number in TEXTURE_WRAPS.items()},
+    **{"PROJECTION_" + name.upper(): number for name, number in PROJECTIONS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }
 

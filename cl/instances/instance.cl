@@ -4,6 +4,7 @@
 // low: it is moved to the instance in pairs, and only what is left, of the instance's own size, is rounded to float32.
 // The direction keeps the length that the linear part gives it, so that t is the same on both sides.
 
+#include "math/pairs.cl"
 #include "math/vectors.cl"
 #include "rays/ray.cl"
 
@@ -27,24 +28,6 @@ INLINED scene_ray_pair_t unpack_scene_ray(const global scene_ray_t *packed)
         make_ray(load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max),
         load3(packed->origin_low), load3(packed->direction_low), packed->mask};
     return pair;
-}
-
-// a + b, and in *low what its rounding has left off (Knuth, "The art of computer programming", volume 2, 1969).
-INLINED float3 add_exactly(const float3 a, const float3 b, float3 *low)
-{
-    const float3 sum = a + b;
-    const float3 of_b = sum - a;
-    *low = (a - (sum - of_b)) + (b - of_b);
-    return sum;
-}
-
-// factor * v, and in *low what its rounding has left off.
-INLINED float3 multiply_exactly(const float factor, const float3 v, float3 *low)
-{
-    const float3 product = factor * v;
-    *low = (float3)(
-        FUSED(factor, v.x, -product.x), FUSED(factor, v.y, -product.y), FUSED(factor, v.z, -product.z));
-    return product;
 }
 
 INLINED float3 transform_vector(const global float rows[3][3], const float3 v)

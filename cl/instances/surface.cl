@@ -16,7 +16,10 @@
 typedef struct {
     float3 above;      // a point just above the surface, from which a ray cannot meet the primitive that it leaves
     float3 above_low;  // what float32 has rounded off that
+    float3 below;      // the same just below the surface
+    float3 below_low;
     float3 normal;     // unit vector on the side of the ray's origin
+    bool is_back;      // see surface_t
 } placed_surface_t;
 
 // A bound on the magnitude of a transformed vector, of which a bound is known.
@@ -40,6 +43,9 @@ INLINED placed_surface_t place_surface(const global instance_t *instance, const 
     float3 low;
     placed.above = add_exactly(centre, transform_vector(instance->to_scene, point_above(&padded)), &low);
     placed.above_low = low + load3(instance->centre_low);
+    placed.below = add_exactly(centre, transform_vector(instance->to_scene, point_below(&padded)), &low);
+    placed.below_low = low + load3(instance->centre_low);
+    placed.is_back = surface->is_back;
     // Normals are transformed by the transpose of the inverse.
     const float3 normal = surface->normal;
     placed.normal = unit_vector(

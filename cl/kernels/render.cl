@@ -1,63 +1,20 @@
-// A band of rows of a picture: `view_entry_points` finds the entry point of each tile, `render` the closest hit and the
-// colour of each pixel.
+// A band of rows of a picture: the closest hit and the colour of each pixel.
 //
 // nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
 // blocks[block_count]                        block_t: triangles in leaf order, local coordinates
+// entry_points[tile_rows * tile_columns]     node_t, see cl/kernels/view_entry_points.cl. NULL: rays begin
+//                                            at the root
 // view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
-// tile_width, tile_height                    work-group of `render`, pixels
-// entry_points[tile_rows * tile_columns]     node_t, see cl/traversal/entry_point.cl: written by `view_entry_points`.
-//                                            NULL for `render`: all rays begin at the root
 // colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
 // hits[row_count * width]                    written: t in local units
 //
-// Work-items: (tile_columns, tile_rows) for `view_entry_points`; (width, row_count) for `render`, rounded up to tiles.
+// Work-items: (width, row_count), rounded up to tiles.
 
 #include "rays/camera.cl"
 #include "traversal/entry_point.cl"
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
-
-#if HAS_ENTRY_POINTS
-
-// The directions through the pixels in a tile's corners bound those of all its pixels; they need no normalization,
-// because t has no limit. Relative to |forward| + |right| + |up|, a component is rounded by 14 at most: twice 5 by the
-// division in x or y, which is up to 2, and 4 by the difference there, a product and two sums. The corners' are, too;
-// the normalization, with a division, adds 5 and the slack itself 3.
-#define DIRECTION_SLACK ERROR_BOUND(14 + 14 + 5 + 3)
-
-kernel void view_entry_points(
-    const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, global node_t *restrict entry_points)
-{
-    const int tile_columns = (view->width + tile_width - 1) / tile_width;
-    const int left = tile_width * get_global_id(0);
-    const int top = tile_height * get_global_id(1);
-    if (left >= view->width || top >= row_count) {
-        return;
-    }
-    const int right = min(left + tile_width, view->width) - 1;
-    const int bottom = min(top + tile_height, row_count) - 1;
-
-    float3 lower_direction = (float3)(INFINITY);
-    float3 upper_direction = (float3)(-INFINITY);
-    for (int corner = 0; corner < 4; corner++) {
-        const int column = corner & 1 ? left : right;
-        const int row = corner & 2 ? top : bottom;
-        const float3 direction = pixel_direction(view, column, first_row + row);
-        lower_direction = direction < lower_direction ? direction : lower_direction;
-        upper_direction = direction > upper_direction ? direction : upper_direction;
-    }
-    const float3 size = magnitude(load3(view->forward)) + magnitude(load3(view->right)) + magnitude(load3(view->up));
-    const float3 slack = size * DIRECTION_SLACK;
-    const float3 eye = load3(view->eye);
-    const ray_bounds_t bounds = {
-        (float8)(eye, 0.0f, lower_direction - slack, INFINITY),
-        (float8)(eye, 0.0f, upper_direction + slack, INFINITY)};
-    find_entry_point(nodes, &bounds, entry_points + get_global_id(1) * tile_columns + get_global_id(0));
-}
-
-#endif
 
 kernel void render(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,

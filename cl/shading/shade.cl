@@ -26,14 +26,20 @@ INLINED float3 encode_srgb(const float3 linear)
     return linear <= 0.0031308f ? 12.92f * linear : curved;
 }
 
-// A vertical gradient; black in the shadings whose colours are measurements.
+// The background's linear light: a vertical gradient.
+INLINED float3 find_background(const global view_t *view, const int row)
+{
+    const float down = (row + 0.5f) / view->height;
+    return blend(load3(view->background_top), load3(view->background_bottom), down);
+}
+
+// The background's colour; black in the shadings whose colours are measurements.
 INLINED float3 shade_background(const global view_t *view, const int row)
 {
     if (view->shading == SHADE_NORMAL || view->shading == SHADE_DEPTH) {
         return (float3)(0.0f);
     }
-    const float down = (row + 0.5f) / view->height;
-    return encode_srgb(blend(load3(view->background_top), load3(view->background_bottom), down));
+    return encode_srgb(find_background(view, row));
 }
 
 // A diffuse surface under a directed light and ambient light from the sky and the ground.

@@ -7,6 +7,7 @@ typedef struct {
     float3 position;
     float3 normal;  // unit vector on the side of the ray's origin
     float3 error;   // bound on the rounding error of each coordinate of the position
+    bool is_back;   // whether the ray comes from the side from which the corners are clockwise
 } surface_t;
 
 INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossing, const float3 direction)
@@ -24,7 +25,8 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
     const float3 ab = corners->b - corners->a;
     const float3 ac = corners->c - corners->a;
     const float3 normal = unit_vector(cross_product(unit_vector(ab), unit_vector(ac)));
-    surface.normal = dot_product(normal, direction) > 0.0f ? -normal : normal;
+    surface.is_back = dot_product(normal, direction) > 0.0f;
+    surface.normal = surface.is_back ? -normal : normal;
     return surface;
 }
 
@@ -34,4 +36,11 @@ INLINED float3 point_above(const surface_t *surface)
 {
     const float distance = dot_product(magnitude(surface->normal), surface->error);
     return surface->position + 2.0f * distance * surface->normal;
+}
+
+// A point just below the surface, for a ray that goes through it.
+INLINED float3 point_below(const surface_t *surface)
+{
+    const float distance = dot_product(magnitude(surface->normal), surface->error);
+    return surface->position - 2.0f * distance * surface->normal;
 }

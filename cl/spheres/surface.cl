@@ -23,5 +23,6 @@ INLINED surface_t sphere_surface_at(const ball_t *ball, const bool is_leaving, c
     surface.position = ball->centre + arm;
     surface.error = SPHERE_SURFACE_ERROR * (magnitude(ball->centre) + magnitude(arm));
     surface.normal = is_leaving ? -outward : outward;
+    surface.is_back = is_leaving;
     return surface;
 }

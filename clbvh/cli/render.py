@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options
+from . import options, picture_options
+from .render_progress import render_with_status
 from .render_report import print_render_report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..rendering.picture import Picture
-    from ..rendering.render import RenderOptions
     from ..rendering.scene import Scene
 
-_SCENE = "Scene"
+_SCENE = picture_options.SCENE_PANEL
 _DEVICE = "Device"
 
 
@@ -40,12 +40,7 @@ def render(
     ] = None,
     width: Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=_SCENE)] = None,
     height: Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=_SCENE)] = None,
-    shading: Annotated[
-        str | None,
-        typer.Option(
-            help="lambert, lambert+shadow, normal or depth.", show_default="lambert+shadow", rich_help_panel=_SCENE
-        ),
-    ] = None,
+    shading: picture_options.Shading = None,
     eye: Annotated[
         str | None,
         typer.Option(
@@ -74,6 +69,16 @@ def render(
     background: Annotated[
         str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=_SCENE)
     ] = None,
+    samples: picture_options.Samples = None,
+    time_limit: picture_options.TimeLimit = None,
+    keep: picture_options.Keep = False,
+    seed: picture_options.Seed = None,
+    smooth: picture_options.Smooth = None,
+    ground: picture_options.Ground = None,
+    transparent: picture_options.Transparent = None,
+    exposure: picture_options.Exposure = None,
+    tone_curve: picture_options.ToneCurve = None,
+    max_bounces: picture_options.MaxBounces = None,
     builder: options.Builder = options.DEFAULT_BUILDER,
     workers: options.Workers = None,
     bins: options.Bins = None,
@@ -123,6 +128,14 @@ def render(
         "width": width,
         "height": height,
         "shading": shading,
+        "samples": samples,
+        "seed": seed,
+        "smooth": smooth,
+        "ground": ground,
+        "transparent": transparent,
+        "exposure": exposure,
+        "tone_curve": tone_curve,
+        "max_bounces": max_bounces,
         "eye": _parse_vector("--eye", eye),
         "look_at": _parse_vector("--look-at", look_at),
         "up": _parse_vector("--up", up),
@@ -148,7 +161,7 @@ def render(
     if heatmap is not None and not scene.is_one_mesh:
         raise ConfigError("a heat map shows the steps through the tree of one mesh, and the scene has several objects")
 
-    picture = _render_with_status(scene, wanted)
+    picture = render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)
     report = picture.report()
     for phase, ms in load_timings_ms.items():
         report["timings_ms"][phase] += ms
@@ -191,17 +204,6 @@ def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] |
     return x, y, z
 
 
-def _render_with_status(scene: Scene, options: RenderOptions) -> Picture:
-    """Render, and show the current phase if stderr is a terminal."""
-    from rich.console import Console
-
-    from ..rendering.render import render as render_scene
-
-    console = Console(stderr=True)
-    with console.status("") as status:
-        return render_scene(scene, options, on_phase=lambda phase: status.update(f"{phase} ..."))
-
-
 def _check_heat_map(quantity: str, builder: str) -> None:
     from ..errors import ConfigError
     from ..rendering.heat_map import check_quantity
@@ -217,7 +219,7 @@ def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None
     from ..rendering.image_files import write_hits, write_picture
 
     begin = time.perf_counter()
-    rgb = picture.rgb
+    rgb = picture.pixels
     if heatmap is not None and picture.bvh is not None:
         rgb = draw_heat_map_of(picture.bvh, picture.camera, picture.rgb.shape[1], picture.rgb.shape[0], heatmap)
     for path in output:

@@ -16,7 +16,8 @@ import os
 import signal
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 from ..support.descendants import end_descendants
 from ..support.unfinished import clean_up
@@ -33,6 +34,9 @@ _LONG_S = 60.0
 
 # Clears the line of a progress display, and shows the cursor again.
 _END_OF_STATUS = b"\r\x1b[K\x1b[?25h"
+
+# Called instead of ending the process, see `calling_on_interrupt`.
+_on_interrupt: list[Callable[[], None]] = []
 
 
 def end_on_signals() -> None:
@@ -53,6 +57,26 @@ def end_on_signals() -> None:
     atexit.register(_ignore)
 
 
+@contextmanager
+def calling_on_interrupt(function: Callable[[], None]) -> Iterator[None]:
+    """Call a function on the first Ctrl-C in the block, from another thread; a second one ends the process."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.SIG_IGN:
+        yield
+        return
+    _on_interrupt.append(function)
+    signal.signal(signal.SIGINT, _go_on)
+    try:
+        yield
+    finally:
+        _on_interrupt.clear()
+        signal.signal(signal.SIGINT, before)
+
+
+def _go_on(number: int, frame: object) -> None:
+    """Leave the signal to the other thread."""
+
+
 def _stand_still(number: int, frame: object) -> None:
     """Keep the main thread from going on, and from failing for want of what the other thread removes."""
     while True:
@@ -62,7 +86,9 @@ def _stand_still(number: int, frame: object) -> None:
 def _wait(read_end: int) -> None:
     while True:
         for number in os.read(read_end, 1):
-            if number in _WORDS:
+            if number == signal.SIGINT and _on_interrupt:
+                _on_interrupt.pop()()
+            elif number in _WORDS:
                 _end(number)
 
 

@@ -12,10 +12,11 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..rendering.camera import Camera
 from ..rendering.frame import FrameRenderer
+from ..rendering.one_ray import OneRayPainter
 from ..rendering.refine_pixels import refine_pixels
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view
-from ..structs import LAYOUT_WIDTHS, SHADINGS
+from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS
 from ..trace.device_tree import BRUTE, DeviceTree
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.tracer import Tracer
@@ -64,10 +65,10 @@ def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> It
     scene = Scene(MeshSource(shape="knot"), width=_PICTURE_WIDTH, height=_PICTURE_HEIGHT)
     with DeviceSession(device) as session:
         tree = DeviceTree(session, mesh, None if layout == BRUTE else bvh, "auto" if layout == BRUTE else layout)
-        renderer = FrameRenderer(session, tree)
-        for shading in SHADINGS:
+        renderer, painter = FrameRenderer(session, tree), OneRayPainter(session, tree)
+        for shading in REPORT_SHADINGS:
             view = make_view(scene.with_changes(shading=shading), camera, mesh)
-            colours, found = renderer.render(view)
+            colours, found = renderer.render(view, painter)
             hits = refine_pixels(mesh, camera, found)
             yield f"picture {shading}", _describe_hits(hits) | {"colour": colours.reshape(found.size, -1)}
 

@@ -5,18 +5,27 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..support.memory import check_memory
-from .lens import Lens, Window, check_size, is_finite_number, window_of
+from .distortion import upwards
+from .finite_number import is_finite_number
+from .lens import Lens, check_size, window_of
+from .points import read_points
 from .pose import make_axes, make_pose, read_pose, rotate_about_axis
+from .projection import Fisheye, Orthographic, Panorama, Projection, check_projection, name_of
+from .ray_model import FisheyeModel, PanoramaModel, ParallelModel, PinholeModel, RayModel
 from .vectors import Vector, as_vector, check_vector
+from .window import Window
 
-# Directions, and a copy of them on the way.
+# Directions and a copy of them on the way; origins; the coordinates of curved projections and their steps.
 _BYTES_PER_RAY = 48
+_BYTES_PER_ORIGIN = 48
+_BYTES_PER_CURVED_RAY = 200
 
 DEFAULT_FOV = 35.0
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
@@ -24,9 +33,10 @@ DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera: a value that never changes, in the coordinates of the scene or the mesh.
+    """A camera: a value that never changes, in the coordinates of the scene or the mesh.
 
-    Made from an eye, a point to look at and a field of view, or by `from_intrinsics` from a calibrated camera.
+    Made from an eye, a point to look at and a field of view, or by `from_intrinsics` from a calibrated camera. Its
+    picture is a perspective one, unless it has another projection.
 
     Attributes
     ----------
@@ -39,12 +49,19 @@ class Camera:
     lens : Lens or None
         Intrinsics in pixels, for a picture of one size. None: square pixels, the optical axis in the middle of the
         picture, and any size.
+    projection : Orthographic, Fisheye, Panorama or None
+        None: perspective. The others have neither a field of view nor a lens.
+    aperture : float, the scene's units
+        Diameter of the lens's opening, from which samples of a pixel start: depth of field. 0: all is sharp. For
+        perspective and orthographic cameras.
+    focus_distance : float or None, the scene's units
+        Depth at which a camera with an aperture is sharp; may be infinite. None: that of `look_at`.
 
     Raises
     ------
     SceneError
-        A vector is not three finite numbers, `eye` equals `look_at`, `up` is parallel to the line of sight, or the
-        field of view is out of range or not that of the lens.
+        A vector is not three finite numbers, `eye` equals `look_at`, `up` is parallel to the line of sight, or a value
+        is out of range or does not go with the projection or the lens.
 
     Notes
     -----
@@ -67,6 +84,9 @@ class Camera:
     up: Vector = DEFAULT_UP
     fov: float = DEFAULT_FOV
     lens: Lens | None = None
+    projection: Orthographic | Fisheye | Panorama | None = None
+    aperture: float = 0.0
+    focus_distance: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("eye", "look_at", "up"):
@@ -83,7 +103,27 @@ class Camera:
             object.__setattr__(self, "fov", self.lens.fov)
         check_fov(self.fov)
         object.__setattr__(self, "fov", float(self.fov))
+        self._check_projection()
+        check_focus(self.projection, self.aperture, self.focus_distance)
+        object.__setattr__(self, "aperture", float(self.aperture))
+        if self.focus_distance is not None:
+            object.__setattr__(self, "focus_distance", float(self.focus_distance))
+        if self.aperture and self.lens is not None and self.focus_distance is None:
+            raise SceneError("a camera with a lens and an aperture needs a focus_distance: its look_at is arbitrary")
         self.axes()
+
+    def _check_projection(self) -> None:
+        """Raise `SceneError` unless the projection and the other values make one camera."""
+        check_projection(self.projection)
+        if self.projection is None:
+            return
+        kind = name_of(self.projection)
+        if self.lens is not None:
+            raise SceneError(f"a lens is that of a perspective camera: the {kind} one has none")
+        if self.fov != DEFAULT_FOV:
+            raise SceneError(f"a fov is that of a perspective camera: the {kind} one has none")
+        if self.projection == Orthographic():
+            raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
 
     @classmethod
     def from_intrinsics(
@@ -94,6 +134,9 @@ class Camera:
         convention: str = "opencv",
         *,
         pixel_centres: str = "half",
+        distortion: ArrayLike | None = None,
+        aperture: float = 0.0,
+        focus_distance: float | None = None,
     ) -> Camera:
         """Return the camera of an intrinsic matrix and a pose.
 
@@ -115,6 +158,11 @@ class Camera:
             The centre of the pixel in row i and column j, in the coordinates of `K`. ``"half"``: at (j + 0.5, i + 0.5),
             as in OpenGL, COLMAP, Open3D and pyrender; a lens without shift has ``cx = width / 2``. ``"integer"``: at
             (j, i), as in OpenCV's calibration; it has ``cx = (width - 1) / 2``.
+        distortion : (4,) or (5,) float, optional
+            OpenCV's k1, k2, p1, p2 and k3, the ``distCoeffs`` of ``cv2.calibrateCamera``. The picture shows what the
+            distorting camera sees.
+        aperture, focus_distance : float, the scene's units
+            Depth of field, see `Camera`.
 
         Returns
         -------
@@ -123,7 +171,8 @@ class Camera:
         Raises
         ------
         SceneError
-            `K` is no intrinsic matrix, the pose is not rigid or mirrors, or the size or the convention is invalid.
+            `K` is no intrinsic matrix, the pose is not rigid or mirrors, the size or the convention is invalid, or the
+            distortion has no inverse in all of the picture.
 
         Examples
         --------
@@ -137,13 +186,16 @@ class Camera:
         >>> directions.shape
         (480, 640, 3)
         """
-        lens = Lens.from_matrix(K, size, pixel_centres)
+        lens = Lens.from_matrix(K, size, pixel_centres, distortion)
         up, forward, eye = read_pose(camera_to_world, convention)
         # Far enough that the point's rounding does not turn the line of sight.
         exponent = max(0, math.frexp(float(np.abs(eye).max()))[1])
         with np.errstate(over="ignore", invalid="ignore"):  # refused by the constructor
             look_at = eye + np.ldexp(1.0, exponent) * forward
-        return cls(as_vector(eye), as_vector(look_at), as_vector(up), lens.fov, lens)
+        return cls(
+            as_vector(eye), as_vector(look_at), as_vector(up), lens.fov, lens,
+            aperture=aperture, focus_distance=focus_distance,
+        )  # fmt: skip
 
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the unit vectors right, up and forward of the picture, each (3,) float64.
@@ -163,6 +215,11 @@ class Camera:
         self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half"
     ) -> NDArray[np.float64]:
         """Return the intrinsic matrix for a picture of this size, (3, 3) float64; see `from_intrinsics`.
+
+        Raises
+        ------
+        SceneError
+            The camera is not a perspective one, or see `size_for`.
 
         Examples
         --------
@@ -198,14 +255,19 @@ class Camera:
         Returns
         -------
         origins, directions : (height, width, 3) float64
-            In the scene's coordinates; directions of length 1, so that the t of a hit is its distance from the eye.
-            Row 0 is the top. The origins are a read-only view of one point.
+            In the scene's coordinates; directions of length 1, so that the t of a hit is its distance from the eye, or
+            from the plane of an orthographic camera. Row 0 is the top. The origins are a read-only view of one point,
+            but for an orthographic camera. Pixels outside the circle of a fisheye have rays, too: see `sees`.
 
         Raises
         ------
         SceneError
             A camera without a lens lacks a side, the aspect ratio is not the lens's, or rows that the picture does not
             have.
+
+        Notes
+        -----
+        With an aperture, these are the rays through the middle of the lens.
 
         Examples
         --------
@@ -220,18 +282,129 @@ class Camera:
         rows = range(height) if rows is None else rows
         if not isinstance(rows, range) or (rows and not (min(rows) >= 0 and max(rows) < height)):
             raise SceneError(f"the rows of a picture of {height} rows must be a range within them, not {rows!r}")
-        check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * _BYTES_PER_RAY, SceneError)
-        right, up, forward = self.axes()
-        window = find_window(self, width, height)
+        per_ray = _BYTES_PER_RAY + (_BYTES_PER_ORIGIN if isinstance(self.projection, Orthographic) else 0)
+        is_curved = isinstance(self.projection, Fisheye | Panorama) or (self.lens is not None and self.lens.distortion)
+        per_ray += _BYTES_PER_CURVED_RAY if is_curved else 0
+        check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * per_ray, SceneError)
         x = (2 * np.arange(width) + 1) / width - 1
         y = 1 - (2 * np.asarray(rows, np.int64) + 1) / height
-        upwards = window.centre_y + y * window.half_height
-        across = (window.centre_x + x * window.half_width)[None, :]
-        if window.shear:
-            across = across + (window.shear * upwards)[:, None]
-        directions = forward + across[..., None] * right + upwards[:, None, None] * up
+        return self._make_rays(find_ray_model(self, width, height), x[None, :], y[:, None])
+
+    def rays_at(
+        self, pixels: ArrayLike, width: int | None = None, height: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the rays through points of the picture: the inverse of `project`.
+
+        Parameters
+        ----------
+        pixels : (..., 2) float, pixels
+            To the right and downwards from the upper left corner: (0.5, 0.5) is the centre of the first pixel.
+        width, height : int
+            See `rays`.
+
+        Returns
+        -------
+        origins, directions : (..., 3) float64
+            See `rays`.
+
+        Raises
+        ------
+        SceneError
+            The points are no array of finite numbers of this shape, or see `rays`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90)
+        >>> camera.rays_at([[320, 240], [320, 0]], 640, 480)[1].round(6) + 0.0
+        array([[ 0.      ,  0.      , -1.      ],
+               [ 0.      ,  0.707107, -0.707107]])
+        """
+        width, height = self.size_for(width, height)
+        points = read_points("the pixels of rays", pixels, 2)
+        film_x, film_y = 2 * points[..., 0] / width - 1, 1 - 2 * points[..., 1] / height
+        return self._make_rays(find_ray_model(self, width, height), film_x, film_y)
+
+    def sees(self, width: int | None = None, height: int | None = None) -> NDArray[np.bool_]:
+        """Return whether there is anything to see at the centre of each pixel: not outside the circle of a fisheye.
+
+        Parameters
+        ----------
+        width, height : int
+            See `rays`.
+
+        Returns
+        -------
+        (height, width) bool
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), projection=clbvh.Fisheye())
+        >>> camera.sees(4, 2).astype(int)
+        array([[0, 1, 1, 0],
+               [0, 1, 1, 0]])
+        """
+        width, height = self.size_for(width, height)
+        x = (2 * np.arange(width) + 1) / width - 1
+        y = 1 - (2 * np.arange(height) + 1) / height
+        seen = find_ray_model(self, width, height).sees(x[None, :], y[:, None])
+        return np.array(np.broadcast_to(seen, (height, width)))
+
+    def project(
+        self, points: ArrayLike, width: int | None = None, height: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where points appear in a picture of this size.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            In the scene's coordinates.
+        width, height : int
+            See `rays`.
+
+        Returns
+        -------
+        pixels : (..., 2) float64
+            To the right and downwards from the upper left corner: the pixel in row i and column j covers j to j + 1 and
+            i to i + 1. Outside these limits for points beside the picture; NaN for points that no ray reaches: behind
+            the camera, outside the circle of a fisheye, or where a distorting lens would show them twice.
+        depth : (...) float64, the scene's units
+            Along the optical axis; negative behind the camera.
+
+        Raises
+        ------
+        SceneError
+            The points are no array of finite numbers of this shape, or see `rays`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> camera = clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90)
+        >>> pixels, depth = camera.project([[0, 0, 0], [5, 0, 0]], width=640, height=480)
+        >>> pixels.round(6).tolist(), depth.tolist()
+        ([[320.0, 240.0], [560.0, 240.0]], [5.0, 5.0])
+        """
+        width, height = self.size_for(width, height)
+        seen = read_points("the points that a camera projects", points, 3) - np.asarray(self.eye, np.float64)
+        x, y, z = (seen @ axis for axis in self.axes())
+        film_x, film_y = find_ray_model(self, width, height).film(x, y, z)
+        return np.stack(((film_x + 1) * (width / 2), (1 - film_y) * (height / 2)), axis=-1), z
+
+    def _make_rays(
+        self, model: RayModel, film_x: NDArray[np.float64], film_y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the rays through points of the picture, whose coordinates broadcast against each other."""
+        right, up, forward = self.axes()
+        x, y, z = (_as_columns(part) for part in model.directions(film_x, film_y))
+        directions = z * forward + x * right + y * up
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        return np.broadcast_to(np.asarray(self.eye, np.float64), directions.shape), directions
+        offsets = model.offsets(film_x, film_y)
+        eye = np.asarray(self.eye, np.float64)
+        if offsets is None:
+            return np.broadcast_to(eye, directions.shape), directions
+        across, upwards = map(_as_columns, offsets)
+        return eye + across * right + upwards * up, directions
 
     def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
         """Return the cosine between each pixel's ray and the optical axis: depth is t times this.
@@ -244,8 +417,8 @@ class Camera:
         Returns
         -------
         (height, width) float64
-            Above 0. Depth, the z of depth cameras and of OpenCV, is the distance along the optical axis; t is the
-            distance from the eye.
+            Above 0, but for what a fisheye or a panorama sees behind itself. Depth, the z of depth cameras and of
+            OpenCV, is the distance along the optical axis; t is the distance from the eye.
 
         Examples
         --------
@@ -328,9 +501,27 @@ class Camera:
 
     def _lens_for(self, width: int, height: int) -> Lens:
         """Return the intrinsics of a picture of this size."""
+        if self.projection is not None:
+            raise SceneError(
+                f"an intrinsic matrix is that of a perspective camera: the {name_of(self.projection)} one has none"
+            )
         if self.lens is not None:
             return self.lens.resized(width, height)
         return Lens.from_fov(self.fov, width, height)
+
+    @property
+    def focus(self) -> float:
+        """Depth of the plane that is sharp, in the scene's units: `focus_distance`, or else that of `look_at`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), aperture=0.1).focus
+        5.0
+        """
+        if self.focus_distance is not None:
+            return self.focus_distance
+        return math.dist(self.eye, self.look_at)
 
 
 def find_window(camera: Camera, width: int, height: int) -> Window:
@@ -339,6 +530,39 @@ def find_window(camera: Camera, width: int, height: int) -> Window:
         return window_of(camera.lens.resized(width, height))
     half_height = math.tan(math.radians(camera.fov) / 2)
     return Window(0.0, 0.0, half_height * width / height, half_height, 0.0)
+
+
+def find_ray_model(camera: Camera, width: int, height: int) -> RayModel:
+    """Return how the points of a picture of this size become rays."""
+    match camera.projection:
+        case None:
+            distortion = None if camera.lens is None else camera.lens.distortion
+            window = find_window(camera, width, height)
+            return PinholeModel(window, None if distortion is None else upwards(distortion))
+        case Orthographic(size):
+            half_height = (size or 0.0) / 2
+            return ParallelModel(half_height * width / height, half_height)
+        case Fisheye(angle):
+            shorter = min(width, height)
+            return FisheyeModel(width / shorter, height / shorter, math.radians(angle) / 2)
+        case Panorama():
+            return PanoramaModel()
+
+
+def _as_columns(values: Any) -> NDArray[np.float64]:
+    """Return coordinates with one more axis, along which vectors lie."""
+    return np.asarray(values, np.float64)[..., None]
+
+
+def check_focus(projection: Projection | None, aperture: object, focus_distance: object) -> None:
+    """Raise `SceneError` unless these values describe a lens that the projection can have."""
+    if not is_finite_number(aperture) or not aperture >= 0:
+        raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
+    if aperture and isinstance(projection, Fisheye | Panorama):
+        raise SceneError(f"a {name_of(projection)} camera has no plane of focus: its aperture must be 0")
+    is_number = isinstance(focus_distance, Real) and not isinstance(focus_distance, bool)
+    if focus_distance is not None and not (is_number and focus_distance > 0):
+        raise SceneError(f"the camera's focus_distance must be above 0, not {focus_distance!r}")
 
 
 def check_fov(fov: float) -> None:

@@ -16,6 +16,8 @@ from ..trace.hits.hits import Hits
 PICTURE_SUFFIXES = (".ppm", ".png")
 HITS_SUFFIX = ".npz"
 
+_CHANNELS_WITH_ALPHA = 4
+
 
 def check_picture_path(path: Path) -> None:
     """Raise `ConfigError` unless a picture can be written there; for checks before the work begins."""
@@ -37,7 +39,7 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     Parameters
     ----------
     path : str or path
-    rgb : (height, width, 3) uint8
+    rgb : (height, width, 3) uint8, or (height, width, 4) with alpha
 
     Raises
     ------
@@ -49,6 +51,8 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     except TypeError as error:
         raise ConfigError(f"the file of a picture is a path, not {path!r}") from error
     check_picture_path(path)
+    if rgb.shape[2] == _CHANNELS_WITH_ALPHA and path.suffix.lower() == ".ppm":
+        raise ConfigError(f"{path}: a PPM file has no transparency; write a PNG")
     encoded = encode_picture(rgb, path.suffix.lower())
     write_atomically(path, lambda file: file.write(encoded))
 

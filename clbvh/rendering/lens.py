@@ -6,15 +6,17 @@ Must not know the position of the camera: that is `pose.py`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import NamedTuple, TypeGuard
+from dataclasses import dataclass, replace
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
+from .distortion import check_invertible, read_distortion
+from .finite_number import is_finite_number
 from .matrices import read_matrix, show_matrix
+from .window import Window
 
 # The fraction in the coordinates of pixel centres: 0.5 if the pixel with index j covers the columns j to j + 1, as in
 # OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.
@@ -28,23 +30,9 @@ _MOST = 1e9
 _SHAPE_SLACK_PIXELS = 1.0
 
 
-class Window(NamedTuple):
-    """The picture in the plane at distance 1: x to the right and y up from the optical axis.
-
-    A pixel at (a, b), each from -1 to 1 and b upwards, is at ``y = centre_y + b * half_height`` and
-    ``x = centre_x + a * half_width + shear * y``.
-    """
-
-    centre_x: float
-    centre_y: float
-    half_width: float
-    half_height: float
-    shear: float
-
-
 @dataclass(frozen=True)
 class Lens:
-    """The intrinsics of a pinhole camera for a picture of one size, in pixels.
+    """The intrinsics of a camera for a picture of one size, in pixels.
 
     Attributes
     ----------
@@ -57,11 +45,13 @@ class Lens:
         Entry (0, 1) of the matrix; 0 if rows and columns are at right angles.
     width, height : int
         Size of the picture.
+    distortion : (5,) float or None
+        OpenCV's k1, k2, p1, p2 and k3; k3 may be left out. None: a pinhole.
 
     Raises
     ------
     SceneError
-        A focal length is not above 0, or a value is out of range.
+        A focal length is not above 0, a value is out of range, or the distortion folds inside the picture.
 
     Examples
     --------
@@ -79,6 +69,7 @@ class Lens:
     skew: float
     width: int
     height: int
+    distortion: tuple[float, float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -103,9 +94,18 @@ class Lens:
                 f"the camera's principal point ({self.cx:g}, {self.cy:g}) and skew {self.skew:g} are too far from a "
                 f"picture of {self.width} x {self.height}"
             )
+        object.__setattr__(self, "distortion", read_distortion(self.distortion))
+        if self.distortion is not None:
+            check_invertible(window_of(self), self.distortion)
 
     @classmethod
-    def from_matrix(cls, matrix: ArrayLike, size: tuple[int, int], pixel_centres: str = "half") -> Lens:
+    def from_matrix(
+        cls,
+        matrix: ArrayLike,
+        size: tuple[int, int],
+        pixel_centres: str = "half",
+        distortion: ArrayLike | None = None,
+    ) -> Lens:
         """Return the lens of an intrinsic matrix, see `Camera.from_intrinsics`.
 
         Examples
@@ -126,7 +126,9 @@ class Lens:
             )
         shift = 0.5 - centre
         fx, skew, fy = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
-        return cls(fx, fy, float(k[0, 2]) + shift, float(k[1, 2]) + shift, skew, width, height)
+        return cls(
+            fx, fy, float(k[0, 2]) + shift, float(k[1, 2]) + shift, skew, width, height, read_distortion(distortion)
+        )
 
     @classmethod
     def from_fov(cls, fov: float, width: int, height: int) -> Lens:
@@ -184,9 +186,10 @@ class Lens:
                 f"{height} has another aspect ratio: give a size of the same one, or make the camera for that size"
             )
         across, down = width / self.width, height / self.height
-        return Lens(
-            self.fx * across, self.fy * down, self.cx * across, self.cy * down, self.skew * across, width, height
-        )
+        return replace(
+            self, fx=self.fx * across, fy=self.fy * down, cx=self.cx * across, cy=self.cy * down,
+            skew=self.skew * across, width=width, height=height,
+        )  # fmt: skip
 
     def complete_size(self, width: int | None, height: int | None) -> tuple[int, int]:
         """Return the size of a picture; missing sides follow from the lens's size and aspect ratio.
@@ -213,7 +216,10 @@ class Lens:
 
     @property
     def fov(self) -> float:
-        """The angle from the upper to the lower side of the picture at the principal point's column, in degrees."""
+        """The angle from the upper to the lower side of the picture at the principal point's column, in degrees.
+
+        Without distortion.
+        """
         above, below = self.cy / self.fy, (self.height - self.cy) / self.fy
         # The sum of both arc tangents, without cancellation where the principal point is far outside the picture.
         return math.degrees(math.atan2(above + below, 1 - above * below))
@@ -228,16 +234,6 @@ def window_of(lens: Lens) -> Window:
         half_height=lens.height / 2 / lens.fy,
         shear=lens.skew / lens.fx,
     )
-
-
-def is_finite_number(value: object) -> TypeGuard[Real]:
-    """Return whether a value is a real number that float64 can hold."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a longer integer
-        return False
 
 
 def check_size(width: object, height: object) -> None:

@@ -17,6 +17,7 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..trace.device_tree import BRUTE, DeviceTree
 from .camera import Camera
+from .film.ground import Ground
 from .render_options import RenderOptions
 from .scene import Scene
 from .view import make_view
@@ -97,9 +98,13 @@ class MeshSubject:
         """Return the arguments of the kernel beside those of the tree: none."""
         return {}
 
-    def make_view(self, scene: Scene, camera: Camera) -> NDArray[np.void]:
+    def looks(self) -> tuple[tuple[Mesh, ...], NDArray[np.integer], NDArray[np.floating]]:
+        """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
+        return (self.mesh,), np.zeros(1, np.int64), np.full((1, 3), np.nan)
+
+    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""
-        return make_view(scene, camera, self.mesh)
+        return make_view(scene, camera, self.mesh, ground=ground)
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""

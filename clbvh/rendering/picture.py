@@ -34,8 +34,13 @@ class Picture:
     ----------
     rgb : (height, width, 3) uint8
         The pixels; row 0 is the top.
+    alpha : (height, width) uint8
+        255 where every sample hits something, 0 where none does. In a transparent picture also the shadow on the
+        ground, and `rgb` is the colour of the covered share alone.
+    samples : int
+        Of each pixel.
     found : (height, width) `structs.HIT`
-        The device's hits, in float32; t in local units.
+        The device's hits through the centres of the pixels, in float32; t in local units.
     camera : Camera
         The camera of the picture.
     mesh : Mesh or None
@@ -53,6 +58,8 @@ class Picture:
         phases), and total: the wall time, the sum of all but pool_start. No other phase includes compile or load_code,
         which are those of all threads. In a picture of a `Renderer`, the phases of its set-up are 0: see
         `Renderer.timings`.
+    is_transparent : bool
+        Whether the background is left out.
     tree_from_cache : bool
         Whether the tree came from the cache.
     notes : tuple of str
@@ -71,6 +78,8 @@ class Picture:
     """
 
     rgb: NDArray[np.uint8]
+    alpha: NDArray[np.uint8]
+    samples: int
     found: NDArray[np.void]
     camera: Camera
     mesh: Mesh | None
@@ -79,6 +88,7 @@ class Picture:
     layout: str
     workers: int
     timings: dict[str, float]
+    is_transparent: bool = False
     tree_from_cache: bool = False
     notes: tuple[str, ...] = ()
     validated_pixels: int = 0
@@ -101,15 +111,20 @@ class Picture:
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     picture.save(Path(folder, "sphere.png"))
         """
-        write_picture(path, self.rgb)
+        write_picture(path, self.pixels)
 
     def _repr_png_(self) -> bytes:
         """Return the picture as PNG, for notebooks."""
-        return encode_picture(self.rgb, ".png")
+        return encode_picture(self.pixels, ".png")
 
     def __repr__(self) -> str:
         height, width = self.found.shape
         return f"Picture({width} x {height} of {self.name!r}, {self._hit_count:,} pixels hit)"
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8; of a transparent picture (height, width, 4), with `alpha`."""
+        return np.dstack((self.rgb, self.alpha)) if self.is_transparent else self.rgb
 
     @cached_property
     def hits(self) -> Hits:
@@ -168,9 +183,10 @@ class Picture:
             "layout": self.layout,
             "width": self.rgb.shape[1],
             "height": self.rgb.shape[0],
+            "samples": self.samples,
             "rays": rays,
             "hits": self._hit_count,
-            "mrays_per_s": rays / 1e3 / self.timings["kernel"],
+            "mrays_per_s": rays * self.samples / 1e3 / self.timings["kernel"],
             "validated_pixels": self.validated_pixels,
             "timings_ms": dict(self.timings),
         }

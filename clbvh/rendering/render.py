@@ -27,6 +27,10 @@ def render(
     light: Light | Vector | None = None,
     surface: Vector | None = None,
     background: Vector | tuple[Vector, Vector] | None = None,
+    samples: int | None = None,
+    time_limit_s: float | None = None,
+    on_samples: Callable[[int, int], None] = lambda done, total: None,
+    is_stopped: Callable[[], bool] = lambda: False,
     on_phase: Callable[[str], None] = lambda phase: None,
 ) -> Picture:
     """Render one picture; a `Renderer` is faster for several pictures of one scene.
@@ -36,7 +40,7 @@ def render(
     source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
         A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh.
     options : RenderOptions, optional
-    camera, width, height, shading, light, surface, background : optional
+    camera, width, height, shading, light, surface, background, samples, time_limit_s, on_samples, is_stopped : optional
         See `Renderer.render`; by default the scene's.
     on_phase : function, optional
         Called with the name of each phase as it begins.
@@ -66,7 +70,8 @@ def render(
     with Renderer(source, options, on_phase=on_phase) as renderer:
         picture = renderer.render(
             camera=camera, width=width, height=height, shading=shading, light=light, surface=surface,
-            background=background, on_phase=on_phase,
+            background=background, samples=samples, time_limit_s=time_limit_s, on_samples=on_samples,
+            is_stopped=is_stopped, on_phase=on_phase,
         )  # fmt: skip
     timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}
     return replace(picture, timings=timings)

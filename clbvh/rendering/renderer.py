@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from numbers import Integral
+from numbers import Integral, Real
 from typing import cast
 
 import numpy as np
@@ -25,15 +25,20 @@ from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera
 from .check_pixels import check_pixels
+from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
+from .film.sample_painter import Progress
+from .film.settings import MAX_SAMPLES, find_sample_count
 from .frame import FrameRenderer
 from .framing import frame_turn
 from .mesh_subject import MeshSubject
+from .painters import Painters
 from .picture import Picture
 from .render_options import RenderOptions
 from .scene import Light, Scene
 from .scene_subject import SceneSubject
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
+from .view import sky_direction
 
 
 class Renderer(ContextManager):
@@ -110,6 +115,7 @@ class Renderer(ContextManager):
             on_phase("load")
             subject.load()
             self._framed = self._frame(self.scene)
+            self._ground: tuple[NDArray[np.float64], Ground] | None = None
             watch.lap("load")
 
             on_phase("build")
@@ -123,10 +129,12 @@ class Renderer(ContextManager):
             on_failure.push(session)
             watch.lap("open")
             self._tree: TracedTree = subject.put(session)
-            arguments = subject.arguments(session)
+            self._frames = FrameRenderer(session, self._tree)
+            self._painters = Painters(session, self._tree, subject)
             watch.lap("layout")
+            # So that the first picture takes no longer than the others.
+            self._painters.painter(self.scene, Progress(1))
             upload_ms = session.times.sums_ms()["upload"]
-            self._frames = FrameRenderer(session, self._tree, arguments=arguments)
             watch.lap("compile")
             self.timings = list_setup_ms(watch, subject.made, upload_ms)
 
@@ -147,6 +155,10 @@ class Renderer(ContextManager):
         light: Light | Vector | None = None,
         surface: Vector | None = None,
         background: Vector | tuple[Vector, Vector] | None = None,
+        samples: int | None = None,
+        time_limit_s: float | None = None,
+        on_samples: Callable[[int, int], None] = lambda done, total: None,
+        is_stopped: Callable[[], bool] = lambda: False,
         on_phase: Callable[[str], None] = lambda phase: None,
     ) -> Picture:
         """Render a picture; arguments that are None keep the values of the scene.
@@ -158,13 +170,22 @@ class Renderer(ContextManager):
         width, height : int, pixels
             By default the lens's, or the scene's for a camera without a lens.
         shading : str
-            ``"lambert"``, ``"lambert+shadow"``, ``"normal"`` or ``"depth"``.
+            One of `Scene.shading`.
         light : Light, or (3,) float
             A light, or only the direction towards it.
         surface : (3,) float
             Linear colour of the mesh, and of objects without one of their own.
         background : (3,) float, or a pair of them
             Linear colour, or the colours at the top and at the bottom.
+        samples : int, optional
+            Of each pixel; see `Scene.samples`.
+        time_limit_s : float, optional
+            Seconds. No samples are begun after it, but each pixel gets one at least. Without `samples`, as many are
+            taken as the time allows.
+        on_samples : function, optional
+            Called with the samples that are done, and that all pixels are to get, after each launch of the kernel.
+        is_stopped : function, optional
+            Asked after each launch; if it returns True, the picture shows the samples taken so far.
         on_phase : function, optional
             Called with the name of each phase as it begins.
 
@@ -205,14 +226,20 @@ class Renderer(ContextManager):
             light=light if light is None or isinstance(light, Light) else self.scene.light.with_direction(light),
             surface=surface,
             background=background,
+            samples=samples,
         )
+        progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
         camera = camera or self._find_camera(scene)
         times = EventTimes()
-        colours, found = self._frames.render(self._subject.make_view(scene, camera), times)
+        view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
+        colours, found = self._frames.render(view, self._painters.painter(scene, progress), times)
         rgb = _take_rgb(colours)
         made = self._subject.made
         picture = Picture(
             rgb=rgb,
+            alpha=colours[..., 3].copy(),
+            samples=progress.taken,
+            is_transparent=scene.transparent,
             found=found,
             camera=camera,
             **self._subject.picture_parts(),
@@ -322,6 +349,15 @@ class Renderer(ContextManager):
             self._framed = framed_scene, camera = self._frame(scene)
         return camera
 
+    def _find_ground(self, scene: Scene, camera: Camera) -> Ground | None:
+        """Return the ground of a picture that shows one; the last one is kept, because it reads all vertices."""
+        if not scene.ground or scene.shading not in SHADINGS_WITH_GROUND:
+            return None
+        up = sky_direction(scene, camera)
+        if self._ground is None or not np.array_equal(self._ground[0], up):
+            self._ground = up, find_ground(self._subject.extent, up)
+        return self._ground[1]
+
     def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
         return scene, scene.find_camera(self._subject.extent)
 
@@ -332,6 +368,21 @@ def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     for channel in range(3):
         rgb[..., channel] = colours[..., channel]
     return rgb
+
+
+def _make_progress(
+    scene: Scene,
+    time_limit_s: float | None,
+    on_samples: Callable[[int, int], None],
+    is_stopped: Callable[[], bool],
+) -> Progress:
+    """Return the samples to take of a picture."""
+    if time_limit_s is None:
+        return Progress(find_sample_count(scene), on_samples=on_samples, is_stopped=is_stopped)
+    if isinstance(time_limit_s, bool) or not isinstance(time_limit_s, Real) or not time_limit_s > 0:
+        raise SceneError(f"the time limit must be a number of seconds above 0, not {time_limit_s!r}")
+    samples = MAX_SAMPLES if scene.samples is None else scene.samples
+    return Progress(samples, float(time_limit_s), on_samples, is_stopped)
 
 
 def _find_subject(

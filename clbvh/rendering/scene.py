@@ -25,6 +25,7 @@ from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .film.settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, check_sampling
 from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
@@ -33,7 +34,7 @@ from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
-DEFAULT_SHADING = "lambert+shadow"
+DEFAULT_SHADING = "studio"
 
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
@@ -167,7 +168,24 @@ class Scene(SceneContents):
         Vertical field of view in degrees.
     light : Light
     shading : str
-        One of `structs.SHADINGS`: ``lambert``, ``lambert+shadow``, ``normal``, ``depth``.
+        One of `structs.SHADINGS`: ``studio``, ``ao`` and ``path`` take samples; ``lambert``, ``lambert+shadow``,
+        ``normal`` and ``depth`` cast one ray through the centre of each pixel.
+    samples : int, or None
+        Of each pixel, for the shadings with samples. None: 8, for ``path`` 64.
+    seed : int
+        Of the sample points. Equal seeds give equal pictures.
+    smooth : float
+        Degrees. Meshes without normals of their own are shaded smoothly over edges that turn by less; 0: over none.
+    ground : bool
+        Whether ``studio`` shows shadows on a ground below all objects.
+    transparent : bool
+        Whether the background is left out of the picture; see `Picture.alpha`.
+    exposure : float
+        Stops by which the light of the shadings with samples is made brighter, or darker where negative.
+    tone_curve : str, or None
+        ``"linear"``, or ``"filmic"``, which keeps bright light from becoming white. None: filmic for ``path``.
+    max_bounces : int
+        Reflections after which a path of ``path`` ends; 0: light that comes straight from a source.
     surface : (3,) float
         Linear colour of the mesh, and of objects without one of their own.
     background : pair of (3,) float
@@ -210,6 +228,14 @@ class Scene(SceneContents):
     fov: float = DEFAULT_FOV
     light: Light = DEFAULT_LIGHT
     shading: str = DEFAULT_SHADING
+    samples: int | None = None
+    seed: int = 0
+    smooth: float = DEFAULT_CREASE_ANGLE
+    ground: bool = True
+    transparent: bool = False
+    exposure: float = 0.0
+    tone_curve: str | None = None
+    max_bounces: int = DEFAULT_BOUNCES
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
     width: int = DEFAULT_WIDTH
@@ -225,6 +251,7 @@ class Scene(SceneContents):
         for name, side in (("width", self.width), ("height", self.height)):
             if isinstance(side, bool) or not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
                 raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
+        check_sampling(self)
         check_fov(self.fov)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -16,12 +17,14 @@ from ..bvh import Bvh, validate_tree
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
+from ..geometry.shape import Shape
 from ..geometry.sphere_boxes import mesh_of
 from ..scene.state import SceneState
 from ..trace.device_tree import BRUTE
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from .camera import Camera
+from .film.ground import Ground
 from .render_options import RenderOptions
 from .scene import Scene
 from .scene_extent import SceneExtent
@@ -110,10 +113,14 @@ class SceneSubject:
         colours[:, _CHANNELS] = is_own
         return {"instance_colours": session.upload(colours)}
 
-    def make_view(self, scene: Scene, camera: Camera) -> NDArray[np.void]:
+    def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
+        """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
+        return self._state.shapes, self._state.geometry_ids, self._state.colours
+
+    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`."""
         boxes = self._scene.top.bvh.mesh
-        return make_view(scene, camera, boxes, self.extent.box_in(boxes))
+        return make_view(scene, camera, boxes, self.extent.box_in(boxes), ground)
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""

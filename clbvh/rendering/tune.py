@@ -25,6 +25,7 @@ from ..trace.rays.pack import pack_rays
 from .camera import Camera
 from .frame import FrameRenderer
 from .framing import frame_mesh
+from .one_ray import OneRayPainter
 from .scene import MeshSource, Scene
 from .view import make_view
 
@@ -138,7 +139,9 @@ def tune(
         scene = Scene(mesh=MeshSource(shape="knot"), width=size[0], height=size[1], shading="lambert+shadow")
         view = make_view(scene, camera, mesh)
         tasks = {
-            tile: _renders(FrameRenderer(session, tree, tile), view) for tile in _TILES if tile[0] * tile[1] <= largest
+            tile: _renders(FrameRenderer(session, tree), OneRayPainter(session, tree, tile), view)
+            for tile in _TILES
+            if tile[0] * tile[1] <= largest
         }
         tile = _choose(trials, "tile", _measure(session, tasks), chosen.tile)
         # Rays with the best work-groups, and the picture with the best tiles.
@@ -155,9 +158,9 @@ def _make_rays(camera: Camera, bvh: Bvh, size: tuple[int, int]) -> list[NDArray[
     return [rays, np.random.default_rng(0).permutation(rays)]
 
 
-def _renders(renderer: FrameRenderer, view: NDArray[np.void]) -> Callable[[], None]:
+def _renders(renderer: FrameRenderer, painter: OneRayPainter, view: NDArray[np.void]) -> Callable[[], None]:
     def run() -> None:
-        renderer.render(view)
+        renderer.render(view, painter)
 
     return run
 

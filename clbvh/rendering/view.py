@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..structs import SHADINGS, VIEW
-from .camera import Camera, find_window
+from ..structs import SHADINGS, TONE_CURVES, VIEW
+from .camera import Camera
+from .film.ground import Ground
+from .film.settings import find_tone_curve
+from .projection import Fisheye, Panorama
 from .scene import Scene
+from .view_projection import set_projection
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
@@ -19,9 +21,20 @@ _MOST_DISTANCE = 1e30
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
+# Tangent of half the angle of the soft light: that of a large lamp.
+_LIGHT_SPREAD = 0.15
+
+# Surfaces within this share of the half diagonal of the box around all objects keep ambient light off each other:
+# without a limit, a closed room would have none.
+_OCCLUSION_REACH = 0.5
+
 
 def make_view(
-    scene: Scene, camera: Camera, mesh: Mesh, local_box: NDArray[np.floating] | None = None
+    scene: Scene,
+    camera: Camera,
+    mesh: Mesh,
+    local_box: NDArray[np.floating] | None = None,
+    ground: Ground | None = None,
 ) -> NDArray[np.void]:
     """Return the view of a mesh, (1,) `structs.VIEW`.
 
@@ -32,7 +45,10 @@ def make_view(
         In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
     local_box : (2, 3) float, local coordinates, optional
-        The box whose depths a depth picture shows; by default the mesh's.
+        The box whose depths a depth picture shows; by default the mesh's. For a fisheye and a panorama, distances from
+        the eye.
+    ground : Ground, optional
+        In the scene's coordinates.
 
     Raises
     ------
@@ -45,26 +61,39 @@ def make_view(
     view["eye"] = eye
     view["eye_low"] = eye - view["eye"]
     view["optical_axis"] = forward
-    middle, view["right"], view["up"] = _span_picture(camera, scene.width, scene.height)
-    view["forward"] = middle
-    view["forward_low"] = middle - view["forward"]
+    set_projection(view, camera, mesh.scale, scene.width, scene.height)
 
     view["to_light"] = _light_direction(scene, right, up, forward)
     view["light_colour"] = scene.light.colour
-    # The `up` of a camera with a lens is the picture's, not the world's.
-    to_sky = np.asarray(camera.up if camera.lens is None else scene.up)
-    view["to_sky"] = to_sky / np.linalg.norm(to_sky)
+    view["to_sky"] = sky_direction(scene, camera)
     view["sky_colour"] = scene.light.sky
     view["ground_colour"] = scene.light.ground
     view["surface_colour"] = scene.surface
     view["background_top"], view["background_bottom"] = scene.background
 
-    view["depth_near"], view["depth_far"] = _depth_range(
-        mesh.local_box if local_box is None else local_box, eye, forward
-    )
+    box = (mesh.local_box if local_box is None else local_box).astype(np.float64)
+    is_round = isinstance(camera.projection, Fisheye | Panorama)
+    nearest, farthest = _range_around(box, eye) if is_round else _range_along(box, eye, forward)
+    # A mesh without depth is drawn white.
+    view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
+    if ground is not None:
+        view["ground_point"], view["ground_normal"] = mesh.to_local(ground.point), ground.normal
+        view["ground_radius"] = ground.radius * mesh.scale
+    half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
+    view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
+    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
+    view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
+
+
+def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+    """Return (3,) float64: the unit vector upwards in the scene."""
+    # The `up` of a camera with a lens is the picture's, not the world's.
+    to_sky = np.asarray(camera.up if camera.lens is None else scene.up, np.float64)
+    return to_sky / np.linalg.norm(to_sky)
 
 
 def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
@@ -80,22 +109,6 @@ def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
     return eye
 
 
-def _span_picture(
-    camera: Camera, width: int, height: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle of the picture in the plane at distance 1 from the eye, and its halves right and up."""
-    right, up, forward = camera.axes()
-    if camera.lens is None:
-        half_height = math.tan(math.radians(camera.fov) / 2)
-        # The order of these products determines the last bits of pictures.
-        return forward, right * half_height * width / height, up * half_height
-    window = find_window(camera, width, height)
-    # One unit upwards, which skew also moves to the side.
-    upwards = up + window.shear * right
-    middle = forward + window.centre_x * right + window.centre_y * upwards
-    return middle, window.half_width * right, window.half_height * upwards
-
-
 def _light_direction(
     scene: Scene, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -107,13 +120,18 @@ def _light_direction(
     return towards / np.linalg.norm(towards)
 
 
-def _depth_range(
-    local_box: NDArray[np.floating], eye: NDArray[np.float64], forward: NDArray[np.float64]
+def _range_along(
+    box: NDArray[np.float64], eye: NDArray[np.float64], forward: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return the nearest and the farthest distance of a box along the line of sight, in local units."""
-    lower, upper = local_box.astype(np.float64)
+    lower, upper = box
     nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
     farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
-    nearest = max(nearest, 0.0)
-    # A mesh without depth is drawn white.
-    return nearest, farthest if farthest > nearest else nearest + 1.0
+    return max(nearest, 0.0), farthest
+
+
+def _range_around(box: NDArray[np.float64], eye: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the nearest and the farthest distance of a box from the eye, in local units."""
+    lower, upper = box
+    nearest = np.linalg.norm(np.maximum(np.maximum(lower - eye, eye - upper), 0.0))
+    return float(nearest), float(np.linalg.norm(np.maximum(upper - eye, eye - lower)))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..bvh import Bvh
 from ..device.session import DeviceSession
 from ..rendering.frame import FrameRenderer
+from ..rendering.one_ray import OneRayPainter
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view
 from ..trace.device_tree import DeviceTree
@@ -56,8 +57,8 @@ def draw_frame(
     scene = Scene(mesh=MeshSource(shape="knot"), width=width, height=height, shading=shading)
     view = make_view(scene, bench.camera(mesh, width, height), bvh.mesh)
     with DeviceSession(bench.device) as session:
-        renderer = FrameRenderer(session, DeviceTree(session, bvh.mesh, bvh, layout))
-        colours, hits = renderer.render(view)
+        tree = DeviceTree(session, bvh.mesh, bvh, layout)
+        colours, hits = FrameRenderer(session, tree).render(view, OneRayPainter(session, tree))
         times_ms = session.times.sums_ms()
     rgb = np.ascontiguousarray(colours[..., :3])
     digest = hashlib.blake2b(rgb.tobytes(), digest_size=_DIGEST_BYTES)

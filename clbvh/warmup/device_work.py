@@ -15,7 +15,7 @@ from ..geometry import Spheres
 from ..integrations.trimesh import ProximityQuery, RayMeshIntersector, max_tangent_sphere, thickness
 from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
-from ..structs import SHADINGS
+from ..structs import REPORT_SHADINGS
 from ..trace import Tracer
 from .host_work import TRIANGLES, make_mesh
 
@@ -75,7 +75,7 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
     instances = [contents.place(knot), contents.place(knot)]
     if has_spheres:
         contents.place(contents.add(Spheres(random.normal(size=(20, 3)), 0.2)))
-    for shading in SHADINGS:
+    for shading in REPORT_SHADINGS:
         options = RenderOptions(device=device, layout=layout)
         render(contents, options, shading=shading).hits  # noqa: B018 - computed when they are asked for
     with Tracer(contents, device=device, layout=layout) as tracer:

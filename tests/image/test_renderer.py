@@ -14,6 +14,7 @@ from clbvh.device import program
 from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
 from clbvh.rendering import frame as frame_module
+from clbvh.rendering.film import sample_painter
 from clbvh.rendering.scene import MeshSource, Transform
 
 from ..concurrency.threads import run_in_threads
@@ -293,7 +294,7 @@ class TestClosing:
         def fail(*_, **__):
             raise SceneError("broken")
 
-        monkeypatch.setattr(frame_module, "build_kernels", fail)
+        monkeypatch.setattr(sample_painter, "build_kernel", fail)
         with pytest.raises(SceneError, match="broken"):
             Renderer(SCENE)
         assert len(closed) == 1

@@ -13,7 +13,7 @@ from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.registry import BUILDERS
 from clbvh.errors import ConfigError, SceneError, ValidationError
 from clbvh.rendering import frame as frame_module
-from clbvh.structs import SHADINGS
+from clbvh.structs import REPORT_SHADINGS
 
 from ..concurrency.threads import run_in_threads
 
@@ -103,7 +103,7 @@ class TestHits:
 
 
 class TestPixels:
-    @pytest.mark.parametrize("shading", SHADINGS)
+    @pytest.mark.parametrize("shading", REPORT_SHADINGS)
     def test_each_shading_looks_as_it_did(self, renderer, shading, compare_with_reference):
         compare_with_reference(f"scene-{shading.replace('+', '-')}", renderer.render(shading=shading).rgb)
 
@@ -111,11 +111,11 @@ class TestPixels:
     def test_layouts_agree_to_the_byte(self, renderer, layout):
         with Renderer(still_life(), RenderOptions(layout=layout)) as other:
             assert other.layout == layout
-            for shading in SHADINGS:
+            for shading in REPORT_SHADINGS:
                 assert same_picture(other.render(shading=shading), renderer.render(shading=shading))
 
     @pytest.mark.parametrize("kind", MATRICES)
-    @pytest.mark.parametrize("shading", SHADINGS)
+    @pytest.mark.parametrize("shading", REPORT_SHADINGS)
     def test_an_instance_looks_as_the_mesh_that_is_moved(self, kind, shading):
         matrix = affine(MATRICES[kind], (1, 2, 3))
         moved = Mesh.from_arrays(KNOT.vertices @ matrix[:3, :3].T + matrix[:3, 3], KNOT.faces)
@@ -152,7 +152,7 @@ class TestPixels:
         square = Mesh.from_arrays([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], [(0, 1, 2), (0, 2, 3)])
         scene = Scene(
             eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90,
-            light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)),
+            light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)), shading="lambert+shadow",
         )  # fmt: skip
         geometry = scene.add(square)
         scene.place(geometry, affine(2 * np.eye(3)))
@@ -345,8 +345,8 @@ class TestValidation:
 
     @pytest.mark.parametrize(("field", "value"), [("prim_id", 3), ("instance_id", 2)])
     def test_a_wrong_pixel_is_found(self, monkeypatch, field, value):
-        def render_wrongly(self, view, times=None):
-            colours, hits = render_rightly(self, view, times)
+        def render_wrongly(self, view, painter, times=None):
+            colours, hits = render_rightly(self, view, painter, times)
             hits[field][20, 16] = value
             return colours, hits
 

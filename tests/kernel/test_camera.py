@@ -11,7 +11,7 @@ WIDTH, HEIGHT = 203, 117
 FLOAT3 = (np.float32, (3,))
 ROUNDING = 2.0**-24
 
-# The bound on which the beams of tiles rely, see DIRECTION_SLACK in cl/kernels/render.cl.
+# The bound on which the beams of tiles rely, see DIRECTION_SLACK in cl/rays/camera_bounds.cl.
 DIRECTION_ROUNDINGS = 16
 
 

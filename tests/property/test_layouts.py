@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from clbvh import build
 from clbvh.rendering.frame import FrameRenderer
+from clbvh.rendering.one_ray import OneRayPainter
 from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, VIEW
 from clbvh.trace.device_tree import DeviceTree
 
@@ -127,7 +128,7 @@ def draw(opened):
     def run(mesh, bvh, layout, view):
         tree = DeviceTree(opened, mesh, bvh, layout)
         try:
-            return FrameRenderer(opened, tree, (8, 8)).render(view)[1]
+            return FrameRenderer(opened, tree).render(view, OneRayPainter(opened, tree, (8, 8)))[1]
         finally:
             for name in ("nodes", "blocks"):
                 opened.release(tree.arguments[name])

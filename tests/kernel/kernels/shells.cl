@@ -10,4 +10,5 @@
 #include "kernels/find_surfaces.cl"
 #include "kernels/measure_triangles.cl"
 #include "kernels/shade_points.cl"
+#include "kernels/take_camera_rays.cl"
 #include "kernels/take_pixels.cl"

@@ -1,8 +1,8 @@
-// pixel_direction and primary_ray: the ray of a pixel.
+// film_direction and primary_ray: the ray of a pixel.
 //
 // pixels[count]                                 column and row
 // views[1]                                      view_t; the camera is used
-// directions[3 * count]                         written: pixel_direction
+// directions[3 * count]                         written: film_direction
 // origins[3 * count], ray_directions[3 * count] written: of the primary ray
 // limits[count]                                 written: t_min, t_max of the primary ray
 
@@ -17,7 +17,7 @@ kernel void take_pixels(
     if (i >= count) {
         return;
     }
-    vstore3(pixel_direction(views, pixels[i].x, pixels[i].y), i, directions);
+    vstore3(film_direction(views, pixel_centre(views, pixels[i].x, pixels[i].y)), i, directions);
     const ray_t ray = primary_ray(views, pixels[i].x, pixels[i].y);
     vstore3(ray.origin, i, origins);
     vstore3(ray.direction, i, ray_directions);

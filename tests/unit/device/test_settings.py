@@ -123,6 +123,7 @@ def test_tracers_and_pictures_use_it(session, info):
 
     from clbvh import Tracer, build, make_shape
     from clbvh.rendering.frame import FrameRenderer
+    from clbvh.rendering.one_ray import OneRayPainter
     from clbvh.trace.device_tree import DeviceTree
 
     mesh = make_shape("icosphere", triangles=320)
@@ -144,8 +145,8 @@ def test_tracers_and_pictures_use_it(session, info):
 
         view = np.zeros(1, VIEW)
         view["width"], view["height"], view["forward"] = 20, 10, (0, 0, 1)
-        FrameRenderer(session, tree).render(view)
-        FrameRenderer(session, tree, (2, 2)).render(view)
+        FrameRenderer(session, tree).render(view, OneRayPainter(session, tree))
+        FrameRenderer(session, tree).render(view, OneRayPainter(session, tree, (2, 2)))
     assert [group for name, group in launched if name == "render"] == [(16, 4), (2, 2)]
     with Tracer(build(mesh), device=info) as tuned:
         assert tuned.layout == "bvh4"

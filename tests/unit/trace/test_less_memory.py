@@ -9,6 +9,7 @@ from clbvh import Tracer, build
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, DeviceMemoryError
 from clbvh.rendering.frame import FrameRenderer
+from clbvh.rendering.one_ray import OneRayPainter
 from clbvh.rendering.scene import MeshSource, Scene
 from clbvh.rendering.view import make_view
 from clbvh.trace.device_tree import DeviceTree
@@ -91,19 +92,20 @@ def test_other_errors_of_a_device_are_not_tried_again(mesh, rays, session, monke
 def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
     with DeviceSession(session.info) as opened:
         tree = DeviceTree(opened, mesh, build(mesh))
-        scene = Scene(mesh=MeshSource(shape="knot"), width=64, height=48)
+        scene = Scene(mesh=MeshSource(shape="knot"), width=64, height=48, shading="lambert+shadow")
         view = make_view(scene, scene.camera(mesh), mesh)
+        painter = OneRayPainter(opened, tree)
         renderer = FrameRenderer(opened, tree)
-        expected = renderer.render(view)
+        expected = renderer.render(view, painter)
         renderer = FrameRenderer(opened, tree)  # without the other one's memory
         limit(10_000)  # a row of hits takes 1 KB
-        for found, wanted in zip(renderer.render(view), expected, strict=True):
+        for found, wanted in zip(renderer.render(view, painter), expected, strict=True):
             np.testing.assert_array_equal(found, wanted)
         assert limit.refused
         renderer = FrameRenderer(opened, tree)
         limit(500)
         with pytest.raises(DeviceMemoryError, match="cannot hold a buffer"):
-            renderer.render(view)
+            renderer.render(view, painter)
 
 
 def test_threads_that_are_refused_together_halve_once(tracer):

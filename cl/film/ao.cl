@@ -1,0 +1,15 @@
+// The shading `ao`: the share of the hemisphere above a surface from which light comes, white where it is open.
+
+#include "film/ground.cl"
+#include "film/openness.cl"
+
+INLINED float4 find_sample(
+    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
+{
+    shown_t shown;
+    if (!find_shown(stage, ray, true, sampler, &shown, first)) {
+        return sample_of_background(stage->view, row, 0.0f);
+    }
+    const bool is_exposed = is_open(stage, shown.surface.above, shown.appearance.normal, sampler);
+    return (float4)((float3)(is_exposed ? 1.0f : 0.0f), 1.0f);
+}

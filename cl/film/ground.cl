@@ -1,0 +1,51 @@
+// The ground of a picture: a plane that shows nothing but shadows, which fade out towards its radius.
+
+#include "structs.cl"
+#include "math/vectors.cl"
+#include "shading/shade.cl"
+#include "world/world.cl"
+
+// The share of the radius within which shadows are shown in full.
+#define GROUND_CORE 0.5f
+
+typedef struct {
+    position_t above;
+    float strength;  // of the shadow, 0 to 1; 0 where there is no ground
+} ground_t;
+
+// The ground where a ray meets it from above, with a strength of 0 where it does not.
+INLINED ground_t find_ground(const global view_t *view, const ray_t *ray)
+{
+    ground_t ground;
+    ground.above.high = (float3)(0.0f);
+    ground.above.low = (float3)(0.0f);
+    ground.strength = 0.0f;
+    if (!(view->ground_radius > 0.0f)) {
+        return ground;
+    }
+    const float3 normal = load3(view->ground_normal);
+    const float3 centre = load3(view->ground_point);
+    const float height = dot_product(ray->origin - centre, normal);
+    const float sinking = -dot_product(ray->direction, normal);
+    if (!(height > 0.0f && sinking > 0.0f)) {
+        return ground;
+    }
+    const float3 at = ray->origin + height / sinking * ray->direction;
+    const float3 from_centre = at - centre;
+    const float share = sqrt(dot_product(from_centre, from_centre)) / view->ground_radius;
+    const float fading = clamp((1.0f - share) / (1.0f - GROUND_CORE), 0.0f, 1.0f);
+    // Smooth at both ends (the cubic Hermite polynomial).
+    ground.strength = fading * fading * (3.0f - 2.0f * fading);
+    ground.above.high = at;
+    return ground;
+}
+
+// The sample of a ray that meets nothing but the background, under a shadow from 0 to 1. A transparent background has
+// no light of its own, and the shadow covers what will be behind it.
+INLINED float4 sample_of_background(const global view_t *view, const int row, const float shadow)
+{
+    if (view->is_transparent) {
+        return (float4)((float3)(0.0f), shadow);
+    }
+    return (float4)((1.0f - shadow) * find_background(view, row), 0.0f);
+}

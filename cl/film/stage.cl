@@ -1,0 +1,91 @@
+// What the samples of a picture are taken of: the world, how it looks, and its light; and the search for the surface
+// that a ray shows.
+//
+// HAS_CUTOUTS, if defined as 1: some surface has an alpha below 1, and rays may pass through it.
+
+#include "looks/looks.cl"
+#include "sampling/sampler.cl"
+#include "world/world.cl"
+
+typedef struct {
+    world_t world;
+    looks_t looks;
+    const global view_t *view;
+} stage_t;
+
+// What a ray shows.
+typedef struct {
+    world_surface_t surface;
+    appearance_t appearance;
+} shown_t;
+
+#if HAS_CUTOUTS
+
+// A ray passes through at most so many surfaces; the last one stops it.
+#define MOST_LAYERS 64
+
+// Finds the first surface along a ray that stops it. A share of the rays passes through a surface with an alpha of less
+// than 1. Returns whether there is one. *first becomes the hit that the ray has with no regard to alpha.
+INLINED bool find_shown(
+    const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
+    search_t *first)
+{
+    world_ray_t rest = *ray;
+    const float3 direction = as_plain_ray(ray)->direction;
+    for (int layer = 0; layer < MOST_LAYERS; layer++) {
+        search_t search = make_search(1, 0);
+        traverse_world(&stage->world, &rest, is_primary && layer == 0, &search, QUERY_CLOSEST);
+        if (layer == 0) {
+            *first = search;
+        }
+        if (!is_found(&search.nearest)) {
+            return false;
+        }
+        shown->surface = world_surface_at(&stage->world, &rest, &search);
+        shown->appearance = appearance_at(&stage->looks, &stage->world, &search, &shown->surface, direction);
+        const float alpha = shown->appearance.alpha;
+        if (alpha >= 1.0f || layer == MOST_LAYERS - 1 || (alpha > 0.0f && sample_1d(sampler) < alpha)) {
+            return true;
+        }
+        // The way that is left is a little longer than it should be where t_max ends a ray between two surfaces; both
+        // uses of it, the light and the reach of occlusion, have none there.
+        const float left = as_plain_ray(&rest)->t_max - search.nearest.t;
+        rest = make_world_ray(shown->surface.below, direction, (float3)(0.0f), larger(left, 0.0f));
+    }
+    return false;
+}
+
+// Whether anything stops the light between a position and t_max along a direction.
+INLINED bool is_shaded(
+    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sobol_sampler_t *sampler)
+{
+    const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), t_max);
+    shown_t shown;
+    search_t first;
+    return find_shown(stage, &ray, false, sampler, &shown, &first);
+}
+
+#else
+
+INLINED bool find_shown(
+    const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
+    search_t *first)
+{
+    *first = make_search(1, 0);
+    traverse_world(&stage->world, ray, is_primary, first, QUERY_CLOSEST);
+    if (!is_found(&first->nearest)) {
+        return false;
+    }
+    const float3 direction = as_plain_ray(ray)->direction;
+    shown->surface = world_surface_at(&stage->world, ray, first);
+    shown->appearance = appearance_at(&stage->looks, &stage->world, first, &shown->surface, direction);
+    return true;
+}
+
+INLINED bool is_shaded(
+    const stage_t *stage, const position_t from, const float3 direction, const float t_max, sobol_sampler_t *sampler)
+{
+    return is_blocked(&stage->world, from, direction, t_max);
+}
+
+#endif

@@ -1,0 +1,27 @@
+// The colours of a film: exposure, tone curve, and sRGB.
+//
+// film[pixel_count]      float4: sums of linear red, green, blue, and of the share that is covered
+// sample_count           samples in the sums
+// view[1]                view_t
+// colours[pixel_count]   written: red, green, blue and alpha; alpha is 255 where all samples hit something
+//
+// Work-items: (pixel_count), rounded up to whole work-groups.
+
+#include "film/tone.cl"
+#include "shading/shade.cl"
+
+kernel void develop(
+    const global float4 *restrict film, const int pixel_count, const int sample_count,
+    const global view_t *restrict view, global uchar4 *restrict colours)
+{
+    const int pixel = get_global_id(0);
+    if (pixel >= pixel_count) {
+        return;
+    }
+    const float4 mean = film[pixel] / (float)sample_count;
+    // Light that is seen before a transparent background is that of the covered share alone.
+    const float share = view->is_transparent && mean.w > 0.0f ? mean.w : 1.0f;
+    const float3 light = view->exposure / share * mean.xyz;
+    const float3 colour = encode_srgb(view->tone_curve == TONE_FILMIC ? map_filmic(light) : light);
+    colours[pixel] = (uchar4)(convert_uchar3_sat_rte(255.0f * colour), convert_uchar_sat_rte(255.0f * mean.w));
+}

@@ -1,0 +1,64 @@
+// Samples of a band of rows of a picture, added to its film.
+//
+// Shared arguments: see cl/world/world.cl, cl/looks/looks.cl and cl/traversal/entry_point.cl.
+// view[1]                     view_t: camera, light and colours, see clbvh/structs.py
+// first_row, row_count        rows of the picture in this band; row 0 is the top
+// first_sample, sample_count  samples to take of each pixel, by their numbers
+// film[row_count * width]     float4, added to: linear red, green, blue, and the share that is covered
+// hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
+//
+// SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
+//
+// Work-items: (width, row_count), rounded up to tiles. The samples of a pixel are added one by one, in the order of
+// their numbers, so that the film does not depend on bands or on how many samples a launch takes.
+
+// keep: files that several shadings include are expanded before the branches
+#include "film/ground.cl"
+#include "film/openness.cl"
+#include "film/pixel.cl"
+#include "traversal/entry_point.cl"
+#if SHADING == SHADE_AO
+#include "film/ao.cl"
+#else
+#include "film/studio.cl"
+#endif
+
+kernel void render_samples(
+    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
+    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
+    const global float *restrict spheres, const global node_t *restrict entry_points,
+    const global look_t *restrict looks, const global uint *restrict corner_normals,
+    const global uint *restrict corner_colours, const global float *restrict corner_uvs,
+    const global int *restrict material_ids, const global material_t *restrict materials,
+    const global texture_t *restrict textures, const global uint *restrict texels,
+    const global float *restrict decoded_srgb, const global view_t *restrict view, const int first_row,
+    const int row_count, const int first_sample, const int sample_count, global float4 *restrict film,
+    global kept_hit_t *restrict hits)
+{
+    const int column = get_global_id(0);
+    const int band_row = get_global_id(1);
+    if (column >= view->width || band_row >= row_count) {
+        return;
+    }
+    const int pixel = band_row * view->width + column;
+    const int row = first_row + band_row;
+    const stage_t stage = {
+        {nodes, find_start_node(nodes, entry_points), blocks, block_count, top_nodes, instances, spheres},
+        {looks, corner_normals, corner_colours, corner_uvs, material_ids, materials,
+         {textures, texels, decoded_srgb}, view->surface_colour},
+        view};
+
+    float4 sum = first_sample == 0 ? (float4)(0.0f) : film[pixel];
+    for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
+        sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
+        world_ray_t ray;
+        search_t first = make_search(1, 0);
+        if (sample_pixel(view, column, row, &sampler, &ray)) {
+            sum += find_sample(&stage, &ray, row, &sampler, &first);
+        }
+        if (sample == 0) {
+            hits[pixel] = as_kept_hit(&first, &first.nearest);
+        }
+    }
+    film[pixel] = sum;
+}

@@ -1,0 +1,147 @@
+// How surfaces look: their colours, shading normals and materials, from tables with a row for each corner of each
+// triangle. Any table may be empty, and its first index in `look_t` -1.
+//
+// looks[instance_count]          look_t by instance_id; a mesh without a scene has one
+// corner_normals[], corner_colours[]      uint for each corner: a unit vector, see decode_normal; red, green, blue and
+//                                alpha, 8 bits each, sRGB
+// corner_uvs[]                   float2 for each corner
+// material_ids[]                 int for each primitive
+// materials[], textures[]        material_t, texture_t
+// texels[]                       uint: red, green, blue and alpha, 8 bits each, red the lowest
+// decoded_srgb[256]              float: the linear value of each 8-bit sRGB value
+
+#include "looks/texture.cl"
+#include "world/world.cl"
+
+// The material of shapes that have none; its colour is the picture's own.
+#define DEFAULT_MATERIAL 0
+
+typedef struct {
+    const global look_t *looks;
+    const global uint *corner_normals;
+    const global uint *corner_colours;
+    const global float *corner_uvs;
+    const global int *material_ids;
+    const global material_t *materials;
+    texture_tables_t textures;
+    const global float *default_colour;  // [3]
+} looks_t;
+
+// How far a shading normal that faces away is moved to this side: the cosine of 89.4 degrees.
+#define GRAZING 0.01f
+
+// A point of a surface as light sees it.
+typedef struct {
+    float3 normal;       // shading normal: unit vector on the side of the ray's origin
+    float3 base_colour;  // linear
+    float alpha;         // the share of light that the surface stops, after the cut-off
+    float metallic;
+    float roughness;
+    float ior;
+    float transmission;
+    float3 emission;
+} appearance_t;
+
+// A unit vector from two 16-bit numbers: an octahedron unfolded to a square (Cigolle et al., "A survey of efficient
+// representations for independent unit vectors", 2014).
+INLINED float3 decode_normal(const uint packed)
+{
+    const float x = (float)(int)(packed & 0xffffu) * (2.0f / 65534.0f) - 1.0f;
+    const float y = (float)(int)(packed >> 16) * (2.0f / 65534.0f) - 1.0f;
+    const float z = 1.0f - fabs(x) - fabs(y);
+    if (z >= 0.0f) {
+        return unit_vector((float3)(x, y, z));
+    }
+    const float folded_x = (1.0f - fabs(y)) * (x < 0.0f ? -1.0f : 1.0f);
+    const float folded_y = (1.0f - fabs(x)) * (y < 0.0f ? -1.0f : 1.0f);
+    return unit_vector((float3)(folded_x, folded_y, z));
+}
+
+INLINED bool is_sphere(const world_t *world, const search_t *search)
+{
+#if HAS_INSTANCES && HAS_SPHERES
+    return world->instances[search->instance_index].kind == KIND_SPHERES;
+#else
+    return false;
+#endif
+}
+
+// The shading normal of a triangle with normals at its corners, or the geometric one. It is kept on the side of the
+// ray's origin, where the geometric one is.
+INLINED float3 shading_normal(
+    const looks_t *looks, const global look_t *look, const world_t *world, const search_t *search,
+    const world_surface_t *surface, const float3 direction)
+{
+    if (look->first_normal < 0) {
+        return surface->normal;
+    }
+    const global uint *corners = looks->corner_normals + look->first_normal + 3 * surface->prim_id;
+    const float3 own = (1.0f - surface->u - surface->v) * decode_normal(corners[0])
+        + surface->u * decode_normal(corners[1]) + surface->v * decode_normal(corners[2]);
+    float3 normal = unit_vector(place_normal(world, search, own));
+    if (surface->is_back) {
+        normal = -normal;
+    }
+    // A normal that faces away, as near a silhouette, is moved to just on this side (Keller et al., "The iray light
+    // transport simulation and rendering system", 2017, has the same idea for reflections).
+    const float facing = dot_product(normal, direction);
+    if (!(facing < 0.0f)) {
+        normal = unit_vector(normal - (facing + GRAZING) * direction);
+    }
+    return dot_product(normal, surface->normal) > 0.0f ? normal : surface->normal;
+}
+
+// The appearance of the surface that a ray has met.
+INLINED appearance_t appearance_at(
+    const looks_t *looks, const world_t *world, const search_t *search, const world_surface_t *surface,
+    const float3 direction)
+{
+    const global look_t *look = looks->looks + surface->instance_id;
+    const int first_id = look->first_material_id;
+    const int material_id = first_id >= 0 ? looks->material_ids[first_id + surface->prim_id] : look->material_id;
+    const global material_t *material = looks->materials + material_id;
+    const float w = 1.0f - surface->u - surface->v;
+
+    appearance_t found;
+    found.normal = shading_normal(looks, look, world, search, surface, direction);
+    found.base_colour = load3(
+        look->has_colour                    ? look->colour
+        : material_id == DEFAULT_MATERIAL ? looks->default_colour : material->base_colour);
+    found.alpha = material->alpha;
+    found.metallic = material->metallic;
+    found.roughness = material->roughness;
+    found.ior = material->ior;
+    found.transmission = material->transmission;
+    found.emission = load3(material->emission);
+
+    if (look->first_colour >= 0 && !look->has_colour) {
+        const global uint *corners = looks->corner_colours + look->first_colour + 3 * surface->prim_id;
+        const float4 tint = w * decode_colour(&looks->textures, corners[0], true)
+            + surface->u * decode_colour(&looks->textures, corners[1], true)
+            + surface->v * decode_colour(&looks->textures, corners[2], true);
+        found.base_colour *= tint.xyz;
+        found.alpha *= tint.w;
+    }
+    if (look->first_uv >= 0) {
+        const global float *corners = looks->corner_uvs + look->first_uv + 6 * surface->prim_id;
+        const float2 uv = w * (float2)(corners[0], corners[1]) + surface->u * (float2)(corners[2], corners[3])
+            + surface->v * (float2)(corners[4], corners[5]);
+        if (material->base_colour_texture >= 0 && !look->has_colour) {
+            const float4 texel = sample_texture(&looks->textures, material->base_colour_texture, uv);
+            found.base_colour *= texel.xyz;
+            found.alpha *= texel.w;
+        }
+        if (material->metallic_roughness_texture >= 0) {
+            const float4 texel = sample_texture(&looks->textures, material->metallic_roughness_texture, uv);
+            found.roughness *= texel.y;
+            found.metallic *= texel.z;
+        }
+        if (material->emission_texture >= 0) {
+            found.emission *= sample_texture(&looks->textures, material->emission_texture, uv).xyz;
+        }
+    }
+    if (material->alpha_cutoff >= 0.0f) {
+        found.alpha = found.alpha < material->alpha_cutoff ? 0.0f : 1.0f;
+    }
+    return found;
+}

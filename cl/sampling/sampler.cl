@@ -1,0 +1,52 @@
+// Sample points in any number of dimensions: Owen-scrambled Sobol points in pairs of dimensions, each pair with its own
+// scrambling and its own order of the points (Burley, "Practical hash-based Owen scrambling", Journal of Computer
+// Graphics Techniques 9(4), 2020).
+//
+// The samples 0, 1, 2, ... of one number, such as a pixel, are spread evenly in each pair of dimensions, and best after
+// a power of two of them. Numbers, pairs and seeds are independent of each other.
+
+#include "sampling/owen.cl"
+#include "sampling/sobol.cl"
+
+typedef struct {
+    uint index;      // of the sample
+    uint seed;       // hash of the number and the user's seed
+    uint dimension;  // calls so far
+} sobol_sampler_t;  // OpenCL has a type sampler_t, for images
+
+// Begins sample `sample_index` of a number: a pixel, a point, or another thing that is sampled by itself.
+INLINED sobol_sampler_t make_sampler(const uint number, const uint sample_index, const uint seed)
+{
+    const sobol_sampler_t sampler = {sample_index, hash_with_seed(number, seed), 0u};
+    return sampler;
+}
+
+// A fixed-point number as a float from 0 to just below 1; rounding to nearest would reach 1.
+INLINED float as_unit_float(const uint x)
+{
+    return (float)(x >> 8) * 0x1p-24f;
+}
+
+// The seed of the next one or two dimensions.
+INLINED uint next_seed(sobol_sampler_t *sampler)
+{
+    return hash_with_seed(sampler->dimension++, sampler->seed);
+}
+
+// The next dimension, in [0, 1).
+INLINED float sample_1d(sobol_sampler_t *sampler)
+{
+    const uint seed = next_seed(sampler);
+    const uint index = scramble(sampler->index, seed);
+    return as_unit_float(reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u))));
+}
+
+// The next two dimensions, in [0, 1) each.
+INLINED float2 sample_2d(sobol_sampler_t *sampler)
+{
+    const uint seed = next_seed(sampler);
+    const uint index = scramble(sampler->index, seed);
+    const uint first = reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u)));
+    const uint second = reverse_bits(scramble_reversed(sobol_second_reversed(index), hash_number(seed ^ 2u)));
+    return (float2)(as_unit_float(first), as_unit_float(second));
+}

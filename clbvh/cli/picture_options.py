@@ -1,0 +1,84 @@
+"""Options of the pictures that `clbvh render` draws: each is a setting of `Scene` with the same name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+SCENE_PANEL = "Scene"
+SAMPLES_PANEL = "Samples and colours"
+
+Shading = Annotated[
+    str | None,
+    typer.Option(
+        help="studio, ao or path; lambert, lambert+shadow, normal or depth, with one ray for each pixel.",
+        show_default="studio",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
+Samples = Annotated[
+    int | None,
+    typer.Option(
+        help="Rays through each pixel, for studio, ao and path.",
+        show_default="8, 16 and 64",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(
+        "--time",
+        metavar="SECONDS",
+        help="Take as many samples as this time allows; one at least.",
+        show_default="no limit",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+Keep = Annotated[
+    bool,
+    typer.Option("--keep", help="On Ctrl-C, write the picture of the samples so far.", rich_help_panel=SAMPLES_PANEL),
+]
+Seed = Annotated[
+    int | None, typer.Option(help="Of the sample points.", show_default="0", rich_help_panel=SAMPLES_PANEL)
+]
+Smooth = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEGREES",
+        help="Meshes without normals look smooth over edges that turn by less; 0: facets.",
+        show_default="40",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+Ground = Annotated[
+    bool | None,
+    typer.Option(
+        "--ground/--no-ground",
+        help="Show shadows on a ground below all objects (studio).",
+        show_default="shown",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+Transparent = Annotated[
+    bool | None,
+    typer.Option("--transparent", help="Leave the background out, in a PNG with alpha.", rich_help_panel=SAMPLES_PANEL),
+]
+Exposure = Annotated[
+    float | None,
+    typer.Option(
+        metavar="STOPS", help="Brighten studio, ao and path.", show_default="0", rich_help_panel=SAMPLES_PANEL
+    ),
+]
+ToneCurve = Annotated[
+    str | None,
+    typer.Option(
+        help="linear, or filmic: bright light does not become white at once.",
+        show_default="filmic for path",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+MaxBounces = Annotated[
+    int | None,
+    typer.Option(help="Reflections after which a path ends.", show_default="12", rich_help_panel=SAMPLES_PANEL),
+]

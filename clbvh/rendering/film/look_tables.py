@@ -1,0 +1,153 @@
+"""How surfaces look, as the device takes it: one table for each kind of value, over all geometries; see cl/looks/."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...device.session import DeviceSession
+from ...geometry import Mesh
+from ...geometry.appearance.appearance import Appearance
+from ...geometry.appearance.material import Material
+from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
+from ...geometry.shape import Shape
+from ...structs import LOOK, MATERIAL
+from .pack_normals import pack_normals
+from .texture_tables import TextureTables
+
+# A table without rows still needs a buffer.
+_EMPTY_ROWS = 1
+
+_CORNERS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class LookTables:
+    """The tables, by the names of the kernels' arguments.
+
+    Attributes
+    ----------
+    arrays : dict of str to array
+    has_cutouts : bool
+        Whether any surface has an alpha below 1.
+    materials : tuple of Material
+        By the numbers in the tables.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+    has_cutouts: bool
+    materials: tuple[Material, ...]
+
+    def upload(self, session: DeviceSession) -> dict[str, Any]:
+        """Put the tables on the device; return the buffers by the names of the arguments."""
+        return {name: session.upload(array) for name, array in self.arrays.items()}
+
+
+def make_look_tables(
+    shapes: Sequence[Shape],
+    geometry_ids: NDArray[np.integer],
+    colours: NDArray[np.floating],
+    crease_angle: float,
+) -> LookTables:
+    """Return the tables of a scene.
+
+    Parameters
+    ----------
+    shapes : sequence of Mesh or Spheres
+    geometry_ids : (n,) int
+        The shape of each instance.
+    colours : (n, 3) float
+        Linear colours of instances, instead of those of their materials; NaN: none.
+    crease_angle : float
+        Degrees. Meshes without normals are shaded smoothly over edges that turn by less; 0: over none.
+    """
+    tables = _Tables()
+    rows = np.zeros(len(shapes), LOOK)
+    for number, shape in enumerate(shapes):
+        tables.add(shape, rows[number : number + 1], crease_angle)
+    looks = rows[np.asarray(geometry_ids)]
+    has_colour = ~np.isnan(colours).any(axis=1)
+    looks["has_colour"] = has_colour
+    looks["colour"][has_colour] = colours[has_colour]
+    return tables.finish(looks)
+
+
+class _Tables:
+    """Tables that grow by one geometry at a time."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[NDArray[Any]]] = {
+            "corner_normals": [], "corner_colours": [], "corner_uvs": [], "material_ids": [],
+        }  # fmt: skip
+        self._counts = dict.fromkeys(self._parts, 0)
+        # Number 0 is that of shapes that have none; pictures give it the surface colour of their scene.
+        self._materials = [Material()]
+        self._numbers: dict[Material, int] = {}
+        self._has_cutouts = False
+
+    def add(self, shape: Shape, row: NDArray[np.void], crease_angle: float) -> None:
+        """Append a geometry's values, and fill its row of `structs.LOOK`."""
+        appearance: Appearance | None = shape.appearance
+        row["first_normal"] = row["first_colour"] = row["first_uv"] = row["first_material_id"] = -1
+        if isinstance(shape, Mesh):
+            normals = appearance.normals if appearance is not None else None
+            if normals is None and crease_angle > 0.0:
+                normals = smooth_normals_by_angle(shape, crease_angle)
+            if normals is not None:
+                row["first_normal"] = self._append("corner_normals", pack_normals(normals.reshape(-1, _CORNERS)))
+        if appearance is None:
+            return
+        if appearance.colours is not None:
+            packed = np.ascontiguousarray(appearance.colours).view("<u4").reshape(-1).astype(np.uint32)
+            if not isinstance(shape, Mesh):
+                packed = np.repeat(packed, _CORNERS)
+            row["first_colour"] = self._append("corner_colours", packed)
+            self._has_cutouts |= bool((appearance.colours[..., 3] < 255).any())
+        if appearance.uvs is not None:
+            row["first_uv"] = self._append("corner_uvs", appearance.uvs.reshape(-1).astype(np.float32))
+        if appearance.materials:
+            numbers = np.array([self._number(material) for material in appearance.materials], np.int32)
+            row["material_id"] = numbers[0]
+            if appearance.material_ids is not None and len(numbers) > 1:
+                row["first_material_id"] = self._append("material_ids", numbers[appearance.material_ids])
+
+    def finish(self, looks: NDArray[np.void]) -> LookTables:
+        """Return the tables."""
+        textures = TextureTables()
+        materials = np.zeros(len(self._materials), MATERIAL)
+        for number, material in enumerate(self._materials):
+            _fill_material(materials[number : number + 1], material, textures)
+        arrays = {"looks": looks, "materials": materials, **textures.arrays()}
+        for name, parts in self._parts.items():
+            dtype = np.float32 if name == "corner_uvs" else np.int32 if name == "material_ids" else np.uint32
+            arrays[name] = np.concatenate(parts) if parts else np.zeros(_EMPTY_ROWS, dtype)
+        return LookTables(arrays, self._has_cutouts, tuple(self._materials))
+
+    def _append(self, name: str, values: NDArray[Any]) -> int:
+        begin = self._counts[name]
+        self._parts[name].append(values)
+        self._counts[name] += len(values)
+        return begin
+
+    def _number(self, material: Material) -> int:
+        # A file's material that equals the default one keeps its own colour.
+        number = self._numbers.setdefault(material, len(self._materials))
+        if number == len(self._materials):
+            self._materials.append(material)
+            texture = material.base_colour_texture
+            has_holes = texture is not None and bool((texture.pixels[..., 3] < 255).any())
+            self._has_cutouts |= material.alpha < 1.0 or has_holes
+        return number
+
+
+def _fill_material(row: NDArray[np.void], material: Material, textures: TextureTables) -> None:
+    row["base_colour"], row["emission"] = material.base_colour, material.emission
+    for name in ("alpha", "metallic", "roughness", "ior", "transmission"):
+        row[name] = getattr(material, name)
+    row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
+    for name in ("base_colour_texture", "metallic_roughness_texture", "emission_texture"):
+        row[name] = textures.number(getattr(material, name))

@@ -1,0 +1,139 @@
+"""Shadings with samples: the light of many rays a pixel is added up on a film, which is then developed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...device.program import build_kernel
+from ...device.session import DeviceSession
+from ...structs import SHADINGS
+from ...trace.traced_tree import TracedTree
+from ..frame import Band
+from ..view_entry_points import ViewEntryPoints
+
+_FILM_DTYPE = np.dtype((np.float32, 4))
+
+# Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
+_LAUNCH_S = 0.25
+
+# Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
+_FILTER_RADIUS = 1.0
+
+# Arguments of `render_samples` that a mesh without a scene, or a scene, has none of.
+_NO_ARGUMENTS: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
+
+
+@dataclass
+class Progress:
+    """How far a picture is, and whether it is to be stopped.
+
+    Attributes
+    ----------
+    samples : int
+        Of each pixel, to be taken.
+    time_limit_s : float
+        No further samples are begun after it; each pixel gets one at least.
+    on_samples : function
+        Called with the samples taken so far and those to be taken, summed over all pixels.
+    is_stopped : function
+        Asked after each launch; if it returns True, no further samples are taken.
+    taken : int
+        Samples of each pixel that were taken. Of a picture in several bands, those of the last band.
+    """
+
+    samples: int
+    time_limit_s: float = np.inf
+    on_samples: Callable[[int, int], None] = lambda done, total: None
+    is_stopped: Callable[[], bool] = lambda: False
+    taken: int = 0
+
+
+class SampleShading:
+    """One of the shadings with samples, compiled for a tree or a scene.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : DeviceTree or DeviceScene
+    shading : str
+        ``"studio"``, ``"ao"`` or ``"path"``.
+    arguments : mapping of str to argument
+        The tables of cl/looks/, and those of the light of ``"path"``.
+    has_cutouts : bool
+        Whether rays may pass through surfaces.
+
+    Raises
+    ------
+    KernelBuildError
+        The device's compiler refuses a kernel.
+    """
+
+    def __init__(
+        self,
+        session: DeviceSession,
+        tree: TracedTree,
+        shading: str,
+        arguments: Mapping[str, Any],
+        *,
+        has_cutouts: bool,
+    ) -> None:
+        self.tree = tree
+        self.tile = session.settings.tile
+        self.arguments = {**_NO_ARGUMENTS, **tree.arguments, **arguments}
+        defines = {**tree.defines, "SHADING": SHADINGS[shading], "HAS_CUTOUTS": int(has_cutouts)}
+        self.kernel = build_kernel(session, "render_samples", defines)
+        self.develop = build_kernel(session, "develop")
+        self.entry_points = ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
+
+
+class SamplePainter:
+    """Takes the samples of one picture.
+
+    Parameters
+    ----------
+    shading : SampleShading
+    progress : Progress
+    """
+
+    def __init__(self, shading: SampleShading, progress: Progress) -> None:
+        self._shading, self._progress = shading, progress
+        self._begin = time.perf_counter()
+
+    def paint(self, band: Band) -> None:
+        """Fill the colours and the hits of a band."""
+        shading, session = self._shading, band.session
+        pixel_count = band.width * band.row_count
+        film = band.memory.buffer("film", for_mapping=False).take(pixel_count * _FILM_DTYPE.itemsize)
+        arguments = {**shading.arguments, **band.rows, "entry_points": shading.entry_points.find(band)}
+        taken = self._take_samples(band, film, arguments)
+        session.run(
+            shading.develop, (pixel_count,), (session.settings.work_group_size,),
+            film=film, pixel_count=np.int32(pixel_count), sample_count=np.int32(taken), view=band.view,
+            colours=band.colours,
+        )  # fmt: skip
+        self._progress.taken = taken
+
+    def _take_samples(self, band: Band, film: Any, arguments: dict[str, Any]) -> int:
+        """Add samples to the film; return how many of each pixel."""
+        progress, first, count = self._progress, 0, 1
+        pixels, done = band.width * band.height, band.width * band.first_row
+        while True:
+            begin = time.perf_counter()
+            band.session.run(
+                self._shading.kernel, (band.width, band.row_count), self._shading.tile, **arguments,
+                first_sample=np.int32(first), sample_count=np.int32(count), film=film, hits=band.hits,
+            )  # fmt: skip
+            band.session.finish()
+            now = time.perf_counter()
+            first += count
+            progress.on_samples(
+                done * progress.samples + band.width * band.row_count * first, pixels * progress.samples
+            )
+            if first >= progress.samples or progress.is_stopped() or now - self._begin > progress.time_limit_s:
+                return first
+            count = max(1, min(progress.samples - first, int(_LAUNCH_S * count / max(now - begin, 1e-9))))

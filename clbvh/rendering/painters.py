@@ -1,0 +1,72 @@
+"""The painters of one renderer: each shading is compiled, and surfaces get their looks, when first asked for."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from ..device.session import DeviceSession
+from ..structs import REPORT_SHADINGS
+from ..trace.traced_tree import TracedTree
+from .film.look_tables import LookTables, make_look_tables
+from .film.sample_painter import Progress, SamplePainter, SampleShading
+from .frame import Painter
+from .mesh_subject import MeshSubject
+from .one_ray import OneRayPainter
+from .scene import Scene
+from .scene_subject import SceneSubject
+
+
+class Painters:
+    """Makes the painter of each picture; from any number of threads.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Owns the tables on the device.
+    tree : DeviceTree or DeviceScene
+    subject : MeshSubject or SceneSubject
+    """
+
+    def __init__(self, session: DeviceSession, tree: TracedTree, subject: MeshSubject | SceneSubject) -> None:
+        self._session, self._tree, self._subject = session, tree, subject
+        self._lock = threading.Lock()
+        self._one_ray: OneRayPainter | None = None
+        self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
+        self._shadings: dict[tuple[str, float], SampleShading] = {}
+
+    def painter(self, scene: Scene, progress: Progress) -> Painter:
+        """Return the painter of a picture.
+
+        Raises
+        ------
+        KernelBuildError
+            The device's compiler refuses a kernel.
+        DeviceError
+            The device has too little memory for the tables.
+        """
+        with self._lock:
+            if scene.shading in REPORT_SHADINGS:
+                if self._one_ray is None:
+                    self._one_ray = OneRayPainter(
+                        self._session, self._tree, arguments=self._subject.arguments(self._session)
+                    )
+                progress.taken = 1
+                return self._one_ray
+            return SamplePainter(self._find_shading(scene), progress)
+
+    def _find_shading(self, scene: Scene) -> SampleShading:
+        key = scene.shading, float(scene.smooth)
+        if key not in self._shadings:
+            tables, buffers = self._find_looks(scene)
+            self._shadings[key] = SampleShading(
+                self._session, self._tree, scene.shading, buffers, has_cutouts=tables.has_cutouts
+            )
+        return self._shadings[key]
+
+    def _find_looks(self, scene: Scene) -> tuple[LookTables, dict[str, Any]]:
+        angle = float(scene.smooth)
+        if angle not in self._looks:
+            tables = make_look_tables(*self._subject.looks(), angle)
+            self._looks[angle] = tables, tables.upload(self._session)
+        return self._looks[angle]

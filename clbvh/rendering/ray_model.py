@@ -1,0 +1,154 @@
+"""How the points of a picture become rays, and points in space become points of the picture: one class per projection.
+
+In the camera's frame: x along right, y along up and z along forward, from the eye, in the scene's units. A point of the
+picture, `film`, has x to the right and y upwards, each from -1 to 1. Must not know the camera's position, nor pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distortion import Coefficients, distort, undistort
+from .window import Window
+
+_Array = NDArray[np.float64]
+
+# Distorted points count as seen if the way back leads to them within this share.
+_ROUND_TRIP = 1e-9
+
+
+class RayModel(Protocol):
+    """The rays of a picture; arrays of coordinates broadcast against each other."""
+
+    def offsets(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any] | None:
+        """Return where rays begin, to the right and upwards of the eye; None: in the eye."""
+
+    def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        """Return the directions, of any length."""
+
+    def sees(self, film_x: _Array, film_y: _Array) -> Any:
+        """Return whether there is anything to see at a point of the picture."""
+
+    def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        """Return where points appear; NaN where they do not."""
+
+
+@dataclass(frozen=True)
+class PinholeModel:
+    """Perspective, with the distortion of a lens or without; `distortion` has y upwards."""
+
+    window: Window
+    distortion: Coefficients | None = None
+
+    def offsets(self, film_x: _Array, film_y: _Array) -> None:
+        return None
+
+    def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        x, y = self.window.points(film_x, film_y)
+        if self.distortion is not None:
+            x, y = undistort(*np.broadcast_arrays(x, y), self.distortion)
+        return x, y, 1.0
+
+    def sees(self, film_x: _Array, film_y: _Array) -> Any:
+        return True
+
+    def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        is_ahead = z > 0
+        depth = np.where(is_ahead, z, np.nan)
+        with np.errstate(over="ignore", invalid="ignore"):
+            u, v = x / depth, y / depth
+            if self.distortion is None:
+                return self.window.film(u, v)
+            shown = distort(u, v, self.distortion)
+            # Beyond its fold the model would show points again, on top of others.
+            back = undistort(*shown, self.distortion)
+            off = np.hypot(back[0] - u, back[1] - v)
+            is_seen = off <= _ROUND_TRIP * np.maximum(1.0, np.hypot(u, v))
+        return self.window.film(np.where(is_seen, shown[0], np.nan), np.where(is_seen, shown[1], np.nan))
+
+
+@dataclass(frozen=True)
+class ParallelModel:
+    """Orthographic: parallel rays from a rectangle, half of whose sides these are, in the scene's units."""
+
+    half_width: float
+    half_height: float
+
+    def offsets(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any]:
+        return film_x * self.half_width, film_y * self.half_height
+
+    def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        zero = np.zeros(np.broadcast_shapes(film_x.shape, film_y.shape))
+        return zero, zero, 1.0
+
+    def sees(self, film_x: _Array, film_y: _Array) -> Any:
+        return True
+
+    def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        is_ahead = z >= 0
+        with np.errstate(over="ignore"):
+            across, upwards = x / self.half_width, y / self.half_height
+        return np.where(is_ahead, across, np.nan), np.where(is_ahead, upwards, np.nan)
+
+
+@dataclass(frozen=True)
+class FisheyeModel:
+    """Equidistant: the angle to the axis is `half_angle`, in radians, times the distance from the middle.
+
+    The sides of the picture in that unit are twice `half_width` and `half_height`.
+    """
+
+    half_width: float
+    half_height: float
+    half_angle: float
+
+    def offsets(self, film_x: _Array, film_y: _Array) -> None:
+        return None
+
+    def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        x, y = film_x * self.half_width, film_y * self.half_height
+        radius = np.hypot(x, y)
+        # Outside the circle, where nothing is seen, any direction will do.
+        angle = np.minimum(radius, 1.0) * self.half_angle
+        slope = np.sin(angle) / np.where(radius > 0, radius, 1.0)
+        return slope * x, slope * y, np.cos(angle)
+
+    def sees(self, film_x: _Array, film_y: _Array) -> Any:
+        return np.hypot(film_x * self.half_width, film_y * self.half_height) <= 1
+
+    def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        aside = np.hypot(x, y)
+        angle = np.arctan2(aside, z)
+        is_seen = (angle <= self.half_angle) & ((aside > 0) | (z != 0))
+        radius = np.where(is_seen, angle, np.nan) / self.half_angle
+        # Straight behind the camera is all of the circle: to the right.
+        cosine, sine = np.where(aside > 0, x, 1.0), np.where(aside > 0, y, 0.0)
+        length = np.where(aside > 0, aside, 1.0)
+        return radius * (cosine / length) / self.half_width, radius * (sine / length) / self.half_height
+
+
+@dataclass(frozen=True)
+class PanoramaModel:
+    """Equirectangular: x is the longitude and y the latitude."""
+
+    def offsets(self, film_x: _Array, film_y: _Array) -> None:
+        return None
+
+    def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        longitude, latitude = film_x * math.pi, film_y * (math.pi / 2)
+        level = np.cos(latitude)
+        return np.sin(longitude) * level, np.sin(latitude), np.cos(longitude) * level
+
+    def sees(self, film_x: _Array, film_y: _Array) -> Any:
+        return True
+
+    def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        level = np.hypot(x, z)
+        is_seen = (level > 0) | (y != 0)
+        longitude, latitude = np.arctan2(x, z), np.arctan2(y, level)
+        return np.where(is_seen, longitude, np.nan) / math.pi, np.where(is_seen, latitude, np.nan) / (math.pi / 2)
