@@ -78,6 +78,7 @@ class DeviceTree:
 
     has_instances = False
     scene_surface: Any = None
+    ray_tree: Any = None
     ray_dtype = PACKED_RAY
     point_dtype = PACKED_POINT
     hit_dtype = HIT

@@ -21,7 +21,7 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..structs import HIT, SCENE_HIT
+from ..structs import HIT
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .rays.batch import RayBatch, TreeBox
@@ -51,9 +51,8 @@ class Query(NamedTuple):
 
     def over(self, tree: TracedTree) -> Query:
         """Return the query as the kernels for a tree or a scene answer it."""
-        if not tree.has_instances:
-            return self
-        return Query(f"scene_{self.kernel}", self.results, SCENE_HIT if self.dtype == HIT else self.dtype)
+        kernel = f"scene_{self.kernel}" if tree.has_instances else self.kernel
+        return Query(kernel, self.results, tree.hit_dtype if self.dtype == HIT else self.dtype)
 
 
 CLOSEST_HIT = Query("closest_hit", "hits", HIT)
@@ -108,17 +107,30 @@ class Caster(ContextManager):
         self.box = box
         self.threads = HostThreads()
         self.calls = RunningCalls(session)
-        self._kernels: dict[str, Kernel] = {}
+        self._kernels: dict[tuple[Any, ...], Kernel] = {}
         self._lock = threading.Lock()
         self.halvings = 0  # of the usual batch, since the device did not hold it
+        self._of_rays = self._find_of_rays()
+
+    @property
+    def of_rays(self) -> Caster:
+        """The caster of rays: this one, unless the tree has another one for rays."""
+        return self if self._of_rays is None else self._of_rays
 
     def over(self, tree: TracedTree, box: TreeBox) -> Caster:
         """Return a caster at another copy of the tree, which shares all else with this one."""
         caster = copy(self)
         caster.tree, caster.box = tree, box
-        if tree.defines != self.tree.defines:
-            # A tree that was built anew may need a longer stack.
-            caster._kernels = {}
+        caster._of_rays = caster._find_of_rays()
+        return caster
+
+    def _find_of_rays(self) -> Caster | None:
+        """Return a caster at the tree that is for rays alone, if there is one."""
+        tree = self.tree.ray_tree
+        if tree is None:
+            return None
+        caster = copy(self)
+        caster.tree, caster.box, caster._of_rays = tree, tree.box, None
         return caster
 
     def open_call(self) -> Call:
@@ -150,9 +162,11 @@ class Caster(ContextManager):
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel, compiled when first asked for."""
-        if name not in self._kernels:
-            self._kernels[name] = build_kernel(self.session, name, self.tree.defines)
-        return self._kernels[name]
+        # The tree of another copy may need a longer stack.
+        key = name, *sorted(self.tree.defines.items())
+        if key not in self._kernels:
+            self._kernels[key] = build_kernel(self.session, name, self.tree.defines)
+        return self._kernels[key]
 
     def close(self) -> None:
         """Give the device's memory back, after the calls of other threads have ended."""

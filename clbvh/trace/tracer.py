@@ -155,8 +155,7 @@ class Tracer(ContextManager):
         >>> tracer.closest_hit(origins, directions, t_min=5).t
         array([5.5, inf])
         """
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        caster = self._caster
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_closest_hits(caster, batch, shape, progress)
 
     def closest_prim(
@@ -180,8 +179,8 @@ class Tracer(ContextManager):
         >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
         array([ 0, -1], dtype=int32)
         """
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_closest_prims(self._caster, batch, shape, progress)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_closest_prims(caster, batch, shape, progress)
 
     def any_hit(
         self,
@@ -209,8 +208,8 @@ class Tracer(ContextManager):
         >>> tracer.any_hit(start, end - start, t_max=1)
         array([ True, False])
         """
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_any_hits(self._caster, batch, shape, progress)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_any_hits(caster, batch, shape, progress)
 
     def count_hits(
         self,
@@ -236,8 +235,8 @@ class Tracer(ContextManager):
         array([2, 1], dtype=int32)
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return count_hits(self._caster, batch, shape, limit, progress)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return count_hits(caster, batch, shape, limit, progress)
 
     def all_hits(
         self,
@@ -274,8 +273,7 @@ class Tracer(ContextManager):
         array([1., 1.])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        caster = self._caster
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def hits_by_depth(
@@ -317,8 +315,7 @@ class Tracer(ContextManager):
         array([ 0.5,  0.5, -0.5, -0.5])
         """
         limit = _check_max_hits(max_hits)
-        batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        caster = self._caster
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_hits_by_depth(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def closest_point(
@@ -553,7 +550,7 @@ class Tracer(ContextManager):
         geometry : Geometry
             As `Scene.add` returned it.
         vertices : (V, 3) float, the geometry's coordinates
-            The same number as before; of spheres, their centres.
+            The same number as before; of spheres, their centres, see also `set_spheres`.
 
         Raises
         ------
@@ -566,7 +563,7 @@ class Tracer(ContextManager):
 
         Notes
         -----
-        A tree whose SAH cost has grown by 1.3 is built anew, and so are those of spheres. See `set_transforms`.
+        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
 
         Examples
         --------
@@ -584,6 +581,46 @@ class Tracer(ContextManager):
         scene = self._known_scene()
         with self._caster.open_call() as call, self._updating:
             self._caster = scene.set_vertices(self._caster, geometry, vertices, call.memory.session)
+
+    def set_spheres(self, geometry: Geometry, centres: ArrayLike, radii: ArrayLike | None = None) -> None:
+        """Move the spheres of a geometry of a scene: their tree is refitted, or built anew where that pays.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            As `Scene.add` returned it.
+        centres : (n, 3) float, the geometry's coordinates
+            As many as before.
+        radii : (n,) float, or float, optional
+            The present radii if left out.
+
+        Raises
+        ------
+        MeshError
+            Another number of spheres, or spheres that `clbvh.Spheres` refuses.
+        SceneError
+            The geometry is a mesh, of another scene, or was added after the tracer was opened.
+        ConfigError, QueryError, DeviceError
+            As of `set_transforms`.
+
+        Notes
+        -----
+        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> atoms = scene.add(clbvh.Spheres([[0, 0, 0], [4, 0, 0]], 1))
+        >>> placed = scene.place(atoms)
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     tracer.set_spheres(atoms, [[0, 0, 1], [4, 0, 0]], [1, 0.5])
+        ...     tracer.closest_hit([[0, 0, 5], [4, 0, 5]], [0, 0, -1]).t
+        array([3. , 4.5])
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_spheres(self._caster, geometry, centres, radii, call.memory.session)
 
     def _known_scene(self) -> MovingScene:
         if self._scene is None:
@@ -660,12 +697,17 @@ class Tracer(ContextManager):
 
     def _read_rays(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
-    ) -> tuple[RayBatch, tuple[int, ...]]:
-        """Return rays as a batch. A mesh without instances is seen by every mask but 0."""
+    ) -> tuple[Caster, RayBatch, tuple[int, ...]]:
+        """Return rays as a batch, with the caster that casts them.
+
+        What has no instances on the device is seen by every mask but 0.
+        """
+        # Read once, because an update may replace it by one that masks differently.
+        caster = self._caster.of_rays
         batch, shape = read_rays(origins, directions, t_min, t_max, mask)
-        if batch.mask is None or self._caster.tree.has_instances:
-            return batch, shape
-        return read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+        if batch.mask is not None and not caster.tree.has_instances:
+            batch, shape = read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+        return caster, batch, shape
 
     def _see(
         self,

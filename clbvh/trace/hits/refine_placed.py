@@ -14,7 +14,7 @@ from ...support.powers_of_two import exponent_of, times_power_of_two
 from ..rays.ray_rows import row_step
 from .placed_locations import locate_placed_point
 from .refine_block import AB, AC, CORNER, DIRECTION, TUV
-from .scene_arrays import place_point, place_vector, to_object
+from .scene_arrays import place_point, place_vector, to_object_by
 from .sphere_coordinates import sphere_uv
 from .sphere_roots import sphere_crossing
 
@@ -23,7 +23,7 @@ _SPHERES = PRIM_KINDS["spheres"]
 
 @compiled
 def gather_placed(rays, arrays, found_ints, block, count):
-    """Write the rays and the placed triangles of some hits into a block; anything for a sphere."""
+    """Write the rays and the placed triangles of some hits into a block; for a sphere, a triangle that the ray hits."""
     origins, directions = rays.origins, rays.directions
     origin_step, direction_step = row_step(origins), row_step(directions)
     vertices, faces = arrays.vertices, arrays.faces
@@ -44,8 +44,7 @@ def gather_placed(rays, arrays, found_ints, block, count):
         scale = arrays.world_scale[instance]
         exponents[hit] = exponent + exponent_of(scale)
         if arrays.kind[geometry] == _SPHERES:
-            for axis in range(3):
-                vectors[CORNER, axis, hit] = vectors[AB, axis, hit] = vectors[AC, axis, hit] = 0.0
+            _write_triangle_across(vectors, hit)
             continue
         first_vertex = arrays.first_vertex[geometry]
         face = arrays.first_face[geometry] + found_ints[sources[hit], HIT_PRIM_ID]
@@ -62,42 +61,66 @@ def gather_placed(rays, arrays, found_ints, block, count):
 
 
 @compiled
-def finish_placed(rays, arrays, found_ints, block, count):
-    """Turn the sides of mirrored triangles, and write the hits on spheres."""
-    volumes = block.volumes
-    for hit in range(count):
-        instance = np.int64(found_ints[block.sources[hit], SCENE_HIT_INSTANCE_ID])
-        if arrays.kind[arrays.geometry_id[instance]] == _SPHERES:
-            _refine_on_sphere(rays, arrays, found_ints, block, hit, instance)
-        elif arrays.is_mirrored[instance]:
-            volumes[hit] = -volumes[hit]
+def _write_triangle_across(vectors, hit):
+    """Write a triangle that the ray hits in its first corner, in the plane across the direction's longest axis.
+
+    Any other one would be taken for a miss, and moved onto an edge at the cost of all other steps together.
+    """
+    for axis in range(3):
+        vectors[CORNER, axis, hit] = vectors[AB, axis, hit] = vectors[AC, axis, hit] = 0.0
+    # The longest component is from 1 to 2.
+    if abs(vectors[DIRECTION, 0, hit]) >= 1.0:
+        vectors[AB, 1, hit] = vectors[AC, 2, hit] = 1.0
+    elif abs(vectors[DIRECTION, 1, hit]) >= 1.0:
+        vectors[AB, 2, hit] = vectors[AC, 0, hit] = 1.0
+    else:
+        vectors[AB, 0, hit] = vectors[AC, 1, hit] = 1.0
 
 
 @compiled
-def _refine_on_sphere(rays, arrays, found_ints, block, hit, instance):
-    """Write t, u, v and the side of a hit on a sphere."""
+def finish_placed(rays, arrays, found_ints, block, count):
+    """Turn the sides of mirrored triangles, and write the hits on spheres."""
+    # Looked up once: to hand all arrays to another function for each hit takes longer than the hit itself.
     origins, directions = rays.origins, rays.directions
-    origin_id, direction_id = block.rays[hit] * row_step(origins), block.rays[hit] * row_step(directions)
-    sphere = arrays.first_sphere[arrays.geometry_id[instance]] + found_ints[block.sources[hit], HIT_PRIM_ID]
-    # The kernel writes a u of 0 where the ray enters the sphere and of 1 where it leaves it.
-    is_leaving = found_ints[block.sources[hit], HIT_U] != 0
-    origin = to_object(
-        arrays, instance,
-        origins[origin_id, 0] - arrays.offset[instance, 0],
-        origins[origin_id, 1] - arrays.offset[instance, 1],
-        origins[origin_id, 2] - arrays.offset[instance, 2],
-    )  # fmt: skip
-    direction = to_object(
-        arrays, instance,
-        np.float64(directions[direction_id, 0]),
-        np.float64(directions[direction_id, 1]),
-        np.float64(directions[direction_id, 2]),
-    )  # fmt: skip
-    centre = arrays.spheres[sphere, 0], arrays.spheres[sphere, 1], arrays.spheres[sphere, 2]
-    t, x, y, z = sphere_crossing(origin, direction, centre, arrays.spheres[sphere, 3], is_leaving)
-    block.vectors[TUV, 0, hit] = t
-    block.vectors[TUV, 1, hit], block.vectors[TUV, 2, hit] = sphere_uv(x, y, z)
-    block.volumes[hit] = -1.0 if is_leaving else 1.0
+    origin_step, direction_step = row_step(origins), row_step(directions)
+    kind, geometry_id, is_mirrored = arrays.kind, arrays.geometry_id, arrays.is_mirrored
+    offset, inverse = arrays.offset, arrays.inverse
+    spheres, first_sphere = arrays.spheres, arrays.first_sphere
+    vectors, volumes, sources = block.vectors, block.volumes, block.sources
+    for hit in range(count):
+        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        geometry = geometry_id[instance]
+        if kind[geometry] != _SPHERES:
+            if is_mirrored[instance]:
+                volumes[hit] = -volumes[hit]
+            continue
+        origin_id, direction_id = block.rays[hit] * origin_step, block.rays[hit] * direction_step
+        sphere = first_sphere[geometry] + found_ints[sources[hit], HIT_PRIM_ID]
+        # The kernel writes a u of 0 where the ray enters the sphere and of 1 where it leaves it.
+        is_leaving = found_ints[sources[hit], HIT_U] != 0
+        origin = to_object_by(
+            inverse, instance,
+            origins[origin_id, 0] - offset[instance, 0],
+            origins[origin_id, 1] - offset[instance, 1],
+            origins[origin_id, 2] - offset[instance, 2],
+        )  # fmt: skip
+        direction = to_object_by(
+            inverse, instance,
+            np.float64(directions[direction_id, 0]),
+            np.float64(directions[direction_id, 1]),
+            np.float64(directions[direction_id, 2]),
+        )  # fmt: skip
+        centre = spheres[sphere, 0], spheres[sphere, 1], spheres[sphere, 2]
+        t, x, y, z = sphere_crossing(origin, direction, centre, spheres[sphere, 3], is_leaving)
+        vectors[TUV, 0, hit] = t
+        vectors[CORNER, 0, hit], vectors[CORNER, 1, hit], vectors[CORNER, 2, hit] = x, y, z
+        volumes[hit] = -1.0 if is_leaving else 1.0
+    # In a loop of their own the calls of atan2 take half the time.
+    for hit in range(count):
+        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        if kind[geometry_id[instance]] == _SPHERES:
+            x, y, z = vectors[CORNER, 0, hit], vectors[CORNER, 1, hit], vectors[CORNER, 2, hit]
+            vectors[TUV, 1, hit], vectors[TUV, 2, hit] = sphere_uv(x, y, z)
 
 
 @compiled

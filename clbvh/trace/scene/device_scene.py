@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from ..device_tree import pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
+from .lone_spheres import LoneSpheres
 from .placed import find_boxes, make_records
 from .refit_geometry import RefitGeometry
 
@@ -99,9 +100,12 @@ class DeviceScene:
     surface : SceneArrays
         What hits are refined on.
     trees : tuple of Bvh
+    built_shapes : tuple of Mesh or Spheres
+        What the trees are around; `state` has the shapes as they are now.
     top : TopTree
     layout, arguments, defines, has_entry_points, node_bytes
         As in `DeviceTree`.
+    ray_tree : LoneSpheres or None
     """
 
     has_entry_points = False
@@ -123,6 +127,7 @@ class DeviceScene:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
         self.layout = resolve_layout(layout, session)
         self.state, self.trees = state, tuple(trees)
+        self.built_shapes = state.shapes
         self._build_top = build_top
         arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
         self._parts = _list_parts(state, arrays)
@@ -141,6 +146,8 @@ class DeviceScene:
         self._dtypes = {"nodes": arrays[0].nodes.dtype}
         if triangle_blocks:
             self._dtypes["blocks"] = triangle_blocks[0].dtype
+        if sphere_blocks:
+            self._dtypes["spheres"] = sphere_blocks[0].dtype
         self.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
         with self._releasing_on_error(session):
             self._upload(session, "nodes", [part.nodes for part in arrays])
@@ -174,7 +181,7 @@ class DeviceScene:
         refit: RefitGeometry,
         threads: HostThreads,
     ) -> Self:
-        """Return the scene with a mesh of it whose vertices have moved; see `moved`."""
+        """Return the scene with a geometry of it whose vertices or spheres have moved; see `moved`."""
         moved = self._copy(state)
         with moved._releasing_on_error(owner, self):
             moved._refit(self, owner, session, geometry_id, refit, threads)
@@ -205,11 +212,11 @@ class DeviceScene:
         self, session: DeviceSession, geometry_id: int, *, write: bool
     ) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
         """Map the nodes and the blocks of a geometry into the host's memory; see `DeviceSession.mapped`."""
-        nodes, blocks = (self._range(name, geometry_id) for name in ("nodes", "blocks"))
-        with (
-            session.mapped(self.arguments["nodes"], nodes[1], nodes[2], write=write, first=nodes[0]) as node_array,
-            session.mapped(self.arguments["blocks"], blocks[1], blocks[2], write=write, first=blocks[0]) as block_array,
-        ):
+        nodes, blocks = (
+            session.mapped(self.arguments[name], count, dtype, write=write, first=first)
+            for name, first, count, dtype in self._ranges(geometry_id)
+        )
+        with nodes as node_array, blocks as block_array:
             yield node_array, block_array
 
     def buffers(self) -> list[Any]:
@@ -232,16 +239,15 @@ class DeviceScene:
         refit: RefitGeometry,
         threads: HostThreads,
     ) -> None:
-        """Put the arrays of all geometries into new buffers: one mesh refitted, the rest from another scene."""
-        for name in ("nodes", "blocks"):
-            begin, count, dtype = self._range(name, geometry_id)
+        """Put the arrays of all geometries into new buffers: one refitted, the rest from another scene."""
+        for name, begin, count, dtype in self._ranges(geometry_id):
             byte_count = self._byte_counts[name]
             self.arguments[name] = buffer = owner.allocate(byte_count, writable=False)
             first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
             session.copy(other.arguments[name], buffer, 0, first)
             session.copy(other.arguments[name], buffer, end, byte_count - end)
         with self.mapped(session, geometry_id, write=True) as arrays:
-            refit.write(cast(Mesh, self.state.shapes[geometry_id]), *arrays, threads)
+            refit.write(self.state.shapes[geometry_id], *arrays, threads)
         # Queries have queues of their own, which do not wait for this one.
         session.finish()
 
@@ -253,12 +259,22 @@ class DeviceScene:
             self._byte_counts[name] = array.nbytes
             session.write(self.arguments[name], array)
 
-    def _range(self, name: str, geometry_id: int) -> tuple[int, int, np.dtype]:
-        """Return where a mesh's nodes or blocks begin, how many there are, and their dtype."""
-        part, dtype = self._parts[geometry_id], self._dtypes[name]
-        if name == "blocks":
-            return int(part[1]), int(part[2]), dtype
-        return int(part[0]), self._node_counts[geometry_id], dtype
+    def _ranges(self, geometry_id: int) -> list[tuple[str, int, int, np.dtype]]:
+        """Return the buffer of a geometry's nodes and that of its blocks, where they begin, their number and dtype."""
+        first_node, first_block, block_count, kind = self._parts[geometry_id].tolist()
+        blocks = "spheres" if kind == PRIM_KINDS["spheres"] else "blocks"
+        return [
+            ("nodes", first_node, self._node_counts[geometry_id], self._dtypes["nodes"]),
+            (blocks, first_block, block_count, self._dtypes[blocks]),
+        ]
+
+    @property
+    def ray_tree(self) -> LoneSpheres | None:
+        """The tree for rays, where they need not know of instances."""
+        parts = self._parts[self.state.geometry_ids[0]]
+        if not self.state.is_one_group_of_spheres or parts[:2].any():
+            return None
+        return LoneSpheres(self, int(parts[2]))
 
     @property
     def scene_surface(self) -> SceneSurface:
