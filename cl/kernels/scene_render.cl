@@ -49,7 +49,7 @@ kernel void scene_render(
         const float3 own_colour = find_colour(view, instance_colours, search.instance_id);
         colour = shade_surface(view, own_colour, surface.above, surface.normal, is_lit);
     } else {
-        colour = shade_background(view, row);
+        colour = has_range(&ray.ray) ? shade_background(view, row) : (float3)(0.0f);
     }
     colours[pixel] = as_pixel(colour, is_hit);
 }
