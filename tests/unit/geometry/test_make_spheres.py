@@ -52,10 +52,40 @@ def test_options_change_the_size():
     assert np.allclose(wide, 10 * narrow)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 7])
+@pytest.mark.parametrize("count", [4, 5, 40, 480, 2500])
+def test_spheres_of_the_weekend_touch_nothing_but_the_ground(count, seed):
+    made = make_spheres("weekend", count=count, seed=seed)
+    centres, radii = made.centres, made.radii
+    assert radii.tolist() == [radii[0], 1, 1, 1, *[0.2] * (count - 4)]
+    others = centres[1:]
+    gaps = np.linalg.norm(others[:, None] - others[None], axis=2) - radii[1:, None] - radii[None, 1:]
+    assert gaps[~np.eye(count - 1, dtype=bool)].min() > 1e-3
+    heights = np.linalg.norm(others - centres[0], axis=1) - radii[0] - radii[1:]
+    assert np.abs(heights).max() < 1e-9 * radii[0]
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 1004, 3000])
+def test_each_sphere_of_the_weekend_has_a_material(count):
+    made = make_spheres("weekend", count=count, seed=2)
+    assert made.material_ids.shape == (count,)
+    assert made.material_ids.dtype == np.int32
+    assert 0 <= made.material_ids.min() <= made.material_ids.max() < len(made.materials) <= 1004
+    # The large ones keep theirs, and the small ones begin with the first of their own.
+    assert made.material_ids[:1004].tolist() == list(range(min(count, 1004)))
+
+
+@pytest.mark.parametrize("seed", [3])
+def test_the_weekend_fills_a_square(seed):
+    centres = make_spheres("weekend", count=480, seed=seed).centres[4:]
+    assert np.abs(centres[:, [0, 2]]).max() < 13
+    assert ((centres[:, 0] > 0).mean(), (centres[:, 2] > 0).mean()) == pytest.approx((0.5, 0.5), abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"name": "nebula"}, "no spheres 'nebula': take one of galaxy"),
+        ({"name": "nebula"}, "no spheres 'nebula': take one of galaxy, weekend"),
         ({"loops": 3}, "no option 'loops': they have arms, winding"),
         ({"arms": 0}, "'arms' .* must be 1 to 100, not 0"),
         ({"arms": 2.5}, "'arms' .* must be 1 to 100, not 2.5"),
