@@ -152,7 +152,7 @@ def test_a_missing_scene_file_is_named(tmp_path):
 
 
 def test_a_misspelt_scene_is_told_the_names():
-    with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, demo"):
+    with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, cornell, demo"):
         open_scene("bunni")
 
 
