@@ -1,7 +1,5 @@
 """The rays of all kinds of cameras against those of the host, through any point of the picture and of the lens."""
 
-import math
-
 import numpy as np
 import pytest
 
