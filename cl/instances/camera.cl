@@ -13,6 +13,6 @@ INLINED scene_ray_pair_t scene_primary_ray(const global view_t *view, const int 
     const bool is_seen = camera_ray(
         view, pixel_centre(view, column, row), LENS_CENTRE, &origin, &origin_low, &direction, &direction_low);
     const scene_ray_pair_t ray = {
-        make_ray(origin, direction, 0.0f, is_seen ? INFINITY : NO_RANGE), origin_low, direction_low, PICTURE_MASK};
+        origin, direction, 0.0f, is_seen ? INFINITY : NO_RANGE, origin_low, direction_low, PICTURE_MASK};
     return ray;
 }

@@ -1,6 +1,7 @@
 // Shadows in a scene: whether the directed light reaches a surface.
 
 #include "instances/camera.cl"
+#include "instances/start.cl"
 #include "instances/surface.cl"
 
 // Whether nothing lies between a surface and the light. Without shadows, nothing does.
@@ -17,8 +18,9 @@ INLINED bool sees_light_in_scene(
         return false;
     }
     const scene_ray_pair_t ray = {
-        make_ray(surface->above, to_light, 0.0f, INFINITY), surface->above_low, (float3)(0.0f), PICTURE_MASK};
+        surface->above, to_light, 0.0f, INFINITY, surface->above_low, (float3)(0.0f), PICTURE_MASK};
     search_t blockers = make_search(1, 0);
-    traverse_scene(top_nodes, instances, nodes, blocks, spheres, &ray, &blockers, QUERY_COUNT);
+    const scene_start_t root = start_at_root();
+    traverse_scene(top_nodes, instances, nodes, blocks, spheres, root, &ray, &blockers, QUERY_COUNT);
     return blockers.count == 0;
 }

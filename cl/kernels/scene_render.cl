@@ -12,6 +12,7 @@
 
 #include "instances/camera.cl"
 #include "instances/shadow.cl"
+#include "instances/start.cl"
 #include "instances/surface.cl"
 #include "instances/traverse.cl"
 #include "shading/shade.cl"
@@ -38,7 +39,8 @@ kernel void scene_render(
 
     const scene_ray_pair_t ray = scene_primary_ray(view, column, row);
     search_t search = make_search(1, 0);
-    traverse_scene(top_nodes, instances, nodes, blocks, spheres, &ray, &search, QUERY_CLOSEST);
+    const scene_start_t root = start_at_root();
+    traverse_scene(top_nodes, instances, nodes, blocks, spheres, root, &ray, &search, QUERY_CLOSEST);
     const bool is_hit = is_found(&search.nearest);
     hits[pixel] = as_kept_hit(&search, &search.nearest);
 

@@ -9,9 +9,11 @@
 // keep: files that both branches need are expanded before them
 #include "boxes/aabb.cl"
 #include "math/pairs.cl"
+#include "rays/batch.cl"
 #include "shading/surface.cl"
 #include "traversal/traverse.cl"
 #if HAS_INSTANCES
+#include "instances/start.cl"
 #include "instances/surface.cl"
 #include "instances/traverse.cl"
 #endif
@@ -55,20 +57,16 @@ typedef scene_ray_pair_t world_ray_t;
 INLINED world_ray_t make_world_ray(
     const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
 {
-    const world_ray_t ray = {make_ray(origin.high, direction, 0.0f, t_max), origin.low, direction_low, EVERY_MASK};
+    const world_ray_t ray = {origin.high, direction, 0.0f, t_max, origin.low, direction_low, EVERY_MASK};
     return ray;
-}
-
-INLINED const ray_t *as_plain_ray(const world_ray_t *ray)
-{
-    return &ray->ray;
 }
 
 INLINED void traverse_world(
     const world_t *world, const world_ray_t *ray, const bool is_primary, search_t *search, const int query)
 {
+    const scene_start_t root = start_at_root();
     traverse_scene(
-        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres, ray, search, query);
+        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres, root, ray, search, query);
 }
 
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
@@ -97,11 +95,6 @@ INLINED world_ray_t make_world_ray(
     const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
 {
     return make_ray(origin.high, direction, 0.0f, t_max);
-}
-
-INLINED const ray_t *as_plain_ray(const world_ray_t *ray)
-{
-    return ray;
 }
 
 INLINED void traverse_world(

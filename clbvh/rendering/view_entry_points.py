@@ -30,13 +30,16 @@ class ViewEntryPoints:
 
     def __init__(self, session: DeviceSession, tree: TracedTree, tile: tuple[int, int], margin: float) -> None:
         self._tree, self._tile, self._margin = tree, tile, np.float32(margin)
-        self._kernel = build_kernel(session, _KERNEL, tree.defines) if tree.has_entry_points else None
+        # The kernels of pictures begin at the root of a scene.
+        has_any = tree.has_entry_points and not tree.has_instances
+        self._kernel = build_kernel(session, _KERNEL, tree.defines) if has_any else None
 
     def find(self, band: Band) -> Any:
         """Return the entry points of a band's tiles, as kernels take them; None where rays begin at the root."""
         if self._kernel is None:
             return None
-        return find_entry_points(
+        starts = find_entry_points(
             band.session, self._tree, self._kernel, band.memory.buffer("entry points", for_mapping=False),
             (band.width, band.row_count), self._tile, margin=self._margin, **band.rows,
         )  # fmt: skip
+        return starts["entry_points"]

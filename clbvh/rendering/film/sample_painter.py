@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...device.program import build_kernel
 from ...device.session import DeviceSession
@@ -44,6 +45,8 @@ class Progress:
         Asked after each launch; if it returns True, no further samples are taken.
     taken : int
         Samples of each pixel that were taken. Of a picture in several bands, those of the last band.
+    film : (height, width, 4) float32, or None
+        Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
     """
 
     samples: int
@@ -51,6 +54,7 @@ class Progress:
     on_samples: Callable[[int, int], None] = lambda done, total: None
     is_stopped: Callable[[], bool] = lambda: False
     taken: int = 0
+    film: NDArray[np.float32] | None = None
 
 
 class SampleShading:
@@ -117,6 +121,10 @@ class SamplePainter:
             colours=band.colours,
         )  # fmt: skip
         self._progress.taken = taken
+        if (kept := self._progress.film) is not None:
+            rows = kept[band.first_row : band.first_row + band.row_count]
+            session.download(film, rows)
+            rows /= np.float32(taken)
 
     def _take_samples(self, band: Band, film: Any, arguments: dict[str, Any]) -> int:
         """Add samples to the film; return how many of each pixel."""
