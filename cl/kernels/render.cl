@@ -37,7 +37,7 @@ kernel void render(
 
     float3 colour;
     if (!is_found(&nearest)) {
-        colour = has_range(&ray) ? shade_background(view, row) : (float3)(0.0f);
+        colour = has_range(ray.t_max) ? shade_background(view, row) : (float3)(0.0f);
     } else {
         const corners_t corners = corners_at(blocks, nearest.triangle_index);
         const surface_t surface = surface_at(&corners, &nearest, ray.direction);

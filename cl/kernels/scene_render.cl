@@ -51,7 +51,7 @@ kernel void scene_render(
         const float3 own_colour = find_colour(view, instance_colours, search.instance_id);
         colour = shade_surface(view, own_colour, surface.above, surface.normal, is_lit);
     } else {
-        colour = has_range(&ray.ray) ? shade_background(view, row) : (float3)(0.0f);
+        colour = has_range(ray.t_max) ? shade_background(view, row) : (float3)(0.0f);
     }
     colours[pixel] = as_pixel(colour, is_hit);
 }

@@ -134,7 +134,7 @@ INLINED ray_t primary_ray(const global view_t *view, const int column, const int
 }
 
 // Whether the camera sees anything along the ray of a pixel.
-INLINED bool has_range(const ray_t *ray)
+INLINED bool has_range(const float t_max)
 {
-    return ray->t_max >= 0.0f;
+    return t_max >= 0.0f;
 }

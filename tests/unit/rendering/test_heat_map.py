@@ -78,7 +78,7 @@ def test_a_fisheye_takes_no_steps_outside_its_circle():
     bvh = build(make_shape("icosphere", triangles=80))
     # Beyond its circle, rays go straight behind the camera, where the sphere is.
     camera = Camera(eye=(0, 0, 3), look_at=(0, 0, 6), projection=Fisheye(360))
-    picture = draw_heat_map_of(bvh, camera, 40, 20, "nodes")
     is_outside = ~camera.sees(40, 20)
-    assert (picture[:20][is_outside] == picture[10, 20]).all()
     assert count_picture(bvh, camera, 40, 20).node_steps.reshape(20, 40)[is_outside].min() > 0
+    expected = np.where(is_outside, 0, count_picture(bvh, camera, 40, 20).node_steps.reshape(20, 40))
+    np.testing.assert_array_equal(draw_heat_map_of(bvh, camera, 40, 20, "nodes"), draw_heat_map(expected, "nodes"))
