@@ -242,11 +242,21 @@ class Call(MemoryLoan):
             )
         return Batch(count, work_size, work_group, described | {"order": order, "entry_points": entry_points})
 
-    def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
-        """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(self._tree.point_dtype, CHUNK_RAYS), progress=progress)
+    def cut_points(
+        self,
+        point_count: int,
+        progress: Progress | None = None,
+        *,
+        dtype: np.dtype | None = None,
+        most_points: int = CHUNK_RAYS,
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the chunks in which to cast points, of a dtype as in `pack_points`; see `pieces.cut_points`."""
+        fitting = self.fit(dtype or self._tree.point_dtype, min(most_points, CHUNK_RAYS))
+        return cut_points(point_count, most_points=fitting, progress=progress)
 
-    def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
+    def pack_points(
+        self, count: int, pack: Callable[[int, int, NDArray[np.void]], None], *, dtype: np.dtype | None = None
+    ) -> Batch:
         """Put points on the device.
 
         Parameters
@@ -255,8 +265,10 @@ class Call(MemoryLoan):
         pack : function
             Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write, or
             `structs.SCENE_POINT` for a scene; from several threads.
+        dtype : numpy.dtype, optional
+            Of packed points, where it is another one.
         """
-        points = self._fill("packed", self._tree.point_dtype, count, pack)
+        points = self._fill("packed", dtype or self._tree.point_dtype, count, pack)
         work_group = (self._session.settings.work_group_size, 1)
         return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 
