@@ -3,9 +3,11 @@
 // docs/internals/offsets.md derives the distance for a triangle that is known. Here it is not, so the distance is that
 // for any triangle and any sphere of the instances around the point.
 
+// keep: before nearest.cl, which includes parts of it in branches
+#include "instances/surface.cl"
+
 #include "instances/containing.cl"
 #include "instances/nearest.cl"
-#include "instances/surface.cl"
 
 // Roundings of float32 between a point and the t of a primitive, and on the way into an instance, by that page: 40 and
 // 16, and room for the rounding of the corners, of a sphere's radius and of the normal that the user gives.

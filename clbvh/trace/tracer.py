@@ -521,13 +521,16 @@ class Tracer(ContextManager):
 
         Examples
         --------
-        The middle of a floor with a wall to one side of it, which hides nearly half of the sky:
+        A floor under the middle of a disk of radius 1 at a height of 1, which hides half of the sky, and aside:
 
         >>> import clbvh
-        >>> floor_and_wall = [[0, 0, 0], [1e3, 0, 0], [0, 1e3, 0], [0, 0, -1e3], [0, 0, 1e3]], [[1, 2, 0], [2, 3, 4]]
-        >>> tracer = clbvh.Tracer(floor_and_wall)
-        >>> tracer.ambient_occlusion([[1e-3, 1, 0], [100, 1, 0]], [0, 0, 1], rays=256).round(1)
-        array([0.5, 0.5])
+        >>> import trimesh
+        >>> disk = trimesh.creation.cylinder(radius=1, height=0.01, sections=256)
+        >>> tracer = clbvh.Tracer(disk)
+        >>> tracer.ambient_occlusion([[0, 0, -1], [5, 0, -1]], [0, 0, 1], rays=1024).round(2)
+        array([0.5, 1. ])
+        >>> tracer.ambient_occlusion([0, 0, -1], [0, 0, 1], max_distance=0.5)
+        array(1.)
         """
         rays, seed = check_sampling(rays, seed)
         hemispheres = Hemispheres.read(points, normals, max_distance, mask, offset)

@@ -73,5 +73,7 @@ def find_open_shares(
                     first_ray=np.int32(first_ray), ray_count=np.int32(ray_count), seed=np.uint32(seed),
                 ) as found:  # fmt: skip
                     open_counts[order] += found
-            shares[begin:end] = open_counts / rays
+            # Every mask but 0 sees a mesh without instances.
+            hides_all = not in_scene and hemispheres.masks is not None
+            shares[begin:end] = np.where(rows.masks == 0, 1.0, open_counts / rays) if hides_all else open_counts / rays
     return shares.reshape(hemispheres.shape)
