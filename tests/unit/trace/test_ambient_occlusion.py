@@ -45,12 +45,12 @@ def scene_of(*shapes):
     return scene
 
 
-def points_on(mesh, count, seed):
+def points_on(mesh, count, seed, spread=0.3):
     """Random points on a mesh with the normals of their faces, outwards for convex meshes around their middle."""
     generator = np.random.default_rng(seed)
     corners = mesh.vertices[mesh.faces]
     picked = corners[generator.integers(0, len(corners), count)]
-    shares = generator.dirichlet([0.3, 0.3, 0.3], count)  # often close to edges and corners
+    shares = generator.dirichlet([spread] * 3, count)  # below 1: often close to edges and corners
     normals = np.cross(picked[:, 1] - picked[:, 0], picked[:, 2] - picked[:, 0])
     outwards = np.einsum("ij,ij->i", normals, picked[:, 0] - mesh.vertices.mean(axis=0)) >= 0
     return np.einsum("ij,ijk->ik", shares, picked), np.where(outwards[:, None], normals, -normals)
@@ -70,7 +70,7 @@ class TestFormulas:
             np.testing.assert_array_equal(tracer.ambient_occlusion(points, [0, 0, -1e-30]), 1)
 
     def test_nothing_is_open_inside_of_a_closed_box(self, trace):
-        points, normals = points_on(BOX, 500, seed=2)
+        points, normals = points_on(BOX, 500, seed=2, spread=3.0)
         with trace(BOX) as tracer:
             middle = BOX.vertices.mean(axis=0)
             assert tracer.ambient_occlusion(middle, UP) == 0
@@ -171,6 +171,13 @@ class TestSurfaces:
             share = tracer.ambient_occlusion([beside, 0, 0], UP, rays=RAYS)
         assert share < 0.6
 
+    @pytest.mark.parametrize("size", [1e-5, 1e-3])
+    def test_points_are_lifted_by_the_size_of_their_own_instance(self, trace, size):
+        # Not at the edges: there, rounding may lead out through the neighbour.
+        points, normals = points_on(BOX, 300, seed=8, spread=3.0)
+        with trace(scene_of((square_of(1.0), affine(offset=(0, 0, -1))), (BOX, affine(linear=[size] * 3)))) as tracer:
+            np.testing.assert_array_equal(tracer.ambient_occlusion(size * points, -normals, rays=32), 0)
+
     def test_an_offset_leads_out_of_the_surface(self, trace):
         with trace(square_of(1)) as tracer:
             below = [0.1, 0.2, -1e-3]
@@ -189,8 +196,9 @@ def grooved():
 class TestSamples:
     def test_layouts_scenes_and_cuts_agree(self, session, grooved, monkeypatch):
         mesh, points, normals = grooved
-        arguments = {"rays": 48, "seed": 3}
-        shares = []
+        arguments = {"rays": 100, "seed": 3}
+        with Tracer(scene_of(mesh), device=session.info) as of_scene:
+            shares = [of_scene.ambient_occlusion(points, normals, **arguments)]
         for layout in LAYOUTS:
             with Tracer(mesh, device=session.info, layout=layout) as tracer:
                 shares.append(tracer.ambient_occlusion(points, normals, **arguments))
