@@ -109,7 +109,7 @@ class TestFormulas:
         with trace(disk_at(1.0, 1.0)) as tracer:
             assert tracer.ambient_occlusion([0, 0, 0], UP, rays=RAYS, max_distance=0.99) == 1
             shares = tracer.ambient_occlusion([[0, 0, 0]] * 3, UP, rays=RAYS, max_distance=[0.5, 1.2, np.inf])
-        # Within 1.2, the disk hides the cone to the ring at that distance: sin^2 of the angle.
+        # Within 1.2, the disk hides the cone to the ring at that distance, of which the cosine is 1 / 1.2.
         np.testing.assert_allclose(shares, [1, 1 / 1.2**2, 0.5], atol=ERROR)
 
     def test_the_error_falls_faster_than_that_of_random_rays(self, session):
@@ -197,7 +197,7 @@ class TestSamples:
     def test_layouts_scenes_and_cuts_agree(self, session, grooved, monkeypatch):
         mesh, points, normals = grooved
         arguments = {"rays": 100, "seed": 3}
-        with Tracer(scene_of(mesh), device=session.info) as of_scene:
+        with Tracer(scene_of(mesh, mesh), device=session.info) as of_scene:
             shares = [of_scene.ambient_occlusion(points, normals, **arguments)]
         for layout in LAYOUTS:
             with Tracer(mesh, device=session.info, layout=layout) as tracer:
