@@ -7,7 +7,7 @@ an instance is added on the device (`cl/instances/lift.cl`), which knows the ins
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,8 +39,8 @@ _SURFACE_ROUNDINGS = 64
 # Relative error of a position that the device has as a pair of float32.
 _PAIR_ROUNDING = 2.0**-45
 
-# A point farther away than this, in local units, is moved to that distance: seen from there, nothing has a solid angle
-# that a ray could meet.
+# A point farther away than this, in local units, is moved to that distance: what is seen from there is too small for a
+# ray to meet it, and float32 holds the coordinates.
 _FARTHEST = 2.0**24
 
 _FLOAT64 = np.dtype(np.float64)
@@ -91,7 +91,8 @@ class Hemispheres(NamedTuple):
         if not (np.ndim(offset) == 0 and 0.0 <= offset < np.inf):
             raise QueryError(f"offset must be a number from 0, not {offset}")
         return cls(
-            *(Broadcast.to_shape(values, 1, shape) for values in vectors),
+            Broadcast.to_shape(vectors[0], 1, shape),
+            Broadcast.to_shape(vectors[1], 1, shape),
             read_lengths(max_distance, "max_distance", shape),
             None if mask is None else read_masks(mask, shape, "points"),
             float(offset),
@@ -172,15 +173,14 @@ def pack_hemispheres(
     lanes = packed.view(np.float32).reshape(-1, HEMISPHERE_LANES)
     surface_rounding = 0.0 if in_scene else _SURFACE_ROUNDINGS * ROUNDING
     pair_rounding = _PAIR_ROUNDING * float(box.half.max()) if in_scene else 0.0
-    masks = rows.masks.view(np.int32)
     _pack(
-        rows._replace(masks=masks), order, first_number, box.centre, box.scale, surface_rounding, pair_rounding,
+        rows, rows.masks.view(np.int32), order, first_number, box.centre, box.scale, surface_rounding, pair_rounding,
         lanes, lanes.view(np.int32),
     )  # fmt: skip
 
 
 @compiled
-def _find_bad(normals: Any) -> Any:
+def _find_bad(normals):
     """Return the index of the first normal that is not finite, or of length zero, or _ALL_GOOD."""
     for row in range(len(normals)):
         total, longest = 0.0, 0.0
@@ -194,7 +194,7 @@ def _find_bad(normals: Any) -> Any:
 
 
 @compiled
-def _pack(rows, order, first_number, centre, scale, surface_rounding, pair_rounding, packed, packed_ints):
+def _pack(rows, masks, order, first_number, centre, scale, surface_rounding, pair_rounding, packed, packed_ints):
     local, normal = np.empty(3), np.empty(3)
     for slot in range(len(order)):
         point = order[slot]
@@ -227,5 +227,5 @@ def _pack(rows, order, first_number, centre, scale, surface_rounding, pair_round
             packed[slot, HEMISPHERE_NORMAL + axis] = normal[axis]
         max_distance = rows.max_distance[point] if len(rows.max_distance) > 1 else rows.max_distance[0]
         packed[slot, HEMISPHERE_T_MAX] = max_distance * scale
-        packed_ints[slot, HEMISPHERE_MASK] = rows.masks[point] if len(rows.masks) > 1 else rows.masks[0]
+        packed_ints[slot, HEMISPHERE_MASK] = masks[point] if len(masks) > 1 else masks[0]
         packed_ints[slot, HEMISPHERE_NUMBER] = np.int64(first_number + point) & 0xFFFF_FFFF

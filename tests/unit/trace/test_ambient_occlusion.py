@@ -16,6 +16,11 @@ LAYOUTS = list(LAYOUT_WIDTHS)
 UP = [0.0, 0.0, 1.0]
 BOX = as_mesh(trimesh.creation.box(extents=(1.0, 0.8, 0.6)))
 TURN = turn(0, 0.7) @ turn(1, 2.1) @ turn(2, 4.0)
+CONVEX = {
+    "box": BOX,
+    "slab": Mesh.from_arrays(BOX.vertices * [1, 1, 1e-3], BOX.faces),
+    "sphere": make_shape("icosphere", triangles=1280),
+}
 
 # Scrambled points in 1,024 cells: the error of a share is that of the cells on an edge, some tens of them.
 RAYS = 1024
@@ -123,17 +128,11 @@ class TestFormulas:
 class TestSurfaces:
     """Points on convex bodies see all of the sky, whatever rounds their coordinates."""
 
-    SHAPES = {
-        "box": BOX,
-        "slab": Mesh.from_arrays(BOX.vertices * [1, 1, 1e-3], BOX.faces),
-        "sphere": make_shape("icosphere", triangles=1280),
-    }
-
-    @pytest.mark.parametrize("name", SHAPES)
+    @pytest.mark.parametrize("name", CONVEX)
     @pytest.mark.parametrize("dtype", [np.float32, np.float64])
     @pytest.mark.parametrize(("unit", "away"), [(1, 0), (1e-30, 0), (1e30, 0), (1, 1e3), (1, 1e9)])
     def test_of_a_mesh(self, trace, name, dtype, unit, away):
-        mesh = self.SHAPES[name]
+        mesh = CONVEX[name]
         turned = mesh.vertices @ TURN.T
         mesh = Mesh.from_arrays(unit * (turned + away * np.array([1, -2, 0.5])), mesh.faces)
         points, normals = points_on(mesh, 300, seed=4)
@@ -147,7 +146,7 @@ class TestSurfaces:
         generator = np.random.default_rng(seed)
         linear = random_linear(generator, stretch=10.0)
         transform = affine(linear=linear, offset=away * generator.normal(size=3))
-        mesh = self.SHAPES["sphere"]
+        mesh = CONVEX["sphere"]
         world = Mesh.from_arrays(mesh.vertices @ linear.T + transform[:3, 3], mesh.faces)
         points, normals = points_on(world, 300, seed)
         with trace(scene_of((mesh, transform))) as tracer:
