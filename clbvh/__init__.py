@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
+    from .rendering.images.images import Images
+    from .rendering.images.make_images import render_images
     from .rendering.lens import Lens
     from .rendering.light import Light
     from .rendering.mesh_source import MeshSource
@@ -95,6 +97,7 @@ _HOME_OF = {
     "Tracer": "trace",
     "ambient_occlusion": "trace.ambient_occlusion",
     "Camera": "rendering.camera",
+    "Images": "rendering.images.images",
     "Lens": "rendering.lens",
     "Orthographic": "rendering.projection",
     "Fisheye": "rendering.projection",
@@ -113,6 +116,7 @@ _HOME_OF = {
     "Vector": "rendering.vectors",
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
+    "render_images": "rendering.images.make_images",
     "ClbvhError": "errors",
     "MeshError": "errors",
     "SceneError": "errors",
@@ -162,6 +166,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Tracer",
     "ambient_occlusion",
     "Camera",
+    "Images",
     "Lens",
     "Orthographic",
     "Fisheye",
@@ -180,6 +185,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Vector",
     "open_scene",
     "render",
+    "render_images",
     "ClbvhError",
     "MeshError",
     "SceneError",

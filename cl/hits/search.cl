@@ -5,6 +5,9 @@
 //
 // HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_search leaves it
 // at triangles.
+//
+// LONE_SPHERES, if defined as 1 beside HAS_INSTANCES and HAS_SPHERES: the scene is the spheres of instance 0 in their
+// place, so rays are cast at their tree as at that of a mesh.
 
 #include "hits/crossing.cl"
 #include "rays/ray.cl"
@@ -47,7 +50,9 @@ typedef struct {
 
 INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {
-#if HAS_INSTANCES
+#if LONE_SPHERES
+    const search_t search = {no_crossing(), 0, max_count, heap, 0, 0, 0.0f, KIND_SPHERES};
+#elif HAS_INSTANCES
     const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f};
 #else
     const search_t search = {no_crossing(), 0, max_count, heap};

@@ -8,7 +8,7 @@
 
 kernel void closest_hit(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global packed_ray_t *restrict rays, global hit_t *restrict hits, const int ray_count,
+    const global packed_ray_t *restrict rays, global kept_hit_t *restrict hits, const int ray_count,
     const int row_length, const global int *restrict order, const global node_t *restrict entry_points)
 {
     ray_t ray;
@@ -18,5 +18,5 @@ kernel void closest_hit(
     }
     search_t search = make_search(1, 0);
     traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_CLOSEST);
-    hits[ray_id] = as_hit(&search.nearest);
+    hits[ray_id] = as_kept_hit(&search, &search.nearest);
 }

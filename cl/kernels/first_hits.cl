@@ -12,7 +12,7 @@
 
 kernel void first_hits(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global packed_ray_t *restrict rays, global hit_t *restrict hits, const int ray_count,
+    const global packed_ray_t *restrict rays, global kept_hit_t *restrict hits, const int ray_count,
     const int row_length, const global int *restrict order, const global node_t *restrict entry_points,
     const int slots)
 {
@@ -21,7 +21,7 @@ kernel void first_hits(
     if (ray_id == NO_RAY) {
         return;
     }
-    global hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
+    global kept_hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
     search_t search = make_search(slots, hits_of_ray);
     traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_FIRST);
     sort_hits(&search);

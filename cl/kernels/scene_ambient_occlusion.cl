@@ -32,10 +32,11 @@ kernel void scene_ambient_occlusion(
         draw_directions(point, seed, first_ray + begin, count, &directions);
         for (int i = 0; i < count; i++) {
             const scene_ray_pair_t ray = {
-                make_ray(position, direction_of(&directions, i), 0.0f, point->t_max), below.position_low + low,
-                (float3)(0.0f), point->mask};
+                position, direction_of(&directions, i), 0.0f, point->t_max, below.position_low + low, (float3)(0.0f),
+                point->mask};
             search_t search = make_search(1, 0);
-            traverse_scene(top_nodes, instances, nodes, blocks, spheres, &ray, &search, QUERY_COUNT);
+            traverse_scene(
+                top_nodes, instances, nodes, blocks, spheres, start_at_root(), &ray, &search, QUERY_COUNT);
             open_count += search.count == 0;
         }
     }

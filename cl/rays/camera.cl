@@ -132,3 +132,9 @@ INLINED ray_t primary_ray(const global view_t *view, const int column, const int
     const bool is_seen = camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &origin, 0, &direction, 0);
     return make_ray(origin, direction, 0.0f, is_seen ? INFINITY : NO_RANGE);
 }
+
+// Whether the camera sees anything along the ray of a pixel.
+INLINED bool has_range(const ray_t *ray)
+{
+    return ray->t_max >= 0.0f;
+}

@@ -60,6 +60,22 @@ def render(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
+    camera: options.CameraKind = None,
+    aperture: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DIAMETER", help="Opening of the lens: depth of field.", show_default="0", rich_help_panel=_SCENE
+        ),
+    ] = None,
+    focus: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DISTANCE",
+            help="Distance that is sharp with an aperture.",
+            show_default="that of the point looked at",
+            rich_help_panel=_SCENE,
+        ),
+    ] = None,
     light: Annotated[
         str | None,
         typer.Option(
@@ -104,7 +120,7 @@ def render(
         str | None,
         typer.Option(
             metavar="nodes|triangles",
-            help="Show the node steps or the triangle tests of each ray instead, with a colour bar below.",
+            help="Show the node steps of each ray instead, or its primitive tests, with a colour bar below.",
         ),
     ] = None,
     validate: Annotated[
@@ -113,7 +129,6 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
-    from ..errors import ConfigError
     from ..rendering.image_files import check_hits_path, check_picture_path
     from ..rendering.render import RenderOptions
 
@@ -136,14 +151,16 @@ def render(
         "exposure": exposure,
         "tone_curve": tone_curve,
         "max_bounces": max_bounces,
-        "eye": _parse_vector("--eye", eye),
-        "look_at": _parse_vector("--look-at", look_at),
-        "up": _parse_vector("--up", up),
+        "eye": options.parse_vector("--eye", eye),
+        "look_at": options.parse_vector("--look-at", look_at),
+        "up": options.parse_vector("--up", up),
         "fov": fov,
+        "aperture": aperture,
+        "focus_distance": focus,
         # One colour stands for top and bottom.
-        "background": _parse_vector("--background", background),
+        "background": options.parse_vector("--background", background),
     }
-    light_direction = _parse_vector("--light", light)
+    light_direction = options.parse_vector("--light", light)
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
@@ -155,12 +172,11 @@ def render(
     )
 
     scene, load_timings_ms = _open(sources)
+    if camera is not None:
+        scene = options.with_camera(scene, camera, fov)
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
-    if heatmap is not None and not scene.is_one_mesh:
-        raise ConfigError("a heat map shows the steps through the tree of one mesh, and the scene has several objects")
-
     picture = render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)
     report = picture.report()
     for phase, ms in load_timings_ms.items():
@@ -176,32 +192,15 @@ def render(
 
 def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
     """Return the scene of the command line, and the times of the phases in which its objects were loaded."""
-    from ..rendering.mesh_files import open_mesh_files
-    from ..rendering.scene_file import open_scene
     from ..support.stopwatch import Stopwatch
 
     watch = Stopwatch()
-    scene = open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
+    scene = options.open_sources(sources)
     if scene.is_one_mesh:
         return scene, {}  # loaded by the renderer, while the workers start
     watch.lap("load")
     timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
     return scene, {**timings_ms, "total": sum(timings_ms.values())}
-
-
-def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
-    """Return the three numbers of an option such as ``--eye 1,2,3``."""
-    from ..errors import ConfigError
-
-    if text is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise ConfigError(
-            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
-        ) from error
-    return x, y, z
 
 
 def _check_heat_map(quantity: str, builder: str) -> None:
@@ -220,8 +219,9 @@ def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None
 
     begin = time.perf_counter()
     rgb = picture.pixels
-    if heatmap is not None and picture.bvh is not None:
-        rgb = draw_heat_map_of(picture.bvh, picture.camera, picture.rgb.shape[1], picture.rgb.shape[0], heatmap)
+    if heatmap is not None:
+        subject = picture.objects if picture.bvh is None else picture.bvh
+        rgb = draw_heat_map_of(subject, picture.camera, rgb.shape[1], rgb.shape[0], heatmap)
     for path in output:
         write_picture(path, rgb)
     if hits is not None:

@@ -53,16 +53,29 @@ def sphere_boxes(spheres: Spheres) -> Mesh:
 
 
 @compiled
+def sphere_reach(radius):
+    """Return how far the box of a sphere reaches from its centre, before rounding: float64, local coordinates."""
+    return radius * (1.0 + _MARGIN)
+
+
+@compiled
+def bound_sphere(centre, reach):
+    """Return the least and the greatest coordinate of a sphere's box along an axis: float32, rounded outwards."""
+    lower = np.float64(centre) - reach
+    upper = np.float64(centre) + reach
+    return (
+        np.float32(lower - (abs(lower) * _ROUNDING + _LEAST_ROUNDING)),
+        np.float32(upper + (abs(upper) * _ROUNDING + _LEAST_ROUNDING)),
+    )
+
+
+@compiled
 def _write_boxes(centres, radii, origin, unit, local, vertices, faces):
     """Write the corners of each box, in local coordinates and in the spheres' own, and the triangle between them."""
     for sphere in range(len(radii)):
-        reach = radii[sphere] * (1.0 + _MARGIN)
+        reach = sphere_reach(radii[sphere])
         for axis in range(3):
-            # Rounded outwards.
-            lower = np.float64(centres[sphere, axis]) - reach
-            local_lower = np.float32(lower - (abs(lower) * _ROUNDING + _LEAST_ROUNDING))
-            upper = np.float64(centres[sphere, axis]) + reach
-            local_upper = np.float32(upper + (abs(upper) * _ROUNDING + _LEAST_ROUNDING))
+            local_lower, local_upper = bound_sphere(centres[sphere, axis], reach)
             local[2 * sphere, axis], local[2 * sphere + 1, axis] = local_lower, local_upper
             vertices[2 * sphere, axis] = local_lower * unit + origin[axis]
             vertices[2 * sphere + 1, axis] = local_upper * unit + origin[axis]

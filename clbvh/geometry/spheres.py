@@ -212,7 +212,9 @@ class Spheres:
     def local_box(self) -> NDArray[np.float32]:
         """(2, 3) float32: the least and the greatest local coordinates of the spheres, rounded."""
         radii = self.local_radii[:, None]
-        return np.stack(((self.local_centres - radii).min(axis=0), (self.local_centres + radii).max(axis=0)))
+        lower, _ = find_bounds(self.local_centres - radii)
+        _, upper = find_bounds(self.local_centres + radii)
+        return np.stack((lower, upper)).astype(np.float32)
 
     @cached_property
     def fingerprint(self) -> bytes:

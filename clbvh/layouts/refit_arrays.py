@@ -1,4 +1,4 @@
-"""The device arrays of a tree whose vertices have moved: corners and boxes, written around its topology.
+"""The device arrays of a tree whose vertices or spheres have moved, written around its topology.
 
 The leaves first, in several threads, then the nodes from the last to the first. The result has the bytes that
 `device_arrays.py` would make of the refitted tree, had it chosen the same wide nodes.
@@ -9,18 +9,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
+from ..geometry import Mesh, Shape
 from ..geometry.boxes import empty_box, half_area, lane_of, load_box, load_point, store_box, unite
 from ..structs import BOX_LANES, BOX_NEGATED_MAX, NO_PRIM
 from ..support.compiled import compiled
 from ..support.host_threads import HostThreads
 from ..support.prefetch import prefetch
 from ..support.ranges import cut_range
-from .topology import BOX_LANES_OF_CHILD, CORNER_LANES, NO_CHILD, Topology
+from .sphere_blocks import write_sphere_leaves
+from .topology import BOX_LANES_OF_CHILD, NO_CHILD, Topology
 
-# Faces per task of a thread: small, so that a thread that waits for a processor delays the others little. An update of
-# 99,900 triangles takes 2.2 to 2.8 ms, 2.9 to 3.5 ms with twice as many, 2.8 ms with half (2-core x86-64 server).
-_FACES_PER_PART = 1 << 13
+# Lanes of a triangle's corners in a block; its face comes behind them.
+_CORNER_LANES = 9
+
+# Primitives per task of a thread: small, so that a thread that waits for a processor delays the others little. An
+# update of 99,900 triangles takes 2.2 to 2.8 ms, 2.9 to 3.5 ms with twice as many, 2.8 ms with half (2-core x86-64
+# server).
+_PRIMS_PER_PART = 1 << 13
 
 # A missing child has an inverted box, from the greatest number to the least, which no ray hits.
 _GREATEST = np.finfo(np.float32).max
@@ -31,7 +36,7 @@ _VERTICES_AHEAD = 16
 
 
 class RefitArrays:
-    """Writes the device arrays of one tree, for one mesh after the other; by one thread at a time.
+    """Writes the device arrays of one tree, for one mesh or group of spheres after the other; one thread at a time.
 
     Parameters
     ----------
@@ -54,29 +59,33 @@ class RefitArrays:
         self._leaf_boxes = np.empty((len(topology.leaves), BOX_LANES), np.float32)
         self._node_boxes = np.empty((len(topology.children), BOX_LANES), np.float32)
 
-    def write(self, mesh: Mesh, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
-        """Write the arrays for a mesh; they are not read, so they may be memory of the device.
+    def write(self, shape: Shape, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
+        """Write the arrays for a shape; they are not read, so they may be memory of the device.
 
         Parameters
         ----------
-        mesh : Mesh
-            With the faces of the tree's mesh.
+        shape : Mesh or Spheres
+            A mesh with the faces of the tree's, or as many spheres as the tree has.
         nodes, blocks : arrays of structs, contiguous, written
             As long as those that the topology was read from.
         threads : HostThreads
 
         Notes
         -----
-        O(nodes + faces). The same bytes, and the same cost, for any number of threads.
+        O(nodes + primitives). The same bytes, and the same cost, for any number of threads.
         """
-        topology, vertices, faces = self.topology, mesh.local_vertices, mesh.faces
+        topology = self.topology
         lanes = blocks.view(np.float32).reshape(len(blocks), -1)
 
         def write_leaves(begin: int, end: int) -> None:
             leaves, boxes = topology.leaves[begin:end], self._leaf_boxes[begin:end]
-            _write_leaves(leaves, topology.prims, vertices, faces, lanes, lanes.view(np.int32), boxes)
+            written = leaves, topology.prims, lanes, lanes.view(np.int32), boxes
+            if isinstance(shape, Mesh):
+                _write_leaves(shape.local_vertices, shape.faces, *written)
+            else:
+                write_sphere_leaves(shape.local_centres, shape.local_radii, *written)
 
-        threads.run(write_leaves, cut_range(0, len(topology.leaves), -(-mesh.face_count // _FACES_PER_PART)))
+        threads.run(write_leaves, cut_range(0, len(topology.leaves), -(-shape.prim_count // _PRIMS_PER_PART)))
         lanes = nodes.view(np.float32).reshape(len(nodes), -1)
         area = _write_nodes(topology, self._leaf_boxes, self._node_boxes, lanes, lanes.view(np.int32))
         self._note_root(area)
@@ -93,7 +102,7 @@ class RefitArrays:
 
 
 @compiled
-def _write_leaves(leaves, prims, vertices, faces, lanes, lane_ints, boxes):
+def _write_leaves(vertices, faces, leaves, prims, lanes, lane_ints, boxes):
     """Write the triangles of each leaf, and the box around them."""
     width = prims.shape[1]
     faces_ahead, vertices_ahead = _FACES_AHEAD // width, _VERTICES_AHEAD // width
@@ -103,13 +112,13 @@ def _write_leaves(leaves, prims, vertices, faces, lanes, lane_ints, boxes):
         for block in range(leaves[leaf, 0], leaves[leaf, 1]):
             for slot in range(width):
                 prim = prims[block, slot]
-                lane_ints[block, CORNER_LANES * width + slot] = prim
+                lane_ints[block, _CORNER_LANES * width + slot] = prim
                 prefetch(faces, 3 * prims[min(block + faces_ahead, len(prims) - 1), slot])
                 coming = max(prims[min(block + vertices_ahead, len(prims) - 1), slot], 0)
                 for corner in range(3):
                     prefetch(vertices, 3 * faces[coming, corner])
                 if prim == NO_PRIM:
-                    for lane in range(CORNER_LANES):
+                    for lane in range(_CORNER_LANES):
                         lanes[block, lane * width + slot] = nan
                     continue
                 a, b, c = faces[prim, 0], faces[prim, 1], faces[prim, 2]

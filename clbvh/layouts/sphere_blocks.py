@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Spheres
-from ..structs import NO_PRIM, SPHERE, SPHERE_BLOCKS
+from ..geometry.sphere_boxes import bound_sphere, sphere_reach
+from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS
 from ..support.compiled import compiled
 
 
@@ -57,12 +58,48 @@ def _gather(spheres: Spheres, blocks: NDArray[np.int32], struct: np.dtype) -> ND
 @compiled
 def _gather_lanes(centres, radii, blocks, lanes, lane_ints):
     width = blocks.shape[1]
-    first_radius, first_prim_id = 3 * width, 4 * width
     for block in range(len(blocks)):
         for slot in range(width):
-            prim = blocks[block, slot]
-            lane_ints[block, first_prim_id + slot] = prim
-            is_missing = prim == NO_PRIM
-            for axis in range(3):
-                lanes[block, axis * width + slot] = np.nan if is_missing else centres[prim, axis]
-            lanes[block, first_radius + slot] = np.nan if is_missing else radii[prim]
+            _write_sphere(centres, radii, blocks[block, slot], lanes, lane_ints, block, slot, width)
+
+
+@compiled
+def _write_sphere(centres, radii, prim, lanes, lane_ints, block, slot, width):
+    """Write one lane of a block."""
+    is_missing = prim == NO_PRIM
+    for axis in range(3):
+        lanes[block, axis * width + slot] = np.nan if is_missing else centres[prim, axis]
+    lanes[block, 3 * width + slot] = np.nan if is_missing else radii[prim]
+    lane_ints[block, 4 * width + slot] = prim
+
+
+@compiled
+def write_sphere_leaves(centres, radii, leaves, prims, lanes, lane_ints, boxes):
+    """Write the blocks of each leaf, and the box around its spheres; see `RefitArrays`.
+
+    Parameters
+    ----------
+    centres, radii : (n, 3) and (n,) float32, local coordinates
+    leaves : (L, 2) int32
+    prims : (B, width) int32
+    lanes, lane_ints : (B, 5 * width) float32 and int32, the same memory, written
+    boxes : (L, 8) float32, written
+        Rows of `geometry/boxes.py`.
+    """
+    width = prims.shape[1]
+    zero, far = np.float32(0.0), np.float32(np.inf)
+    for leaf in range(len(leaves)):
+        for lane in range(boxes.shape[1]):
+            boxes[leaf, lane] = far
+        for block in range(leaves[leaf, 0], leaves[leaf, 1]):
+            for slot in range(width):
+                prim = prims[block, slot]
+                _write_sphere(centres, radii, prim, lanes, lane_ints, block, slot, width)
+                if prim == NO_PRIM:
+                    continue
+                reach = sphere_reach(radii[prim])
+                for axis in range(3):
+                    lower, upper = bound_sphere(centres[prim, axis], reach)
+                    # Zero is added, because -0.0 would have other bytes.
+                    boxes[leaf, axis] = min(boxes[leaf, axis], lower + zero)
+                    boxes[leaf, BOX_NEGATED_MAX + axis] = min(boxes[leaf, BOX_NEGATED_MAX + axis], zero - upper)

@@ -1,6 +1,6 @@
-"""The topology of a tree's device arrays: all that stays the same while vertices move.
+"""The topology of a tree's device arrays: all that stays the same while vertices or spheres move.
 
-Owns which children each node has, and which triangles each leaf. `refit_arrays.py` puts corners and boxes around it.
+Owns which children each node has, and which primitives each leaf. `refit_arrays.py` puts corners and boxes around it.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from ..structs import LAYOUT_WIDTHS
 # A child that a node does not have.
 NO_CHILD = np.iinfo(np.int32).min
 
-# Lanes of one child's box in a node, and of one triangle's corners in a block. Links and faces come behind them.
-BOX_LANES_OF_CHILD, CORNER_LANES = 6, 9
+# Lanes of one child's box in a node. Links come behind them; the primitives of a block are its last lanes.
+BOX_LANES_OF_CHILD = 6
 
 
 class Topology(NamedTuple):
-    """The links of a tree on a device, and the triangles of its leaves.
+    """The links of a tree on a device, and the primitives of its leaves.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Topology(NamedTuple):
     leaves : (L, 2) int32
         Begin and end of each leaf's blocks. A leaf of the wide layouts is one block.
     prims : (B, block width) int32
-        Faces of the mesh in each block, `NO_PRIM` in the lanes that are left over.
+        Faces of the mesh, or spheres, in each block, `NO_PRIM` in the lanes that are left over.
     """
 
     children: NDArray[np.int32]
@@ -53,7 +53,7 @@ def read_topology(nodes: NDArray[np.void], blocks: NDArray[np.void], layout: str
     width = LAYOUT_WIDTHS[layout]
     block_width = 1 if width == 2 else width
     links = _lanes(nodes)[:, BOX_LANES_OF_CHILD * width :].copy()
-    prims = _lanes(blocks)[:, CORNER_LANES * block_width :].copy()
+    prims = _lanes(blocks)[:, -block_width:].copy()
     least, most = nodes["aabb_min"], nodes["aabb_max"]
     if block_width == 1:
         first, count = np.hsplit(links, 2)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
+from ..geometry.spheres import Spheres
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +75,17 @@ class SceneState:
 
         Other geometries may be there, if nothing places them.
         """
+        return self._is_one_in_place and isinstance(self.shapes[self.geometry_ids[0]], Mesh)
+
+    @property
+    def is_one_group_of_spheres(self) -> bool:
+        """Whether the scene is one `Spheres` in the scene's own coordinates, visible to all rays; as `is_one_mesh`."""
+        return self._is_one_in_place and isinstance(self.shapes[self.geometry_ids[0]], Spheres)
+
+    @property
+    def _is_one_in_place(self) -> bool:
         return (
             self.instance_count == 1
-            and isinstance(self.shapes[self.geometry_ids[0]], Mesh)
             and bool((self.transforms[0] == np.eye(4)).all())
             and int(self.masks[0]) == np.iinfo(np.uint32).max
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class TracedTree(Protocol):
-    """A `DeviceTree` or a `DeviceScene`."""
+    """A `DeviceTree`, a `DeviceScene` or a `LoneSpheres`."""
 
     @property
     def layout(self) -> str:
@@ -31,6 +31,10 @@ class TracedTree(Protocol):
         """Whether the kernels are those of scenes."""
 
     @property
+    def ray_tree(self) -> Any:
+        """The tree for rays alone, a `LoneSpheres`; None: this one."""
+
+    @property
     def ray_dtype(self) -> np.dtype:
         """Of packed rays."""
 
@@ -40,7 +44,11 @@ class TracedTree(Protocol):
 
     @property
     def hit_dtype(self) -> np.dtype:
-        """Of hits on the device."""
+        """Of hits on the device: `structs.HIT`, or `structs.SCENE_HIT` with ids of instances."""
+
+    @property
+    def advances_rays(self) -> bool:
+        """Whether the device advances rays to instances; False of a mesh."""
 
     @property
     def node_bytes(self) -> int:

@@ -100,6 +100,25 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
             tracer.signed_distance(origins)
         tracer.set_transforms(instances[0], np.diag([1.0, 2.0, 1.0, 1.0]))
         tracer.set_vertices(knot, mesh.vertices)
+    if has_spheres:
+        _use_lone_spheres(device, layout)
+
+
+def _use_lone_spheres(device: DeviceInfo, layout: str) -> None:
+    """Run the queries of rays at spheres that are alone in their scene, and move them."""
+    random = np.random.default_rng(_SEED)
+    centres = random.normal(size=(20, 3))
+    contents = Scene()
+    spheres = contents.add(Spheres(centres, 0.2))
+    contents.place(spheres)
+    with Tracer(contents, device=device, layout=layout) as tracer:
+        for count in (3, _MANY):
+            origins, directions = (random.normal(size=(count, 3)) for _ in range(2))
+            for query in (tracer.closest_hit, tracer.any_hit, tracer.count_hits, tracer.all_hits):
+                query(origins, directions)
+        towards = np.stack(np.meshgrid(1.0, *[np.linspace(-0.5, 0.5, _SIDE)] * 2, indexing="ij"), axis=-1)
+        tracer.closest_hit(np.zeros(3), towards[0])
+        tracer.set_spheres(spheres, centres * 1.1)
 
 
 def use_trimesh(device: DeviceInfo) -> None:

@@ -101,6 +101,45 @@ def test_every_answer_is_that_of_one_state(moving, tracer, queries, expected, mo
     assert tracer._caster.calls._loans == {}
 
 
+def test_every_answer_of_moving_spheres_is_that_of_one_state():
+    """They are alone in their scene, or beside others; they are refitted, and sometimes built anew."""
+    generator = np.random.default_rng(7)
+    centres = generator.uniform(-2, 2, (STATES, 500, 3))
+    centres[1:-1] = centres[0] + generator.uniform(-0.05, 0.05, (STATES - 2, 500, 3))
+    scene = clbvh.Scene()
+    dots = scene.add(clbvh.Spheres(centres[0], 0.1))
+    scene.place(dots)
+    rays = generator.uniform(-3, 3, (2000, 3)), generator.normal(size=(2000, 3))
+    is_over = threading.Event()
+    for is_alone in (True, False):
+        if not is_alone:
+            scene.place(scene.add(clbvh.Spheres(centres[0], 0.01)))
+        with clbvh.Tracer(scene) as tracer:
+            expected = []
+            for state in range(STATES):
+                tracer.set_spheres(dots, centres[state], 0.1 + 0.01 * state)
+                expected.append(ask(tracer, "closest_hit", rays))
+
+            def move(tracer=tracer):
+                try:
+                    for _ in range(CHANGES):
+                        state = generator.integers(STATES)
+                        tracer.set_spheres(dots, centres[state], 0.1 + 0.01 * state)
+                finally:
+                    is_over.set()
+
+            def trace(seed, tracer=tracer, expected=expected):
+                while not is_over.is_set():
+                    assert ask(tracer, "closest_hit", rays) in expected
+
+            assert len({b"".join(answer) for answer in expected}) == STATES
+            is_over.clear()
+            run_in_threads(move, *(lambda seed=seed: trace(seed) for seed in range(3)))
+            count = buffer_count(tracer)
+            tracer.set_spheres(dots, centres[0])
+            assert buffer_count(tracer) <= count
+
+
 def test_a_query_of_several_pieces_sees_one_state(moving, tracer, queries, expected, monkeypatch):
     """Its buffers stay, however many changes come and go meanwhile, of transforms and of vertices."""
     index, rays = next(

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from ...structs import SCENE_HIT
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ..launch import Caster
@@ -34,7 +35,7 @@ def find_all_hits(
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     tree, surface = caster.tree, caster.tree.surface
-    refined, ids = RefinedHits.make(total), HitIds.make(total, has_instances=tree.has_instances)
+    refined, ids = RefinedHits.make(total), HitIds.make(total, has_instances=tree.hit_dtype == SCENE_HIT)
     locations = np.empty((total, 3)) if with_locations else None
     ranges = _cut_evenly(caster.threads, offsets)
     next_slots = _make_counters(len(ranges), 1)
@@ -72,7 +73,10 @@ def find_hits_by_depth(
     by_depth[:] = np.cumsum(by_depth).reshape(by_depth.shape) - by_depth
 
     surface = caster.tree.surface
-    ids, ray_id = HitIds.make(total, has_instances=caster.tree.has_instances, dtype=np.int64), np.empty(total, np.int64)
+    ids, ray_id = (
+        HitIds.make(total, has_instances=caster.tree.hit_dtype == SCENE_HIT, dtype=np.int64),
+        np.empty(total, np.int64),
+    )
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int, slots: NDArray[np.int64]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...structs import SCENE_HIT
 from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
 from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
@@ -28,7 +29,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     count = batch.ray_count
     check_room(count, _HIT_BYTES)
     tree, surface = caster.tree, caster.tree.surface
-    refined, ids = RefinedHits.make(count), HitIds.make(count, has_instances=tree.has_instances)
+    refined, ids = RefinedHits.make(count), HitIds.make(count, has_instances=tree.hit_dtype == SCENE_HIT)
     for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
 
         def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:

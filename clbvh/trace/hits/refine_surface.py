@@ -33,9 +33,10 @@ def _choose_refinement(rays: Any, surface: Any, found_ints: Any, block: Any, cou
         settle(block, count)
 
     def in_scene(rays: Any, surface: Any, found_ints: Any, block: Any, count: Any) -> None:
-        gather_placed(rays, surface, found_ints, block, count)
-        intersect_planes(block.vectors, block.volumes, count)
-        settle(block, count)
+        if len(surface.faces) > 0:
+            gather_placed(rays, surface, found_ints, block, count)
+            intersect_planes(block.vectors, block.volumes, count)
+            settle(block, count)
         finish_placed(rays, surface, found_ints, block, count)
 
     return in_scene if surface.instance_class is SceneArrays else on_mesh

@@ -211,7 +211,12 @@ def place_vector(arrays, instance, x, y, z):
 @compiled
 def to_object(arrays, instance, x, y, z):
     """Return a vector of the world in the coordinates of an instance's geometry."""
-    inverse = arrays.inverse
+    return to_object_by(arrays.inverse, instance, x, y, z)
+
+
+@compiled
+def to_object_by(inverse, instance, x, y, z):
+    """Return the same, given the inverse matrices alone: for loops over hits, which look them up once."""
     return (
         inverse[instance, 0, 0] * x + inverse[instance, 0, 1] * y + inverse[instance, 0, 2] * z,
         inverse[instance, 1, 0] * x + inverse[instance, 1, 1] * y + inverse[instance, 1, 2] * z,

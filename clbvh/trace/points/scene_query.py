@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import BVH2_NODE, NO_PRIM, SCENE_PRIM
+from ...structs import NO_PRIM, SCENE_PRIM
 from ..launch import Call, Caster, Query
 from ..less_memory import cut_smaller_when_full
 from ..rays.broadcast import Broadcast
@@ -19,6 +19,7 @@ from ..rays.pieces import Progress
 from ..room import check_room
 from .order import find_point_order
 from .pack import take_points
+from .prune_top import prune_top
 from .refine import SceneClosestPoints
 from .scene_pack import pack_scene_points, take_masks
 from .scene_refine import FoundPoints, refine_scene_points
@@ -26,10 +27,6 @@ from .scene_refine import FoundPoints, refine_scene_points
 CLOSEST_POINT = Query("closest_point", "prims", SCENE_PRIM)
 INSIDE = Query("inside", "inside", np.dtype(np.uint8))
 DEPTH = Query("depth", "prims", SCENE_PRIM)
-
-# As many chosen instances are searched without a tree over them; in the scene's own tree, a point would look for them
-# everywhere.
-_MOST_WITHOUT_TREE = 8
 
 # Distance, point and ids of a point.
 _POINT_BYTES = 40
@@ -79,7 +76,7 @@ def find_scene_signed_distance(
 
 @contextmanager
 def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -> Iterator[Caster]:
-    """Give a caster at a scene in which only some instances are visible; at all of them for None.
+    """Give a caster at a scene of some of the instances; at all of them for None.
 
     Parameters
     ----------
@@ -95,7 +92,7 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -
     with caster.open_call() as call:
         session, buffers = call.memory.session, {}
         try:
-            for name, array in _select(scene.top, instance_ids).items():
+            for name, array in prune_top(scene.top, instance_ids).items():
                 buffers[name] = session.upload(array)
             selected = copy(scene)
             selected.arguments = scene.arguments | buffers
@@ -103,25 +100,6 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -
         finally:
             for buffer in buffers.values():
                 session.release(buffer)
-
-
-def _select(top: Any, instance_ids: NDArray[np.integer]) -> dict[str, NDArray[np.void]]:
-    """Return the arrays of a `TopTree` that differ where only some of its instances are visible."""
-    is_chosen = np.isin(top.instances["instance_id"], instance_ids)
-    count = int(is_chosen.sum())
-    if not 0 < count <= _MOST_WITHOUT_TREE:
-        hidden = top.instances.copy()
-        hidden["mask"][~is_chosen] = 0
-        return {"instances": hidden}
-    # One node, both of whose children are leaves with the box of the whole scene.
-    node = np.zeros(1, BVH2_NODE)
-    root = top.bvh.nodes[0]
-    node["aabb_min"], node["aabb_max"] = root["aabb_min"], root["aabb_max"]
-    half = count // 2
-    node["first"], node["count"] = [(0, half)], [(half, count - half)]
-    if half == 0:
-        node["count"] = 1  # the same leaf twice
-    return {"top_nodes": node, "instances": top.instances[is_chosen]}
 
 
 def _find_points(

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
+from ...bvh.refit import fit_nodes
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh
 from ...geometry.shape import Shape
+from ...geometry.sphere_boxes import mesh_of
 from ...geometry.spheres import Spheres
 from ...scene.contents import SceneContents
 from ...scene.geometry import Geometry
@@ -121,23 +123,40 @@ class MovingScene:
 
     def set_vertices(self, caster: Caster, geometry: Geometry, vertices: ArrayLike, session: DeviceSession) -> Caster:
         """Return a caster at the scene with a geometry whose vertices have moved; see `Tracer.set_vertices`."""
-        geometry_id = self._contents.geometry_id(geometry)
-        before = self.state(caster)
-        if geometry_id >= len(before.shapes):
+        geometry_id, shape = self._find_shape(caster, geometry)
+        moved = shape.with_spheres(vertices) if isinstance(shape, Spheres) else shape.with_vertices(vertices)
+        return self._set_shape(caster, geometry_id, moved, session)
+
+    def set_spheres(
+        self,
+        caster: Caster,
+        geometry: Geometry,
+        centres: ArrayLike,
+        radii: ArrayLike | None,
+        session: DeviceSession,
+    ) -> Caster:
+        """Return a caster at the scene with spheres that have moved; see `Tracer.set_spheres`."""
+        geometry_id, shape = self._find_shape(caster, geometry)
+        if not isinstance(shape, Spheres):
+            raise SceneError(f"{geometry!r} is a mesh and has no spheres: call set_vertices(geometry, vertices)")
+        return self._set_shape(caster, geometry_id, shape.with_spheres(centres, radii), session)
+
+    def _find_shape(self, caster: Caster, geometry: Geometry) -> tuple[int, Shape]:
+        """Return the id of a geometry, and its shape as it is now."""
+        geometry_id, shapes = self._contents.geometry_id(geometry), self.state(caster).shapes
+        if geometry_id >= len(shapes):
             raise SceneError(f"{geometry!r} was added after the tracer was opened: open a new tracer")
-        shape = before.shapes[geometry_id]
+        return geometry_id, shapes[geometry_id]
+
+    def _set_shape(self, caster: Caster, geometry_id: int, moved_shape: Shape, session: DeviceSession) -> Caster:
+        """Return a caster at the scene with another shape of a geometry: refitted, or built anew."""
         tree: object = caster.tree
-        moved_shape: Shape
-        if isinstance(shape, Spheres):
-            moved_shape = shape.with_spheres(vertices, shape.radii)
-        else:
-            moved_shape = shape.with_vertices(vertices)
-        state = before.with_shape(geometry_id, moved_shape)
+        state = self.state(caster).with_shape(geometry_id, moved_shape)
         if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
             moved = self._copies_of(caster).move(caster, moved_shape, session)
             if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
                 return moved
-        if isinstance(moved_shape, Mesh) and isinstance(tree, DeviceScene):
+        if isinstance(tree, DeviceScene):
             refit = self._find_refit(tree, geometry_id, session)
             scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
             if refit.sah_growth <= REBUILD_GROWTH:
@@ -174,12 +193,15 @@ class MovingScene:
             )
 
     def _trees_now(self, caster: Caster) -> list[Bvh]:
-        """Return the trees of all geometries around the vertices as they are now."""
+        """Return the trees of all geometries around the shapes as they are now."""
         tree: object = caster.tree
-        trees = tree.trees if isinstance(tree, DeviceScene) else self._built
+        trees, built = (
+            (tree.trees, tree.built_shapes) if isinstance(tree, DeviceScene) else (self._built, self._opened.shapes)
+        )
+        shapes = self.state(caster).shapes
         return [
-            bvh.refit(shape.vertices) if isinstance(shape, Mesh) and bvh.mesh is not shape else bvh
-            for bvh, shape in zip(trees, self.state(caster).shapes, strict=True)
+            bvh if shape is before else _refit_tree(bvh, mesh_of(shape))
+            for bvh, before, shape in zip(trees, built, shapes, strict=True)
         ]
 
     def _use(self, caster: Caster, scene: DeviceScene) -> Caster:
@@ -203,3 +225,8 @@ class MovingScene:
         self._held = in_use
         for buffer in unused.values():
             session.release(buffer)
+
+
+def _refit_tree(bvh: Bvh, mesh: Mesh) -> Bvh:
+    """Return a tree of the same topology over a mesh with as many faces."""
+    return Bvh(fit_nodes(bvh.nodes["first"], bvh.nodes["count"], bvh.prim_ids, mesh), bvh.prim_ids, mesh)

@@ -1,4 +1,4 @@
-"""The arrays of one geometry of a scene, refitted to vertices that have moved."""
+"""The arrays of one geometry of a scene, refitted to vertices or spheres that have moved."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...device.session import DeviceSession
-from ...geometry import Mesh
+from ...geometry import Shape
 from ...layouts.refit_arrays import RefitArrays
 from ...layouts.topology import read_topology
 from ...support.host_threads import HostThreads
@@ -18,14 +18,13 @@ if TYPE_CHECKING:
 
 
 class RefitGeometry:
-    """Writes the arrays of one geometry, for one mesh after the other.
+    """Writes the arrays of one geometry, for one shape after the other.
 
     Parameters
     ----------
     scene : DeviceScene
         With the geometry as it is now.
     geometry_id : int
-        A mesh.
     session : DeviceSession
         A branch of the scene's, for this thread.
     growth_before : float
@@ -49,11 +48,11 @@ class RefitGeometry:
         with scene.mapped(session, geometry_id, write=False) as arrays:
             self._arrays = RefitArrays(read_topology(*arrays, scene.layout))
 
-    def write(self, mesh: Mesh, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
-        """Write nodes and blocks for a mesh; see `RefitArrays.write`."""
-        if self._first_cost == 0.0 and isinstance(self._first, Mesh):
-            # Only those who move vertices ask how the cost has grown.
+    def write(self, shape: Shape, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
+        """Write nodes and blocks for a shape; see `RefitArrays.write`."""
+        if self._first_cost == 0.0:
+            # Only those who move a geometry ask how the cost has grown.
             self._arrays.write(self._first, nodes, blocks, threads)
             self._first_cost = self._arrays.sah_cost
-        self._arrays.write(mesh, nodes, blocks, threads)
+        self._arrays.write(shape, nodes, blocks, threads)
         self.sah_growth = self._growth_before * self._arrays.sah_cost / self._first_cost

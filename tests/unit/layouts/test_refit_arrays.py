@@ -1,11 +1,14 @@
-"""Device arrays around moved vertices, against arrays made anew and against boxes found triangle by triangle."""
+"""Device arrays around moved vertices and spheres, against arrays made anew and boxes found triangle by triangle."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from clbvh import Mesh, build, sah_cost
+from clbvh import BuildOptions, Mesh, Spheres, build, sah_cost
+from clbvh.builders.build import build_over
+from clbvh.builders.registry import DEFAULT_BUILDER
+from clbvh.geometry.sphere_boxes import sphere_boxes
 from clbvh.layouts import refit_arrays
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.layouts.refit_arrays import RefitArrays
@@ -110,7 +113,7 @@ def test_hand_made_trees_move(layout, make):
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_number_of_threads_changes_nothing(layout, monkeypatch):
-    monkeypatch.setattr(refit_arrays, "_FACES_PER_PART", 100)
+    monkeypatch.setattr(refit_arrays, "_PRIMS_PER_PART", 100)
     bvh = build(make_soup(2000, 5))
     arrays = make_device_arrays(bvh, layout)
     alone, four = (write(arrays, layout, bvh.mesh, threads) for threads in (1, 4))
@@ -152,3 +155,42 @@ def test_the_topology_has_no_coordinates_and_no_memory_of_the_device():
         for array in topology:
             assert not np.shares_memory(array, arrays.nodes)
             assert not np.shares_memory(array, arrays.blocks)
+
+
+def tree_over(spheres, leaf_size):
+    return build_over(spheres, DEFAULT_BUILDER, None, BuildOptions(leaf_size=leaf_size))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("leaf_size", [1, 4, 30])
+@pytest.mark.parametrize("count", [1, 2, 5, 100, 3000])
+def test_spheres_that_did_not_move_give_the_same_bytes(layout, leaf_size, count):
+    generator = np.random.default_rng(count)
+    # Some of them touch the planes through zero.
+    spheres = Spheres(generator.integers(-8, 9, (count, 3)) / 8, generator.choice([1e-30, 0.125, 0.5], count))
+    bvh = tree_over(spheres, leaf_size)
+    arrays = make_device_arrays(bvh, layout, spheres)
+    _, nodes, blocks = write(arrays, layout, spheres)
+    assert nodes.tobytes() == arrays.nodes.tobytes()
+    assert blocks.tobytes() == arrays.blocks.tobytes()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("threads", [1, 3])
+def test_spheres_that_moved_lie_in_tight_boxes(layout, threads, monkeypatch):
+    monkeypatch.setattr(refit_arrays, "_PRIMS_PER_PART", 100)
+    generator = np.random.default_rng(8)
+    spheres = Spheres(generator.normal(size=(700, 3)), generator.uniform(0.01, 0.1, 700))
+    arrays = make_device_arrays(tree_over(spheres, 4), layout, spheres)
+    moved = spheres.with_spheres(spheres.centres[::-1] + 5, spheres.radii * 2)
+    refit, nodes, blocks = write(arrays, layout, moved, threads)
+    boxes = sphere_boxes(moved)
+    assert_tight(refit.topology, nodes, blocks, boxes)
+    prims = blocks["prim_id"].reshape(-1)
+    is_wide = refit.topology.prims.shape[1] > 1
+    centres = np.moveaxis(blocks["centre"], 1, 2).reshape(-1, 3) if is_wide else blocks["centre"]
+    is_there = prims != NO_PRIM
+    np.testing.assert_array_equal(centres[is_there], moved.local_centres[prims[is_there]])
+    np.testing.assert_array_equal(blocks["radius"].reshape(-1)[is_there], moved.local_radii[prims[is_there]])
+    assert np.isnan(centres[~is_there]).all()
+    np.testing.assert_array_equal(refit.half, np.abs(boxes.local_vertices).max(axis=0))

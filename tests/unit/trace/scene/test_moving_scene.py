@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import clbvh
+from clbvh.builders import build as builders
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
 
 LAYOUTS = ("bvh2", "bvh4", "bvh8")
@@ -81,6 +82,67 @@ def test_vertices_centres_and_transforms_move(layout, generator, transforms, sph
         tracer.set_transforms([scene.instances[2], 0], others)
         transforms[[2, 0]] = others
         assert_same(tracer, make_scene(torn, BALL, moved, transforms), rays, layout)
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """The shapes over which trees have been built since the test began."""
+    shapes, build = [], builders.build_shape
+    monkeypatch.setattr(builders, "build_shape", lambda shape: shapes.append(shape) or build(shape))
+    return shapes
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_spheres_are_refitted_until_their_tree_is_worn(layout, generator, transforms, spheres, rays, built):
+    scene = make_scene(KNOT, BALL, spheres, transforms)
+    knot, _, dots = scene.geometries
+    with clbvh.Tracer(scene, layout=layout) as tracer:
+        built.clear()
+        for moved in (
+            spheres.with_spheres(spheres.centres * [1, 1.1, 0.9] + 0.02, spheres.radii * 1.2),
+            spheres.with_spheres(spheres.centres * 1e3, 100.0),  # with an origin and a scale of their own
+            spheres.with_spheres(spheres.centres, spheres.radii),
+        ):
+            tracer.set_spheres(dots, moved.centres, moved.radii)
+            assert_same(tracer, make_scene(KNOT, BALL, moved, transforms), rays, layout)
+        moved = spheres.with_spheres(spheres.centres * [1, 0.8, 1.2])
+        tracer.set_spheres(dots, moved.centres)
+        assert_same(tracer, make_scene(KNOT, BALL, moved, transforms), rays, layout)
+        # Each new tracer above has built the three of its own; the one whose spheres move, none.
+        assert len(built) == 4 * 3
+        # Where another geometry is built anew, spheres stay where they were moved to.
+        torn = clbvh.Mesh.from_arrays(generator.permutation(KNOT.vertices), KNOT.faces)
+        tracer.set_vertices(knot, torn.vertices)
+        assert_same(tracer, make_scene(torn, BALL, moved, transforms), rays, layout)
+        tracer.set_vertices(dots, spheres.centres)
+        assert_same(tracer, make_scene(torn, BALL, spheres, transforms), rays, layout)
+        built.clear()
+        mixed = spheres.with_spheres(generator.permutation(spheres.centres))
+        tracer.set_spheres(dots, mixed.centres)
+        assert [len(shape.radii) for shape in built] == [40]
+        assert_same(tracer, make_scene(torn, BALL, mixed, transforms), rays, layout)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_lone_spheres_move(layout, generator, rays, built):
+    spheres = clbvh.Spheres(generator.normal(size=(300, 3)), 0.2)
+    scene = clbvh.Scene()
+    dots = scene.add(spheres)
+    scene.place(dots)
+    with clbvh.Tracer(scene, layout=layout) as tracer:
+        built.clear()
+        for moved in (
+            spheres.with_spheres(spheres.centres + np.array([5.0, 0, 0]), generator.uniform(0.1, 0.3, 300)),
+            spheres.with_spheres(spheres.centres * 0.01, 1e-3),
+        ):
+            tracer.set_spheres(dots, moved.centres, moved.radii)
+            other = clbvh.Scene()
+            other.place(other.add(moved))
+            aimed = rays[0], generator.permutation(np.resize(moved.centres, rays[0].shape)) - rays[0]
+            with clbvh.Tracer(other, layout=layout) as fresh:
+                assert fresh.any_hit(*aimed).mean() > 0.99
+                assert bytes_of(tracer.closest_hit(*aimed)) == bytes_of(fresh.closest_hit(*aimed))
+        assert len(built) == 2
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -169,6 +231,20 @@ def test_wrong_changes_are_refused_and_change_nothing(transforms, spheres, rays)
             tracer.set_vertices(scene.geometries[0], KNOT.vertices[1:])
         with pytest.raises(SceneError):
             tracer.set_vertices(other.geometries[0], KNOT.vertices)
+        dots = scene.geometries[2]
+        for centres, radii in (
+            (spheres.centres[1:], None),
+            (spheres.centres, 0.0),
+            (spheres.centres, np.nan),
+            (spheres.centres, spheres.radii[1:]),
+            (spheres.centres * np.nan, None),
+        ):
+            with pytest.raises(MeshError):
+                tracer.set_spheres(dots, centres, radii)
+        with pytest.raises(SceneError, match="set_vertices"):
+            tracer.set_spheres(scene.geometries[0], KNOT.vertices)
+        with pytest.raises(SceneError):
+            tracer.set_spheres(other.geometries[2], spheres.centres)
         with pytest.raises(ConfigError, match="set_vertices"):
             tracer.update(KNOT.vertices)
         assert bytes_of(tracer.closest_hit(*rays)) == before
