@@ -116,15 +116,24 @@ INLINED void list_leaves(const global bvh2_node_t *top_nodes, const beam_t *beam
     }
 }
 
+// Lets the rays of a tile begin at the root.
+INLINED void skip_scene_tile(global scene_tile_t *tile)
+{
+    tile->instance_index = NO_INSTANCE;
+    tile->top_node = 0;
+    tile->leaf_count = NO_LIST;
+}
+
 // Finds where the rays of a tile begin, from their bounds and the bits of all their masks.
 INLINED void find_scene_tile(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
     const ray_bounds_t *bounds, const uint mask, global scene_tile_t *tile, global node_t *entry_point)
 {
     const beam_t beam = make_beam(bounds);
-    tile->instance_index = NO_INSTANCE;
-    tile->top_node = 0;
-    tile->leaf_count = beam.is_empty ? 0 : NO_LIST;
+    skip_scene_tile(tile);
+    if (beam.is_empty) {
+        tile->leaf_count = 0;
+    }
     if (beam.is_empty || beam.is_unbounded) {
         return;
     }
