@@ -27,9 +27,6 @@ _LEAST_METAL, _MOST_ROUGHNESS = 0.5, 0.5
 # Small spheres beyond this number have the materials of others.
 _MOST_MATERIALS = 1000
 
-# A surface without a highlight: all light that it reflects is scattered.
-_CHALK = {"roughness": 1.0, "ior": 1.0}
-
 
 def make_weekend(count: int, generator: np.random.Generator) -> SphereSet:
     """Return the ground, three large spheres, and as many small ones as are left of `count`."""
@@ -79,7 +76,7 @@ def _draw_materials(count: int, generator: np.random.Generator) -> list[Material
     for number, kind in enumerate(kinds):
         if kind < _DIFFUSE:
             colour = first[number] * second[number]
-            materials.append(Material(base_colour=tuple(colour.tolist()), **_CHALK))
+            materials.append(_make_chalk(tuple(colour.tolist())))
         elif kind < _DIFFUSE + _METAL:
             colour = _LEAST_METAL + (1 - _LEAST_METAL) * first[number]
             rough = float(_MOST_ROUGHNESS * roughness[number])
@@ -89,10 +86,15 @@ def _draw_materials(count: int, generator: np.random.Generator) -> list[Material
     return materials
 
 
+def _make_chalk(colour: tuple[float, float, float], name: str = "") -> Material:
+    """Return a surface without a highlight: all light that it reflects is scattered."""
+    return Material(name, base_colour=colour, roughness=1.0, ior=1.0)
+
+
 _GLASS = Material("glass", base_colour=(1.0, 1.0, 1.0), roughness=0.0, transmission=1.0)
 _LARGE_MATERIALS = (
-    Material("ground", base_colour=(0.5, 0.5, 0.5), **_CHALK),
+    _make_chalk((0.5, 0.5, 0.5), "ground"),
     _GLASS,
-    Material("brown", base_colour=(0.4, 0.2, 0.1), **_CHALK),
+    _make_chalk((0.4, 0.2, 0.1), "brown"),
     Material("metal", base_colour=(0.7, 0.6, 0.5), metallic=1.0, roughness=0.0),
 )
