@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from .rendering.renderer import Renderer
     from .rendering.scene import Scene, Transform
     from .rendering.scene_file import open_scene
+    from .rendering.turntable import render_turntable
     from .rendering.vectors import Vector
     from .scene.geometry import Geometry
     from .scene.instance import Instance
@@ -115,6 +116,7 @@ _HOME_OF = {
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
     "render_images": "rendering.images.make_images",
+    "render_turntable": "rendering.turntable",
     "ClbvhError": "errors",
     "MeshError": "errors",
     "SceneError": "errors",
@@ -183,6 +185,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "open_scene",
     "render",
     "render_images",
+    "render_turntable",
     "ClbvhError",
     "MeshError",
     "SceneError",

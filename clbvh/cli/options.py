@@ -105,6 +105,23 @@ CameraKind = Annotated[
         rich_help_panel=SCENE_PANEL,
     ),
 ]
+Width = Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=SCENE_PANEL)]
+Height = Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=SCENE_PANEL)]
+Up = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=SCENE_PANEL
+    ),
+]
+Background = Annotated[
+    str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=SCENE_PANEL)
+]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
 
 
