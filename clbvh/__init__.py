@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
+    from .rendering.contact_sheet import ContactSheet, contact_sheet
     from .rendering.images.images import Images
     from .rendering.images.make_images import render_images
     from .rendering.lens import Lens
@@ -117,6 +118,8 @@ _HOME_OF = {
     "render": "rendering.render",
     "render_images": "rendering.images.make_images",
     "render_turntable": "rendering.turntable",
+    "ContactSheet": "rendering.contact_sheet",
+    "contact_sheet": "rendering.contact_sheet",
     "ClbvhError": "errors",
     "MeshError": "errors",
     "SceneError": "errors",
@@ -186,6 +189,8 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "render",
     "render_images",
     "render_turntable",
+    "ContactSheet",
+    "contact_sheet",
     "ClbvhError",
     "MeshError",
     "SceneError",

@@ -10,7 +10,7 @@ import typer
 
 from ..errors import ClbvhError, DeviceError
 from ..support.code_times import on_first_compilation
-from . import devices, doctor, fetch, images, render, stats, study, tune, turntable, warmup
+from . import devices, doctor, fetch, images, render, sheet, stats, study, tune, turntable, warmup
 from .first_run import say_first_run
 from .streams import flush_output
 
@@ -29,6 +29,7 @@ app = typer.Typer(
 app.command(name="render")(render.render)
 app.command(name="images")(images.images)
 app.command(name="turntable")(turntable.turntable)
+app.command(name="sheet")(sheet.sheet)
 app.command(name="stats")(stats.stats)
 app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)

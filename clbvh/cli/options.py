@@ -113,6 +113,14 @@ Up = Annotated[
         metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=SCENE_PANEL
     ),
 ]
+View = Annotated[
+    str | None,
+    typer.Option(
+        help="front, right, back, left, top, bottom or iso: the whole mesh from this side.",
+        show_default="a little from the right and above",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
 Background = Annotated[
     str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=SCENE_PANEL)
 ]

@@ -60,6 +60,7 @@ def render(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
+    view: options.View = None,
     camera: options.CameraKind = None,
     aperture: Annotated[
         float | None,
@@ -175,6 +176,8 @@ def render(
     scene, load_timings_ms = _open(sources)
     if camera is not None:
         scene = options.with_camera(scene, camera, fov)
+    if view is not None:
+        scene = scene.with_view(view)
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))

@@ -31,6 +31,7 @@ from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
+from .standard_views import check_view
 from .vectors import Vector, check_vector, is_vector
 from .wide_framing import look_from
 
@@ -166,6 +167,9 @@ class Scene(SceneContents):
         None: chosen so that the whole mesh, or all objects, are visible.
     up : (3,) float
         The direction that is up in the picture.
+    view : str, or None
+        Of a scene without an eye: ``"front"``, ``"right"``, ``"back"``, ``"left"``, ``"top"``, ``"bottom"`` or
+        ``"iso"``. None: from the front, a little from the right and from above.
     fov : float
         Vertical field of view in degrees; of a perspective camera only.
     projection : Orthographic, Fisheye, Panorama or None
@@ -231,6 +235,7 @@ class Scene(SceneContents):
     eye: Vector | None = None
     look_at: Vector | None = None
     up: Vector = DEFAULT_UP
+    view: str | None = None
     fov: float = DEFAULT_FOV
     projection: Orthographic | Fisheye | Panorama | None = None
     aperture: float = 0.0
@@ -266,6 +271,10 @@ class Scene(SceneContents):
         check_focus(self.projection, self.aperture, self.focus_distance)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
+        if self.view is not None:
+            check_view(self.view)
+            if self.eye is not None:
+                raise SceneError(f"a camera with an eye has no view '{self.view}': take one of them out")
         for name in ("eye", "look_at", "up"):
             if getattr(self, name) is not None:
                 check_vector(f"the camera's {name}", getattr(self, name))
@@ -325,10 +334,34 @@ class Scene(SceneContents):
     def _place_camera(self, extent: Any, aspect: float) -> Camera:
         """Return the camera without its depth of field."""
         if self.eye is None or self.look_at is None:
-            return frame_mesh(extent, aspect=aspect, up=self.up, fov=self.fov, eye=self.eye, projection=self.projection)
+            return frame_mesh(
+                extent,
+                aspect=aspect,
+                up=self.up,
+                fov=self.fov,
+                eye=self.eye,
+                projection=self.projection,
+                side=self.view,
+            )
         if self.projection is None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
         return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=self.up)
+
+    def with_view(self, view: str) -> Scene:
+        """Return the scene seen from another side, see `view`; it has no eye of its own.
+
+        Raises
+        ------
+        SceneError
+            There is no view of this name.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.open_scene("knot").with_view("top").view
+        'top'
+        """
+        return dataclasses.replace(self, eye=None, look_at=None, view=view)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return a scene with those changes that are not None; it shares the objects.

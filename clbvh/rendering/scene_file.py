@@ -168,6 +168,7 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         "eye": camera.vector("eye"),
         "look_at": camera.vector("look_at"),
         "up": camera.vector("up"),
+        "view": camera.text("view"),
         "fov": camera.number("fov"),
         "projection": _read_projection(camera),
         "aperture": camera.number("aperture"),

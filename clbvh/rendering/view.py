@@ -91,8 +91,9 @@ def make_view(
 
 def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return (3,) float64: the unit vector upwards in the scene."""
-    # The `up` of a camera with a lens is the picture's, not the world's.
-    to_sky = np.asarray(camera.up if camera.lens is None else scene.up, np.float64)
+    # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
+    is_of_world = camera.lens is None and scene.view is None
+    to_sky = np.asarray(camera.up if is_of_world else scene.up, np.float64)
     return to_sky / np.linalg.norm(to_sky)
 
 
