@@ -15,11 +15,13 @@ from ..bvh import Bvh
 from ..errors import ConfigError
 from ..support.host_threads import HostThreads
 from ..trace.oracle.visits import HostTraversal, Visits
+from ..trace.scene.visits import SceneTraversal, SceneVisits
 from .camera import Camera
 from .pixel_font import FONT_COLUMNS, FONT_ROWS, GAP, GROUND, draw_text
+from .scene_objects import SceneObjects
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
-QUANTITIES = {"nodes": "NODE STEPS", "triangles": "TRIANGLE TESTS"}
+QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}
 
 # Evenly spaced stops of the scale, in sRGB. Their lightness (CIE L*) rises by equal steps from 10 to 95.
 _STOPS = np.array(
@@ -49,11 +51,26 @@ def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
         )
 
 
-def draw_heat_map_of(bvh: Bvh, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
-    """Return the heat map of a picture of this size; see `draw_heat_map`."""
-    visits = count_picture(bvh, camera, width, height)
-    counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
+def count_scene_picture(objects: SceneObjects, camera: Camera, width: int, height: int) -> SceneVisits:
+    """Count the steps through both levels of a scene; see `count_picture`."""
+    origins, directions = camera.rays(width, height)
+    with HostThreads() as threads:
+        return SceneTraversal(objects.state, objects.trees, objects.top).count_visits(
+            np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
+        )
+
+
+def draw_heat_map_of(
+    subject: Bvh | SceneObjects, camera: Camera, width: int, height: int, quantity: str
+) -> NDArray[np.uint8]:
+    """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
+    if isinstance(subject, SceneObjects):
+        in_scene = count_scene_picture(subject, camera, width, height)
+        counts = {"nodes": in_scene.node_steps, "triangles": in_scene.prim_tests}
+    else:
+        visits = count_picture(subject, camera, width, height)
+        counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
     return draw_heat_map(counts[quantity].reshape(height, width), quantity)
 
 

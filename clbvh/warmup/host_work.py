@@ -19,10 +19,12 @@ from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh
 from ..rendering.heat_map import draw_heat_map_of
 from ..rendering.ray_cost import measure_rays
+from ..scene.contents import SceneContents
 from ..stats import measure_tree
 from ..stats.ladder_work import count_ladder_work
 from ..structs import LAYOUT_WIDTHS, WIDE_NODES
 from ..trace.oracle.wide_visits import count_wide_visits
+from ..trace.scene.visits import SceneTraversal
 
 # Enough for a top with several subtrees.
 TRIANGLES = 3_000
@@ -55,6 +57,7 @@ def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
     ]
     if not quick:
         work.append(("cost of rays", partial(_for_both, mesh, _measure_rays)))
+        work.append(("cost of rays in scenes", partial(_count_in_scene, mesh)))
         work.append(("builders of the ladder", partial(_build_ladder, mesh)))
         work.append(("counts of the study", partial(_for_both, mesh, _count_for_study)))
     return work
@@ -102,6 +105,18 @@ def _measure_rays(bvh: Bvh) -> None:
     camera = frame_mesh(bvh.mesh, aspect=1.0)
     measure_rays(bvh, camera, 1.0)
     draw_heat_map_of(bvh, camera, _SIDE, _SIDE, "nodes")
+
+
+def _count_in_scene(mesh: Mesh) -> None:
+    contents = SceneContents()
+    for shape in (mesh, Spheres(mesh.vertices, 0.1)):
+        contents.place(contents.add(shape))
+    # Any tree of two primitives does for the two instances.
+    pair = Mesh.from_arrays(2 * np.eye(6, 3) - 1, [[0, 1, 2], [3, 4, 5]])
+    trees = [build_shape(shape) for shape in (mesh, Spheres(mesh.vertices, 0.1))]
+    traversal = SceneTraversal(contents.snapshot(), trees, build(pair, leaf_size=1))
+    origins, directions = frame_mesh(mesh, aspect=1.0).rays(_SIDE, _SIDE)
+    traversal.count_visits(origins.reshape(-1, 3), directions.reshape(-1, 3))
 
 
 def _count_for_study(bvh: Bvh) -> None:

@@ -96,7 +96,7 @@ class Appearance:
 
     def without_normals(self) -> Appearance:
         """Return the same looks, except for the normals."""
-        return self if self.normals is None else dataclasses.replace(self, normals=None)
+        return self if self.normals is None else self._replace(normals=None)
 
     def select(self, faces: NDArray[Any]) -> Appearance:
         """Return the looks of some faces, or of all in another order; the materials stay.
@@ -107,7 +107,7 @@ class Appearance:
             An index into the first axis of the arrays.
         """
         chosen = {name: values[faces] for name in _CHECKS if (values := getattr(self, name)) is not None}
-        return dataclasses.replace(self, **chosen)
+        return self._replace(**chosen)
 
     def transformed(self, matrix: ArrayLike) -> Appearance:
         """Return the looks of a mesh whose vertices are moved by a matrix and whose faces are not turned round.
@@ -121,11 +121,27 @@ class Appearance:
         """
         if self.normals is None:
             return self
-        return dataclasses.replace(self, normals=turn_normals(self.normals, np.asarray(matrix, np.float64)))
+        return self._replace(normals=turn_normals(self.normals, np.asarray(matrix, np.float64)))
+
+    def _replace(self, **values: Any) -> Appearance:
+        return make_unchecked(**(vars(self) | values))
 
     def __repr__(self) -> str:
         counts = [f"{name}={len(getattr(self, name)):,}" for name in _CHECKS if getattr(self, name) is not None]
         return f"Appearance({', '.join([*counts, f'materials={len(self.materials)}'])})"
+
+
+def make_unchecked(**values: Any) -> Appearance:
+    """Return an appearance of arrays that are as documented: of their shapes and dtypes, unit, finite and in range.
+
+    For readers, which have seen to that on the way; the checks would take as long as reading.
+    """
+    appearance = object.__new__(Appearance)
+    for each in dataclasses.fields(Appearance):
+        object.__setattr__(appearance, each.name, values.pop(each.name, each.default))
+    if values:
+        raise TypeError(f"an appearance has no {', '.join(values)}")
+    return appearance
 
 
 def turn_normals(normals: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.float32]:
