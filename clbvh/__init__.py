@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
     from .rendering.contact_sheet import ContactSheet, contact_sheet
+    from .rendering.cut import Cut
     from .rendering.images.images import Images
     from .rendering.images.make_images import render_images
     from .rendering.lens import Lens
@@ -97,6 +98,7 @@ _HOME_OF = {
     "Traceable": "trace",
     "Tracer": "trace",
     "Camera": "rendering.camera",
+    "Cut": "rendering.cut",
     "Images": "rendering.images.images",
     "Lens": "rendering.lens",
     "Orthographic": "rendering.projection",
@@ -168,6 +170,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Traceable",
     "Tracer",
     "Camera",
+    "Cut",
     "Images",
     "Lens",
     "Orthographic",

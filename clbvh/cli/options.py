@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from ..builders.options import BuildOptions
+    from ..rendering.cut import Cut
     from ..rendering.scene import Scene
 
 SCENE_PANEL = "Scene"
@@ -121,6 +122,24 @@ View = Annotated[
         rich_help_panel=SCENE_PANEL,
     ),
 ]
+CutPlane = Annotated[
+    str | None,
+    typer.Option(
+        "--cut",
+        metavar='"X,Y,Z;NX,NY,NZ"',
+        help="Do not show what lies on the normal's side of a plane through a point; light comes as if it were there.",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
+CutBox = Annotated[
+    str | None,
+    typer.Option(
+        "--cut-box",
+        metavar='"X,Y,Z;X,Y,Z"',
+        help="Do not show what lies inside a box, by its lower and its upper corner.",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
 Background = Annotated[
     str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=SCENE_PANEL)
 ]
@@ -167,6 +186,18 @@ def with_camera(scene: Scene, camera: str, fov: float | None) -> Scene:
     if projection is not None and fov is not None:
         raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
     return replace(scene, projection=projection)
+
+
+def parse_cut(plane: str | None, box: str | None) -> Cut | None:
+    """Return the cut of ``--cut`` or ``--cut-box``."""
+    from ..errors import ConfigError
+    from ..rendering.cut import parse_cut as parse
+
+    if plane is not None and box is not None:
+        raise ConfigError("--cut and --cut-box were given: a picture has one cut")
+    if plane is not None:
+        return parse("plane", plane)
+    return None if box is None else parse("box", box)
 
 
 def make_build_options(

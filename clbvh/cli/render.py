@@ -83,6 +83,8 @@ def render(
             metavar="X,Y,Z", help="Direction to the light.", show_default="above, to the left", rich_help_panel=_SCENE
         ),
     ] = None,
+    cut: options.CutPlane = None,
+    cut_box: options.CutBox = None,
     background: Annotated[
         str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=_SCENE)
     ] = None,
@@ -150,6 +152,7 @@ def render(
         "ground": ground,
         "transparent": transparent,
         "exposure": exposure,
+        "cut": options.parse_cut(cut, cut_box),
         "tone_curve": tone_curve,
         "max_bounces": max_bounces,
         "eye": options.parse_vector("--eye", eye),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from .as_scene import SceneLike
 from .camera import Camera
+from .cut import Cut
 from .picture import Picture
 from .render_options import RenderOptions
 from .renderer import Renderer
@@ -28,6 +29,7 @@ def render(
     light: Light | Vector | None = None,
     surface: Vector | None = None,
     background: Vector | tuple[Vector, Vector] | None = None,
+    cut: Cut | None = None,
     samples: int | None = None,
     time_limit_s: float | None = None,
     on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -41,7 +43,7 @@ def render(
     source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
         A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh.
     options : RenderOptions, optional
-    camera, view, width, height, shading, light, surface, background, samples : optional
+    camera, view, width, height, shading, light, surface, background, cut, samples : optional
         See `Renderer.render`; by default the scene's.
     time_limit_s, on_samples, is_stopped : optional
         See `Renderer.render`.
@@ -73,7 +75,7 @@ def render(
     with Renderer(source, options, on_phase=on_phase) as renderer:
         picture = renderer.render(
             camera=camera, view=view, width=width, height=height, shading=shading, light=light, surface=surface,
-            background=background, samples=samples, time_limit_s=time_limit_s, on_samples=on_samples,
+            background=background, cut=cut, samples=samples, time_limit_s=time_limit_s, on_samples=on_samples,
             is_stopped=is_stopped, on_phase=on_phase,
         )  # fmt: skip
     timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}

@@ -28,6 +28,7 @@ from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera
 from .check_pixels import check_pixels
+from .cut import Cut
 from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
 from .film.sample_painter import Progress
 from .film.settings import MAX_SAMPLES, find_sample_count
@@ -167,6 +168,7 @@ class Renderer(ContextManager):
         light: Light | Vector | None = None,
         surface: Vector | None = None,
         background: Vector | tuple[Vector, Vector] | None = None,
+        cut: Cut | None = None,
         samples: int | None = None,
         time_limit_s: float | None = None,
         on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -192,6 +194,8 @@ class Renderer(ContextManager):
             Linear colour of the mesh, and of objects without one of their own.
         background : (3,) float, or a pair of them
             Linear colour, or the colours at the top and at the bottom.
+        cut : Cut, optional
+            A part of the world that the camera does not see.
         samples : int, optional
             Of each pixel; see `Scene.samples`.
         time_limit_s : float, optional
@@ -246,6 +250,7 @@ class Renderer(ContextManager):
             light=light if light is None or isinstance(light, Light) else self.scene.light.with_direction(light),
             surface=surface,
             background=background,
+            cut=cut,
             samples=samples,
         )
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
@@ -263,6 +268,7 @@ class Renderer(ContextManager):
             film=progress.film,
             samples=progress.taken,
             is_transparent=scene.transparent,
+            cut=scene.cut,
             found=found,
             camera=camera,
             **self._subject.picture_parts(),

@@ -25,6 +25,7 @@ from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
+from .cut import Cut
 from .film.settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, check_sampling
 from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
@@ -41,7 +42,7 @@ DEFAULT_SHADING = "studio"
 
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
-_Settings = TypeVar("_Settings", "Light", "Transform", "Scene")
+_Settings = TypeVar("_Settings", Cut, "Light", "Transform", "Scene")
 
 
 @dataclass(frozen=True)
@@ -198,6 +199,8 @@ class Scene(SceneContents):
         Reflections after which a path of ``path`` ends; 0: light that comes straight from a source.
     surface : (3,) float
         Linear colour of the mesh, and of objects without one of their own.
+    cut : Cut, or None
+        A part of the world that the camera does not see.
     background : pair of (3,) float
         Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int
@@ -250,6 +253,7 @@ class Scene(SceneContents):
     exposure: float = 0.0
     tone_curve: str | None = None
     max_bounces: int = DEFAULT_BOUNCES
+    cut: Cut | None = None
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
     width: int = DEFAULT_WIDTH
@@ -278,6 +282,8 @@ class Scene(SceneContents):
         for name in ("eye", "look_at", "up"):
             if getattr(self, name) is not None:
                 check_vector(f"the camera's {name}", getattr(self, name))
+        if self.cut is not None and not isinstance(self.cut, Cut):
+            raise SceneError(f"the cut must be a clbvh.Cut, not {self.cut!r}")
         check_vector("the surface colour", self.surface)
         if is_vector(self.background):
             object.__setattr__(self, "background", (self.background, self.background))
@@ -440,6 +446,8 @@ class Scene(SceneContents):
         """Return the scene of a file; the settings are a dict, and nothing else of them is checked yet."""
         values = {name: as_setting(value) for name, value in settings.items()}
         values["projection"] = from_named(values.get("projection"))
+        if values.get("cut") is not None:
+            values["cut"] = _make(Cut, get_item(values, "cut", dict))
         values["light"] = _make(Light, get_item(values, "light", dict))
         values["transform"] = _make(Transform, get_item(values, "transform", dict))
         first = None

@@ -9,6 +9,7 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..structs import SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera
+from .cut import set_cut
 from .film.ground import Ground
 from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
@@ -85,6 +86,8 @@ def make_view(
     view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    if scene.cut is not None:
+        set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
     view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
 
