@@ -132,7 +132,7 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
-    from ..rendering.image_files import check_hits_path, check_picture_path
+    from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
     from ..rendering.render import RenderOptions
 
     # All input is checked before any work.
@@ -181,6 +181,9 @@ def render(
     if view is not None:
         scene = scene.with_view(view)
     scene = scene.with_changes(**changes)
+    if scene.transparent and heatmap is None:
+        for path in output:
+            check_has_alpha(path)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
     picture = render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)

@@ -68,6 +68,6 @@ def test_a_second_ctrl_c_ends_the_command(place):
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     code, output, errors = place.finish(process)
-    assert (code, output, said(errors)) == (130, "", ["clbvh: interrupted"])
+    assert (code, output, said(errors)) == (130, "", ["clbvh: interrupted"]), errors
     assert files(place) == ["scene.toml"]
     assert place.leftovers() == []
