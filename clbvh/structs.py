@@ -257,6 +257,26 @@ SCENE_HIT_INSTANCE_ID = _lane(SCENE_HIT, "instance_id")
 # A primitive of an instance, both NO_PRIM where there is none.
 SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
 
+# A point over which rays are drawn, with the unit normal around which they are, in local coordinates: a scene point,
+# the length of the rays, and the number of the point, from which its samples are derived. Without a scene, what float32
+# has rounded off the position and the mask are not used.
+HEMISPHERE = np.dtype(
+    [
+        ("position", np.float32, 3),
+        ("mask", np.uint32),
+        ("position_low", np.float32, 3),
+        ("t_max", np.float32),
+        ("normal", np.float32, 3),
+        ("number", np.uint32),
+    ]
+)
+HEMISPHERE_LANES = _lane_count(HEMISPHERE)
+HEMISPHERE_MASK = _lane(HEMISPHERE, "mask")
+HEMISPHERE_POSITION_LOW = _lane(HEMISPHERE, "position_low")
+HEMISPHERE_T_MAX = _lane(HEMISPHERE, "t_max")
+HEMISPHERE_NORMAL = _lane(HEMISPHERE, "normal")
+HEMISPHERE_NUMBER = _lane(HEMISPHERE, "number")
+
 # --- Pictures ---
 
 # The parameters of a picture besides the mesh. Colours are linear, from 0 to 1.
@@ -400,6 +420,7 @@ DEVICE_STRUCTS = {
     "scene_low_t": SCENE_LOW,
     "instance_t": INSTANCE,
     "scene_point_t": SCENE_POINT,
+    "hemisphere_t": HEMISPHERE,
     "scene_tile_t": SCENE_TILE,
     "scene_hit_t": SCENE_HIT,
     "scene_prim_t": SCENE_PRIM,

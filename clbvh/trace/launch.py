@@ -289,11 +289,21 @@ class Call(MemoryLoan):
             )  # fmt: skip
         return {"rays": rays, "lows": lows, "low_step": np.int32(1)}
 
-    def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
-        """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(self._tree.point_dtype, CHUNK_RAYS), progress=progress)
+    def cut_points(
+        self,
+        point_count: int,
+        progress: Progress | None = None,
+        *,
+        dtype: np.dtype | None = None,
+        most_points: int = CHUNK_RAYS,
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the chunks in which to cast points, of a dtype as in `pack_points`; see `pieces.cut_points`."""
+        fitting = self.fit(dtype or self._tree.point_dtype, min(most_points, CHUNK_RAYS))
+        return cut_points(point_count, most_points=fitting, progress=progress)
 
-    def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
+    def pack_points(
+        self, count: int, pack: Callable[[int, int, NDArray[np.void]], None], *, dtype: np.dtype | None = None
+    ) -> Batch:
         """Put points on the device.
 
         Parameters
@@ -302,8 +312,10 @@ class Call(MemoryLoan):
         pack : function
             Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write, or
             `structs.SCENE_POINT` for a scene; from several threads.
+        dtype : numpy.dtype, optional
+            Of packed points, where it is another one.
         """
-        points = self._fill("packed", self._tree.point_dtype, count, pack)
+        points = self._fill("packed", dtype or self._tree.point_dtype, count, pack)
         work_group = (self._session.settings.work_group_size, 1)
         return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 

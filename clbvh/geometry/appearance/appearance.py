@@ -95,7 +95,15 @@ class Appearance:
         return self.prim_count is None and not self.materials
 
     def without_normals(self) -> Appearance:
-        """Return the same looks, except for the normals."""
+        """Return the same looks, except for the normals.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> flat = clbvh.Appearance(normals=[[[0, 0, 1]] * 3], materials=[clbvh.Material()])
+        >>> flat.without_normals()
+        Appearance(materials=1)
+        """
         return self if self.normals is None else self._replace(normals=None)
 
     def select(self, faces: NDArray[Any]) -> Appearance:
@@ -105,6 +113,14 @@ class Appearance:
         ----------
         faces : (n,) int or bool
             An index into the first axis of the arrays.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import numpy as np
+        >>> looks = clbvh.Appearance(uvs=np.zeros((5, 3, 2)))
+        >>> looks.select(np.array([4, 0]))
+        Appearance(uvs=2, materials=0)
         """
         chosen = {name: values[faces] for name in _CHECKS if (values := getattr(self, name)) is not None}
         return self._replace(**chosen)
@@ -118,6 +134,13 @@ class Appearance:
         ----------
         matrix : (3, 3) or (4, 4) float
             Of an affine transform.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> slope = clbvh.Appearance(normals=[[[0, 0.8, 0.6]] * 3])
+        >>> slope.transformed(clbvh.Transform(scale=(1, 1, 2)).matrix).normals[0, 0].round(3)
+        array([0.   , 0.936, 0.351], dtype=float32)
         """
         if self.normals is None:
             return self

@@ -61,10 +61,10 @@ class ObjLines:
         if len(lines) == 0:
             return None
         width = len(self.words(lines[0]).split())
-        joined = self.join(kind)
-        if width == 0 or not are_number_lines(joined, width):
+        joined = self.join(kind).tobytes()
+        if width == 0 or not are_number_lines(np.frombuffer(joined, np.uint8), width):
             return None
-        return np.fromstring(joined.tobytes(), np.float64, sep=" ").reshape(-1, width)
+        return np.fromstring(joined, np.float64, sep=" ").reshape(-1, width)
 
 
 class ObjCorners(NamedTuple):

@@ -18,7 +18,6 @@ from .obj_lines import NORMAL, UV, ObjCorners, ObjLines, resolve_indices
 from .obj_statements import ObjStatements
 from .polygons import cut_fans
 from .problems import Problems
-from .text_lines import read_coordinates
 from .texture_files import TextureFiles
 
 # Numbers in the line of a vertex with a colour: behind x, y and z, or behind the weight.
@@ -96,12 +95,10 @@ def _find_ids(mesh: ObjMesh, corners: ObjCorners, slot: int, kind: int) -> NDArr
 def _read_lines(lines: ObjLines, kind: int, width: int) -> NDArray[np.float64]:
     """Return the first numbers of all lines of a kind."""
     numbers = lines.read_numbers(kind)
-    if numbers is None and width == 3:
-        return read_coordinates(lines.list_words(kind))
     if numbers is None:
         padded = [words + b" 0" for words in lines.list_words(kind)]
         if not padded:
-            raise MeshError("there are none")
+            raise MeshError("corners refer to them, but there are none")
         numbers = np.loadtxt(padded, usecols=range(width), ndmin=2, comments=None)
     if numbers.shape[1] < width:  # one coordinate, of a texture that is a line
         numbers = np.column_stack((numbers, np.zeros((len(numbers), width - numbers.shape[1]))))

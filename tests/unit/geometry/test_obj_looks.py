@@ -128,6 +128,15 @@ def test_textures_of_colour_alpha_and_light(tmp_path):
     np.testing.assert_array_equal(two.base_colour_texture.pixels, [[[255, 255, 255, 0], [255, 255, 255, 255]]])
 
 
+def test_a_mask_may_be_larger_than_the_colours(tmp_path):
+    Image.fromarray(np.array([[[9, 8, 7]], [[1, 2, 3]]], np.uint8)).save(tmp_path / "a.png")
+    Image.fromarray(np.array([[0, 50], [100, 150]], np.uint8)).save(tmp_path / "m.png")
+    text = "mtllib a.mtl\nusemtl a\n" + SQUARE + "f 1 2 3\n"
+    (material,) = load(tmp_path, text, a_mtl="newmtl a\nKd 0 0 0\nmap_Kd a.png\nmap_d m.png\n").appearance.materials
+    expected = [[[9, 8, 7, 0], [9, 8, 7, 50]], [[1, 2, 3, 100], [1, 2, 3, 150]]]
+    assert material.base_colour_texture.pixels.tolist() == expected
+
+
 def test_an_alpha_that_no_statement_asks_for_is_ignored(tmp_path):
     Image.fromarray(np.full((1, 1, 4), 9, np.uint8)).save(tmp_path / "a.png")
     text = "mtllib a.mtl\nusemtl a\n" + SQUARE + "f 1 2 3\n"
@@ -161,6 +170,14 @@ def test_what_cannot_be_used_is_one_warning(tmp_path, text, mtl, message):
         mesh = load(tmp_path, SQUARE + text + "f 1 2 3\n", a_mtl=mtl)
     assert len(caught) == 1
     assert mesh.faces[-1].tolist() == [0, 1, 2]
+
+
+def test_many_problems_are_one_warning_that_counts_the_rest(tmp_path):
+    text = SQUARE + "mtllib a.mtl\nvn 0 0 x\n" + "".join(f"usemtl {i}\nf 1//1 2//1 3//1\n" for i in range(6))
+    mtl = "".join(f"newmtl {i}\nKd x\n" for i in range(5)) + "newmtl 5\n"
+    with pytest.warns(clbvh.AppearanceWarning, match=r"the normals .*; the material '0' .*; and 4 more$") as caught:
+        load(tmp_path, text, a_mtl=mtl)
+    assert len(caught) == 1
 
 
 def test_materials_without_a_file_are_names_and_no_fault(tmp_path):
