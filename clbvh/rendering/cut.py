@@ -11,8 +11,6 @@ from ..errors import SceneError
 from ..structs import CUTS
 from .vectors import Vector, as_vector, check_vector
 
-_Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Cut:
@@ -85,14 +83,16 @@ class Cut:
             raise SceneError(f"the lower corner of a cut, {self.first}, must not be above the upper one, {self.second}")
 
     @property
-    def normal(self) -> _Floats:
+    def normal(self) -> NDArray[np.float64]:
         """(3,) float64: the unit normal of a plane."""
         normal = np.asarray(self.second)
         # Scaled first: squares of short or long vectors need not be in float64.
         normal = normal / np.abs(normal).max()
         return normal / np.linalg.norm(normal)
 
-    def ranges(self, origins: _Floats, directions: _Floats) -> tuple[_Floats, _Floats]:
+    def ranges(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the parts of rays that are cut away, as t from `begin` to `end`; none where `end` is less.
 
         What is left are the t from 0 to `begin`, and those from `end` on: the limits of two calls of
@@ -131,7 +131,9 @@ class Cut:
             end = np.where(is_level, np.where(is_inside, np.inf, -np.inf), np.maximum(first, second))
         return begin.max(axis=-1), end.min(axis=-1)
 
-    def limit(self, t: _Floats, origins: _Floats, directions: _Floats) -> _Floats:
+    def limit(
+        self, t: NDArray[np.float64], origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return t of hits, moved out of the cut by what the device has rounded; misses stay infinite."""
         begin, end = self.ranges(origins, directions)
         with np.errstate(invalid="ignore"):
@@ -140,7 +142,9 @@ class Cut:
         return np.where((begin <= end) & np.isfinite(t), limited, t)
 
 
-def set_cut(view: NDArray[np.void], cut: Cut, eye: _Floats, corners: tuple[_Floats, _Floats]) -> None:
+def set_cut(
+    view: NDArray[np.void], cut: Cut, eye: NDArray[np.float64], corners: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> None:
     """Write a cut into a view.
 
     Parameters
