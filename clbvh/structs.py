@@ -353,6 +353,13 @@ VIEW = np.dtype(
         ("half_angle", np.float32),
         # k1, k2, p1, p2 and k3 of OpenCV.
         ("distortion", np.float32, 5),
+        # One of CUTS. Of a plane the unit normal, and how far the eye is on its side; of a box the corners, from the
+        # eye. In local units.
+        ("cut", np.int32),
+        ("cut_normal", np.float32, 3),
+        ("cut_height", np.float32),
+        ("cut_lower", np.float32, 3),
+        ("cut_upper", np.float32, 3),
     ]
 )
 
@@ -464,6 +471,7 @@ TONE_CURVES = {"linear": 0, "filmic": 1}
 TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 
 # How the points of a picture become rays; `distorted` is perspective with the distortion of a lens.
+CUTS = {"plane": 1, "box": 2}
 PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
 
 # Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
@@ -486,6 +494,7 @@ DEVICE_CONSTANTS = {
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},
     **{"WRAP_" + name.upper(): number for name, number in TEXTURE_WRAPS.items()},
+    **{"CUT_" + name.upper(): number for name, number in CUTS.items()},
     **{"PROJECTION_" + name.upper(): number for name, number in PROJECTIONS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }

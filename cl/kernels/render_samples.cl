@@ -9,6 +9,7 @@
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
 // SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
+// HAS_CUT: see world/cut.cl.
 //
 // Work-items: (width, row_count), rounded up to tiles. The samples of a pixel are added one by one, in the order of
 // their numbers, so that the film does not depend on bands or on how many samples a launch takes.

@@ -9,6 +9,7 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..structs import SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera
+from .cut import set_cut
 from .film.ground import Ground
 from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
@@ -86,14 +87,17 @@ def make_view(
     view["has_sun"] = any(scene.light.colour)
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    if scene.cut is not None:
+        set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
     view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
 
 
 def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return (3,) float64: the unit vector upwards in the scene."""
-    # The `up` of a camera with a lens is the picture's, not the world's.
-    to_sky = np.asarray(camera.up if camera.lens is None else scene.up, np.float64)
+    # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
+    is_of_world = camera.lens is None and scene.view is None
+    to_sky = np.asarray(camera.up if is_of_world else scene.up, np.float64)
     return to_sky / np.linalg.norm(to_sky)
 
 

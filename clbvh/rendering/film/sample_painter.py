@@ -73,6 +73,8 @@ class SampleShading:
         The tables of cl/looks/, and those of the light of ``"path"``.
     has_cutouts : bool
         Whether rays may pass through surfaces.
+    has_cut : bool
+        Whether the views have a cut.
 
     Raises
     ------
@@ -88,11 +90,17 @@ class SampleShading:
         arguments: Mapping[str, Any],
         *,
         has_cutouts: bool,
+        has_cut: bool = False,
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
         self.arguments = {**world_arguments(tree), **_NO_LIGHTS, **arguments}
-        defines = {**tree.defines, "SHADING": SHADINGS[shading], "HAS_CUTOUTS": int(has_cutouts)}
+        defines = {
+            **tree.defines,
+            "SHADING": SHADINGS[shading],
+            "HAS_CUTOUTS": int(has_cutouts),
+            "HAS_CUT": int(has_cut),
+        }
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")
         self.entry_points = ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
