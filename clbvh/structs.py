@@ -277,6 +277,9 @@ VIEW = np.dtype(
         ("ground_point", np.float32, 3),
         ("ground_normal", np.float32, 3),
         ("ground_radius", np.float32),
+        # A ball around all objects, beyond which they cast no shadow.
+        ("objects_centre", np.float32, 3),
+        ("objects_radius", np.float32),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
         ("light_spread", np.float32),
         # Occlusion is searched for up to here, in local units.

@@ -28,6 +28,9 @@ _LIGHT_SPREAD = 0.15
 # without a limit, a closed room would have none.
 _OCCLUSION_REACH = 0.5
 
+# More than float32 rounds off a radius.
+_ROUNDED_UP = 1.0 + 1e-5
+
 
 def make_view(
     scene: Scene,
@@ -82,6 +85,7 @@ def make_view(
         view["ground_point"], view["ground_normal"] = mesh.to_local(ground.point), ground.normal
         view["ground_radius"] = ground.radius * mesh.scale
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
+    view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
     view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
