@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
+    from .rendering.images.images import Images
+    from .rendering.images.make_images import render_images
     from .rendering.lens import Lens
     from .rendering.light import Light
     from .rendering.mesh_source import MeshSource
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Normals, Progress, Traceable, Tracer
+    from .trace.ambient_occlusion import ambient_occlusion
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
@@ -92,7 +95,9 @@ _HOME_OF = {
     "Progress": "trace",
     "Traceable": "trace",
     "Tracer": "trace",
+    "ambient_occlusion": "trace.ambient_occlusion",
     "Camera": "rendering.camera",
+    "Images": "rendering.images.images",
     "Lens": "rendering.lens",
     "Orthographic": "rendering.projection",
     "Fisheye": "rendering.projection",
@@ -111,6 +116,7 @@ _HOME_OF = {
     "Vector": "rendering.vectors",
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
+    "render_images": "rendering.images.make_images",
     "ClbvhError": "errors",
     "MeshError": "errors",
     "SceneError": "errors",
@@ -158,7 +164,9 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Progress",
     "Traceable",
     "Tracer",
+    "ambient_occlusion",
     "Camera",
+    "Images",
     "Lens",
     "Orthographic",
     "Fisheye",
@@ -177,6 +185,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Vector",
     "open_scene",
     "render",
+    "render_images",
     "ClbvhError",
     "MeshError",
     "SceneError",

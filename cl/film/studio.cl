@@ -11,7 +11,16 @@
 #define DIELECTRIC_REFLECTANCE 0.04f
 
 // The share of the ambient light that still reaches surfaces whose hemisphere is full of others: what those reflect.
-#define REFLECTED_SHARE 0.25f
+#define REFLECTED_SHARE 0.35f
+
+// The ambient light is stronger than in the shading `lambert`, because nearby surfaces keep off much of it.
+#define AMBIENT_FACTOR 1.6f
+
+// The light of a surface that reflects all is the albedo of a diffuse one, and pi times the value of a highlight.
+#define HIGHLIGHT_FACTOR 3.14159265f
+
+// A shadow on the ground is no darker than this share of the background.
+#define LIGHT_IN_SHADOW 0.35f
 
 // Sample dimensions: cut-outs may take any number of the ones before.
 #define KEY_LIGHT_DIMENSION 1024
@@ -20,7 +29,7 @@
 INLINED float3 find_ambient_light(const global view_t *view, const float3 direction)
 {
     const float up = 0.5f + 0.5f * dot_product(direction, load3(view->to_sky));
-    return blend(load3(view->ground_colour), load3(view->sky_colour), up);
+    return AMBIENT_FACTOR * blend(load3(view->ground_colour), load3(view->sky_colour), up);
 }
 
 // A direction to the key light, which has a disk's size.
@@ -90,10 +99,10 @@ INLINED bool is_known_at(
     return rise * rise <= SMOOTH_RISE * SMOOTH_RISE * dot_product(way, way);
 }
 
-// Finds the light at a place, unless it is known. `facing` is the normal that tells whether the key light is above.
+// Finds the light at a place, unless it is known.
 INLINED void find_light(
     const stage_t *stage, const int instance_id, const float3 position, const position_t above, const float3 normal,
-    const float3 facing, const bool may_be_occluded, const bool may_be_shaded, sobol_sampler_t *sampler,
+    const bool may_be_occluded, const bool may_be_shaded, sobol_sampler_t *sampler,
     known_light_t *light)
 {
     if (is_known_at(light, instance_id, position, normal)) {
@@ -106,11 +115,10 @@ INLINED void find_light(
     light->is_exposed = !may_be_occluded || is_open(stage, above, normal, sampler);
     light->is_lit = false;
     const float3 towards = load3(stage->view->to_light);
-    if (dot_product(normal, towards) + stage->view->light_spread > 0.0f
-        && dot_product(facing, towards) + stage->view->light_spread > 0.0f) {
+    if (dot_product(normal, towards) + stage->view->light_spread > 0.0f) {
         sampler->dimension = KEY_LIGHT_DIMENSION;
         const float3 to_light = sample_key_light(stage->view, sampler);
-        light->is_lit = dot_product(facing, to_light) > 0.0f
+        light->is_lit = dot_product(normal, to_light) > 0.0f
             && (!may_be_shaded || !is_shaded(stage, above, to_light, INFINITY, sampler));
     }
 }
@@ -122,9 +130,10 @@ INLINED float3 shade_studio(
     const global view_t *view = stage->view;
     const appearance_t *look = &shown->appearance;
     const world_surface_t *surface = &shown->surface;
+    position_t above = surface->above;
+    above.high += look->lift;
     find_light(
-        stage, surface->instance_id, surface->position, surface->above, look->normal, surface->normal, true, true,
-        sampler, known);
+        stage, surface->instance_id, surface->position, above, look->normal, true, true, sampler, known);
     const float3 reflectance =
         blend((float3)(DIELECTRIC_REFLECTANCE), look->base_colour, look->metallic);
     const float3 diffuse = (1.0f - look->metallic) * look->base_colour;
@@ -143,7 +152,7 @@ INLINED float3 shade_studio(
     if (known->is_lit && cosine > 0.0f) {
         const float3 halfway = unit_vector(to_light - direction);
         const float3 gloss = fresnel(reflectance, dot_product(to_light, halfway))
-            * highlight(look->roughness, look->normal, to_light, -direction, halfway);
+            * (HIGHLIGHT_FACTOR * highlight(look->roughness, look->normal, to_light, -direction, halfway));
         light += load3(view->light_colour) * (diffuse * cosine + gloss);
     }
     return light + look->emission;
@@ -174,10 +183,9 @@ INLINED float find_ground_shadow(
     const float key = cosine * (view->light_colour[0] + view->light_colour[1] + view->light_colour[2]);
     const float all = ambient.x + ambient.y + ambient.z + key;
     find_light(
-        stage, GROUND_ID, ground->above.high, ground->above, normal, normal, may_be_occluded, may_be_shaded, sampler,
-        known);
+        stage, GROUND_ID, ground->above.high, ground->above, normal, may_be_occluded, may_be_shaded, sampler, known);
     const float missing = (known->is_exposed ? 0.0f : all - key) + (known->is_lit ? 0.0f : key);
-    return all > 0.0f ? ground->strength * missing / all : 0.0f;
+    return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * ground->strength * missing / all : 0.0f;
 }
 
 INLINED float4 find_studio_sample(
@@ -185,11 +193,10 @@ INLINED float4 find_studio_sample(
     search_t *first)
 {
     shown_t shown;
-    const ray_t *plain = as_plain_ray(ray);
     if (find_shown(stage, ray, true, sampler, &shown, first)) {
-        return (float4)(shade_studio(stage, &shown, plain->direction, sampler, known), 1.0f);
+        return (float4)(shade_studio(stage, &shown, ray->direction, sampler, known), 1.0f);
     }
-    const ground_t ground = find_ground(stage->view, plain);
+    const ground_t ground = find_ground(stage->view, ray);
     const float shadow = ground.strength > 0.0f ? find_ground_shadow(stage, &ground, sampler, known) : 0.0f;
     return sample_of_background(stage->view, row, shadow);
 }

@@ -54,10 +54,13 @@ INLINED float3 shade_lambert(
     return encode_srgb(light * surface_colour);
 }
 
-// White at depth_near, black at depth_far, and linear between them, so that grey values can be read as distances.
+// White at depth_near, black at depth_far, and linear between them, so that grey values can be read as distances: along
+// the line of sight, or from the eye for cameras that see to the side and behind themselves.
 INLINED float3 shade_depth(const global view_t *view, const float3 position)
 {
-    const float depth = dot_product(position - load3(view->eye), load3(view->optical_axis));
+    const float3 way = position - load3(view->eye);
+    const bool is_wide = view->projection == PROJECTION_FISHEYE || view->projection == PROJECTION_PANORAMA;
+    const float depth = is_wide ? sqrt(dot_product(way, way)) : dot_product(way, load3(view->optical_axis));
     const float fraction = (depth - view->depth_near) / (view->depth_far - view->depth_near);
     return (float3)(1.0f - clamp(fraction, 0.0f, 1.0f));
 }

@@ -5,26 +5,53 @@
 //
 // nodes[], blocks[], block_count         the tree, see rays/batch.cl; in a scene see instances/traverse.cl
 // top_nodes[], instances[], spheres[]    the rest of a scene, see instances/traverse.cl
+// entry_points[], tiles[]                where the rays of each tile begin, see traversal/entry_point.cl, and in a
+//                                        scene instances/start.cl. NULL: all rays begin at the root
 
 // keep: files that both branches need are expanded before them
 #include "boxes/aabb.cl"
 #include "math/pairs.cl"
+#include "rays/batch.cl"
 #include "shading/surface.cl"
-#include "traversal/traverse.cl"
+#include "traversal/entry_point.cl"
 #if HAS_INSTANCES
+#include "instances/start.cl"
 #include "instances/surface.cl"
 #include "instances/traverse.cl"
 #endif
 
+// Where the rays of the camera begin.
+#if HAS_INSTANCES
+typedef scene_start_t world_start_t;
+#else
+typedef const global node_t *world_start_t;
+#endif
+
 typedef struct {
+    world_start_t start;
     const global node_t *nodes;
-    const global node_t *start;  // where the rays of the camera begin, see traversal/entry_point.cl
     const global block_t *blocks;
     int block_count;
     const global bvh2_node_t *top_nodes;
     const global instance_t *instances;
     const global float *spheres;
 } world_t;
+
+// How far a point of a triangle lies below the smooth surface for which its normals stand: the tangent planes at the
+// corners, where they are above it. Rays that begin there are not stopped by the facets of a round surface (Hanika,
+// "Hacking the shadow terminator", Ray Tracing Gems II, 2021).
+INLINED float3 find_lift(const corners_t *corners, const crossing_t *crossing, const float3 normals[3])
+{
+    const float shares[3] = {1.0f - crossing->u - crossing->v, crossing->u, crossing->v};
+    const float3 at[3] = {corners->a, corners->b, corners->c};
+    const float3 position = shares[0] * at[0] + shares[1] * at[1] + shares[2] * at[2];
+    float3 lift = (float3)(0.0f);
+    for (int corner = 0; corner < 3; corner++) {
+        const float depth = larger(dot_product(at[corner] - position, normals[corner]), 0.0f);
+        lift += shares[corner] * depth * normals[corner];
+    }
+    return lift;
+}
 
 // A position as a pair of floats: the low part is what float32 has rounded off. It is zero where there is no scene.
 typedef struct {
@@ -52,23 +79,25 @@ typedef struct {
 
 typedef scene_ray_pair_t world_ray_t;
 
+INLINED world_start_t find_world_start(
+    const global node_t *nodes, const global scene_tile_t *tiles, const global node_t *entry_points)
+{
+    return find_scene_start(tiles, entry_points);
+}
+
 INLINED world_ray_t make_world_ray(
     const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
 {
-    const world_ray_t ray = {make_ray(origin.high, direction, 0.0f, t_max), origin.low, direction_low, EVERY_MASK};
+    const world_ray_t ray = {origin.high, direction, 0.0f, t_max, origin.low, direction_low, EVERY_MASK};
     return ray;
-}
-
-INLINED const ray_t *as_plain_ray(const world_ray_t *ray)
-{
-    return &ray->ray;
 }
 
 INLINED void traverse_world(
     const world_t *world, const world_ray_t *ray, const bool is_primary, search_t *search, const int query)
 {
+    const scene_start_t start = is_primary ? world->start : start_at_root();
     traverse_scene(
-        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres, ray, search, query);
+        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres, start, ray, search, query);
 }
 
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
@@ -89,19 +118,29 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
         + normal.z * load3(instance->to_object[2]);
 }
 
+// The lift of the point that was hit, for unit normals at the corners of its triangle in the coordinates of the geometry.
+INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])
+{
+    const global instance_t *instance = world->instances + search->instance_index;
+    const global block_t *blocks = find_blocks(instance, world->blocks, world->spheres);
+    const corners_t corners = corners_at(blocks, search->nearest.triangle_index);
+    return transform_vector(instance->to_scene, find_lift(&corners, &search->nearest, normals));
+}
+
 #else
 
 typedef ray_t world_ray_t;
+
+INLINED world_start_t find_world_start(
+    const global node_t *nodes, const global scene_tile_t *tiles, const global node_t *entry_points)
+{
+    return find_start_node(nodes, entry_points);
+}
 
 INLINED world_ray_t make_world_ray(
     const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
 {
     return make_ray(origin.high, direction, 0.0f, t_max);
-}
-
-INLINED const ray_t *as_plain_ray(const world_ray_t *ray)
-{
-    return ray;
 }
 
 INLINED void traverse_world(
@@ -124,6 +163,12 @@ INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t
 INLINED float3 place_normal(const world_t *world, const search_t *search, const float3 normal)
 {
     return normal;
+}
+
+INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])
+{
+    const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
+    return find_lift(&corners, &search->nearest, normals);
 }
 
 #endif

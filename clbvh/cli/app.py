@@ -10,9 +10,10 @@ import typer
 
 from ..errors import ClbvhError, DeviceError
 from ..support.code_times import on_first_compilation
-from . import devices, doctor, fetch, render, stats, study, tune, warmup
+from . import devices, doctor, fetch, images, render, stats, study, tune, warmup
 from .first_run import say_first_run
 from .streams import flush_output
+from .warning_lines import warnings_as_lines
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -27,6 +28,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command(name="render")(render.render)
+app.command(name="images")(images.images)
 app.command(name="stats")(stats.stats)
 app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)
@@ -80,7 +82,8 @@ def run(arguments: list[str] | None = None) -> None:
     on_first_compilation(say_first_run)
     try:
         try:
-            app(words)
+            with warnings_as_lines():
+                app(words)
         except SystemExit as ended:
             code = ended.code
         flush_output()

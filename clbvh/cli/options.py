@@ -9,7 +9,9 @@ import typer
 
 if TYPE_CHECKING:
     from ..builders.options import BuildOptions
+    from ..rendering.scene import Scene
 
+SCENE_PANEL = "Scene"
 TREE_PANEL = "Tree"
 
 # The defaults of `clbvh.BuildOptions`, repeated because importing them would make `clbvh --help` slow. A test compares
@@ -93,7 +95,53 @@ CacheFolder = Annotated[
         rich_help_panel=TREE_PANEL,
     ),
 ]
+CameraKind = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND",
+        help="perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the "
+        "degrees of a fisheye as in fisheye:220.",
+        show_default="perspective",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
+
+
+def parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
+    """Return the three numbers of an option such as ``--eye 1,2,3``."""
+    from ..errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
+        ) from error
+    return x, y, z
+
+
+def open_sources(sources: list[str]) -> Scene:
+    """Return the scene of the command line: one scene or mesh, or several mesh files together."""
+    from ..rendering.mesh_files import open_mesh_files
+    from ..rendering.scene_file import open_scene
+
+    return open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
+
+
+def with_camera(scene: Scene, camera: str, fov: float | None) -> Scene:
+    """Return the scene with a camera of another kind, which may be perspective."""
+    from dataclasses import replace
+
+    from ..errors import ConfigError
+    from ..rendering.projection import parse_projection
+
+    projection = parse_projection(camera)
+    if projection is not None and fov is not None:
+        raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
+    return replace(scene, projection=projection)
 
 
 def make_build_options(

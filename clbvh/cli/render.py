@@ -60,6 +60,22 @@ def render(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
+    camera: options.CameraKind = None,
+    aperture: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DIAMETER", help="Opening of the lens: depth of field.", show_default="0", rich_help_panel=_SCENE
+        ),
+    ] = None,
+    focus: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DISTANCE",
+            help="Distance that is sharp with an aperture.",
+            show_default="that of the point looked at",
+            rich_help_panel=_SCENE,
+        ),
+    ] = None,
     light: Annotated[
         str | None,
         typer.Option(
@@ -135,14 +151,16 @@ def render(
         "exposure": exposure,
         "tone_curve": tone_curve,
         "max_bounces": max_bounces,
-        "eye": _parse_vector("--eye", eye),
-        "look_at": _parse_vector("--look-at", look_at),
-        "up": _parse_vector("--up", up),
+        "eye": options.parse_vector("--eye", eye),
+        "look_at": options.parse_vector("--look-at", look_at),
+        "up": options.parse_vector("--up", up),
         "fov": fov,
+        "aperture": aperture,
+        "focus_distance": focus,
         # One colour stands for top and bottom.
-        "background": _parse_vector("--background", background),
+        "background": options.parse_vector("--background", background),
     }
-    light_direction = _parse_vector("--light", light)
+    light_direction = options.parse_vector("--light", light)
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
@@ -154,6 +172,8 @@ def render(
     )
 
     scene, load_timings_ms = _open(sources)
+    if camera is not None:
+        scene = options.with_camera(scene, camera, fov)
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
@@ -172,32 +192,15 @@ def render(
 
 def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
     """Return the scene of the command line, and the times of the phases in which its objects were loaded."""
-    from ..rendering.mesh_files import open_mesh_files
-    from ..rendering.scene_file import open_scene
     from ..support.stopwatch import Stopwatch
 
     watch = Stopwatch()
-    scene = open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
+    scene = options.open_sources(sources)
     if scene.is_one_mesh:
         return scene, {}  # loaded by the renderer, while the workers start
     watch.lap("load")
     timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
     return scene, {**timings_ms, "total": sum(timings_ms.values())}
-
-
-def _parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
-    """Return the three numbers of an option such as ``--eye 1,2,3``."""
-    from ..errors import ConfigError
-
-    if text is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise ConfigError(
-            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
-        ) from error
-    return x, y, z
 
 
 def _check_heat_map(quantity: str, builder: str) -> None:

@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..support.memory import check_memory
-from .distortion import upwards
+from .camera_rays import find_ray_model, make_rays, pixel_centres_of
 from .finite_number import is_finite_number
-from .lens import Lens, check_size, window_of
+from .lens import Lens, check_size
 from .points import read_points
 from .pose import make_axes, make_pose, read_pose, rotate_about_axis
 from .projection import Fisheye, Orthographic, Panorama, Projection, check_projection, name_of
-from .ray_model import FisheyeModel, PanoramaModel, ParallelModel, PinholeModel, RayModel
 from .vectors import Vector, as_vector, check_vector
-from .window import Window
 
 # Directions and a copy of them on the way; origins; the coordinates of curved projections and their steps.
 _BYTES_PER_RAY = 48
@@ -45,17 +42,18 @@ class Camera:
     up : (3,) float
         The direction that is up in the picture; any length, not parallel to the line of sight.
     fov : float
-        Vertical field of view in degrees, above 0 and below 180. For a camera with a lens it follows from the lens.
+        Vertical field of view in degrees, above 0 and below 180. For a camera with a lens it follows from the lens;
+        other projections than perspective do not use it.
     lens : Lens or None
         Intrinsics in pixels, for a picture of one size. None: square pixels, the optical axis in the middle of the
         picture, and any size.
     projection : Orthographic, Fisheye, Panorama or None
-        None: perspective. The others have neither a field of view nor a lens.
+        None: perspective. The others have no lens.
     aperture : float, the scene's units
         Diameter of the lens's opening, from which samples of a pixel start: depth of field. 0: all is sharp. For
         perspective and orthographic cameras.
     focus_distance : float or None, the scene's units
-        Depth at which a camera with an aperture is sharp; may be infinite. None: that of `look_at`.
+        Depth at which a camera with an aperture is sharp. None: that of `look_at`.
 
     Raises
     ------
@@ -117,11 +115,8 @@ class Camera:
         check_projection(self.projection)
         if self.projection is None:
             return
-        kind = name_of(self.projection)
         if self.lens is not None:
-            raise SceneError(f"a lens is that of a perspective camera: the {kind} one has none")
-        if self.fov != DEFAULT_FOV:
-            raise SceneError(f"a fov is that of a perspective camera: the {kind} one has none")
+            raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
         if self.projection == Orthographic():
             raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
 
@@ -286,9 +281,7 @@ class Camera:
         is_curved = isinstance(self.projection, Fisheye | Panorama) or (self.lens is not None and self.lens.distortion)
         per_ray += _BYTES_PER_CURVED_RAY if is_curved else 0
         check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * per_ray, SceneError)
-        x = (2 * np.arange(width) + 1) / width - 1
-        y = 1 - (2 * np.asarray(rows, np.int64) + 1) / height
-        return self._make_rays(find_ray_model(self, width, height), x[None, :], y[:, None])
+        return make_rays(self, find_ray_model(self, width, height), *pixel_centres_of(width, height, rows))
 
     def rays_at(
         self, pixels: ArrayLike, width: int | None = None, height: int | None = None
@@ -323,7 +316,7 @@ class Camera:
         width, height = self.size_for(width, height)
         points = read_points("the pixels of rays", pixels, 2)
         film_x, film_y = 2 * points[..., 0] / width - 1, 1 - 2 * points[..., 1] / height
-        return self._make_rays(find_ray_model(self, width, height), film_x, film_y)
+        return make_rays(self, find_ray_model(self, width, height), film_x, film_y)
 
     def sees(self, width: int | None = None, height: int | None = None) -> NDArray[np.bool_]:
         """Return whether there is anything to see at the centre of each pixel: not outside the circle of a fisheye.
@@ -346,9 +339,7 @@ class Camera:
                [0, 1, 1, 0]])
         """
         width, height = self.size_for(width, height)
-        x = (2 * np.arange(width) + 1) / width - 1
-        y = 1 - (2 * np.arange(height) + 1) / height
-        seen = find_ray_model(self, width, height).sees(x[None, :], y[:, None])
+        seen = find_ray_model(self, width, height).sees(*pixel_centres_of(width, height, range(height)))
         return np.array(np.broadcast_to(seen, (height, width)))
 
     def project(
@@ -390,21 +381,6 @@ class Camera:
         x, y, z = (seen @ axis for axis in self.axes())
         film_x, film_y = find_ray_model(self, width, height).film(x, y, z)
         return np.stack(((film_x + 1) * (width / 2), (1 - film_y) * (height / 2)), axis=-1), z
-
-    def _make_rays(
-        self, model: RayModel, film_x: NDArray[np.float64], film_y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the rays through points of the picture, whose coordinates broadcast against each other."""
-        right, up, forward = self.axes()
-        x, y, z = (_as_columns(part) for part in model.directions(film_x, film_y))
-        directions = z * forward + x * right + y * up
-        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        offsets = model.offsets(film_x, film_y)
-        eye = np.asarray(self.eye, np.float64)
-        if offsets is None:
-            return np.broadcast_to(eye, directions.shape), directions
-        across, upwards = map(_as_columns, offsets)
-        return eye + across * right + upwards * up, directions
 
     def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
         """Return the cosine between each pixel's ray and the optical axis: depth is t times this.
@@ -524,45 +500,14 @@ class Camera:
         return math.dist(self.eye, self.look_at)
 
 
-def find_window(camera: Camera, width: int, height: int) -> Window:
-    """Return the window of a picture of this size in the plane at distance 1 from the eye."""
-    if camera.lens is not None:
-        return window_of(camera.lens.resized(width, height))
-    half_height = math.tan(math.radians(camera.fov) / 2)
-    return Window(0.0, 0.0, half_height * width / height, half_height, 0.0)
-
-
-def find_ray_model(camera: Camera, width: int, height: int) -> RayModel:
-    """Return how the points of a picture of this size become rays."""
-    match camera.projection:
-        case None:
-            distortion = None if camera.lens is None else camera.lens.distortion
-            window = find_window(camera, width, height)
-            return PinholeModel(window, None if distortion is None else upwards(distortion))
-        case Orthographic(size):
-            half_height = (size or 0.0) / 2
-            return ParallelModel(half_height * width / height, half_height)
-        case Fisheye(angle):
-            shorter = min(width, height)
-            return FisheyeModel(width / shorter, height / shorter, math.radians(angle) / 2)
-        case Panorama():
-            return PanoramaModel()
-
-
-def _as_columns(values: Any) -> NDArray[np.float64]:
-    """Return coordinates with one more axis, along which vectors lie."""
-    return np.asarray(values, np.float64)[..., None]
-
-
-def check_focus(projection: Projection | None, aperture: object, focus_distance: object) -> None:
+def check_focus(projection: Projection | None, aperture: float, focus_distance: float | None) -> None:
     """Raise `SceneError` unless these values describe a lens that the projection can have."""
     if not is_finite_number(aperture) or not aperture >= 0:
         raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
     if aperture and isinstance(projection, Fisheye | Panorama):
         raise SceneError(f"a {name_of(projection)} camera has no plane of focus: its aperture must be 0")
-    is_number = isinstance(focus_distance, Real) and not isinstance(focus_distance, bool)
-    if focus_distance is not None and not (is_number and focus_distance > 0):
-        raise SceneError(f"the camera's focus_distance must be above 0, not {focus_distance!r}")
+    if focus_distance is not None and not (is_finite_number(focus_distance) and focus_distance > 0):
+        raise SceneError(f"the camera's focus_distance must be a finite number above 0, not {focus_distance!r}")
 
 
 def check_fov(fov: float) -> None:

@@ -121,9 +121,9 @@ def check_invertible(window: Window, distortion: Coefficients) -> None:
     if not is_good.all():
         row, column = np.argwhere(~is_good)[0]
         raise SceneError(
-            f"the camera's distortion {distortion} cannot be inverted in all of its picture: near "
-            f"({side[column]:.2f}, {side[row]:.2f}), from -1 to 1 and y upwards, it folds, and a pixel there would have "
-            f"several rays or none. Give a smaller size, or coefficients that were fitted up to the corners"
+            f"the camera's distortion {distortion} has no inverse in all of its picture: near "
+            f"({side[column]:.2f}, {side[row]:.2f}), from -1 to 1 and y upwards, it folds, and pixels have several "
+            f"rays or none. Give a smaller picture, or coefficients that were fitted up to the corners"
         )
 
 

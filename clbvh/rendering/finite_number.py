@@ -7,7 +7,7 @@ from numbers import Real
 from typing import TypeGuard
 
 
-def is_finite_number(value: object) -> TypeGuard[Real]:
+def is_finite_number(value: object) -> TypeGuard[float]:
     """Return whether a value is a real number that float64 can hold."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..geometry import Mesh
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .extent_bounds import find_bounds
+from .projection import Projection
 from .scene_extent import SceneExtent
 from .vectors import Vector, as_vector
-from .view_bounds import Turn, View, ViewBounds
-
-# Vertices per step when a mesh is framed: 10 MB at a time.
-_CHUNK_VERTICES = 2**17
+from .view_bounds import Turn, View
+from .wide_framing import frame_wide, frame_wide_turn
 
 
 def frame_mesh(
@@ -22,6 +19,7 @@ def frame_mesh(
     up: Vector = DEFAULT_UP,
     fov: float = DEFAULT_FOV,
     eye: Vector | None = None,
+    projection: Projection | None = None,
 ) -> Camera:
     """Return a camera that sees all of a mesh from a three-quarter view, as close as possible.
 
@@ -37,6 +35,8 @@ def frame_mesh(
         Vertical field of view in degrees.
     eye : (3,) float, optional
         A fixed position; the camera looks at the middle of the mesh's box.
+    projection : Orthographic, Fisheye, Panorama or None
+        None: perspective. The others have no `fov`; a panorama looks from the middle of the mesh's box.
 
     Notes
     -----
@@ -45,19 +45,33 @@ def frame_mesh(
     points give eye_x, eye_y and eye_z in closed form.
     """
     check_fov(fov)
+    if projection is not None:
+        return frame_wide(mesh, projection, aspect=aspect, up=up, eye=eye)
     if eye is not None:
         return Camera(eye, as_vector(mesh.origin), up, fov)
     view = View.from_three_quarters(aspect, up, fov)
-    return view.find_camera(_bound(view, mesh), mesh, up, fov)
+    return view.find_camera(find_bounds(view, mesh), mesh, up, fov)
 
 
-def frame_turn(mesh: Mesh | SceneExtent, *, aspect: float, up: Vector = DEFAULT_UP, fov: float = DEFAULT_FOV) -> Camera:
+def frame_turn(
+    mesh: Mesh | SceneExtent,
+    *,
+    aspect: float,
+    up: Vector = DEFAULT_UP,
+    fov: float = DEFAULT_FOV,
+    projection: Projection | None = None,
+) -> Camera:
     """Return a camera that sees all of a mesh while it orbits the axis `up` through the middle of the mesh's box.
 
     Parameters
     ----------
-    mesh, aspect, up, fov
+    mesh, aspect, up, fov, projection
         See `frame_mesh`.
+
+    Raises
+    ------
+    SceneError
+        For a panorama, which sees all sides at once.
 
     Notes
     -----
@@ -65,16 +79,7 @@ def frame_turn(mesh: Mesh | SceneExtent, *, aspect: float, up: Vector = DEFAULT_
     height h are linear in r and h.
     """
     check_fov(fov)
+    if projection is not None:
+        return frame_wide_turn(mesh, projection, aspect=aspect, up=up)
     turn = Turn.from_three_quarters(aspect, up, fov)
-    return turn.find_camera(_bound(turn, mesh), mesh, up, fov)
-
-
-def _bound(view: View | Turn, mesh: Mesh | SceneExtent) -> ViewBounds:
-    """Return the bounds of all vertices, or of all that a scene holds."""
-    if isinstance(mesh, SceneExtent):
-        return view.bounds_of(mesh.largest(view.reaches()))
-    bounds = ViewBounds()
-    for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
-        points: NDArray[np.float64] = mesh.local_vertices[begin : begin + _CHUNK_VERTICES].astype(np.float64)
-        view.include(bounds, points)
-    return bounds
+    return turn.find_camera(find_bounds(turn, mesh), mesh, up, fov)

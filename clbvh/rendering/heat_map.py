@@ -101,7 +101,9 @@ def draw_heat_map_of(
     else:
         visits = count_picture(subject, camera, width, height)
         counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
-    return draw_heat_map(counts[quantity].reshape(height, width), quantity)
+    # Outside the circle of a fisheye, pixels have rays that nobody casts.
+    of_pixels = np.where(camera.sees(width, height), counts[quantity].reshape(height, width), 0)
+    return draw_heat_map(of_pixels, quantity)
 
 
 def draw_heat_map(counts: ArrayLike, quantity: str) -> NDArray[np.uint8]:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ..errors import ConfigError
 from ..support.atomic_file import check_target, write_atomically
 from ..trace.hits.hits import Hits
+from .formats.png import encode_png
+from .formats.ppm import encode_ppm
 
 PICTURE_SUFFIXES = (".ppm", ".png")
 HITS_SUFFIX = ".npz"
@@ -66,10 +68,7 @@ def encode_picture(rgb: NDArray[np.uint8], suffix: str) -> bytes:
     suffix : str
         One of `PICTURE_SUFFIXES`.
     """
-    # Imported here: it takes 0.1 s, which a failed run should not spend.
-    from imageio import v3 as imageio
-
-    return imageio.imwrite("<bytes>", rgb, extension=suffix, plugin="pillow")
+    return encode_ppm(rgb) if suffix == ".ppm" else encode_png(rgb)
 
 
 def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_names: Sequence[str]) -> None:

@@ -88,10 +88,6 @@ class MeshSubject:
         """What a camera that sees everything has to see."""
         return self.mesh
 
-    def arguments(self, session: DeviceSession) -> dict[str, Any]:
-        """Return the arguments of the kernel beside those of the tree: none."""
-        return {}
-
     def looks(self) -> tuple[tuple[Mesh, ...], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
         return (self.mesh,), np.zeros(1, np.int64), np.full((1, 3), np.nan)

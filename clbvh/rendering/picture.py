@@ -66,6 +66,10 @@ class Picture:
         Facts that a user should know but that are no errors.
     validated_pixels : int
         The number of pixels that were compared with the reference.
+    film : (height, width, 4) float32 or None
+        Linear red, green and blue before exposure and tone curve, and the covered share: the means of the samples. Only
+        of a picture that was asked to keep it, in a shading with samples. The colours of a transparent picture are
+        those before a black background.
     objects : object or None
         What a picture of several objects shows; for the package itself.
 
@@ -92,6 +96,7 @@ class Picture:
     tree_from_cache: bool = False
     notes: tuple[str, ...] = ()
     validated_pixels: int = 0
+    film: NDArray[np.float32] | None = None
     objects: Any = None
 
     def save(self, path: str | os.PathLike[str]) -> None:

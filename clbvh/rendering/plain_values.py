@@ -11,6 +11,8 @@ def as_plain(value: Any) -> Any:
     """Return a setting without Python's own types: a dataclass as a dict, an array or a tuple as a list."""
     if dataclasses.is_dataclass(value):
         return {each.name: as_plain(getattr(value, each.name)) for each in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {name: as_plain(item) for name, item in value.items()}
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, Integral):

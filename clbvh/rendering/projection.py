@@ -5,7 +5,8 @@ Owns their values and the checks of these. `ray_model.py` makes rays of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 from ..errors import SceneError
 from .finite_number import is_finite_number
@@ -116,10 +117,63 @@ def check_projection(projection: object) -> None:
         )
 
 
+def as_named(projection: Projection | None) -> dict[str, Any] | None:
+    """Return a projection as plain values: its kind, and its own."""
+    return None if projection is None else {"kind": name_of(projection), **asdict(projection)}
+
+
+def from_named(values: object) -> Projection | None:
+    """Return the projection of plain values, as `as_named` makes them; None for perspective.
+
+    Raises
+    ------
+    SceneError
+        The kind is unknown, or a value is not one of that kind.
+    """
+    if values is None:
+        return None
+    if not isinstance(values, dict):
+        raise SceneError(f"the camera's projection must be a table, not {type(values).__name__}")
+    values = dict(values)
+    name = values.pop("kind", None)
+    kind = find_kind(name)
+    known = [] if kind is None else [each.name for each in fields(kind)]
+    for other in values:
+        if other not in known:
+            raise SceneError(f"a camera of the kind {name} has no {other}")
+    return None if kind is None else kind(**values)
+
+
+def parse_projection(text: str) -> Projection | None:
+    """Return the projection of the command line: a kind, and perhaps its value, as in ``fisheye:220``.
+
+    Raises
+    ------
+    SceneError
+        The kind is unknown, or it has no value, or not this one.
+    """
+    name, colon, value = text.partition(":")
+    kind = find_kind(name)
+    if not colon:
+        return None if kind is None else kind()
+    if kind not in (Orthographic, Fisheye):
+        raise SceneError(f"a camera of the kind {name} has no value: give '{name}' alone")
+    try:
+        number = float(value)
+    except ValueError as error:
+        raise SceneError(f"the value of a camera must be a number, as in {name}:2, not '{value}'") from error
+    return kind(number)
+
+
+def find_kind(name: object) -> type[Projection] | None:
+    """Return the class of a projection's name, None for perspective; raise `SceneError` for an unknown one."""
+    if not isinstance(name, str) or name not in PROJECTION_KINDS:
+        raise SceneError(f"the camera's kind must be one of {', '.join(PROJECTION_KINDS)}, not {name!r}")
+    return PROJECTION_KINDS[name]
+
+
 def name_of(projection: Projection | None) -> str:
     """Return the name of a projection's kind."""
-    return next(
-        name
-        for name, kind in PROJECTION_KINDS.items()
-        if (projection is None if kind is None else type(projection) is kind)
-    )
+    if projection is None:
+        return "perspective"
+    return next(name for name, kind in PROJECTION_KINDS.items() if kind is not None and isinstance(projection, kind))

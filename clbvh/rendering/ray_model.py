@@ -7,8 +7,9 @@ picture, `film`, has x to the right and y upwards, each from -1 to 1. Must not k
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,42 +23,43 @@ _Array = NDArray[np.float64]
 _ROUND_TRIP = 1e-9
 
 
-class RayModel(Protocol):
+class RayModel(ABC):
     """The rays of a picture; arrays of coordinates broadcast against each other."""
 
     def offsets(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any] | None:
         """Return where rays begin, to the right and upwards of the eye; None: in the eye."""
+        return None
 
+    @abstractmethod
     def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
         """Return the directions, of any length."""
 
     def sees(self, film_x: _Array, film_y: _Array) -> Any:
         """Return whether there is anything to see at a point of the picture."""
+        return True
 
+    @abstractmethod
     def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
         """Return where points appear; NaN where they do not."""
 
 
 @dataclass(frozen=True)
-class PinholeModel:
+class PinholeModel(RayModel):
     """Perspective, with the distortion of a lens or without; `distortion` has y upwards."""
 
     window: Window
     distortion: Coefficients | None = None
 
-    def offsets(self, film_x: _Array, film_y: _Array) -> None:
-        return None
-
     def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        """Return the directions."""
         x, y = self.window.points(film_x, film_y)
         if self.distortion is not None:
-            x, y = undistort(*np.broadcast_arrays(x, y), self.distortion)
+            x, y = np.broadcast_arrays(x, y)
+            x, y = undistort(x, y, self.distortion)
         return x, y, 1.0
 
-    def sees(self, film_x: _Array, film_y: _Array) -> Any:
-        return True
-
     def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        """Return where points appear."""
         is_ahead = z > 0
         depth = np.where(is_ahead, z, np.nan)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -73,23 +75,23 @@ class PinholeModel:
 
 
 @dataclass(frozen=True)
-class ParallelModel:
+class ParallelModel(RayModel):
     """Orthographic: parallel rays from a rectangle, half of whose sides these are, in the scene's units."""
 
     half_width: float
     half_height: float
 
     def offsets(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any]:
+        """Return where rays begin."""
         return film_x * self.half_width, film_y * self.half_height
 
     def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        """Return the directions."""
         zero = np.zeros(np.broadcast_shapes(film_x.shape, film_y.shape))
         return zero, zero, 1.0
 
-    def sees(self, film_x: _Array, film_y: _Array) -> Any:
-        return True
-
     def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        """Return where points appear."""
         is_ahead = z >= 0
         with np.errstate(over="ignore"):
             across, upwards = x / self.half_width, y / self.half_height
@@ -97,7 +99,7 @@ class ParallelModel:
 
 
 @dataclass(frozen=True)
-class FisheyeModel:
+class FisheyeModel(RayModel):
     """Equidistant: the angle to the axis is `half_angle`, in radians, times the distance from the middle.
 
     The sides of the picture in that unit are twice `half_width` and `half_height`.
@@ -107,10 +109,8 @@ class FisheyeModel:
     half_height: float
     half_angle: float
 
-    def offsets(self, film_x: _Array, film_y: _Array) -> None:
-        return None
-
     def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        """Return the directions."""
         x, y = film_x * self.half_width, film_y * self.half_height
         radius = np.hypot(x, y)
         # Outside the circle, where nothing is seen, any direction will do.
@@ -119,9 +119,11 @@ class FisheyeModel:
         return slope * x, slope * y, np.cos(angle)
 
     def sees(self, film_x: _Array, film_y: _Array) -> Any:
+        """Return what is inside the circle."""
         return np.hypot(film_x * self.half_width, film_y * self.half_height) <= 1
 
     def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        """Return where points appear."""
         aside = np.hypot(x, y)
         angle = np.arctan2(aside, z)
         is_seen = (angle <= self.half_angle) & ((aside > 0) | (z != 0))
@@ -133,21 +135,17 @@ class FisheyeModel:
 
 
 @dataclass(frozen=True)
-class PanoramaModel:
+class PanoramaModel(RayModel):
     """Equirectangular: x is the longitude and y the latitude."""
 
-    def offsets(self, film_x: _Array, film_y: _Array) -> None:
-        return None
-
     def directions(self, film_x: _Array, film_y: _Array) -> tuple[Any, Any, Any]:
+        """Return the directions."""
         longitude, latitude = film_x * math.pi, film_y * (math.pi / 2)
         level = np.cos(latitude)
         return np.sin(longitude) * level, np.sin(latitude), np.cos(longitude) * level
 
-    def sees(self, film_x: _Array, film_y: _Array) -> Any:
-        return True
-
     def film(self, x: _Array, y: _Array, z: _Array) -> tuple[_Array, _Array]:
+        """Return where points appear."""
         level = np.hypot(x, z)
         is_seen = (level > 0) | (y != 0)
         longitude, latitude = np.arctan2(x, z), np.arctan2(y, level)

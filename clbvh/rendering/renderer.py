@@ -5,13 +5,14 @@ Owns the order of the steps from a scene to a picture; each step has a file of i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from numbers import Integral, Real
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
@@ -19,7 +20,9 @@ from ..device.session import DeviceSession
 from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
+from ..structs import REPORT_SHADINGS
 from ..support.context_manager import ContextManager
+from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
@@ -30,6 +33,9 @@ from .film.sample_painter import Progress
 from .film.settings import MAX_SAMPLES, find_sample_count
 from .frame import FrameRenderer
 from .framing import frame_turn
+from .images.channels import DEFAULT_CHANNELS
+from .images.images import Images
+from .images.make_images import make_images
 from .mesh_subject import MeshSubject
 from .painters import Painters
 from .picture import Picture
@@ -39,6 +45,9 @@ from .scene_subject import SceneSubject
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
 from .view import sky_direction
+
+# Four channels of float32.
+_FILM_BYTES = 16
 
 
 class Renderer(ContextManager):
@@ -159,6 +168,7 @@ class Renderer(ContextManager):
         time_limit_s: float | None = None,
         on_samples: Callable[[int, int], None] = lambda done, total: None,
         is_stopped: Callable[[], bool] = lambda: False,
+        keeps_film: bool = False,
         on_phase: Callable[[str], None] = lambda phase: None,
     ) -> Picture:
         """Render a picture; arguments that are None keep the values of the scene.
@@ -186,6 +196,8 @@ class Renderer(ContextManager):
             Called with the samples that are done, and that all pixels are to get, after each launch of the kernel.
         is_stopped : function, optional
             Asked after each launch; if it returns True, the picture shows the samples taken so far.
+        keeps_film : bool
+            Whether the picture keeps the linear colours of its samples, see `Picture.film`.
         on_phase : function, optional
             Called with the name of each phase as it begins.
 
@@ -229,6 +241,8 @@ class Renderer(ContextManager):
             samples=samples,
         )
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
+        if keeps_film and scene.shading not in REPORT_SHADINGS:
+            progress.film = _make_film(scene)
         camera = camera or self._find_camera(scene)
         times = EventTimes()
         view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
@@ -238,6 +252,7 @@ class Renderer(ContextManager):
         picture = Picture(
             rgb=rgb,
             alpha=colours[..., 3].copy(),
+            film=progress.film,
             samples=progress.taken,
             is_transparent=scene.transparent,
             found=found,
@@ -254,6 +269,36 @@ class Renderer(ContextManager):
             return picture
         on_phase("validate")
         return check_pixels(picture)
+
+    def images(
+        self,
+        channels: Iterable[str] = DEFAULT_CHANNELS,
+        *,
+        camera: Camera | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        shading: str | None = None,
+        samples: int | None = None,
+        next_camera: Camera | None = None,
+        next_transforms: Mapping[Any, ArrayLike] | None = None,
+        on_phase: Callable[[str], None] = lambda phase: None,
+    ) -> Images:
+        """Return what each pixel of a view sees, as arrays: depth, normals, ids and more; see `render_images`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     images = [
+        ...         renderer.images("depth", camera=camera, width=64, height=48) for camera in renderer.turntable(4)
+        ...     ]
+        >>> images[3]
+        Images(64 x 48: depth)
+        """
+        return make_images(
+            self, channels, next_camera, next_transforms, shading, samples, camera=camera, width=width, height=height,
+            on_phase=on_phase,
+        )  # fmt: skip
 
     @property
     def mesh(self) -> Mesh | None:
@@ -287,7 +332,7 @@ class Renderer(ContextManager):
         Raises
         ------
         SceneError
-            A value is out of range.
+            A value is out of range, or the scene's projection is a panorama, which has no turn.
 
         Examples
         --------
@@ -300,7 +345,15 @@ class Renderer(ContextManager):
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
         scene = self.scene.with_changes(width=width, height=height, up=up)
-        first = frame_turn(self._subject.extent, aspect=scene.width / scene.height, up=scene.up, fov=scene.fov)
+        first = frame_turn(
+            self._subject.extent,
+            aspect=scene.width / scene.height,
+            up=scene.up,
+            fov=scene.fov,
+            projection=scene.projection,
+        )
+        if scene.aperture:
+            first = replace(first, aperture=scene.aperture, focus_distance=scene.focus_distance)
         return [first.orbit(360.0 * number / count) for number in range(count)]
 
     @property
@@ -370,6 +423,11 @@ def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rgb
 
 
+def _make_film(scene: Scene) -> NDArray[np.float32]:
+    check_memory("the film of the picture", scene.width * scene.height * _FILM_BYTES, SceneError)
+    return np.empty((scene.height, scene.width, 4), np.float32)
+
+
 def _make_progress(
     scene: Scene,
     time_limit_s: float | None,
@@ -400,4 +458,5 @@ def _find_subject(
 
 def _framing_of(scene: Scene) -> tuple[object, ...]:
     """Return the values of a scene that its camera depends on, beside the mesh."""
-    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.fov
+    lens = scene.fov, scene.projection, scene.aperture, scene.focus_distance
+    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, *lens

@@ -24,13 +24,15 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
 from .film.settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, check_sampling
 from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
+from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .vectors import Vector, check_vector, is_vector
+from .wide_framing import look_from
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -165,7 +167,11 @@ class Scene(SceneContents):
     up : (3,) float
         The direction that is up in the picture.
     fov : float
-        Vertical field of view in degrees.
+        Vertical field of view in degrees; of a perspective camera only.
+    projection : Orthographic, Fisheye, Panorama or None
+        None: perspective. An orthographic camera without a height gets the one that shows everything.
+    aperture, focus_distance : float, the scene's units
+        Depth of field, see `Camera`.
     light : Light
     shading : str
         One of `structs.SHADINGS`: ``studio``, ``ao`` and ``path`` take samples; ``lambert``, ``lambert+shadow``,
@@ -226,6 +232,9 @@ class Scene(SceneContents):
     look_at: Vector | None = None
     up: Vector = DEFAULT_UP
     fov: float = DEFAULT_FOV
+    projection: Orthographic | Fisheye | Panorama | None = None
+    aperture: float = 0.0
+    focus_distance: float | None = None
     light: Light = DEFAULT_LIGHT
     shading: str = DEFAULT_SHADING
     samples: int | None = None
@@ -253,6 +262,8 @@ class Scene(SceneContents):
                 raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
         check_sampling(self)
         check_fov(self.fov)
+        check_projection(self.projection)
+        check_focus(self.projection, self.aperture, self.focus_distance)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
         for name in ("eye", "look_at", "up"):
@@ -306,9 +317,18 @@ class Scene(SceneContents):
         >>> scene.find_camera(scene.mesh.load()).fov == scene.fov
         True
         """
-        if self.eye is not None and self.look_at is not None:
+        camera = self._place_camera(extent, self.width / self.height)
+        if self.aperture == 0 and self.focus_distance is None:
+            return camera
+        return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)
+
+    def _place_camera(self, extent: Any, aspect: float) -> Camera:
+        """Return the camera without its depth of field."""
+        if self.eye is None or self.look_at is None:
+            return frame_mesh(extent, aspect=aspect, up=self.up, fov=self.fov, eye=self.eye, projection=self.projection)
+        if self.projection is None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
-        return frame_mesh(extent, aspect=self.width / self.height, up=self.up, fov=self.fov, eye=self.eye)
+        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=self.up)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return a scene with those changes that are not None; it shares the objects.
@@ -350,7 +370,8 @@ class Scene(SceneContents):
         >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).save(Path(folder.name, "ball.scene"))
         >>> folder.cleanup()
         """
-        settings = {name: as_plain(value) for name, value in self._settings().items() if name != "mesh"}
+        values = self._settings() | {"projection": as_named(self.projection)}
+        settings = {name: as_plain(value) for name, value in values.items() if name != "mesh"}
         write_scene(path, self.snapshot(), settings | {"mesh": self.mesh is not None})
 
     @classmethod
@@ -385,6 +406,7 @@ class Scene(SceneContents):
     def _restore(cls, state: SceneState, settings: dict[str, Any]) -> Scene:
         """Return the scene of a file; the settings are a dict, and nothing else of them is checked yet."""
         values = {name: as_setting(value) for name, value in settings.items()}
+        values["projection"] = from_named(values.get("projection"))
         values["light"] = _make(Light, get_item(values, "light", dict))
         values["transform"] = _make(Transform, get_item(values, "transform", dict))
         first = None

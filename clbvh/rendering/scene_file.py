@@ -15,6 +15,7 @@ from ..support.resources import find_folder
 from .load_objects import load_objects
 from .mesh_files import open_mesh_file
 from .object_tables import given, read_mesh_source, read_objects, read_transform
+from .projection import Projection, from_named
 from .scene import Light, Scene
 from .scene_object import SceneObject
 from .toml_table import TomlTable, refuse_unknown
@@ -168,6 +169,9 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         "look_at": camera.vector("look_at"),
         "up": camera.vector("up"),
         "fov": camera.number("fov"),
+        "projection": _read_projection(camera),
+        "aperture": camera.number("aperture"),
+        "focus_distance": camera.number("focus_distance"),
         "shading": image.text("shading"),
         "samples": image.integer("samples"),
         "seed": image.integer("seed"),
@@ -184,4 +188,12 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     }
     for table in (transform, camera, light, image):
         table.refuse_rest()
+    if values["projection"] is not None and values["fov"] is not None:
+        raise SceneError("[camera] fov is that of a perspective camera: take it out, or the kind")
     return SceneFile(path, Scene(**given(**values)), objects)
+
+
+def _read_projection(camera: TomlTable) -> Projection | None:
+    """Return the projection of a camera; None for perspective."""
+    values = given(kind=camera.text("kind"), height=camera.number("height"), angle=camera.number("angle"))
+    return from_named({"kind": "perspective"} | values)

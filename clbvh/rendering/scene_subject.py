@@ -111,14 +111,6 @@ class SceneSubject:
             validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
         validate_tree(self._scene.top.bvh, max_depth=MAX_DEPTH, max_leaf_size=1)
 
-    def arguments(self, session: DeviceSession) -> dict[str, Any]:
-        """Return the arguments of the kernel beside those of the scene: the colours of the instances."""
-        colours = np.zeros((self._state.instance_count, _CHANNELS + 1), np.float32)
-        is_own = ~np.isnan(self._state.colours).any(axis=1)
-        colours[is_own, :_CHANNELS] = self._state.colours[is_own]
-        colours[:, _CHANNELS] = is_own
-        return {"instance_colours": session.upload(colours)}
-
     def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
         return self._state.shapes, self._state.geometry_ids, self._state.colours

@@ -22,11 +22,11 @@ _MOST_DISTANCE = 1e30
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
 # Tangent of half the angle of the soft light: that of a large lamp.
-_LIGHT_SPREAD = 0.15
+_LIGHT_SPREAD = 0.1
 
 # Surfaces within this share of the half diagonal of the box around all objects keep ambient light off each other:
 # without a limit, a closed room would have none.
-_OCCLUSION_REACH = 0.5
+_OCCLUSION_REACH = 0.4
 
 # More than float32 rounds off a radius.
 _ROUNDED_UP = 1.0 + 1e-5

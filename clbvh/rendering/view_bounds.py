@@ -16,10 +16,10 @@ from .vectors import Vector, as_vector
 # The automatic view: from the front, a little from the right and from above, with a margin around what is seen.
 _AZIMUTH_DEGREES = 30.0
 _ELEVATION_DEGREES = 18.0
-_MARGIN = 0.06
+MARGIN = 0.06
 
 # Points without extent still need a distance; in local units.
-_SMALLEST_DISTANCE = 1e-6
+SMALLEST_DISTANCE = 1e-6
 
 
 class LocalSpace(Protocol):
@@ -123,7 +123,7 @@ class View(NamedTuple):
     def from_three_quarters(cls, aspect: float, up: Vector, fov: float) -> View:
         """Return the automatic view."""
         right, upward, forward = make_axes(-_three_quarter_direction(up), np.asarray(up, np.float64))
-        tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - _MARGIN)
+        tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - MARGIN)
         return cls(np.stack([right, upward], axis=1), forward, tangents)
 
     def include(self, bounds: ViewBounds, points: NDArray[np.float64]) -> None:
@@ -158,7 +158,7 @@ class View(NamedTuple):
     def find_eye(self, bounds: ViewBounds) -> tuple[NDArray[np.float64], float]:
         """Return the nearest eye, and its distance to the plane of depth 0."""
         distance = float(((bounds.highest - bounds.lowest) / (2 * self.tangents)).max())
-        size = max(bounds.farthest - bounds.nearest, float((bounds.highest - bounds.lowest).max()), _SMALLEST_DISTANCE)
+        size = max(bounds.farthest - bounds.nearest, float((bounds.highest - bounds.lowest).max()), SMALLEST_DISTANCE)
         # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
         distance = max(distance, -bounds.nearest + 1e-3 * size)
         return self.across @ bounds.centre - distance * self.forward, distance

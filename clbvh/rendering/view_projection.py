@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..structs import PROJECTIONS
-from .camera import Camera, find_ray_model, find_window
+from .camera import Camera
+from .camera_rays import find_ray_model, find_window
 from .projection import name_of
 from .ray_model import FisheyeModel, ParallelModel, PinholeModel
 

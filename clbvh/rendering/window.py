@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 
 class Window(NamedTuple):
-    """The picture in a plane: for perspective the one at distance 1, with x to the right and y up from the optical axis.
+    """The picture in a plane, for perspective the one at distance 1: x to the right and y up from the optical axis.
 
     A point (a, b) of the picture, each from -1 to 1 and b upwards, is at ``y = centre_y + b * half_height`` and
     ``x = centre_x + a * half_width + shear * y``.

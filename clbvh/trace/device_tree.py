@@ -76,6 +76,7 @@ class DeviceTree:
     """
 
     has_instances = False
+    advances_rays = False
     scene_surface: Any = None
     ray_tree: Any = None
     ray_dtype = PACKED_RAY

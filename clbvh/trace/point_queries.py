@@ -15,6 +15,8 @@ from ..errors import OpenMeshWarning
 from ..scene.geometry import Geometry
 from ..scene.instance import Instance
 from .launch import Caster
+from .points.ambient_occlusion import check_sampling, find_open_shares
+from .points.hemispheres import Hemispheres
 from .points.queries import SeenPoints, closest_points, is_contained, signed_distances
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
@@ -162,6 +164,84 @@ class PointQueries(TracerBase):
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         self._warn_if_open("signed_distance", caster, seen)
         return signed_distances(caster, seen, progress)
+
+    def ambient_occlusion(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        *,
+        rays: int = 64,
+        max_distance: ArrayLike = np.inf,
+        seed: int = 0,
+        offset: float = 0.0,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.float64]:
+        """Return how open the surroundings of each point are: 1 under a free sky, 0 where every way out is blocked.
+
+        It is the share of the hemisphere over the point from which light would arrive, weighted by the cosine to the
+        normal as light on a matt surface is; ambient occlusion, or the sky view factor.
+
+        Parameters
+        ----------
+        points : (..., 3) float, the file's coordinates
+            On the surface, or anywhere.
+        normals : (..., 3) float, any length above 0
+            Broadcast against the points. Rays go to the side to which a normal points.
+        rays : int
+            Rays over each point. The error falls nearly as 1 / rays; powers of two are best.
+        max_distance : float or (...,) float, the file's units
+            Broadcast to the points. What is farther away blocks nothing.
+        seed : int
+            Other seeds draw other rays.
+        offset : float, the file's units
+            By how much points are lifted along their normals, beside the rounding of float32 and of the points' own
+            dtype. Needed for points that lie below the surface.
+        mask : int or (...,) int, optional
+            As in `closest_hit`.
+        progress : function, optional
+            Called with the number of points that are done, and of all points, after each piece of the work.
+
+        Returns
+        -------
+        (...,) float64
+            From 0 to 1, in steps of 1 / rays, in the shape that points and normals are broadcast to.
+
+        Raises
+        ------
+        QueryError
+            Shapes that are wrong or do not broadcast, a value that is not finite, a normal of length zero, a
+            negative max_distance or offset: the message names the first bad point. Or the tracer is closed.
+        ConfigError
+            rays or seed is no integer, or out of range.
+
+        Notes
+        -----
+        The rays of a point are Owen-scrambled Sobol points (Burley, "Practical hash-based Owen scrambling", 2020) that
+        depend on its index and on the seed alone: the same points give the same bits in any layout, on any device that
+        rounds as IEEE 754 says, and however the work is cut. Rays are drawn, cast and counted on the device.
+
+        Points on the surface do not see it: they are lifted by about 10^-5 of the mesh's size, or of the size of the
+        instances around them. A point that lies below by more than the rounding of its dtype is in the dark, see
+        `offset`. If the normal is not that of the triangle, as normals of vertices are not, rays below the triangle
+        are blocked by it.
+
+        Examples
+        --------
+        A floor under the middle of a disk of radius 1 at a height of 1, which hides half of the sky, and aside:
+
+        >>> import clbvh
+        >>> import trimesh
+        >>> disk = trimesh.creation.cylinder(radius=1, height=0.01, sections=256)
+        >>> tracer = clbvh.Tracer(disk)
+        >>> tracer.ambient_occlusion([[0, 0, -1], [5, 0, -1]], [0, 0, 1], rays=1024).round(2)
+        array([0.5, 1. ])
+        >>> tracer.ambient_occlusion([0, 0, -1], [0, 0, 1], max_distance=0.5)
+        array(1.)
+        """
+        rays, seed = check_sampling(rays, seed)
+        hemispheres = Hemispheres.read(points, normals, max_distance, mask, offset)
+        return find_open_shares(self._caster, hemispheres, rays, seed, progress)
 
     def _see(
         self,

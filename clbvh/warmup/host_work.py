@@ -14,6 +14,7 @@ from ..builders.ladder import LADDER
 from ..builders.options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, MAX_DEPTH
 from ..bvh import Bvh, validate_tree
 from ..geometry import Mesh, Spheres, load_mesh
+from ..geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh
@@ -52,6 +53,7 @@ def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
         *((f"build, quality {quality}", partial(_build_all, mesh, quality)) for quality in _QUALITIES),
         ("layouts", partial(_arrange_all, mesh)),
         ("spheres", _arrange_spheres),
+        ("smooth normals", partial(smooth_normals_by_angle, mesh)),
         ("refit, save, load, validate", partial(_for_both, mesh, _use_tree)),
         ("statistics of a tree", partial(_for_both, mesh, measure_tree)),
     ]
@@ -128,12 +130,15 @@ def _count_for_study(bvh: Bvh) -> None:
 
 
 def _load_files() -> None:
-    """Read a text file, the only kind that needs a compiled function."""
+    """Read text files, the only kinds that need compiled functions."""
     with TemporaryDirectory(prefix="clbvh-") as folder:
         path = Path(folder) / "mesh.ply"
         lines = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
         lines += ["element face 1", "property list uchar int vertex_indices", "end_header"]
         path.write_text("\n".join([*lines, "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]))
+        load_mesh(path)
+        path = Path(folder) / "mesh.obj"
+        path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
         load_mesh(path)
 
 

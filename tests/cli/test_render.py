@@ -121,6 +121,19 @@ def test_options_override_a_scene(tmp_path, mesh):
     assert (picture[5, 15] != normals[5, 15]).any()
 
 
+def test_cameras_of_all_kinds_replace_that_of_a_scene(tmp_path, mesh):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[mesh]\npath = "tetrahedron.ply"\n[camera]\nkind = "fisheye"\n[image]\nwidth = 40\nheight = 20\n')
+    pictures = {}
+    for kind in (None, "perspective", "orthographic", "orthographic:9", "fisheye", "fisheye:300", "panorama"):
+        options = () if kind is None else ("--camera", kind)
+        result = run_clbvh("render", scene, "-o", tmp_path / "a.png", *options)
+        assert (result.returncode, result.stderr) == (0, "")
+        pictures[kind] = imageio.imread(tmp_path / "a.png").tobytes()
+    assert pictures[None] == pictures["fisheye"]
+    assert len(set(pictures.values())) == len(pictures) - 1
+
+
 def test_brute_and_tree_give_the_same_picture(mesh, tmp_path):
     for builder in ("sah", "brute"):
         name = tmp_path / f"{builder}.ppm"
@@ -193,6 +206,13 @@ def test_a_bad_scene_is_bad_input(tmp_path):
         (("--quality", "best"), ("quality", "best")),
         (("--leaf-size", "0"), ("leaf_size", "0")),
         (("--fov", "180"), ("fov", "180")),
+        (("--camera", "pinhole"), ("kind", "pinhole", "panorama")),
+        (("--camera", "panorama:3"), ("panorama", "no value")),
+        (("--camera", "fisheye:wide"), ("fisheye", "wide")),
+        (("--camera", "fisheye:400"), ("fisheye", "360")),
+        (("--camera", "fisheye", "--fov", "40"), ("--fov", "--camera", "fisheye")),
+        (("--aperture", "-1"), ("aperture", "-1")),
+        (("--aperture", "1", "--focus", "0"), ("focus_distance", "0")),
         (("--hits", "hits.csv"), ("hits.csv", ".npz")),
     ],
 )

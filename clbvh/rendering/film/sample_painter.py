@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...device.program import build_kernel
 from ...device.session import DeviceSession
@@ -15,6 +16,7 @@ from ...structs import SHADINGS
 from ...trace.traced_tree import TracedTree
 from ..frame import Band
 from ..view_entry_points import ViewEntryPoints
+from ..world_arguments import world_arguments
 
 _FILM_DTYPE = np.dtype((np.float32, 4))
 
@@ -26,9 +28,6 @@ _LEAST_SAMPLES = 2
 
 # Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
 _FILTER_RADIUS = 1.0
-
-# Arguments of `render_samples` that a mesh without a scene, or a scene, has none of.
-_NO_ARGUMENTS: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
 
 
 @dataclass
@@ -47,6 +46,8 @@ class Progress:
         Asked after each launch; if it returns True, no further samples are taken.
     taken : int
         Samples of each pixel that were taken. Of a picture in several bands, those of the last band.
+    film : (height, width, 4) float32, or None
+        Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
     """
 
     samples: int
@@ -54,6 +55,7 @@ class Progress:
     on_samples: Callable[[int, int], None] = lambda done, total: None
     is_stopped: Callable[[], bool] = lambda: False
     taken: int = 0
+    film: NDArray[np.float32] | None = None
 
 
 class SampleShading:
@@ -87,7 +89,7 @@ class SampleShading:
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
-        self.arguments = {**_NO_ARGUMENTS, **tree.arguments, **arguments}
+        self.arguments = {**world_arguments(tree), **arguments}
         defines = {**tree.defines, "SHADING": SHADINGS[shading], "HAS_CUTOUTS": int(has_cutouts)}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")
@@ -112,7 +114,7 @@ class SamplePainter:
         shading, session = self._shading, band.session
         pixel_count = band.width * band.row_count
         film = band.memory.buffer("film", for_mapping=False).take(pixel_count * _FILM_DTYPE.itemsize)
-        arguments = {**shading.arguments, **band.rows, "entry_points": shading.entry_points.find(band)}
+        arguments = {**shading.arguments, **band.rows, **shading.entry_points.find(band)}
         taken = self._take_samples(band, film, arguments)
         session.run(
             shading.develop, (pixel_count,), (session.settings.work_group_size,),
@@ -120,6 +122,10 @@ class SamplePainter:
             colours=band.colours,
         )  # fmt: skip
         self._progress.taken = taken
+        if (kept := self._progress.film) is not None:
+            rows = kept[band.first_row : band.first_row + band.row_count]
+            session.download(film, rows)
+            rows /= np.float32(taken)
 
     def _take_samples(self, band: Band, film: Any, arguments: dict[str, Any]) -> int:
         """Add samples to the film; return how many of each pixel."""

@@ -16,18 +16,22 @@ from ...errors import SceneError
 from ...geometry.shape import Shape
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, LAYOUTS, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
 from ...support.host_threads import HostThreads
 from ..device_tree import BRUTE, pad_stack, resolve_layout
 from ..hits.scene_arrays import make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
+from ..rays.pack import NEAR_SHARE
 from .lone_spheres import LoneSpheres
 from .refit_geometry import RefitGeometry
 from .top_tree import BuildTree, TopTree, list_parts
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
 _TOP_STACK_SIZE = 64
+
+# Room for the rounding of the distance that is compared with the radius.
+_ROUNDING_ROOM = 1 - 2.0**-10
 
 
 class DeviceScene:
@@ -71,9 +75,8 @@ class DeviceScene:
     ray_tree : LoneSpheres or None
     """
 
-    has_entry_points = False
     has_instances = True
-    ray_dtype = SCENE_RAY
+    ray_dtype = PACKED_RAY
     point_dtype = SCENE_POINT
     hit_dtype = SCENE_HIT
     mesh = None
@@ -89,6 +92,7 @@ class DeviceScene:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
         self.layout = BRUTE if trees is None else resolve_layout(layout, session)
+        self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.state, self.trees = state, tuple(trees or ())
         self.built_shapes = state.shapes
         self._build_top = build_top
@@ -255,6 +259,13 @@ class DeviceScene:
         """Return the shapes that some instances place, or all of them for None."""
         geometry_ids = self.state.geometry_ids if instance_ids is None else self.state.geometry_ids[instance_ids]
         return [self.state.shapes[geometry_id] for geometry_id in np.unique(geometry_ids)]
+
+    @property
+    def advances_rays(self) -> bool:
+        """Whether a ray may begin so far from an instance that it is advanced, see cl/instances/instance.cl."""
+        # The centre of an instance lies in the box, and no packed ray begins farther from that along an axis.
+        farthest = (NEAR_SHARE + 1) * float(self.box.half.max())
+        return float(self.top.instances["radius"].min()) * FAR_RADII * _ROUNDING_ROOM < farthest
 
     @property
     def box(self) -> TreeBox:

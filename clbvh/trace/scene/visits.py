@@ -16,7 +16,7 @@ from ...bvh import Bvh
 from ...layouts.bvh2 import make_bvh2_nodes
 from ...layouts.device_arrays import make_device_arrays
 from ...scene.state import SceneState
-from ...structs import BVH2_COUNT, BVH2_FIRST, NO_PRIM, PACKED_RAY, PRIM_KINDS, SCENE_RAY
+from ...structs import BVH2_COUNT, BVH2_FIRST, FAR_RADII, NO_PRIM, PACKED_RAY, PRIM_KINDS, SCENE_LOW
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.ranges import cut_range
@@ -28,7 +28,7 @@ from .placed import make_records
 from .top_tree import list_parts
 
 # The constants of cl/instances/instance.cl.
-_FAR_RADII, _RADII_BEFORE, _SHARE_BEFORE = 32.0, 4.0, 2.0**-20
+_FAR_RADII, _RADII_BEFORE, _SHARE_BEFORE = float(FAR_RADII), 4.0, 2.0**-20
 
 # More than float32 rounds off t on the way into an instance and back.
 _T_SLACK = 2.0**-22
@@ -116,13 +116,13 @@ class SceneTraversal:
             Threads that share the rays. Without them the calling thread casts all.
         """
         batch, _ = read_rays(origins, directions, 0.0, np.inf)
-        rays = np.empty(batch.ray_count, SCENE_RAY)
+        rays, lows = np.empty(batch.ray_count, PACKED_RAY), np.empty(batch.ray_count, SCENE_LOW)
         counts = np.zeros((batch.ray_count, _FIELDS), np.int32)
 
         def cast(begin: int, end: int) -> None:
             part = rays[begin:end]
-            pack_rays(batch, batch.part(begin, end), self._box, part)
-            exact = part["origin"] + part["origin_low"].astype(np.float64)
+            pack_rays(batch, batch.part(begin, end), self._box, part, lows=lows[begin:end])
+            exact = part["origin"] + lows["origin"][begin:end].astype(np.float64)
             inside = np.empty(1, PACKED_RAY)
             _walk(self._scene, _as_packed(part), exact, _as_packed(inside), counts[begin:end])
 

@@ -7,6 +7,7 @@ import pytest
 
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh, Spheres
+from clbvh.rendering.projection import Fisheye, Orthographic, Panorama
 from clbvh.rendering.scene import MeshSource, Scene, Transform
 from clbvh.rendering.scene_file import open_scene, read_scene
 from clbvh.support.resources import find_folder
@@ -55,6 +56,27 @@ def read(tmp_path):
     return read_text
 
 
+@pytest.mark.parametrize(
+    ("keys", "projection"),
+    [
+        ("", None),
+        ('kind = "perspective"', None),
+        ('kind = "orthographic"', Orthographic()),
+        ('kind = "orthographic"\nheight = 3', Orthographic(3.0)),
+        ('kind = "fisheye"', Fisheye(180)),
+        ('kind = "fisheye"\nangle = 220.5', Fisheye(220.5)),
+        ('kind = "panorama"', Panorama()),
+    ],
+)
+def test_a_camera_has_the_projection_of_its_kind(read, keys, projection):
+    assert read(f'[mesh]\nshape = "knot"\n[camera]\n{keys}\n').projection == projection
+
+
+def test_a_camera_may_have_an_aperture(read):
+    scene = read('[mesh]\nshape = "knot"\n[camera]\naperture = 0.1\nfocus_distance = 3\n')
+    assert (scene.aperture, scene.focus_distance) == (0.1, 3)
+
+
 def test_every_key_reaches_the_scene(read):
     scene = read(WHOLE)
     assert scene.mesh == MeshSource(shape="knot", triangles=1000, seed=3)
@@ -92,6 +114,14 @@ def test_one_background_colour_stands_for_both(read):
         ('[mesh]\nname = "a"\n[camera]\neye = [1, 2, nan]', "eye must be three finite numbers"),
         ('[mesh]\nname = "a"\n[camera]\nlook_at = [0, 0, 0]', "needs an eye"),
         ('[mesh]\nname = "a"\n[camera]\nfov = 0', "fov"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = "pinhole"', "kind must be one of perspective, orthographic"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = 3', "kind must be a text"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = "fisheye"\nheight = 2', "kind fisheye has no height"),
+        ('[mesh]\nname = "a"\n[camera]\nangle = 90', "kind perspective has no angle"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = "fisheye"\nangle = 361', "angle of a fisheye"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = "panorama"\nfov = 50', "fov is that of a perspective camera"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = "panorama"\naperture = 0.1', "no plane of focus"),
+        ('[mesh]\nname = "a"\n[camera]\naperture = -1', "aperture must be"),
         ('[mesh]\nname = "a"\n[camera]\nfocus = 1', r"\[camera\] has an unknown key 'focus'; known are eye"),
         ('[mesh]\nname = "a"\n[image]\nwidth = 1.5', "width must be a whole number"),
         ('[mesh]\nname = "a"\n[image]\nwidth = 0', "width must be 1 to 65535 pixels"),

@@ -135,6 +135,20 @@ class TestRoundTrip:
         assert (loaded.width, loaded.fov) == (50, 30)
         assert loaded.background == ((0.5, 0, 1), (0.5, 0, 1))
 
+    @pytest.mark.parametrize(
+        "settings",
+        [
+            {"projection": clbvh.Orthographic()},
+            {"projection": clbvh.Orthographic(2.5), "aperture": 0.1, "focus_distance": 3.0},
+            {"projection": clbvh.Fisheye(200)},
+            {"projection": clbvh.Panorama()},
+            {"aperture": 0.1, "focus_distance": 1e9},
+        ],
+    )
+    def test_cameras_of_all_kinds_come_back(self, tmp_path, settings):
+        clbvh.Scene(**settings).save(tmp_path / "a.scene")
+        assert clbvh.Scene.load(tmp_path / "a.scene") == clbvh.Scene(**settings)
+
     @pytest.mark.parametrize("count", [1000])
     def test_many_instances(self, tmp_path, count):
         rng = np.random.default_rng(1)
@@ -291,6 +305,13 @@ class TestForgedText:
             (["settings", "width"], 10**9, "width must be"),
             (["settings", "width"], None, "width must be"),
             (["settings", "fov"], "wide", "fov"),
+            (["settings", "projection"], "panorama", "projection must be a table"),
+            (["settings", "projection"], {}, "kind must be one of"),
+            (["settings", "projection"], {"kind": []}, "kind must be one of"),
+            (["settings", "projection"], {"kind": "fisheye", "angle": None}, "angle of a fisheye"),
+            (["settings", "projection"], {"kind": "fisheye", "spin": 1}, "fisheye has no spin"),
+            (["settings", "aperture"], 10**400, "aperture must be"),
+            (["settings", "focus_distance"], "near", "focus_distance must be"),
             (["settings", "shading"], {}, "shading must be"),
             (["settings", "eye"], [[1], 2, 3], "eye must be"),
             (["settings", "background"], 5, "background"),

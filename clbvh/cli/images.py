@@ -1,0 +1,190 @@
+"""`clbvh images`: what each pixel sees, as files of numbers: depth, normals, ids and more."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import options, picture_options
+
+if TYPE_CHECKING:
+    from ..rendering.camera import Camera
+    from ..rendering.images.images import Images
+    from ..rendering.render_options import RenderOptions
+    from ..rendering.scene import Scene
+
+# Those of `clbvh.render_images`, repeated because importing them would make `clbvh --help` slow. A test compares them.
+DEFAULT_CHANNELS = "rgb,alpha,depth,normal,instance_id"
+
+
+def images(
+    sources: options.Sources,
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o",
+            "--output",
+            help="One file of all channels, .exr or .npz; or .png or .ppm: out.png stands for out-depth.png and so "
+            "on, and out.json with their scales and the camera. May be given several times.",
+        ),
+    ],
+    channels: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B,...",
+            help="rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, "
+            "shading_normal, shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, "
+            "motion.",
+        ),
+    ] = DEFAULT_CHANNELS,
+    depth_scale: Annotated[
+        float | None,
+        typer.Option(
+            help="Pixel values for a unit of length in PNG files, such as 1000.", show_default="a round one that fits"
+        ),
+    ] = None,
+    width: Annotated[
+        int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=options.SCENE_PANEL)
+    ] = None,
+    height: Annotated[
+        int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=options.SCENE_PANEL)
+    ] = None,
+    camera: options.CameraKind = None,
+    camera_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--camera-file",
+            metavar="FILE.json",
+            help="Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.",
+            rich_help_panel=options.SCENE_PANEL,
+        ),
+    ] = None,
+    next_camera_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--next-camera-file",
+            metavar="FILE.json",
+            help="Camera of the second pose, for motion.",
+            rich_help_panel=options.SCENE_PANEL,
+        ),
+    ] = None,
+    eye: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Position of the camera.",
+            show_default="sees the whole mesh",
+            rich_help_panel=options.SCENE_PANEL,
+        ),
+    ] = None,
+    look_at: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Point that the camera looks at.", rich_help_panel=options.SCENE_PANEL),
+    ] = None,
+    up: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Direction that is up in the picture.",
+            show_default="0,1,0",
+            rich_help_panel=options.SCENE_PANEL,
+        ),
+    ] = None,
+    fov: Annotated[
+        float | None,
+        typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=options.SCENE_PANEL),
+    ] = None,
+    shading: picture_options.Shading = None,
+    samples: picture_options.Samples = None,
+    cache: options.UseCache = False,
+    cache_dir: options.CacheFolder = None,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
+    from ..errors import ConfigError
+    from ..rendering.camera_file import read_camera
+    from ..rendering.images.channels import check_channels
+    from ..rendering.images.targets import FILES_SUFFIXES, check_images_path
+    from ..rendering.render_options import RenderOptions
+
+    # All input is checked before any work.
+    names = check_channels([name.strip() for name in channels.split(",") if name.strip()])
+    for path in output:
+        check_images_path(path, names)
+    if camera_file is not None and any(value is not None for value in (camera, eye, look_at, up, fov)):
+        raise ConfigError("--camera-file says all of the view: give it without --camera, --eye, --look-at, --up, --fov")
+    if "motion" in names and next_camera_file is None:
+        raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
+    first, second = (None if path is None else read_camera(path) for path in (camera_file, next_camera_file))
+    changes: dict[str, Any] = {
+        "eye": options.parse_vector("--eye", eye),
+        "look_at": options.parse_vector("--look-at", look_at),
+        "up": options.parse_vector("--up", up),
+        "fov": fov,
+    }
+    wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
+    scene = options.open_sources(sources)
+    if camera is not None:
+        scene = options.with_camera(scene, camera, fov)
+    scene = scene.with_changes(**changes)
+
+    begin = time.perf_counter()
+    view: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}
+    made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, **view)
+    made_s = time.perf_counter() - begin
+    for path in output:
+        made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)
+    _report(made, output, made_s, time.perf_counter() - begin - made_s, as_json)
+
+
+def _make_with_status(
+    scene: Scene, wanted: RenderOptions, names: tuple[str, ...], camera: Camera | None, **view: Any
+) -> Images:
+    """Make the images, and show the current phase if stderr is a terminal."""
+    from rich.console import Console
+
+    from ..rendering.images.make_images import render_images
+
+    with Console(stderr=True).status("") as status:
+        return render_images(
+            scene, names, wanted, camera=camera, on_phase=lambda phase: status.update(f"{phase} ..."), **view
+        )
+
+
+def _report(made: Images, output: list[Path], made_s: float, write_s: float, as_json: bool) -> None:
+    """Print what was written: each channel with the least and the greatest value of its hits."""
+    from rich.table import Table
+
+    from ..rendering.images.channels import find_limits
+    from .tables import print_tables
+
+    limits = {name: find_limits(name, array) for name, array in made.items()}
+    if as_json:
+        report = {
+            "width": made.width,
+            "height": made.height,
+            "channels": {name: None if pair is None else list(pair) for name, pair in limits.items()},
+            "files": [str(path) for path in output],
+            "timings_ms": {"images": made_s * 1e3, "write": write_s * 1e3},
+        }
+        print(json.dumps(report, indent=2), file=sys.stdout)
+        return
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("channel", "least", "greatest"):
+        table.add_column(heading, justify="left" if heading == "channel" else "right")
+    for name, pair in limits.items():
+        table.add_row(name, *(("no values",) if pair is None else (f"{value:,.6g}" for value in pair)))
+    files = Table(box=None, show_header=False, pad_edge=False)
+    files.add_row(f"{made.width} x {made.height}, {made_s:.2f} s, written in {write_s:.2f} s")
+    print_tables(table, files)

@@ -1,0 +1,1 @@
+"""Images for programs: what each pixel sees, as arrays and as files."""
