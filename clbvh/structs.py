@@ -317,6 +317,8 @@ VIEW = np.dtype(
         ("objects_radius", np.float32),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
         ("light_spread", np.float32),
+        # Whether the directed light of `studio` comes from the eye, without shadows: objects are all around it.
+        ("is_headlight", np.int32),
         # Occlusion is searched for up to here, in local units.
         ("occlusion_reach", np.float32),
         # Light is multiplied by it before it becomes a colour.

@@ -16,6 +16,12 @@
 // The ambient light is stronger than in the shading `lambert`, because nearby surfaces keep off much of it.
 #define AMBIENT_FACTOR 1.6f
 
+// What smooth surfaces reflect is brighter than the mean of the sky, as the lamps of a studio are.
+#define REFLECTION_FACTOR 2.0f
+
+// The light at the eye is weaker than the directed one: no surface is turned away from it.
+#define HEADLIGHT_FACTOR 0.6f
+
 // The light of a surface that reflects all is the albedo of a diffuse one, and pi times the value of a highlight.
 #define HIGHLIGHT_FACTOR 3.14159265f
 
@@ -115,7 +121,9 @@ INLINED void find_light(
     light->is_exposed = !may_be_occluded || is_open(stage, above, normal, sampler);
     light->is_lit = false;
     const float3 towards = load3(stage->view->to_light);
-    if (dot_product(normal, towards) + stage->view->light_spread > 0.0f) {
+    if (stage->view->is_headlight) {
+        light->is_lit = true;
+    } else if (dot_product(normal, towards) + stage->view->light_spread > 0.0f) {
         sampler->dimension = KEY_LIGHT_DIMENSION;
         const float3 to_light = sample_key_light(stage->view, sampler);
         light->is_lit = dot_product(normal, to_light) > 0.0f
@@ -144,16 +152,18 @@ INLINED float3 shade_studio(
     const float3 mirrored = direction + 2.0f * facing * look->normal;
     const float3 glossy = blend(mirrored, look->normal, look->roughness * look->roughness);
     const float3 shine = fresnel(reflectance, facing) * (1.0f - 0.5f * look->roughness);
-    float3 light = diffuse * find_ambient_light(view, look->normal) + shine * find_ambient_light(view, glossy);
+    float3 light = diffuse * find_ambient_light(view, look->normal)
+        + REFLECTION_FACTOR * shine * find_ambient_light(view, glossy);
     light *= openness;
 
-    const float3 to_light = load3(view->to_light);
+    const float3 to_light = view->is_headlight ? -direction : load3(view->to_light);
     const float cosine = dot_product(look->normal, to_light);
     if (known->is_lit && cosine > 0.0f) {
         const float3 halfway = unit_vector(to_light - direction);
         const float3 gloss = fresnel(reflectance, dot_product(to_light, halfway))
             * (HIGHLIGHT_FACTOR * highlight(look->roughness, look->normal, to_light, -direction, halfway));
-        light += load3(view->light_colour) * (diffuse * cosine + gloss);
+        const float strength = view->is_headlight ? HEADLIGHT_FACTOR : 1.0f;
+        light += strength * load3(view->light_colour) * (diffuse * cosine + gloss);
     }
     return light + look->emission;
 }
