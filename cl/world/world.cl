@@ -153,7 +153,8 @@ INLINED void traverse_world(
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
     const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
-    const surface_t own = surface_at(&corners, &search->nearest, ray->direction);
+    const surface_t tight = surface_at(&corners, &search->nearest, ray->direction);
+    const surface_t own = with_even_error(&tight);
     const world_surface_t surface = {
         own.position, {point_above(&own), (float3)(0.0f)}, {point_below(&own), (float3)(0.0f)}, own.normal,
         own.is_back, 0, search->nearest.prim_id, search->nearest.u, search->nearest.v};
