@@ -38,8 +38,8 @@ INLINED float3 point_above(const surface_t *surface)
     return surface->position + 2.0f * distance * surface->normal;
 }
 
-// The same surface with the largest error in all directions, for rays in any direction. The t of a ray along the surface
-// has the rounding of its own direction: with less, a ray from a plane at z = 0 could meet that plane at t = 1e-8.
+// The same surface with the largest error in all directions. The t of a ray along a surface has the rounding of the
+// ray's own direction: with less, a ray from a plane at z = 0 could meet that plane at t = 1e-8.
 INLINED surface_t with_even_error(const surface_t *surface)
 {
     surface_t even = *surface;

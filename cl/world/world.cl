@@ -118,7 +118,7 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
         + normal.z * load3(instance->to_object[2]);
 }
 
-// The lift of the point that was hit, for unit normals at the corners of its triangle in the coordinates of the geometry.
+// The lift of the point that was hit, for unit normals at the corners of its triangle, in the geometry's coordinates.
 INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])
 {
     const global instance_t *instance = world->instances + search->instance_index;
