@@ -312,8 +312,9 @@ VIEW = np.dtype(
         ("ground_point", np.float32, 3),
         ("ground_normal", np.float32, 3),
         ("ground_radius", np.float32),
-        # A ball around all objects, beyond which they cast no shadow.
+        # A box and a ball around all objects: rays that come near neither are not stopped.
         ("objects_centre", np.float32, 3),
+        ("objects_half_size", np.float32, 3),
         ("objects_radius", np.float32),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
         ("light_spread", np.float32),

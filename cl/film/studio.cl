@@ -182,7 +182,9 @@ INLINED float find_ground_shadow(
     const float along = dot_product(to_objects, to_light);
     const float aside = sqrt(larger(squared - along * along, 0.0f));
     const float spread = view->light_spread;
-    const bool may_be_occluded = sqrt(squared) < view->objects_radius + view->occlusion_reach;
+    const float3 beyond = magnitude(to_objects) - load3(view->objects_half_size);
+    const float3 gap = (float3)(larger(beyond.x, 0.0f), larger(beyond.y, 0.0f), larger(beyond.z, 0.0f));
+    const bool may_be_occluded = dot_product(gap, gap) < view->occlusion_reach * view->occlusion_reach;
     const bool may_be_shaded = aside < view->objects_radius * (1.0f + spread) + spread * larger(along, 0.0f);
     if (!may_be_occluded && !may_be_shaded) {
         return 0.0f;

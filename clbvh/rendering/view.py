@@ -89,6 +89,7 @@ def make_view(
         view["ground_radius"] = ground.radius * mesh.scale
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
     view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
+    view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
     view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
     view["is_headlight"] = scene.light.direction is None and bool(((box[0] < eye) & (eye < box[1])).all())
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
