@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from clbvh.rendering.film.pack_normals import pack_normals
 
 import clbvh
+from clbvh.layouts.pack_normals import pack_normals
 from clbvh.rendering.film.texture_tables import TextureTables
 
 BUNDLE = "look_shells"
