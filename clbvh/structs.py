@@ -312,8 +312,14 @@ VIEW = np.dtype(
         ("ground_point", np.float32, 3),
         ("ground_normal", np.float32, 3),
         ("ground_radius", np.float32),
+        # A box and a ball around all objects: rays that come near neither are not stopped.
+        ("objects_centre", np.float32, 3),
+        ("objects_half_size", np.float32, 3),
+        ("objects_radius", np.float32),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
         ("light_spread", np.float32),
+        # Whether the directed light of `studio` comes from the eye, without shadows: objects are all around it.
+        ("is_headlight", np.int32),
         # Occlusion is searched for up to here, in local units.
         ("occlusion_reach", np.float32),
         # Light is multiplied by it before it becomes a colour.

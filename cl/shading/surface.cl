@@ -43,6 +43,15 @@ INLINED float3 point_above(const surface_t *surface)
     return surface->position + (2.0f * distance + LEAST_DISTANCE) * surface->normal;
 }
 
+// The same surface with the largest error in all directions. The t of a ray along a surface has the rounding of the
+// ray's own direction: with less, a ray from a plane at z = 0 could meet that plane at t = 1e-8.
+INLINED surface_t with_even_error(const surface_t *surface)
+{
+    surface_t even = *surface;
+    even.error = (float3)(larger(surface->error.x, larger(surface->error.y, surface->error.z)));
+    return even;
+}
+
 // A point just below the surface, for a ray that goes through it.
 INLINED float3 point_below(const surface_t *surface)
 {

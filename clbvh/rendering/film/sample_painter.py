@@ -23,6 +23,9 @@ _FILM_DTYPE = np.dtype((np.float32, 4))
 # Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
 _LAUNCH_S = 0.25
 
+# A launch takes a multiple of it, but for the last one: the samples of a pair share work, see cl/film/studio.cl.
+_LEAST_SAMPLES = 2
+
 # Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
 _FILTER_RADIUS = 1.0
 
@@ -139,7 +142,8 @@ class SamplePainter:
 
     def _take_samples(self, band: Band, film: Any, arguments: dict[str, Any]) -> int:
         """Add samples to the film; return how many of each pixel."""
-        progress, first, count = self._progress, 0, 1
+        progress = self._progress
+        first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         pixels, done = band.width * band.height, band.width * band.first_row
         while True:
             begin = time.perf_counter()
@@ -155,4 +159,5 @@ class SamplePainter:
             )
             if first >= progress.samples or progress.is_stopped() or now - self._begin > progress.time_limit_s:
                 return first
-            count = max(1, min(progress.samples - first, int(_LAUNCH_S * count / max(now - begin, 1e-9))))
+            fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
+            count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))
