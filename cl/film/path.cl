@@ -1,5 +1,5 @@
-// The shading `path`: light along paths from the eye, with light drawn at each surface (Kajiya, "The rendering equation",
-// 1986; Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
+// The shading `path`: light along paths from the eye, with light drawn at each surface (Kajiya, "The rendering
+// equation", 1986; Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
 
 #include "film/bsdf.cl"
 #include "film/lights.cl"
