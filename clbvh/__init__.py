@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from .stats import TreeStats, measure_tree
     from .support.version import __version__ as __version__
     from .trace import AllHits, ClosestPoints, Hits, Normals, Progress, Traceable, Tracer
+    from .trace.ambient_occlusion import ambient_occlusion
 
 # The module of each name, in the order of the pipeline; the errors last.
 _HOME_OF = {
@@ -94,6 +95,7 @@ _HOME_OF = {
     "Progress": "trace",
     "Traceable": "trace",
     "Tracer": "trace",
+    "ambient_occlusion": "trace.ambient_occlusion",
     "Camera": "rendering.camera",
     "Images": "rendering.images.images",
     "Lens": "rendering.lens",
@@ -162,6 +164,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Progress",
     "Traceable",
     "Tracer",
+    "ambient_occlusion",
     "Camera",
     "Images",
     "Lens",

@@ -166,23 +166,18 @@ HIT_PRIM_ID = _lane(HIT, "prim_id")
 
 # --- Scenes ---
 
-# A ray in a scene, in the scene's local coordinates: a packed ray, and what float32 has rounded off its origin and its
-# direction. Only the instances whose mask shares a bit with the ray's are visible to it.
-SCENE_RAY = np.dtype(
+# What float32 has rounded off the origin and the direction of a packed ray in a scene, and the ray's mask: only the
+# instances whose mask shares a bit with it are visible. The rays of a camera share one.
+SCENE_LOW = np.dtype(
     [
         ("origin", np.float32, 3),
-        ("t_min", np.float32),
-        ("direction", np.float32, 3),
-        ("t_max", np.float32),
-        ("origin_low", np.float32, 3),
         ("mask", np.uint32),
-        ("direction_low", np.float32, 3),
+        ("direction", np.float32, 3),
         ("spare", np.float32),
     ]
 )
-SCENE_RAY_LANES = _lane_count(SCENE_RAY)
-SCENE_RAY_ORIGIN_LOW = _lane(SCENE_RAY, "origin_low")
-SCENE_RAY_DIRECTION_LOW = _lane(SCENE_RAY, "direction_low")
+SCENE_LOW_LANES = _lane_count(SCENE_LOW)
+SCENE_LOW_DIRECTION = _lane(SCENE_LOW, "direction")
 
 # A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
 # mask shares a bit with the point's are visible to it.
@@ -223,6 +218,26 @@ INSTANCE = np.dtype(
     ]
 )
 
+# A ray that begins farther away than this many radii of an instance is advanced to just before it.
+FAR_RADII = 32
+
+# Where the rays of a tile begin in a scene, see cl/instances/start.cl.
+MAX_TILE_LEAVES = 14
+SCENE_TILE = np.dtype(
+    [
+        # Leaves that the tile's beam meets, as slots 2 * node + child; or -1: its rays traverse the tree over the
+        # instances from `top_node` on.
+        ("leaf_count", np.int32),
+        ("top_node", np.int32),
+        # The only instance that the rays can hit, which they enter without a test; or -1.
+        ("instance_index", np.int32),
+        ("spare", np.int32),
+        ("leaf", np.int32, MAX_TILE_LEAVES),
+        # The least t at which a ray of the tile may enter the leaf's box, in ascending order.
+        ("t_near", np.float32, MAX_TILE_LEAVES),
+    ]
+)
+
 # A hit in a scene. The prim_id counts within the geometry. Of a sphere, u is 0 where the ray enters and 1 where it
 # leaves.
 SCENE_HIT = np.dtype(
@@ -241,6 +256,26 @@ SCENE_HIT_INSTANCE_ID = _lane(SCENE_HIT, "instance_id")
 
 # A primitive of an instance, both NO_PRIM where there is none.
 SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
+
+# A point over which rays are drawn, with the unit normal around which they are, in local coordinates: a scene point,
+# the length of the rays, and the number of the point, from which its samples are derived. Without a scene, what float32
+# has rounded off the position and the mask are not used.
+HEMISPHERE = np.dtype(
+    [
+        ("position", np.float32, 3),
+        ("mask", np.uint32),
+        ("position_low", np.float32, 3),
+        ("t_max", np.float32),
+        ("normal", np.float32, 3),
+        ("number", np.uint32),
+    ]
+)
+HEMISPHERE_LANES = _lane_count(HEMISPHERE)
+HEMISPHERE_MASK = _lane(HEMISPHERE, "mask")
+HEMISPHERE_POSITION_LOW = _lane(HEMISPHERE, "position_low")
+HEMISPHERE_T_MAX = _lane(HEMISPHERE, "t_max")
+HEMISPHERE_NORMAL = _lane(HEMISPHERE, "normal")
+HEMISPHERE_NUMBER = _lane(HEMISPHERE, "number")
 
 # --- Pictures ---
 
@@ -400,9 +435,11 @@ DEVICE_STRUCTS = {
     "sphere8_t": SPHERE_BLOCKS[8],
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
-    "scene_ray_t": SCENE_RAY,
+    "scene_low_t": SCENE_LOW,
     "instance_t": INSTANCE,
     "scene_point_t": SCENE_POINT,
+    "hemisphere_t": HEMISPHERE,
+    "scene_tile_t": SCENE_TILE,
     "scene_hit_t": SCENE_HIT,
     "scene_prim_t": SCENE_PRIM,
     "view_t": VIEW,
@@ -443,6 +480,8 @@ PRIM_KINDS = {"triangles": 0, "spheres": 1}
 
 DEVICE_CONSTANTS = {
     "NO_PRIM": NO_PRIM,
+    "FAR_RADII": FAR_RADII,
+    "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},

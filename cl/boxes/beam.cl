@@ -115,6 +115,19 @@ INLINED lanes_t reach_planes(const global float *planes, const float origin, con
     return (load_lanes(planes) - origin) * inverse;
 }
 
+// Whether the beam may meet a box; *t_near is at most the t at which any of its rays enters that. The test of
+// beam_meets_children, for a box by itself.
+INLINED bool beam_meets_aabb(const float3 aabb_min, const float3 aabb_max, const beam_t *beam, float *t_near)
+{
+    const int3 is_backward = beam->near_offset >= 3 * WIDTH;
+    const float3 near = ((is_backward ? aabb_max : aabb_min) - beam->near_origin) * beam->near_inverse;
+    const float3 far = ((is_backward ? aabb_min : aabb_max) - beam->far_origin) * beam->far_inverse;
+    const float3 far_entry = far < beam->far_entry_max ? far : beam->far_entry_max;
+    const float3 far_exit = far > beam->far_exit_min ? far : beam->far_exit_min;
+    *t_near = larger(larger(largest_component(near), beam->t_min), largest_component(far_entry));
+    return *t_near <= smaller(smaller(far_exit.x, far_exit.y), smaller(far_exit.z, beam->t_max));
+}
+
 // Returns one bit per child, set where the beam may meet the child's box.
 INLINED uint beam_meets_children(const global node_t *node, const beam_t *beam)
 {

@@ -72,25 +72,42 @@ INLINED slabs_t make_slabs(const ray_t *ray)
     return slabs;
 }
 
-INLINED lanes_t cross_planes(const global float *planes, const float inverse, const float shift)
+// The planes of WIDTH boxes, per axis the near ones and the far ones of a ray.
+typedef struct {
+    lanes_t near[3];
+    lanes_t far[3];
+} planes_t;
+
+INLINED lanes_t cross_planes(const lanes_t planes, const float inverse, const float shift)
 {
-    return MULTIPLY_ADD_LANES(load_lanes(planes), (lanes_t)(inverse), (lanes_t)(shift));
+    return MULTIPLY_ADD_LANES(planes, (lanes_t)(inverse), (lanes_t)(shift));
 }
 
-// Returns one bit per child, set where the ray meets the child's padded box before `limit`, in units of the slabs.
-// *t_near has the t at which the ray enters each box.
-INLINED uint meets_children(
-    const global node_t *node, const slabs_t *slabs, const float limit, lanes_t *t_near)
+// Returns one bit per box, set where the ray meets the padded box before `limit`, in units of the slabs. *t_near has
+// the t at which the ray enters each box.
+INLINED uint meets_planes(const planes_t *planes, const slabs_t *slabs, const float limit, lanes_t *t_near)
 {
-    const global float *planes = (const global float *)node;
-    const lanes_t near_x = cross_planes(planes + slabs->near_offset.x, slabs->inverse.x, slabs->near_shift.x);
-    const lanes_t near_y = cross_planes(planes + slabs->near_offset.y, slabs->inverse.y, slabs->near_shift.y);
-    const lanes_t near_z = cross_planes(planes + slabs->near_offset.z, slabs->inverse.z, slabs->near_shift.z);
-    const lanes_t far_x = cross_planes(planes + slabs->far_offset.x, slabs->inverse.x, slabs->far_shift.x);
-    const lanes_t far_y = cross_planes(planes + slabs->far_offset.y, slabs->inverse.y, slabs->far_shift.y);
-    const lanes_t far_z = cross_planes(planes + slabs->far_offset.z, slabs->inverse.z, slabs->far_shift.z);
+    const lanes_t near_x = cross_planes(planes->near[0], slabs->inverse.x, slabs->near_shift.x);
+    const lanes_t near_y = cross_planes(planes->near[1], slabs->inverse.y, slabs->near_shift.y);
+    const lanes_t near_z = cross_planes(planes->near[2], slabs->inverse.z, slabs->near_shift.z);
+    const lanes_t far_x = cross_planes(planes->far[0], slabs->inverse.x, slabs->far_shift.x);
+    const lanes_t far_y = cross_planes(planes->far[1], slabs->inverse.y, slabs->far_shift.y);
+    const lanes_t far_z = cross_planes(planes->far[2], slabs->inverse.z, slabs->far_shift.z);
     // Compared in pairs: a tree of comparisons is shorter than a chain, and the choice of the next node waits for it.
     *t_near = larger_lanes(larger_lanes(near_x, near_y), larger_lanes(near_z, (lanes_t)(slabs->t_min)));
     const lanes_t t_far = smaller_lanes(smaller_lanes(far_x, far_y), smaller_lanes(far_z, (lanes_t)(limit)));
     return mask_bits(*t_near <= t_far);
+}
+
+// As meets_planes, for the children of a node.
+INLINED uint meets_children(
+    const global node_t *node, const slabs_t *slabs, const float limit, lanes_t *t_near)
+{
+    const global float *planes = (const global float *)node;
+    const planes_t loaded = {
+        {load_lanes(planes + slabs->near_offset.x), load_lanes(planes + slabs->near_offset.y),
+         load_lanes(planes + slabs->near_offset.z)},
+        {load_lanes(planes + slabs->far_offset.x), load_lanes(planes + slabs->far_offset.y),
+         load_lanes(planes + slabs->far_offset.z)}};
+    return meets_planes(&loaded, slabs, limit, t_near);
 }

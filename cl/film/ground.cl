@@ -14,7 +14,7 @@ typedef struct {
 } ground_t;
 
 // The ground where a ray meets it from above, with a strength of 0 where it does not.
-INLINED ground_t find_ground(const global view_t *view, const ray_t *ray)
+INLINED ground_t find_ground(const global view_t *view, const world_ray_t *ray)
 {
     ground_t ground;
     ground.above.high = (float3)(0.0f);

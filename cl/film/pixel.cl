@@ -4,10 +4,9 @@
 // there are more of them near the centre. All are moved so that sample 0 is the centre of the pixel and of the lens:
 // the hits of a picture are its.
 
-#include "rays/camera.cl"
 #include "sampling/sampler.cl"
 #include "sampling/warps.cl"
-#include "world/world.cl"
+#include "world/camera.cl"
 
 // A point in the unit square, moved around its edges so that `origin` becomes the middle.
 INLINED float2 centre_on(const float2 point, const float2 origin)
@@ -26,15 +25,5 @@ INLINED bool sample_pixel(
     const float2 film = (float2)(
         (2.0f * (column + offset.x) + 1.0f) / view->width - 1.0f,
         1.0f - (2.0f * (row + offset.y) + 1.0f) / view->height);
-    position_t origin;
-    float3 direction, direction_low;
-#if HAS_INSTANCES
-    const bool is_seen = camera_ray(view, film, lens, &origin.high, &origin.low, &direction, &direction_low);
-#else
-    // Without the lows, the direction is rounded as in cl/kernels/render.cl.
-    const bool is_seen = camera_ray(view, film, lens, &origin.high, 0, &direction, 0);
-    origin.low = direction_low = (float3)(0.0f);
-#endif
-    *ray = make_world_ray(origin, direction, direction_low, INFINITY);
-    return is_seen;
+    return world_camera_ray(view, film, lens, ray);
 }

@@ -31,7 +31,7 @@ INLINED bool find_shown(
     search_t *first)
 {
     world_ray_t rest = *ray;
-    const float3 direction = as_plain_ray(ray)->direction;
+    const float3 direction = ray->direction;
     for (int layer = 0; layer < MOST_LAYERS; layer++) {
         search_t search = make_search(1, 0);
         traverse_world(&stage->world, &rest, is_primary && layer == 0, &search, QUERY_CLOSEST);
@@ -49,7 +49,7 @@ INLINED bool find_shown(
         }
         // The way that is left is a little longer than it should be where t_max ends a ray between two surfaces; both
         // uses of it, the light and the reach of occlusion, have none there.
-        const float left = as_plain_ray(&rest)->t_max - search.nearest.t;
+        const float left = rest.t_max - search.nearest.t;
         rest = make_world_ray(shown->surface.below, direction, (float3)(0.0f), larger(left, 0.0f));
     }
     return false;
@@ -76,7 +76,7 @@ INLINED bool find_shown(
     if (!is_found(&first->nearest)) {
         return false;
     }
-    const float3 direction = as_plain_ray(ray)->direction;
+    const float3 direction = ray->direction;
     shown->surface = world_surface_at(&stage->world, ray, first);
     shown->appearance = appearance_at(&stage->looks, &stage->world, first, &shown->surface, direction);
     return true;

@@ -112,11 +112,10 @@ INLINED float4 find_sample(
     const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
 {
     shown_t shown;
-    const ray_t *plain = as_plain_ray(ray);
     if (find_shown(stage, ray, true, sampler, &shown, first)) {
-        return (float4)(shade_studio(stage, &shown, plain->direction, sampler), 1.0f);
+        return (float4)(shade_studio(stage, &shown, ray->direction, sampler), 1.0f);
     }
-    const ground_t ground = find_ground(stage->view, plain);
+    const ground_t ground = find_ground(stage->view, ray);
     const float shadow = ground.strength > 0.0f ? find_ground_shadow(stage, &ground, sampler) : 0.0f;
     return sample_of_background(stage->view, row, shadow);
 }

@@ -1,6 +1,7 @@
 // The instances that contain a point: closed meshes that a ray from the point crosses an odd number of times, and
 // spheres in one of which the point is.
 
+#include "instances/containing.cl"
 #include "instances/nearest.cl"
 
 // The direction in which crossings are counted, in the geometry's local coordinates. Any will do: a direction that no
@@ -44,12 +45,6 @@ INLINED bool is_in_instance(
     return search.count % 2 == 1;
 }
 
-// Whether a child's box contains a position. Rounding the position to float32 moves it by less than boxes are grown.
-INLINED bool is_in_child(const global bvh2_node_t *node, const int child, const float3 position)
-{
-    return all(load3(node->aabb_min[child]) <= position) && all(position <= load3(node->aabb_max[child]));
-}
-
 // Whether a visible instance contains the point. With `deepest`, all such instances are visited, and *deepest becomes
 // the primitive at the largest of the distances from the point to the surfaces of these instances.
 INLINED bool is_in_scene(
@@ -58,48 +53,26 @@ INLINED bool is_in_scene(
 {
     bool is_inside = false;
     float depth = -1.0f;
-    int stack[TOP_STACK_SIZE];
-    int stack_count = 0;
-    int node = 0;
+    instance_walk_t walk;
+    begin_walk(&walk, top_nodes, point->position);
 
-    while (true) {
-        const global bvh2_node_t *parent = top_nodes + node;
-        int next = -1;
-        for (int child = 0; child < 2; child++) {
-            if (is_in_child(parent, child, point->position)) {
-                if (next >= 0) {
-                    stack[stack_count++] = next;
-                }
-                next = 2 * node + child;
-            }
+    for (int index = next_containing(&walk, top_nodes, point->position); index >= 0;
+         index = next_containing(&walk, top_nodes, point->position)) {
+        const global instance_t *instance = instances + index;
+        if (!is_visible(point, instance) || !is_in_instance(instance, nodes, blocks, spheres, point)) {
+            continue;
         }
-        while (next < 0 || top_nodes[next >> 1].count[next & 1] > 0) {
-            if (next >= 0) {
-                const int first = top_nodes[next >> 1].first[next & 1];
-                const int end = first + top_nodes[next >> 1].count[next & 1];
-                for (int index = first; index < end; index++) {
-                    const global instance_t *instance = instances + index;
-                    if (!is_visible(point, instance) || !is_in_instance(instance, nodes, blocks, spheres, point)) {
-                        continue;
-                    }
-                    if (!deepest) {
-                        return true;
-                    }
-                    is_inside = true;
-                    scene_nearest_t nearest = no_scene_nearest();
-                    visit_instance_near(instance, nodes, blocks, spheres, point, &nearest);
-                    const bool wins_tie = instance->instance_id < deepest->instance_id;
-                    if (nearest.distance > depth || (nearest.distance == depth && wins_tie)) {
-                        depth = nearest.distance;
-                        *deepest = nearest.prim;
-                    }
-                }
-            }
-            if (stack_count == 0) {
-                return is_inside;
-            }
-            next = stack[--stack_count];
+        if (!deepest) {
+            return true;
         }
-        node = top_nodes[next >> 1].first[next & 1];
+        is_inside = true;
+        scene_nearest_t nearest = no_scene_nearest();
+        visit_instance_near(instance, nodes, blocks, spheres, point, &nearest);
+        const bool wins_tie = instance->instance_id < deepest->instance_id;
+        if (nearest.distance > depth || (nearest.distance == depth && wins_tie)) {
+            depth = nearest.distance;
+            *deepest = nearest.prim;
+        }
     }
+    return is_inside;
 }

@@ -8,25 +8,32 @@
 #include "math/vectors.cl"
 #include "rays/ray.cl"
 
-// A ray that begins farther away than this many radii of the instance is advanced to just before it.
-#define FAR_RADII 32.0f
-
 // How far before the instance, in radii, and in shares of the way to it for the rounding of that.
 #define RADII_BEFORE 4.0f
 #define SHARE_BEFORE 0x1p-20f
 
+// What a slab test derives from a ray is left to those who need it: of a tile's rays that begin in an instance, nobody.
 typedef struct {
-    ray_t ray;
+    float3 origin;
+    float3 direction;
+    float t_min;
+    float t_max;
     float3 origin_low;
     float3 direction_low;
     uint mask;
 } scene_ray_pair_t;
 
-INLINED scene_ray_pair_t unpack_scene_ray(const global scene_ray_t *packed)
+// The ray in float32, as the boxes of instances are tested.
+INLINED ray_t rounded_ray(const scene_ray_pair_t *ray)
+{
+    return make_ray(ray->origin, ray->direction, ray->t_min, ray->t_max);
+}
+
+INLINED scene_ray_pair_t unpack_scene_ray(const global packed_ray_t *packed, const global scene_low_t *low)
 {
     const scene_ray_pair_t pair = {
-        make_ray(load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max),
-        load3(packed->origin_low), load3(packed->direction_low), packed->mask};
+        load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max, load3(low->origin),
+        load3(low->direction), low->mask};
     return pair;
 }
 
@@ -42,12 +49,12 @@ INLINED ray_t enter_instance(
     const scene_ray_pair_t *outside, const global instance_t *instance, const float t_max, float *t_shift)
 {
     float3 low;
-    const float3 difference = add_exactly(outside->ray.origin, -load3(instance->centre), &low);
+    const float3 difference = add_exactly(outside->origin, -load3(instance->centre), &low);
     // Where the two are close, the low parts are as large as the difference, and either alone says nothing.
     float3 start = add_exactly(difference, low + (outside->origin_low - load3(instance->centre_low)), &low);
 
     *t_shift = 0.0f;
-    const float3 direction = outside->ray.direction;
+    const float3 direction = outside->direction;
     const float3 size = magnitude(start);
     if (larger(size.x, larger(size.y, size.z)) > FAR_RADII * instance->radius) {
         // The direction is at least 1 long, so a t of four radii is a distance of four radii or more.
@@ -63,5 +70,5 @@ INLINED ray_t enter_instance(
     }
     return make_ray(
         transform_vector(instance->to_object, start + low), transform_vector(instance->to_object, direction),
-        larger(outside->ray.t_min - *t_shift, 0.0f), t_max - *t_shift);
+        larger(outside->t_min - *t_shift, 0.0f), t_max - *t_shift);
 }

@@ -70,7 +70,7 @@ INLINED placed_surface_t scene_surface_at(
         return place_surface(instance, &surface);
     }
 #endif
-    const float3 direction = transform_vector(instance->to_object, ray->ray.direction);
+    const float3 direction = transform_vector(instance->to_object, ray->direction);
     const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
     const surface_t surface = surface_at(&corners, &search->nearest, direction);
     return place_surface(instance, &surface);

@@ -14,20 +14,24 @@
 #include "boxes/aabb.cl"
 #include "instances/blocks.cl"
 #include "instances/instance.cl"
+#include "instances/start.cl"
 #include "traversal/traverse.cl"
 
-// Reports each crossing of the ray with an instance to the search.
+// Reports each crossing of the ray with an instance to the search. The ray begins at an entry point of the geometry's
+// tree, or at its root if that is NULL.
 INLINED void visit_instance(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const scene_ray_pair_t *ray, search_t *search, const int query)
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search,
+    const int query)
 {
     const global instance_t *instance = instances + index;
     if ((instance->mask & ray->mask) == 0) {
         return;
     }
     const global node_t *root = nodes + instance->first_node;
+    const global node_t *start = entry_point ? entry_point : root;
     const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
-    float t_max = ray->ray.t_max;
+    float t_max = ray->t_max;
     if (query == QUERY_CLOSEST) {
         // A crossing as far as the nearest one so far may still win by its instance.
         const float limit = search->nearest.t + search->nearest.t * T_SLACK;
@@ -42,14 +46,14 @@ INLINED void visit_instance(
 #if HAS_SPHERES
         search->kind = instance->kind;
 #endif
-        traverse(root, root, own_blocks, instance->block_count, &inside, search, query);
+        traverse(root, start, own_blocks, instance->block_count, &inside, search, query);
         return;
     }
     search_t own = make_search(search->max_count - search->count, 0);
 #if HAS_SPHERES
     own.kind = instance->kind;
 #endif
-    traverse(root, root, own_blocks, instance->block_count, &inside, &own, query);
+    traverse(root, start, own_blocks, instance->block_count, &inside, &own, query);
     if (query == QUERY_COUNT) {
         search->count += own.count;
     } else if (is_found(&own.nearest)) {
@@ -64,8 +68,51 @@ INLINED void visit_instance(
     }
 }
 
+// A function for each query keeps the query a constant. On CPUs it is called, not inlined: what the way from instance
+// to instance keeps in registers would leave too few for the tree of an instance, which is nearly all of the work.
+#if HAS_ENTRY_POINTS && !defined(PORTABLE)
+#define CALLED static __attribute__((noinline))
+#else
+#define CALLED INLINED
+#endif
+
+CALLED void visit_for_closest(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+{
+    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_CLOSEST);
+}
+
+CALLED void visit_for_count(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+{
+    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_COUNT);
+}
+
+CALLED void visit_for_first(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+{
+    visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_FIRST);
+}
+
+INLINED void visit_for(
+    const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
+    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search,
+    const int query)
+{
+    if (query == QUERY_CLOSEST) {
+        visit_for_closest(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+    } else if (query == QUERY_COUNT) {
+        visit_for_count(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+    } else {
+        visit_for_first(instances, index, nodes, blocks, spheres, entry_point, ray, search);
+    }
+}
+
 // The largest t outside at which a crossing can still change the answer.
-INLINED float scene_limit(const search_t *search, const ray_t *ray, const int query)
+INLINED float scene_limit(const search_t *search, const scene_ray_pair_t *ray, const int query)
 {
     if (query == QUERY_CLOSEST) {
         return smaller(search->nearest.t, ray->t_max);
@@ -73,54 +120,109 @@ INLINED float scene_limit(const search_t *search, const ray_t *ray, const int qu
     return query == QUERY_FIRST && search->count >= search->max_count ? search->heap[0].t : ray->t_max;
 }
 
+// Where a ray is on its way from leaf to leaf of the tree over the instances.
+typedef struct {
+    padded_ray_t padded;
+    const global scene_tile_t *tile;  // its leaves, one after the other; NULL: the tree is traversed
+    int next_leaf;                    // in the list of the tile
+    int node;                         // whose children are tested next; NO_NODE if a stack entry is next
+    int stack_count;
+} top_walk_t;
+
+#define NO_NODE -1
+#define NO_LEAF -1
+
+// Returns the slot, 2 * node + child, of the next leaf whose box the ray meets before `limit`; NO_LEAF after the last.
+INLINED int find_next_leaf(const global bvh2_node_t *top_nodes, const float limit, top_walk_t *walk, int *stack)
+{
+    if (walk->tile) {
+        while (walk->next_leaf < walk->tile->leaf_count) {
+            const int index = walk->next_leaf++;
+            if (walk->tile->t_near[index] > limit) {
+                return NO_LEAF;
+            }
+            const int slot = walk->tile->leaf[index];
+            const global bvh2_node_t *parent = top_nodes + (slot >> 1);
+            const float3 aabb_min = load3(parent->aabb_min[slot & 1]);
+            const float3 aabb_max = load3(parent->aabb_max[slot & 1]);
+            float t_near;
+            if (meets_aabb(aabb_min, aabb_max, &walk->padded, limit, &t_near)) {
+                return slot;
+            }
+        }
+        return NO_LEAF;
+    }
+
+    // The children of a node are tested together; a stack entry is a child's slot.
+    while (true) {
+        int next = NO_LEAF;
+        if (walk->node != NO_NODE) {
+            const int node = walk->node;
+            walk->node = NO_NODE;
+            const global bvh2_node_t *parent = top_nodes + node;
+            float t_near[2];
+            bool meets[2];
+            for (int child = 0; child < 2; child++) {
+                meets[child] = meets_aabb(
+                    load3(parent->aabb_min[child]), load3(parent->aabb_max[child]), &walk->padded, limit,
+                    t_near + child);
+            }
+            if (meets[0] && meets[1]) {
+                const int first = t_near[1] < t_near[0];
+                stack[walk->stack_count++] = 2 * node + 1 - first;
+                next = 2 * node + first;
+            } else if (meets[0] || meets[1]) {
+                next = 2 * node + (meets[1] ? 1 : 0);
+            }
+        }
+        if (next == NO_LEAF) {
+            if (walk->stack_count == 0) {
+                return NO_LEAF;
+            }
+            next = stack[--walk->stack_count];
+        }
+        if (top_nodes[next >> 1].count[next & 1] > 0) {
+            return next;
+        }
+        walk->node = top_nodes[next >> 1].first[next & 1];
+    }
+}
+
 INLINED void traverse_scene(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const scene_ray_pair_t *ray, search_t *search,
-    const int query)
+    const global block_t *blocks, const global float *spheres, const scene_start_t start,
+    const scene_ray_pair_t *ray, search_t *search, const int query)
 {
-    const padded_ray_t padded = pad_ray(&ray->ray);
+#if HAS_ENTRY_POINTS
+    if (start.instance_index != NO_INSTANCE) {
+        visit_for(
+            instances, start.instance_index, nodes, blocks, spheres, start.entry_point, ray, search, query);
+        return;
+    }
+    if (start.tile && start.tile->leaf_count == 0) {
+        return;
+    }
+#endif
+    const ray_t rounded = rounded_ray(ray);
     int stack[TOP_STACK_SIZE];
-    int stack_count = 0;
-    // The children of a node are tested together; a stack entry is a child's slot, 2 * node + child.
-    int node = 0;
-
+    top_walk_t walk;
+    walk.padded = pad_ray(&rounded);
+    walk.tile = start.tile;
+    walk.next_leaf = 0;
+    walk.node = start.top_node;
+    walk.stack_count = 0;
     while (true) {
-        const global bvh2_node_t *parent = top_nodes + node;
-        const float limit = scene_limit(search, &ray->ray, query);
-        float t_near[2];
-        bool meets[2];
-        for (int child = 0; child < 2; child++) {
-            meets[child] = meets_aabb(
-                load3(parent->aabb_min[child]), load3(parent->aabb_max[child]), &padded, limit, t_near + child);
-        }
-        int next = -1;
-        if (meets[0] && meets[1]) {
-            const int first = t_near[1] < t_near[0];
-            stack[stack_count++] = 2 * node + 1 - first;
-            next = 2 * node + first;
-        } else if (meets[0] || meets[1]) {
-            next = 2 * node + (meets[1] ? 1 : 0);
-        } else if (stack_count > 0) {
-            next = stack[--stack_count];
-        } else {
+        const int leaf = find_next_leaf(top_nodes, scene_limit(search, ray, query), &walk, stack);
+        if (leaf == NO_LEAF) {
             return;
         }
-
-        // The instances of leaves are visited at once, until an interior node is next.
-        while (top_nodes[next >> 1].count[next & 1] > 0) {
-            const int first = top_nodes[next >> 1].first[next & 1];
-            const int end = first + top_nodes[next >> 1].count[next & 1];
-            for (int index = first; index < end; index++) {
-                visit_instance(instances, index, nodes, blocks, spheres, ray, search, query);
-                if (is_complete(search, query)) {
-                    return;
-                }
-            }
-            if (stack_count == 0) {
+        const int first = top_nodes[leaf >> 1].first[leaf & 1];
+        const int end = first + top_nodes[leaf >> 1].count[leaf & 1];
+        for (int index = first; index < end; index++) {
+            visit_for(instances, index, nodes, blocks, spheres, 0, ray, search, query);
+            if (is_complete(search, query)) {
                 return;
             }
-            next = stack[--stack_count];
         }
-        node = top_nodes[next >> 1].first[next & 1];
     }
 }

@@ -1,25 +1,32 @@
-// A band of rows of a picture: the closest hit and the colour of each pixel.
+// A band of rows of a picture, in the shadings of the report: the closest hit and the colour of each pixel.
 //
-// nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
-// blocks[block_count]                        block_t: triangles in leaf order, local coordinates
-// entry_points[tile_rows * tile_columns]     node_t, see cl/kernels/view_entry_points.cl. NULL: rays begin
-//                                            at the root
-// view[1]                                    view_t: camera, light and colours, see clbvh/structs.py
-// first_row, row_count                       rows of the picture in this band; row 0 is the top
-// colours[row_count * width]                 written: red, green, blue, and 255 where something is hit
-// hits[row_count * width]                    written: t in local units
+// Shared arguments: see cl/world/world.cl.
+// instance_colours[4 * instance_count]   by instance_id: linear red, green, blue, and whether the instance has a colour
+//                                        of its own, 0 or 1; without, it has that of the view
+// view[1]                                view_t: camera, light and colours, see clbvh/structs.py
+// first_row, row_count                   rows of the picture in this band; row 0 is the top
+// colours[row_count * width]             written: red, green, blue, and 255 where something is hit
+// hits[row_count * width]                written: t in local units
 //
 // Work-items: (width, row_count), rounded up to tiles.
 
-#include "rays/camera.cl"
-#include "traversal/entry_point.cl"
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
+#include "world/camera.cl"
+
+INLINED float3 find_colour(const global view_t *view, const global float *instance_colours, const int instance_id)
+{
+    const global float *own = instance_colours + 4 * instance_id;
+    return load3(own[3] > 0.0f ? own : view->surface_colour);
+}
 
 kernel void render(
     const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global node_t *restrict entry_points, const global view_t *restrict view, const int first_row,
-    const int row_count, global uchar4 *restrict colours, global hit_t *restrict hits)
+    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
+    const global float *restrict spheres, const global scene_tile_t *restrict tiles,
+    const global node_t *restrict entry_points, const global float *restrict instance_colours,
+    const global view_t *restrict view, const int first_row, const int row_count, global uchar4 *restrict colours,
+    global kept_hit_t *restrict hits)
 {
     const int column = get_global_id(0);
     const int band_row = get_global_id(1);
@@ -28,21 +35,26 @@ kernel void render(
     }
     const int pixel = band_row * view->width + column;
     const int row = first_row + band_row;
+    const world_t world = {
+        find_world_start(nodes, tiles, entry_points), nodes, blocks, block_count, top_nodes, instances, spheres};
 
-    const ray_t ray = primary_ray(view, column, row);
+    world_ray_t ray;
+    const bool is_seen = world_camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &ray);
     search_t search = make_search(1, 0);
-    traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_CLOSEST);
-    const crossing_t nearest = search.nearest;
-    hits[pixel] = as_hit(&nearest);
+    if (is_seen) {
+        traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
+    }
+    const bool is_hit = is_found(&search.nearest);
+    hits[pixel] = as_kept_hit(&search, &search.nearest);
 
     float3 colour;
-    if (!is_found(&nearest)) {
-        colour = has_range(&ray) ? shade_background(view, row) : (float3)(0.0f);
+    if (is_hit) {
+        const world_surface_t surface = world_surface_at(&world, &ray, &search);
+        const bool is_lit = sees_light(view, &world, &surface);
+        const float3 own_colour = find_colour(view, instance_colours, surface.instance_id);
+        colour = shade_surface(view, own_colour, surface.position, surface.normal, is_lit);
     } else {
-        const corners_t corners = corners_at(blocks, nearest.triangle_index);
-        const surface_t surface = surface_at(&corners, &nearest, ray.direction);
-        const bool is_lit = sees_light(view, &surface, nodes, blocks, block_count);
-        colour = shade_surface(view, load3(view->surface_colour), surface.position, surface.normal, is_lit);
+        colour = is_seen ? shade_background(view, row) : (float3)(0.0f);
     }
-    colours[pixel] = as_pixel(colour, is_found(&nearest));
+    colours[pixel] = as_pixel(colour, is_hit);
 }

@@ -8,23 +8,25 @@
 //                             slots are left, and further slots are not written
 
 #include "instances/batch.cl"
+#include "instances/start.cl"
 #include "instances/traverse.cl"
 
 kernel void scene_first_hits(
     const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
     const global node_t *restrict nodes, const global block_t *restrict blocks, const global float *restrict spheres,
-    const global scene_ray_t *restrict rays, global scene_hit_t *restrict hits, const int ray_count,
-    const int row_length, const global int *restrict order,
-    const int slots)
+    const global packed_ray_t *restrict rays, const global scene_low_t *restrict lows, const int low_step,
+    global scene_hit_t *restrict hits, const int ray_count, const int row_length, const global int *restrict order,
+    const global scene_tile_t *restrict tiles, const global node_t *restrict entry_points, const int slots)
 {
     scene_ray_pair_t ray;
-    const int ray_id = load_scene_ray(rays, ray_count, row_length, order, &ray);
+    const int ray_id = load_scene_ray(rays, lows, low_step, ray_count, row_length, order, &ray);
     if (ray_id == NO_RAY) {
         return;
     }
     global scene_hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
     search_t search = make_search(slots, hits_of_ray);
-    traverse_scene(top_nodes, instances, nodes, blocks, spheres, &ray, &search, QUERY_FIRST);
+    const scene_start_t start = find_scene_start(tiles, entry_points);
+    traverse_scene(top_nodes, instances, nodes, blocks, spheres, start, &ray, &search, QUERY_FIRST);
     sort_hits(&search);
     if (search.count < slots) {
         hits_of_ray[search.count].prim_id = NO_PRIM;

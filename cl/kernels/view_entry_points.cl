@@ -1,45 +1,53 @@
-// The entry point of each tile of a band of rows of a picture: one work-item per tile.
+// Where the rays of each tile of a band of rows of a picture begin: one work-item per tile.
 //
-// nodes[node_count]                          node_t: the tree in its layout, see clbvh/structs.py
+// Shared arguments: see cl/world/world.cl.
 // view[1]                                    view_t: the camera, see clbvh/structs.py
 // first_row, row_count                       rows of the picture in this band; row 0 is the top
 // tile_width, tile_height                    work-group of the kernel that casts the rays, pixels
 // margin                                     pixels around the centres of a tile's pixels in which its rays are
+// tiles[tile_rows * tile_columns]            scene_tile_t, written in a scene: see cl/instances/start.cl
 // entry_points[tile_rows * tile_columns]     node_t, written: see cl/traversal/entry_point.cl
 //
 // Work-items: (tile_columns, tile_rows). Layouts without entry points have no such kernel.
 
-#include "rays/camera.cl"
+// keep: files that both branches need are expanded before them
 #include "traversal/entry_point.cl"
+#include "world/world.cl"
 
 #if HAS_ENTRY_POINTS
 
-#include "rays/camera_bounds.cl"
+// keep: not in layouts without entry points
+#include "rays/camera_tile.cl"
+#if HAS_INSTANCES
+#include "instances/entry_point.cl"
+#endif
 
 kernel void view_entry_points(
-    const global node_t *restrict nodes, const global view_t *restrict view, const int first_row, const int row_count,
-    const int tile_width, const int tile_height, const float margin, global node_t *restrict entry_points)
+    const global node_t *restrict nodes, const global bvh2_node_t *restrict top_nodes,
+    const global instance_t *restrict instances, const global view_t *restrict view, const int first_row,
+    const int row_count, const int tile_width, const int tile_height, const float margin,
+    global scene_tile_t *restrict tiles, global node_t *restrict entry_points)
 {
-    const int tile_columns = (view->width + tile_width - 1) / tile_width;
-    const int left = tile_width * get_global_id(0);
-    const int top = tile_height * get_global_id(1);
-    if (left >= view->width || top >= row_count) {
+    ray_bounds_t bounds;
+    int tile;
+    const bool is_bounded =
+        bound_camera_tile(view, first_row, row_count, tile_width, tile_height, margin, &bounds, &tile);
+    if (tile == NO_TILE) {
         return;
     }
-    const int right = min(left + tile_width, view->width) - 1;
-    const int bottom = min(top + tile_height, row_count) - 1;
-    const float2 beyond = 2.0f * margin / (float2)(view->width, view->height);
-    const float2 upper_left = pixel_centre(view, left, first_row + top) + (float2)(-beyond.x, beyond.y);
-    const float2 lower_right = pixel_centre(view, right, first_row + bottom) + (float2)(beyond.x, -beyond.y);
-
-    global node_t *entry_point = entry_points + get_global_id(1) * tile_columns + get_global_id(0);
-    ray_bounds_t bounds;
-    if (bound_camera_rays(
-            view, (float2)(upper_left.x, lower_right.y), (float2)(lower_right.x, upper_left.y), &bounds)) {
-        find_entry_point(nodes, &bounds, entry_point);
+#if HAS_INSTANCES
+    if (is_bounded) {
+        find_scene_tile(top_nodes, instances, nodes, &bounds, EVERY_MASK, tiles + tile, entry_points + tile);
     } else {
-        clear_child(entry_point, 0, ROOT);
+        skip_scene_tile(tiles + tile);
     }
+#else
+    if (is_bounded) {
+        find_entry_point(nodes, &bounds, entry_points + tile);
+    } else {
+        clear_child(entry_points + tile, 0, ROOT);
+    }
+#endif
 }
 
 #endif

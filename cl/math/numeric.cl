@@ -31,6 +31,34 @@ INLINED float3 load3(const global float *from)
     return (float3)(from[0], from[1], from[2]);
 }
 
+#if defined(__clang__) && defined(__SSE4_1__) && !defined(PORTABLE)
+INLINED float square_root(const float x)
+{
+    return __builtin_sqrtf(x);
+}
+
+// The nearest integer, the even one of two.
+INLINED float nearest_integer(const float x)
+{
+    return __builtin_rintf(x);
+}
+#else
+INLINED float square_root(const float x)
+{
+    return sqrt(x);
+}
+
+INLINED float nearest_integer(const float x)
+{
+    return rint(x);
+}
+#endif
+
+INLINED float absolute(const float x)
+{
+    return as_float(as_int(x) & 0x7fffffff);
+}
+
 // The absolute value of each component.
 INLINED float3 magnitude(const float3 v)
 {

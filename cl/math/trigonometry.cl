@@ -18,8 +18,8 @@
 INLINED float2 sin_cos_turns(const float turns)
 {
     // Both differences are exact.
-    const float whole = turns - rint(turns);
-    const float quarters = rint(4.0f * whole);
+    const float whole = turns - nearest_integer(turns);
+    const float quarters = nearest_integer(4.0f * whole);
     const float r = whole - 0.25f * quarters;
 
     // From -1/8 to 1/8 turns.
@@ -28,8 +28,9 @@ INLINED float2 sin_cos_turns(const float turns)
     const float cosine = 1.0f + t * (-19.7392086f + t * (64.9393107f + t * (-85.4422980f + t * 59.2027960f)));
 
     const int quadrant = (int)quarters;
-    const float2 turned = quadrant & 1 ? (float2)(cosine, -sine) : (float2)(sine, cosine);
-    return quadrant & 2 ? -turned : turned;
+    const float of_sine = quadrant & 1 ? cosine : sine;
+    const float of_cosine = quadrant & 1 ? -sine : cosine;
+    return (float2)(quadrant & 2 ? -of_sine : of_sine, quadrant & 2 ? -of_cosine : of_cosine);
 }
 
 // The arctangent from 0 to 1 of the quotient of two numbers, 0 <= smaller_one <= larger_one, in radians.
@@ -50,8 +51,8 @@ INLINED float arctangent_of_quotient(const float smaller_one, const float larger
 // the angles of atan2 but for their signs: (0, 0) gives 0. Assumes |x| + |y| finite.
 INLINED float arctangent2(const float y, const float x)
 {
-    const float width = fabs(x);
-    const float height = fabs(y);
+    const float width = absolute(x);
+    const float height = absolute(y);
     const bool is_steep = height > width;
     const float angle = arctangent_of_quotient(is_steep ? width : height, is_steep ? height : width);
     const float from_x = is_steep ? HALF_PI - angle : angle;
@@ -64,5 +65,5 @@ INLINED float arctangent2(const float y, const float x)
 INLINED float arccosine(const float x)
 {
     const float limited = clamp(x, -1.0f, 1.0f);
-    return 2.0f * arctangent2(sqrt(1.0f - limited), sqrt(1.0f + limited));
+    return 2.0f * arctangent2(square_root(1.0f - limited), square_root(1.0f + limited));
 }

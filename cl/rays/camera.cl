@@ -12,14 +12,10 @@
 #include "math/pairs.cl"
 #include "math/vectors.cl"
 #include "rays/projections.cl"
-#include "rays/ray.cl"
 #include "sampling/warps.cl"
 
 // The point of the lens for a picture without depth of field.
 #define LENS_CENTRE ((float2)(0.5f))
-
-// The t_max of a ray that meets nothing.
-#define NO_RANGE -1.0f
 
 // The centre of pixel (column, row); row 0 is the top.
 INLINED float2 pixel_centre(const global view_t *view, const int column, const int row)
@@ -123,18 +119,4 @@ INLINED bool camera_ray(
         *direction = unit_vector(along);
     }
     return true;
-}
-
-// The direction has length 1, so t is a distance in local units.
-INLINED ray_t primary_ray(const global view_t *view, const int column, const int row)
-{
-    float3 origin, direction;
-    const bool is_seen = camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &origin, 0, &direction, 0);
-    return make_ray(origin, direction, 0.0f, is_seen ? INFINITY : NO_RANGE);
-}
-
-// Whether the camera sees anything along the ray of a pixel.
-INLINED bool has_range(const ray_t *ray)
-{
-    return ray->t_max >= 0.0f;
 }

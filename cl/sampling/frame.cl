@@ -22,10 +22,13 @@ INLINED frame_t frame_around(const float3 normal)
     return frame;
 }
 
-// A vector in the frame's coordinates, z along the normal, as one outside.
+// A vector in the frame's coordinates, z along the normal, as one outside. For single numbers, see sampling/warps.cl.
 INLINED float3 from_frame(const frame_t *frame, const float3 v)
 {
-    return v.x * frame->tangent + v.y * frame->bitangent + v.z * frame->normal;
+    return (float3)(
+        v.x * frame->tangent.x + v.y * frame->bitangent.x + v.z * frame->normal.x,
+        v.x * frame->tangent.y + v.y * frame->bitangent.y + v.z * frame->normal.y,
+        v.x * frame->tangent.z + v.y * frame->bitangent.z + v.z * frame->normal.z);
 }
 
 // The inverse of from_frame.

@@ -1,5 +1,7 @@
 // Maps of the unit square, [0, 1) in x and y, onto other sets. They keep areas in proportion, or weight them as said,
 // and neighbours stay neighbours.
+//
+// Written for single numbers: PoCL draws eight samples at once then, and none if there is a vector among them.
 
 #include "math/trigonometry.cl"
 
@@ -7,14 +9,15 @@
 // between disk and square", 1997). *rest is 1 - x^2 - y^2, without the rounding of that.
 INLINED float2 map_to_disk(const float2 sample, float *rest)
 {
-    const float2 square = 2.0f * sample - 1.0f;
-    const bool is_wide = fabs(square.x) > fabs(square.y);
-    const float radius = is_wide ? square.x : square.y;
-    const float other = is_wide ? square.y : square.x;
+    const float x = 2.0f * sample.x - 1.0f;
+    const float y = 2.0f * sample.y - 1.0f;
+    const bool is_wide = absolute(x) > absolute(y);
+    const float radius = is_wide ? x : y;
+    const float other = is_wide ? y : x;
     *rest = (1.0f - radius) * (1.0f + radius);
     // From -1/8 to 1/8 turns around the nearer axis.
-    const float2 turned = radius * sin_cos_turns(radius == 0.0f ? 0.0f : 0.125f * (other / radius));
-    return is_wide ? turned.yx : turned;
+    const float2 turned = sin_cos_turns(radius == 0.0f ? 0.0f : 0.125f * (other / radius));
+    return (float2)(radius * (is_wide ? turned.y : turned.x), radius * (is_wide ? turned.x : turned.y));
 }
 
 INLINED float2 sample_disk(const float2 sample)
@@ -28,7 +31,7 @@ INLINED float3 sample_hemisphere(const float2 sample)
 {
     float rest;
     const float2 disk = map_to_disk(sample, &rest);
-    return (float3)(disk, sqrt(rest));
+    return (float3)(disk.x, disk.y, square_root(rest));
 }
 
 // The cone around z, evenly. Its width is 1 - cos(half the apex angle), from 0 to 2: a cosine of a narrow cone, such as
@@ -36,7 +39,7 @@ INLINED float3 sample_hemisphere(const float2 sample)
 INLINED float3 sample_cone(const float2 sample, const float one_minus_cosine)
 {
     const float depth = sample.x * one_minus_cosine;
-    const float radius = sqrt(depth * (2.0f - depth));
+    const float radius = square_root(depth * (2.0f - depth));
     const float2 turned = sin_cos_turns(sample.y);
     return (float3)(radius * turned.y, radius * turned.x, 1.0f - depth);
 }
@@ -50,7 +53,7 @@ INLINED float3 sample_sphere(const float2 sample)
 // Numbers from -1 to 1 whose density falls from 1 at 0 to 0 at both ends, the tent filter.
 INLINED float sample_tent(const float sample)
 {
-    return sample < 0.5f ? sqrt(2.0f * sample) - 1.0f : 1.0f - sqrt(2.0f - 2.0f * sample);
+    return sample < 0.5f ? square_root(2.0f * sample) - 1.0f : 1.0f - square_root(2.0f - 2.0f * sample);
 }
 
 INLINED float2 sample_tent_2d(const float2 sample)

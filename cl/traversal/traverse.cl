@@ -10,6 +10,7 @@
 
 // keep: files that several layouts include are expanded before the branches. The host expands each file once, where it
 // is first included, and that must not be inside a branch that is left out
+#include "boxes/aabb.cl"
 #include "boxes/padding.cl"
 #include "hits/search.cl"
 #include "triangles/triangle.cl"

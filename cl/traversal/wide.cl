@@ -133,21 +133,19 @@ INLINED void traverse_in_order(
 
 // Visits children in the order of their node. One stack entry holds all remaining children of a node: its `child` array
 // and their bits.
-INLINED void traverse_as_stored(
+INLINED void visit_as_stored(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
-    search_t *search, const int query)
+    const slabs_t *slabs, const axis_permutation_t *permutation, search_t *search, const int query)
 {
-    const slabs_t slabs = make_slabs(ray);
-    const axis_permutation_t permutation = make_axis_permutation(ray);
     const global int *child_stack[STACK_SIZE];
     uint remaining_stack[STACK_SIZE];
     int stack_count = 0;
     const global node_t *node = start;
 
     while (true) {
-        const float limit = search_limit(search, ray, query) * slabs.unit;
+        const float limit = search_limit(search, ray, query) * slabs->unit;
         lanes_t t_near;
-        uint remaining = meets_children(node, &slabs, limit, &t_near);
+        uint remaining = meets_children(node, slabs, limit, &t_near);
         const global int *child = node->child;
         int next;
         do {
@@ -162,7 +160,7 @@ INLINED void traverse_as_stored(
             next = child[lowest_bit(remaining)];
             remaining &= remaining - 1;
             if (next < 0) {
-                intersect_leaf(blocks, ~next, ray, &permutation, search, query);
+                intersect_leaf(blocks, ~next, ray, permutation, search, query);
                 if (is_complete(search, query)) {
                     return;
                 }
@@ -174,6 +172,15 @@ INLINED void traverse_as_stored(
         stack_count += remaining != 0;
         node = nodes + next;
     }
+}
+
+INLINED void traverse_as_stored(
+    const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
+    search_t *search, const int query)
+{
+    const slabs_t slabs = make_slabs(ray);
+    const axis_permutation_t permutation = make_axis_permutation(ray);
+    visit_as_stored(nodes, start, blocks, ray, &slabs, &permutation, search, query);
 }
 
 INLINED void traverse(

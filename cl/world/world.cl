@@ -5,20 +5,31 @@
 //
 // nodes[], blocks[], block_count         the tree, see rays/batch.cl; in a scene see instances/traverse.cl
 // top_nodes[], instances[], spheres[]    the rest of a scene, see instances/traverse.cl
+// entry_points[], tiles[]                where the rays of each tile begin, see traversal/entry_point.cl, and in a
+//                                        scene instances/start.cl. NULL: all rays begin at the root
 
 // keep: files that both branches need are expanded before them
 #include "boxes/aabb.cl"
 #include "math/pairs.cl"
+#include "rays/batch.cl"
 #include "shading/surface.cl"
-#include "traversal/traverse.cl"
+#include "traversal/entry_point.cl"
 #if HAS_INSTANCES
+#include "instances/start.cl"
 #include "instances/surface.cl"
 #include "instances/traverse.cl"
 #endif
 
+// Where the rays of the camera begin.
+#if HAS_INSTANCES
+typedef scene_start_t world_start_t;
+#else
+typedef const global node_t *world_start_t;
+#endif
+
 typedef struct {
+    world_start_t start;
     const global node_t *nodes;
-    const global node_t *start;  // where the rays of the camera begin, see traversal/entry_point.cl
     const global block_t *blocks;
     int block_count;
     const global bvh2_node_t *top_nodes;
@@ -52,23 +63,25 @@ typedef struct {
 
 typedef scene_ray_pair_t world_ray_t;
 
+INLINED world_start_t find_world_start(
+    const global node_t *nodes, const global scene_tile_t *tiles, const global node_t *entry_points)
+{
+    return find_scene_start(tiles, entry_points);
+}
+
 INLINED world_ray_t make_world_ray(
     const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
 {
-    const world_ray_t ray = {make_ray(origin.high, direction, 0.0f, t_max), origin.low, direction_low, EVERY_MASK};
+    const world_ray_t ray = {origin.high, direction, 0.0f, t_max, origin.low, direction_low, EVERY_MASK};
     return ray;
-}
-
-INLINED const ray_t *as_plain_ray(const world_ray_t *ray)
-{
-    return &ray->ray;
 }
 
 INLINED void traverse_world(
     const world_t *world, const world_ray_t *ray, const bool is_primary, search_t *search, const int query)
 {
+    const scene_start_t start = is_primary ? world->start : start_at_root();
     traverse_scene(
-        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres, ray, search, query);
+        world->top_nodes, world->instances, world->nodes, world->blocks, world->spheres, start, ray, search, query);
 }
 
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
@@ -93,15 +106,16 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
 
 typedef ray_t world_ray_t;
 
+INLINED world_start_t find_world_start(
+    const global node_t *nodes, const global scene_tile_t *tiles, const global node_t *entry_points)
+{
+    return find_start_node(nodes, entry_points);
+}
+
 INLINED world_ray_t make_world_ray(
     const position_t origin, const float3 direction, const float3 direction_low, const float t_max)
 {
     return make_ray(origin.high, direction, 0.0f, t_max);
-}
-
-INLINED const ray_t *as_plain_ray(const world_ray_t *ray)
-{
-    return ray;
 }
 
 INLINED void traverse_world(

@@ -13,6 +13,7 @@ from ..support.code_times import on_first_compilation
 from . import devices, doctor, fetch, images, render, stats, study, tune, warmup
 from .first_run import say_first_run
 from .streams import flush_output
+from .warning_lines import warnings_as_lines
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -81,7 +82,8 @@ def run(arguments: list[str] | None = None) -> None:
     on_first_compilation(say_first_run)
     try:
         try:
-            app(words)
+            with warnings_as_lines():
+                app(words)
         except SystemExit as ended:
             code = ended.code
         flush_output()

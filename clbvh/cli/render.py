@@ -120,7 +120,7 @@ def render(
         str | None,
         typer.Option(
             metavar="nodes|triangles",
-            help="Show the node steps or the triangle tests of each ray instead, with a colour bar below.",
+            help="Show the node steps of each ray instead, or its primitive tests, with a colour bar below.",
         ),
     ] = None,
     validate: Annotated[
@@ -129,7 +129,6 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
-    from ..errors import ConfigError
     from ..rendering.image_files import check_hits_path, check_picture_path
     from ..rendering.render import RenderOptions
 
@@ -178,9 +177,6 @@ def render(
     scene = scene.with_changes(**changes)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
-    if heatmap is not None and not scene.is_one_mesh:
-        raise ConfigError("a heat map shows the steps through the tree of one mesh, and the scene has several objects")
-
     picture = render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)
     report = picture.report()
     for phase, ms in load_timings_ms.items():
@@ -223,8 +219,9 @@ def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None
 
     begin = time.perf_counter()
     rgb = picture.pixels
-    if heatmap is not None and picture.bvh is not None:
-        rgb = draw_heat_map_of(picture.bvh, picture.camera, picture.rgb.shape[1], picture.rgb.shape[0], heatmap)
+    if heatmap is not None:
+        subject = picture.objects if picture.bvh is None else picture.bvh
+        rgb = draw_heat_map_of(subject, picture.camera, rgb.shape[1], rgb.shape[0], heatmap)
     for path in output:
         write_picture(path, rgb)
     if hits is not None:

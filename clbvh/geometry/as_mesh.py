@@ -5,6 +5,7 @@ Owns the list of accepted types. Must not know what is done with the mesh.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..errors import MeshError
 from .loading.load import load_mesh
 from .mesh import Mesh
+from .trimesh_looks import read_trimesh_looks
 
 _MAX_SHOWN = 60  # characters of a wrong value in a message
 
@@ -62,11 +64,24 @@ def as_mesh(thing: MeshLike, *, or_else: str = "") -> Mesh:
     if isinstance(thing, tuple | list) and len(thing) == 2:
         return Mesh.from_arrays(*thing)
     if isinstance(thing, HasTriangles) and not isinstance(thing, type):
-        return Mesh.from_arrays(thing.vertices, thing.faces, name=type(thing).__name__)
+        return mesh_of_object(thing, type(thing).__name__)
     raise MeshError(
         f"expected {or_else}{', ' if or_else else ''}a clbvh.Mesh, a trimesh.Trimesh, the path of a mesh file, or a "
         f"pair (vertices, faces), not {_describe(thing)}"
     )
+
+
+def mesh_of_object(thing: HasTriangles, name: str) -> Mesh:
+    """Return the mesh of an object such as a `trimesh.Trimesh`, with its colours, textures and materials.
+
+    Raises
+    ------
+    MeshError
+        It is no valid mesh.
+    """
+    mesh = Mesh.from_arrays(thing.vertices, thing.faces, name=name)
+    appearance = read_trimesh_looks(thing, mesh.faces, name)
+    return mesh if appearance is None else dataclasses.replace(mesh, appearance=appearance)
 
 
 def _describe(thing: object) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
-from ..geometry import Shape, Spheres
+from ..geometry import Mesh, Shape, Spheres
 from ..structs import BVH2_NODE, LAYOUT_WIDTHS, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from .bvh2 import make_bvh2_nodes
 from .leaf_blocks import gather_blocks, gather_triangles
@@ -62,6 +62,13 @@ def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> Dev
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
     return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)
+
+
+def list_prims(shape: Shape) -> DeviceArrays:
+    """Return the primitives of a shape in their order, without a tree: the layout ``"brute"``."""
+    order = np.arange(shape.prim_count, dtype=np.int32)
+    blocks = gather_triangles(shape, order) if isinstance(shape, Mesh) else gather_spheres(shape, order)
+    return DeviceArrays(np.empty(0, BVH2_NODE), blocks, 0)
 
 
 def measure_device_bytes(bvh: Bvh, layout: str, shape: Shape | None = None) -> int:

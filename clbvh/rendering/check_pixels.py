@@ -53,7 +53,8 @@ def _count_tests(picture: Picture) -> int:
         return picture.mesh.face_count
     state = picture.objects.state
     prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
-    return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum())
+    # And one test of each instance's bounding sphere.
+    return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
 
 
 def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[Difference | SceneDifference]:

@@ -15,10 +15,12 @@ from ..bvh import Bvh
 from ..errors import ConfigError
 from ..support.host_threads import HostThreads
 from ..trace.oracle.visits import HostTraversal, Visits
+from ..trace.scene.visits import SceneTraversal, SceneVisits
 from .camera import Camera
+from .scene_objects import SceneObjects
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
-QUANTITIES = {"nodes": "NODE STEPS", "triangles": "TRIANGLE TESTS"}
+QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}
 
 # Evenly spaced stops of the scale, in sRGB. Their lightness (CIE L*) rises by equal steps from 10 to 95.
 _STOPS = np.array(
@@ -51,15 +53,15 @@ _FONT = {
     "A": (14, 17, 17, 31, 17, 17, 17),
     "D": (30, 17, 17, 17, 17, 17, 30),
     "E": (31, 16, 16, 30, 16, 16, 31),
-    "G": (14, 17, 16, 23, 17, 17, 14),
     "I": (14, 4, 4, 4, 4, 4, 14),
-    "L": (16, 16, 16, 16, 16, 16, 31),
+    "M": (17, 27, 21, 21, 17, 17, 17),
     "N": (17, 25, 21, 19, 17, 17, 17),
     "O": (14, 17, 17, 17, 17, 17, 14),
     "P": (30, 17, 17, 30, 16, 16, 16),
     "R": (30, 17, 17, 30, 20, 18, 17),
     "S": (15, 16, 16, 14, 1, 1, 30),
     "T": (31, 4, 4, 4, 4, 4, 4),
+    "V": (17, 17, 17, 17, 17, 10, 4),
     "Y": (17, 17, 10, 4, 4, 4, 4),
 }
 
@@ -79,12 +81,29 @@ def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
         )
 
 
-def draw_heat_map_of(bvh: Bvh, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
-    """Return the heat map of a picture of this size; see `draw_heat_map`."""
-    visits = count_picture(bvh, camera, width, height)
-    counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
+def count_scene_picture(objects: SceneObjects, camera: Camera, width: int, height: int) -> SceneVisits:
+    """Count the steps through both levels of a scene; see `count_picture`."""
+    origins, directions = camera.rays(width, height)
+    with HostThreads() as threads:
+        return SceneTraversal(objects.state, objects.trees, objects.top).count_visits(
+            np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
+        )
+
+
+def draw_heat_map_of(
+    subject: Bvh | SceneObjects, camera: Camera, width: int, height: int, quantity: str
+) -> NDArray[np.uint8]:
+    """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
-    return draw_heat_map(counts[quantity].reshape(height, width), quantity)
+    if isinstance(subject, SceneObjects):
+        in_scene = count_scene_picture(subject, camera, width, height)
+        counts = {"nodes": in_scene.node_steps, "triangles": in_scene.prim_tests}
+    else:
+        visits = count_picture(subject, camera, width, height)
+        counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
+    # Outside the circle of a fisheye, pixels have rays that nobody casts.
+    of_pixels = np.where(camera.sees(width, height), counts[quantity].reshape(height, width), 0)
+    return draw_heat_map(of_pixels, quantity)
 
 
 def draw_heat_map(counts: ArrayLike, quantity: str) -> NDArray[np.uint8]:

@@ -13,18 +13,15 @@ from ..builders.registry import leaf_limit
 from ..builders.tree_maker import MadeTree, TreeMaker
 from ..bvh import Bvh, validate_tree
 from ..device.session import DeviceSession
-from ..errors import ConfigError
 from ..geometry import Mesh
 from ..trace.device_tree import BRUTE, DeviceTree
+from .brute_limit import check_brute_limit
 from .camera import Camera
 from .film.ground import Ground
 from .film.light_tables import local_maps
 from .render_options import RenderOptions
 from .scene import Scene
 from .view import make_view
-
-# Without a tree, the cost is rays times triangles: with more triangles than this, a picture would take hours.
-BRUTE_LIMIT = 100_000
 
 
 class MeshSubject:
@@ -74,11 +71,8 @@ class MeshSubject:
         if self._maker is not None:
             self.made = self._maker.make(self.mesh)
             self.bvh = self.made.bvh
-        elif self.bvh is None and self.mesh.face_count > BRUTE_LIMIT:
-            raise ConfigError(
-                f"the brute builder tests every triangle for every ray: {self.mesh.face_count:,} triangles are "
-                f"more than its limit of {BRUTE_LIMIT:,}"
-            )
+        elif self.bvh is None:
+            check_brute_limit(self.mesh.face_count, "triangles")
 
     def put(self, session: DeviceSession) -> DeviceTree:
         """Put the mesh and its tree on the device."""
@@ -94,10 +88,6 @@ class MeshSubject:
     def extent(self) -> Mesh:
         """What a camera that sees everything has to see."""
         return self.mesh
-
-    def arguments(self, session: DeviceSession) -> dict[str, Any]:
-        """Return the arguments of the kernel beside those of the tree: none."""
-        return {}
 
     def looks(self) -> tuple[tuple[Mesh, ...], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError
+from ..errors import ConfigError, SceneError
+from ..geometry.shapes.make_shape import list_shape_options
+from ..geometry.shapes.make_spheres import list_spheres_options
 from .matrices import read_matrix
 from .repeat import Grid, Scatter, check_copies
 from .scene import MeshSource, Transform
@@ -66,7 +68,7 @@ def read_mesh_source(table: TomlTable, folder: Path) -> MeshSource:
         table.refuse_rest()
         return MeshSource(**source)
     numbers = given(triangles=table.integer("triangles"), seed=table.integer("seed"))
-    return MeshSource(**source, **numbers, options=table.rest_as_numbers())
+    return MeshSource(**source, **numbers, options=table.rest_as_numbers(list_shape_options(shape)))
 
 
 def read_transform(table: TomlTable) -> Transform:
@@ -96,7 +98,7 @@ def _read_object(table: TomlTable, folder: Path) -> SceneObject:
             repeat=_read_repeat(table),
             source=_read_source(table, folder),
         )
-    except SceneError as error:
+    except (ConfigError, SceneError) as error:
         text = str(error)
         raise SceneError(text if text.startswith("[") else f"{table.name} {text}") from None
 
@@ -168,7 +170,7 @@ def _read_source(table: TomlTable, folder: Path) -> MeshSource | SpheresSource:
         if radii is not None:
             raise SceneError(f"the spheres '{spheres}' have radii of their own: leave 'radii' out")
         numbers = given(count=table.integer("count"), seed=table.integer("seed"))
-        values |= {"generator": spheres, **numbers, "options": table.rest_as_numbers()}
+        values |= {"generator": spheres, **numbers, "options": table.rest_as_numbers(list_spheres_options(spheres))}
     table.refuse_rest()
     return SpheresSource(**values)
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import numpy as np
+from numpy.typing import NDArray
 
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
 from ..trace.traced_tree import TracedTree
 from .frame import Band
 from .view_entry_points import ViewEntryPoints
+from .world_arguments import world_arguments
 
 
 class OneRayPainter:
@@ -21,8 +22,8 @@ class OneRayPainter:
     tree : DeviceTree or DeviceScene
     tile : (int, int), optional
         Columns and rows of a work-group; by default those of the device's settings.
-    arguments : mapping of str to argument, optional
-        Arguments of the kernel beside those of the tree: for a scene, the buffer `instance_colours`.
+    colours : (n, 3) float, optional
+        Linear colours of the instances; NaN, and by default: that of the view.
 
     Raises
     ------
@@ -35,21 +36,19 @@ class OneRayPainter:
         session: DeviceSession,
         tree: TracedTree,
         tile: tuple[int, int] | None = None,
-        arguments: Mapping[str, Any] | None = None,
+        colours: NDArray[np.floating] | None = None,
     ) -> None:
-        self._tree = tree
-        self._arguments = {**tree.arguments, **(arguments or {})}
+        own = np.full((1, 3), np.nan) if colours is None else colours
+        has_own = ~np.isnan(own).any(axis=1, keepdims=True)
+        rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
+        self._arguments = world_arguments(tree) | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
-        name = "scene_render" if tree.has_instances else "render"
-        self._kernel = build_kernel(session, name, tree.defines)
-        # The kernel of scenes begins at the root.
-        self._entry_points = None if tree.has_instances else ViewEntryPoints(session, tree, self._tile, 0.0)
+        self._kernel = build_kernel(session, "render", tree.defines)
+        self._entry_points = ViewEntryPoints(session, tree, self._tile, 0.0)
 
     def paint(self, band: Band) -> None:
         """Fill the colours and the hits of a band."""
-        arguments = {**self._arguments, **band.rows}
-        if self._entry_points is not None:
-            arguments["entry_points"] = self._entry_points.find(band)
         band.session.run(
-            self._kernel, (band.width, band.row_count), self._tile, **arguments, colours=band.colours, hits=band.hits
-        )
+            self._kernel, (band.width, band.row_count), self._tile, **self._arguments, **self._entry_points.find(band),
+            **band.rows, colours=band.colours, hits=band.hits,
+        )  # fmt: skip

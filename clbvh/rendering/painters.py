@@ -53,9 +53,8 @@ class Painters:
         with self._lock:
             if scene.shading in REPORT_SHADINGS:
                 if self._one_ray is None:
-                    self._one_ray = OneRayPainter(
-                        self._session, self._tree, arguments=self._subject.arguments(self._session)
-                    )
+                    *_, colours = self._subject.looks()
+                    self._one_ray = OneRayPainter(self._session, self._tree, colours=colours)
                 progress.taken = 1
                 return self._one_ray
             if scene.shading == "path":

@@ -23,7 +23,7 @@ class SceneObjects:
     surface : SceneSurface
         What hits are refined on.
     trees : tuple of Bvh
-        One for each geometry.
+        One for each geometry; none with the builder ``"brute"``.
     top : Bvh
         The tree over the instances; its primitives are their ids.
     """
@@ -63,6 +63,6 @@ class SceneObjects:
             "instances": self.instance_count,
             "placed_primitives": int(prim_counts[self.state.geometry_ids].sum()),
             "nodes": self.top.node_count + sum(bvh.node_count for bvh in self.trees),
-            "depth": self.top.depth + max(bvh.depth for bvh in self.trees),
+            "depth": self.top.depth + max((bvh.depth for bvh in self.trees), default=0),
             "sah_cost": None,
         }

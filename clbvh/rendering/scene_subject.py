@@ -15,7 +15,7 @@ from ..builders.registry import leaf_limit
 from ..builders.tree_maker import MadeTree, TreeMaker
 from ..bvh import Bvh, validate_tree
 from ..device.session import DeviceSession
-from ..errors import ConfigError, SceneError
+from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.shape import Shape
 from ..geometry.sphere_boxes import mesh_of
@@ -23,6 +23,7 @@ from ..scene.state import SceneState
 from ..trace.device_tree import BRUTE
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
+from .brute_limit import check_brute_limit
 from .camera import Camera
 from .film.ground import Ground
 from .film.light_tables import local_maps
@@ -50,15 +51,15 @@ class SceneSubject:
     mesh, bvh
         None: there is no single one.
     extent : SceneExtent
-    made : MadeTree
-        The sums over all trees, and one of the trees.
+    made : MadeTree or None
+        The sums over all trees, and one of the trees; None with the builder ``"brute"``.
 
     Raises
     ------
     SceneError
         Nothing is placed in the scene.
     ConfigError
-        The builder makes no trees.
+        The builder makes no trees, and there are too many primitives without them.
     """
 
     mesh = None
@@ -67,12 +68,15 @@ class SceneSubject:
     def __init__(self, state: SceneState, options: RenderOptions, stack: ExitStack) -> None:
         if state.instance_count == 0:
             raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
-        if options.builder == BRUTE:
-            raise ConfigError(
-                "the brute builder draws one mesh, and the scene has several objects: take another builder"
-            )
         self._state, self._options = state, options
-        self._maker = stack.enter_context(TreeMaker(options, sum(shape.prim_count for shape in state.shapes)))
+        self._maker: TreeMaker | None = None
+        if options.builder == BRUTE:
+            prim_counts = [shape.prim_count for shape in state.shapes]
+            check_brute_limit(sum(prim_counts[geometry] for geometry in state.geometry_ids.tolist()), "primitives")
+        else:
+            expected_count = sum(shape.prim_count for shape in state.shapes)
+            self._maker = stack.enter_context(TreeMaker(options, expected_count))
+        self._trees: tuple[Bvh, ...] | None = None
         self.made: MadeTree | None = None
 
     def load(self) -> None:
@@ -81,7 +85,9 @@ class SceneSubject:
         self.extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
 
     def build(self) -> None:
-        """Make the tree of each geometry."""
+        """Make the tree of each geometry; none with the builder ``"brute"``."""
+        if self._maker is None:
+            return
         made = [self._maker.make(mesh_of(shape)) for shape in self._state.shapes]
         self._trees = tuple(each.bvh for each in made)
         timings_ms = {phase: sum(each.timings_ms[phase] for each in made) for phase in ("cache", "build")}
@@ -102,17 +108,9 @@ class SceneSubject:
     def validate(self) -> None:
         """Raise `ValidationError` unless all trees are right."""
         leaf_size = leaf_limit(self._options.builder, self._options.build)
-        for bvh in self._trees:
+        for bvh in self._trees or ():
             validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
         validate_tree(self._scene.top.bvh, max_depth=MAX_DEPTH, max_leaf_size=1)
-
-    def arguments(self, session: DeviceSession) -> dict[str, Any]:
-        """Return the arguments of the kernel beside those of the scene: the colours of the instances."""
-        colours = np.zeros((self._state.instance_count, _CHANNELS + 1), np.float32)
-        is_own = ~np.isnan(self._state.colours).any(axis=1)
-        colours[is_own, :_CHANNELS] = self._state.colours[is_own]
-        colours[:, _CHANNELS] = is_own
-        return {"instance_colours": session.upload(colours)}
 
     def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
@@ -134,7 +132,7 @@ class SceneSubject:
         return {
             "mesh": None,
             "bvh": None,
-            "objects": SceneObjects(self._state, surface, self._trees, self._scene.top.bvh),
+            "objects": SceneObjects(self._state, surface, self._scene.trees, self._scene.top.bvh),
         }
 
 

@@ -111,9 +111,11 @@ class TomlTable:
         value = self._take(key, "a table", lambda value: isinstance(value, dict))
         return None if value is None else TomlTable(f"{self.name.rstrip(']')}.{key}]", value)
 
-    def rest_as_numbers(self) -> dict[str, float]:
-        """Take all keys that are left; each value must be a number."""
-        return {key: self.number(key) or 0.0 for key in list(self._values)}
+    def rest_as_numbers(self, keys: Iterable[str]) -> dict[str, float]:
+        """Take numbers by some keys, as far as they are there, and refuse all others."""
+        keys = tuple(keys)
+        refuse_unknown(self._values, (*self._known, *keys), self.name)
+        return {key: number for key in keys if (number := self.number(key)) is not None}
 
     def refuse_rest(self) -> None:
         """Raise `SceneError` for a key that was not taken."""

@@ -112,14 +112,14 @@ def tune(
             def run() -> None:
                 for rays, is_coherent in orders:
                     described = {"rays": rays, "ray_count": np.int32(ray_count), "row_length": np.int32(ray_count)}
-                    entry_points = None
+                    starts = {"entry_points": None}
                     if is_coherent and entry_point_kernel is not None:
-                        entry_points = find_entry_points(
+                        starts = find_entry_points(
                             session, tree, entry_point_kernel, entry_point_buffer, work_size, work_group, **described
                         )
                     session.run(
                         kernel, work_size, work_group,
-                        **tree.arguments, **described, hits=results, order=None, entry_points=entry_points,
+                        **tree.arguments, **described, **starts, hits=results, order=None,
                     )  # fmt: skip
 
             return run

@@ -1,4 +1,4 @@
-"""The nodes at which the rays of a camera enter the tree, tile by tile; see cl/kernels/view_entry_points.cl."""
+"""Where the rays of a camera enter the tree or the scene, tile by tile; see cl/kernels/view_entry_points.cl."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from ..trace.traced_tree import TracedTree
 from .frame import Band
 
 _KERNEL = "view_entry_points"
+
+_AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
 
 
 class ViewEntryPoints:
@@ -32,11 +34,16 @@ class ViewEntryPoints:
         self._tree, self._tile, self._margin = tree, tile, np.float32(margin)
         self._kernel = build_kernel(session, _KERNEL, tree.defines) if tree.has_entry_points else None
 
-    def find(self, band: Band) -> Any:
-        """Return the entry points of a band's tiles, as kernels take them; None where rays begin at the root."""
+    def find(self, band: Band) -> dict[str, Any]:
+        """Return the arguments of kernels that say where the rays of a band begin, by their names."""
         if self._kernel is None:
-            return None
-        return find_entry_points(
+            return _AT_THE_ROOT
+        has_instances = self._tree.has_instances
+        others = {} if has_instances else {"top_nodes": None, "instances": None, "tiles": None}
+        starts = find_entry_points(
             band.session, self._tree, self._kernel, band.memory.buffer("entry points", for_mapping=False),
-            (band.width, band.row_count), self._tile, margin=self._margin, **band.rows,
+            (band.width, band.row_count), self._tile, margin=self._margin,
+            tile_buffer=band.memory.buffer("tiles", for_mapping=False) if has_instances else None,
+            **others, **band.rows,
         )  # fmt: skip
+        return _AT_THE_ROOT | starts

@@ -1,53 +1,45 @@
 """The content of a scene as users see it: geometries are added, and placed by transforms.
 
-Owns the checks of arguments and the kinds of sources. Must not know of trees, devices, cameras and pictures.
+Owns the kinds of sources. Must not know of trees, devices, cameras and pictures.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from numbers import Integral
-from typing import Any, Self, TypeAlias, overload
+from collections.abc import Sequence
+from typing import Any, Self, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import SceneError
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
+from .arguments import check_colour, check_mask, shorten
 from .geometry import Geometry
-from .instance import ALL_BITS, Colour, Instance
+from .instance import ALL_BITS, Instance
+from .lookup import SceneLookup
 from .names import name_of_file
 from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
-from .state import SceneState
 from .store import SceneStore
 from .transforms import check_transform, check_transforms
 
-_MAX_SHOWN = 60  # characters of a wrong value in a message
 
-
-ShapeLike: TypeAlias = Shape | MeshLike
-"""Anything that describes a geometry: a `MeshLike`, or `Spheres`."""
-
-
-class SceneContents:
+class SceneContents(SceneLookup):
     """Geometries and their instances. `clbvh.Scene` adds the settings of a picture to it."""
-
-    _store: SceneStore
 
     def __init__(self) -> None:
         self._store = SceneStore()
 
     @overload
-    def add(self, source: ShapeLike, *, name: str | None = None) -> Geometry: ...
+    def add(self, source: Shape | MeshLike, *, name: str | None = None) -> Geometry: ...
 
     @overload
     def add(self, source: HasGraph | SceneContents, *, name: str | None = None) -> tuple[Instance, ...]: ...
 
     def add(
-        self, source: ShapeLike | HasGraph | SceneContents, *, name: str | None = None
+        self, source: Shape | MeshLike | HasGraph | SceneContents, *, name: str | None = None
     ) -> Geometry | tuple[Instance, ...]:
         """Add a geometry, which is seen by no ray until it is placed.
 
@@ -86,7 +78,7 @@ class SceneContents:
         """
         if isinstance(source, SceneContents | HasGraph):
             if name is not None:
-                raise SceneError(f"a scene has names for its parts, so it cannot be given the name {_show(name)}")
+                raise SceneError(f"a scene has names for its parts, so it cannot be given the name {shorten(name)}")
             return self.add_scene(source)
         if isinstance(source, Geometry):
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
@@ -140,12 +132,12 @@ class SceneContents:
         (Instance(0, 'body', of='box'), Instance(1, 'left', of='wheel'), Instance(2, 'right', of='wheel'))
         """
         outer = check_transform(transform)
-        common_mask = None if mask is None else _check_mask(mask)
+        common_mask = None if mask is None else check_mask(mask)
         parts = _find_parts(source)
         with np.errstate(over="ignore", invalid="ignore"):  # refused if it is not finite
             matrices = [
                 check_transform(
-                    part.matrix if transform is None else outer @ part.matrix, f"the transform of {_show(part.name)}"
+                    part.matrix if transform is None else outer @ part.matrix, f"the transform of {shorten(part.name)}"
                 )
                 for part in parts.placed
             ]
@@ -214,9 +206,9 @@ class SceneContents:
         self.geometry_id(geometry)
         matrix = check_transform(transform)
         names = None if name is None else (name,)
-        return self._store.place(
-            geometry, matrix[None], names, geometry.name, _check_mask(mask), _check_colour(colour)
-        )[0]
+        return self._store.place(geometry, matrix[None], names, geometry.name, check_mask(mask), check_colour(colour))[
+            0
+        ]
 
     def place_many(
         self,
@@ -263,140 +255,8 @@ class SceneContents:
         self.geometry_id(geometry)
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
-            raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {_show(names)}")
-        return self._store.place(geometry, matrices, names, geometry.name, _check_mask(mask), _check_colour(colour))
-
-    @property
-    def geometries(self) -> tuple[Geometry, ...]:
-        """All geometries; the index is the id."""
-        return self._store.handles()[0]
-
-    @property
-    def instances(self) -> tuple[Instance, ...]:
-        """All instances; the index is the id."""
-        return self._store.handles()[1]
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing is placed, so that no ray hits anything."""
-        return not self._store.has_instances
-
-    def find(self, name: str) -> Instance:
-        """Return the instance of a name.
-
-        Raises
-        ------
-        SceneError
-            No instance has the name.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
-        >>> scene.find("icosphere").id
-        0
-        """
-        found = self._store.find_instance(name)
-        if found is None:
-            raise SceneError(_say_unknown("instance", name, [instance.name for instance in self.instances]))
-        return found
-
-    def find_geometry(self, name: str) -> Geometry:
-        """Return the geometry of a name.
-
-        Raises
-        ------
-        SceneError
-            No geometry has the name.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
-        >>> scene.find_geometry("icosphere").id
-        0
-        """
-        found = self._store.find_geometry(name)
-        if found is None:
-            raise SceneError(_say_unknown("geometry", name, [geometry.name for geometry in self.geometries]))
-        return found
-
-    def snapshot(self) -> SceneState:
-        """Return what the scene holds now. It is immutable, and the same object until something is added.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
-        >>> scene.snapshot().geometry_ids
-        array([0], dtype=int32)
-        """
-        return self._store.snapshot()
-
-    def geometry_id(self, geometry: Geometry) -> int:
-        """Return the id of a geometry; raise `SceneError` unless it is one of this scene.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> ball = clbvh.Scene().add(clbvh.make_shape("icosphere", triangles=320))
-        >>> clbvh.Scene().geometry_id(ball)
-        Traceback (most recent call last):
-        clbvh.errors.SceneError: Geometry(0, 'icosphere', ...) belongs to another scene: add its shape to this one
-        """
-        if not isinstance(geometry, Geometry):
-            raise SceneError(f"expected a geometry that Scene.add returned, not {_show(geometry)}")
-        if geometry.owner is not self._store:
-            raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
-        return geometry.id
-
-    def instance_ids(self, instances: Instance | int | Iterable[Instance | int]) -> NDArray[np.int64]:
-        """Return the ids of instances, (n,) int64.
-
-        Parameters
-        ----------
-        instances : Instance or int, or a sequence of instances or ids
-            The tuple `Scene.instances` itself takes no time, nor does an array of ids.
-
-        Raises
-        ------
-        SceneError
-            One is not an instance of this scene.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
-        >>> scene.instance_ids([scene.find("icosphere")])
-        array([0])
-        """
-        mine = self.instances
-        if instances is mine:
-            return np.arange(len(mine))
-        if isinstance(instances, Instance | int):
-            instances = (instances,)
-        if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
-            ids = instances.astype(np.int64)
-        else:
-            try:
-                given = list(instances)
-            except TypeError:
-                raise SceneError(f"expected instances that Scene.place returned, not {_show(instances)}") from None
-            ids = np.array([self._instance_id(instance) for instance in given], np.int64)
-        wrong = (ids < 0) | (ids >= len(mine))
-        if wrong.any():
-            raise SceneError(f"there is no instance {ids[wrong][0]}: the scene has {len(mine):,} (from 0)")
-        return ids
-
-    def _instance_id(self, instance: Instance | int) -> int:
-        if isinstance(instance, Integral) and not isinstance(instance, bool):
-            number = int(instance)
-            return number if abs(number) <= np.iinfo(np.int64).max else -1
-        if not isinstance(instance, Instance):
-            raise SceneError(f"expected an instance that Scene.place returned, not {_show(instance)}")
-        if instance.geometry.owner is not self._store:
-            raise SceneError(f"{instance!r} belongs to another scene")
-        return instance.id
+            raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {shorten(names)}")
+        return self._store.place(geometry, matrices, names, geometry.name, check_mask(mask), check_colour(colour))
 
     def __copy__(self) -> Self:
         """Return a scene of the same geometries and instances; what is added to either is not in the other."""
@@ -419,37 +279,9 @@ def _find_parts(source: Any) -> Parts:
         return parts_of_state(source.snapshot())
     if isinstance(source, HasGraph):
         return parts_of_graph(source)
-    raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {_show(source)}")
+    raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {shorten(source)}")
 
 
 def _default_name(source: object, shape: Shape) -> str:
     """Return the name of a geometry whose user gave none."""
     return name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
-
-
-def _check_mask(mask: int) -> int:
-    if isinstance(mask, bool) or not isinstance(mask, Integral) or not 0 <= mask <= ALL_BITS:
-        raise SceneError(f"a mask must be a whole number from 0 to 2^32 - 1, not {_show(mask)}")
-    return int(mask)
-
-
-def _check_colour(colour: ArrayLike | None) -> Colour | None:
-    if colour is None:
-        return None
-    try:
-        array = np.asarray(colour)
-    except ValueError:  # rows of different lengths
-        array = np.empty(0)
-    if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise SceneError(f"a colour must be three finite numbers: linear red, green and blue, not {_show(colour)}")
-    return float(array[0]), float(array[1]), float(array[2])
-
-
-def _say_unknown(kind: str, name: object, names: list[str]) -> str:
-    known = ", ".join(map(_show, names[:5])) + (", ..." if len(names) > 5 else "")
-    return f"the scene has no {kind} {_show(name)}; " + (f"it has {known}" if names else "it has none")
-
-
-def _show(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}..."

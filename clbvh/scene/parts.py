@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
-from ..geometry.as_mesh import HasTriangles
+from ..geometry.as_mesh import HasTriangles, mesh_of_object
 from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
@@ -83,7 +83,7 @@ def parts_of_graph(scene: HasGraph) -> Parts:
             numbers[name] = len(numbers)
             mesh = meshes.get(id(geometry))
             if mesh is None:
-                mesh = meshes[id(geometry)] = Mesh.from_arrays(geometry.vertices, geometry.faces, name=str(name))
+                mesh = meshes[id(geometry)] = mesh_of_object(geometry, str(name))
             parts.shapes.append((dataclasses.replace(mesh, name=str(name)), str(name)))
         parts.placed.append(PlacedPart(str(node), numbers[name], make_affine(matrix)))
     if not parts.placed:

@@ -209,9 +209,12 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
         raise SceneError(f"its text is no JSON ({error})") from error
     arrays = _Arrays(data)
     shapes: list[Shape] = []
-    textures = [read_texture(table, arrays.take) for table in get_item(document, "textures", list)]
+    geometries = get_item(document, "geometries", list)
+    # Scenes that were saved before there were looks have no such list.
+    tables = get_item(document, "textures", list) if "textures" in document else []
+    textures = [read_texture(table, arrays.take) for table in tables]
     names = UniqueNames("a geometry")
-    for table in get_item(document, "geometries", list):
+    for table in geometries:
         shapes.append(_read_shape(table, arrays, textures))
         names.check(name := get_item(table, "name", str))
         names.add(name)

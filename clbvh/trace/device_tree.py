@@ -12,9 +12,8 @@ from ..bvh import Bvh
 from ..device.session import DeviceSession
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..layouts.device_arrays import DeviceArrays, make_device_arrays
-from ..layouts.leaf_blocks import gather_triangles
-from ..structs import BVH2_NODE, ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
+from ..layouts.device_arrays import list_prims, make_device_arrays
+from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
 from .tree_buffers import TreeBuffers
 from .triangles import Triangles, triangles_of
 
@@ -77,6 +76,7 @@ class DeviceTree:
     """
 
     has_instances = False
+    advances_rays = False
     scene_surface: Any = None
     ray_tree: Any = None
     ray_dtype = PACKED_RAY
@@ -87,11 +87,7 @@ class DeviceTree:
         self.mesh = mesh
         self.sah_growth = 1.0
         self.layout = BRUTE if bvh is None else resolve_layout(layout, session)
-        if bvh is None:
-            order = np.arange(mesh.face_count, dtype=np.int32)
-            arrays = DeviceArrays(np.empty(0, BVH2_NODE), gather_triangles(mesh, order), 0)
-        else:
-            arrays = make_device_arrays(bvh, self.layout)
+        arrays = list_prims(mesh) if bvh is None else make_device_arrays(bvh, self.layout)
         stack_size = pad_stack(self.layout, arrays.stack_size, 0 if bvh is None else bvh.depth)
         self.buffers = TreeBuffers(session, arrays)
         self.arguments: dict[str, Any] = {**self.buffers.arguments, "block_count": np.int32(len(arrays.blocks))}

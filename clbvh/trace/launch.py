@@ -21,12 +21,12 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
-from ..structs import HIT
+from ..structs import HIT, PACKED_RAY, SCENE_LOW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .rays.batch import RayBatch, TreeBox
-from .rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
-from .rays.pack import pack_rays
+from .rays.entry_points import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, find_entry_points
+from .rays.pack import find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
@@ -231,36 +231,79 @@ class Call(MemoryLoan):
         count = piece.ray_count
         chunk = None if piece.order is None else batch.part(piece.begin, piece.end)
 
-        def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+        def pack(
+            first: int,
+            last: int,
+            packed: NDArray[np.void],
+            lows: NDArray[np.void] | None = None,
+            shared_low: NDArray[np.void] | None = None,
+        ) -> bool:
             if chunk is None or piece.order is None:
-                begin = piece.begin + first
-                pack_rays(batch, batch.part(begin, piece.begin + last), self.box, packed, first_ray=begin)
+                order, begin = None, piece.begin + first
+                rays = batch.part(begin, piece.begin + last)
             else:
-                order = piece.order[first:last]
-                pack_rays(batch, chunk, self.box, packed, order=order, first_ray=piece.begin)
+                order, begin, rays = piece.order[first:last], piece.begin, chunk
+            return pack_rays(
+                batch, rays, self.box, packed, order=order, first_ray=begin, lows=lows, shared_low=shared_low
+            )
 
-        rays = self._fill("packed", self._tree.ray_dtype, count, pack)
+        has_instances = self._tree.has_instances
+        described: dict[str, Any] = {"ray_count": np.int32(count)}
+        if has_instances:
+            described |= self._fill_scene_rays(batch, piece, pack)
+        else:
+            described["rays"] = self._fill("packed", PACKED_RAY, count, pack)
         order = None
         if piece.order is not None and in_ray_order:
             order = self._fill("order", piece.order.dtype, count, partial(_copy, piece.order))
         row_length = piece.row_length or count
         work_size, work_group = (row_length, -(-count // row_length)), self._work_group(piece)
-        described = {"rays": rays, "ray_count": np.int32(count), "row_length": np.int32(row_length)}
-        if self._tree.has_instances:
-            return Batch(count, work_size, work_group, described | {"order": order})
-        entry_points = None
+        described["row_length"] = np.int32(row_length)
+        starts: dict[str, Any] = {"entry_points": None} | ({"tiles": None} if has_instances else {})
         if piece.is_coherent and self._tree.has_entry_points:
-            kernel, buffer = self.caster.kernel(ENTRY_POINT_KERNEL), self._buffer("entry points")
-            entry_points = find_entry_points(
-                self._session, self._tree, kernel, buffer, work_size, work_group, **described
+            starts = find_entry_points(
+                self._session, self._tree,
+                self.caster.kernel(SCENE_ENTRY_POINT_KERNEL if has_instances else ENTRY_POINT_KERNEL),
+                self._buffer("entry points"), work_size, work_group,
+                tile_buffer=self._buffer("tiles") if has_instances else None, **described,
+            )  # fmt: skip
+        return Batch(count, work_size, work_group, described | {"order": order} | starts)
+
+    def _fill_scene_rays(self, batch: RayBatch, piece: RayPiece, pack: Callable[..., bool]) -> dict[str, Any]:
+        """Put the rays of a scene on the device, and their low parts: one for all of them if that is enough."""
+        count = piece.ray_count
+        shared = find_shared_low(batch, self.box, piece.begin, piece.end, reads_direction=self._tree.advances_rays)
+        if shared is not None:
+            are_shared: list[bool] = []
+            rays = self._fill(
+                "packed", PACKED_RAY, count, lambda *part: are_shared.append(pack(*part, shared_low=shared))
             )
-        return Batch(count, work_size, work_group, described | {"order": order, "entry_points": entry_points})
+            if all(are_shared):
+                lows = self._fill("lows", SCENE_LOW, 1, partial(_copy, shared))
+                return {"rays": rays, "lows": lows, "low_step": np.int32(0)}
+        lows = self._buffer("lows").take(count * SCENE_LOW.itemsize)
+        with self._session.mapped(lows, count, SCENE_LOW, write=True) as items:
+            rays = self._fill(
+                "packed", PACKED_RAY, count,
+                lambda first, last, packed: pack(first, last, packed, lows=items[first:last]),
+            )  # fmt: skip
+        return {"rays": rays, "lows": lows, "low_step": np.int32(1)}
 
-    def cut_points(self, point_count: int, progress: Progress | None = None) -> Iterator[tuple[int, int]]:
-        """Yield the chunks in which to cast points; see `pieces.cut_points`."""
-        return cut_points(point_count, most_points=self.fit(self._tree.point_dtype, CHUNK_RAYS), progress=progress)
+    def cut_points(
+        self,
+        point_count: int,
+        progress: Progress | None = None,
+        *,
+        dtype: np.dtype | None = None,
+        most_points: int = CHUNK_RAYS,
+    ) -> Iterator[tuple[int, int]]:
+        """Yield the chunks in which to cast points, of a dtype as in `pack_points`; see `pieces.cut_points`."""
+        fitting = self.fit(dtype or self._tree.point_dtype, min(most_points, CHUNK_RAYS))
+        return cut_points(point_count, most_points=fitting, progress=progress)
 
-    def pack_points(self, count: int, pack: Callable[[int, int, NDArray[np.void]], None]) -> Batch:
+    def pack_points(
+        self, count: int, pack: Callable[[int, int, NDArray[np.void]], None], *, dtype: np.dtype | None = None
+    ) -> Batch:
         """Put points on the device.
 
         Parameters
@@ -269,8 +312,10 @@ class Call(MemoryLoan):
         pack : function
             Called with the begin and end of a range of points, and the (n,) `structs.PACKED_POINT` to write, or
             `structs.SCENE_POINT` for a scene; from several threads.
+        dtype : numpy.dtype, optional
+            Of packed points, where it is another one.
         """
-        points = self._fill("packed", self._tree.point_dtype, count, pack)
+        points = self._fill("packed", dtype or self._tree.point_dtype, count, pack)
         work_group = (self._session.settings.work_group_size, 1)
         return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 
@@ -306,15 +351,19 @@ class Call(MemoryLoan):
         settings = self._session.settings
         return settings.tile if piece.row_length else (settings.work_group_size, 1)
 
-    def _fill(self, name: str, dtype: np.dtype, count: int, fill: Callable[[int, int, NDArray[Any]], None]) -> Any:
+    def _fill(self, name: str, dtype: np.dtype, count: int, fill: Callable[[int, int, NDArray[Any]], object]) -> Any:
         """Return a buffer of the call after several threads have filled it."""
         buffer = self._buffer(name).take(count * dtype.itemsize)
         with self._session.mapped(buffer, count, dtype, write=True) as items:
-            self.threads.for_ranges(count, lambda first, last: fill(first, last, items[first:last]))
+
+            def fill_part(first: int, last: int) -> None:
+                fill(first, last, items[first:last])
+
+            self.threads.for_ranges(count, fill_part)
         return buffer
 
     def _buffer(self, name: str) -> ReusableBuffer:
-        return self.memory.buffer(name, for_mapping=name != "entry points")
+        return self.memory.buffer(name, for_mapping=name not in ("entry points", "tiles"))
 
 
 def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:

@@ -47,6 +47,10 @@ class TracedTree(Protocol):
         """Of hits on the device: `structs.HIT`, or `structs.SCENE_HIT` with ids of instances."""
 
     @property
+    def advances_rays(self) -> bool:
+        """Whether the device advances rays to instances; False of a mesh."""
+
+    @property
     def node_bytes(self) -> int:
         """Size of a node."""
 

@@ -14,15 +14,18 @@ from ..builders.ladder import LADDER
 from ..builders.options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, MAX_DEPTH
 from ..bvh import Bvh, validate_tree
 from ..geometry import Mesh, Spheres, load_mesh
+from ..geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh
 from ..rendering.heat_map import draw_heat_map_of
 from ..rendering.ray_cost import measure_rays
+from ..scene.contents import SceneContents
 from ..stats import measure_tree
 from ..stats.ladder_work import count_ladder_work
 from ..structs import LAYOUT_WIDTHS, WIDE_NODES
 from ..trace.oracle.wide_visits import count_wide_visits
+from ..trace.scene.visits import SceneTraversal
 
 # Enough for a top with several subtrees.
 TRIANGLES = 3_000
@@ -50,11 +53,13 @@ def list_host_work(*, quick: bool) -> list[tuple[str, Callable[[], object]]]:
         *((f"build, quality {quality}", partial(_build_all, mesh, quality)) for quality in _QUALITIES),
         ("layouts", partial(_arrange_all, mesh)),
         ("spheres", _arrange_spheres),
+        ("smooth normals", partial(smooth_normals_by_angle, mesh)),
         ("refit, save, load, validate", partial(_for_both, mesh, _use_tree)),
         ("statistics of a tree", partial(_for_both, mesh, measure_tree)),
     ]
     if not quick:
         work.append(("cost of rays", partial(_for_both, mesh, _measure_rays)))
+        work.append(("cost of rays in scenes", partial(_count_in_scene, mesh)))
         work.append(("builders of the ladder", partial(_build_ladder, mesh)))
         work.append(("counts of the study", partial(_for_both, mesh, _count_for_study)))
     return work
@@ -104,6 +109,18 @@ def _measure_rays(bvh: Bvh) -> None:
     draw_heat_map_of(bvh, camera, _SIDE, _SIDE, "nodes")
 
 
+def _count_in_scene(mesh: Mesh) -> None:
+    contents = SceneContents()
+    for shape in (mesh, Spheres(mesh.vertices, 0.1)):
+        contents.place(contents.add(shape))
+    # Any tree of two primitives does for the two instances.
+    pair = Mesh.from_arrays(2 * np.eye(6, 3) - 1, [[0, 1, 2], [3, 4, 5]])
+    trees = [build_shape(shape) for shape in (mesh, Spheres(mesh.vertices, 0.1))]
+    traversal = SceneTraversal(contents.snapshot(), trees, build(pair, leaf_size=1))
+    origins, directions = frame_mesh(mesh, aspect=1.0).rays(_SIDE, _SIDE)
+    traversal.count_visits(origins.reshape(-1, 3), directions.reshape(-1, 3))
+
+
 def _count_for_study(bvh: Bvh) -> None:
     origins, directions = frame_mesh(bvh.mesh, aspect=1.0).rays(_SIDE, _SIDE)
     for width in WIDE_NODES:
@@ -113,12 +130,15 @@ def _count_for_study(bvh: Bvh) -> None:
 
 
 def _load_files() -> None:
-    """Read a text file, the only kind that needs a compiled function."""
+    """Read text files, the only kinds that need compiled functions."""
     with TemporaryDirectory(prefix="clbvh-") as folder:
         path = Path(folder) / "mesh.ply"
         lines = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
         lines += ["element face 1", "property list uchar int vertex_indices", "end_header"]
         path.write_text("\n".join([*lines, "0 0 0", "1 0 0", "0 1 0", "3 0 1 2", ""]))
+        load_mesh(path)
+        path = Path(folder) / "mesh.obj"
+        path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
         load_mesh(path)
 
 

@@ -57,6 +57,18 @@ def test_public_names_are_in_the_reference():
         assert set(importlib.import_module(path).__all__) <= names
 
 
+def test_members_that_the_reference_lists_are_all_there_are():
+    for page in (REPOSITORY / "docs" / "reference").glob("*.md"):
+        for name, listed in re.findall(
+            r"^::: (clbvh\.\w+)\n(?: +.*\n)*? +members: \[([^]]*)\]", page.read_text(), re.M
+        ):
+            owner = getattr(clbvh, name.partition(".")[2])
+            attributes = {member for member in dir(owner) if inspect.isdatadescriptor(getattr(owner, member, None))}
+            methods = {known.rpartition(".")[2] for known in list_public_names() if known.startswith(f"{name}.")}
+            public = methods | {member for member in attributes if not member.startswith("_")}
+            assert set(re.split(r",\s+", listed)) == public, name
+
+
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
 def test_examples_are_right(example, session, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -53,7 +53,7 @@ def test_every_example_is_tested():
 def test_ambient_occlusion_of_a_sphere_is_open_sky(run, sphere, tmp_path):
     assert "100% of the sky, from 100% to 100%" in run("ambient_occlusion", sphere, "--rays", "4")
     written = trimesh.load(tmp_path / "occlusion.ply", process=False)
-    assert (written.visual.face_colors == 255).all()
+    assert (written.visual.vertex_colors == 255).all()
 
 
 def test_ambient_occlusion_of_the_knot_is_dark_in_places(run, tmp_path):

@@ -1,8 +1,9 @@
 """The readers that are fuzzed: how a damaged file is made for each, and what its reading may end in.
 
 A reader gives a valid result or refuses the file with a `ClbvhError` for bad input, which the command turns into exit
-code 2. Anything else is a failure: another exception, a warning, an invalid result, and running out of memory even
-where that becomes an error of one sentence, since a small file never needs much.
+code 2. Anything else is a failure: another exception, a warning (but for those about looks, which leave the triangles
+valid), an invalid result, and running out of memory even where that becomes an error of one sentence, since a small
+file never needs much.
 
 Geometry against the oracle is another target of the same shape: see `geometry.py`.
 """

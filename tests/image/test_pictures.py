@@ -7,8 +7,8 @@ import pytest
 
 import clbvh
 from clbvh.errors import ConfigError, ValidationError
+from clbvh.rendering import brute_limit
 from clbvh.rendering import frame as frame_module
-from clbvh.rendering import mesh_subject
 from clbvh.rendering import refine_pixels as refine_module
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
@@ -77,7 +77,7 @@ def test_without_a_tree_the_picture_is_the_same(knot_picture):
 
 
 def test_brute_refuses_a_mesh_that_would_take_forever(monkeypatch):
-    monkeypatch.setattr(mesh_subject, "BRUTE_LIMIT", 1000)
+    monkeypatch.setattr(brute_limit, "BRUTE_LIMIT", 1000)
     with pytest.raises(ConfigError, match="brute"):
         clbvh.render(KNOT, RenderOptions(builder="brute"))
 

@@ -12,6 +12,7 @@ import clbvh
 from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.registry import BUILDERS
 from clbvh.errors import ConfigError, SceneError, ValidationError
+from clbvh.rendering import brute_limit
 from clbvh.rendering import frame as frame_module
 from clbvh.structs import REPORT_SHADINGS
 
@@ -326,8 +327,17 @@ class TestRenderer:
             with pytest.raises(SceneError, match="the scene is empty"):
                 Renderer(empty)
 
-    def test_the_brute_builder_draws_one_mesh(self):
-        with pytest.raises(ConfigError, match="brute builder draws one mesh"):
+    def test_without_trees_the_picture_is_the_same(self, renderer):
+        picture = clbvh.render(still_life(), RenderOptions(builder="brute", validate=True))
+        assert same_picture(picture, renderer.render())
+        assert (picture.layout, picture.workers) == ("brute", 1)
+        top = picture.objects.top
+        assert (picture.report()["nodes"], picture.report()["depth"]) == (top.node_count, top.depth)
+
+    def test_brute_refuses_a_scene_that_would_take_forever(self, monkeypatch):
+        # One of the two geometries is placed twice.
+        monkeypatch.setattr(brute_limit, "BRUTE_LIMIT", GROUND.face_count + 2 * KNOT.face_count + 39)
+        with pytest.raises(ConfigError, match="brute"):
             Renderer(still_life(), RenderOptions(builder="brute"))
 
     @pytest.mark.parametrize("builder", BUILDERS)

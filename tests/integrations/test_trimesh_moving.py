@@ -8,7 +8,7 @@ import trimesh
 
 from clbvh.device import program
 from clbvh.errors import DeviceError, MeshError
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, mesh_tracer
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, following_tracer, mesh_tracer
 from clbvh.trace import Tracer
 
 FRAMES = 8
@@ -35,7 +35,7 @@ def work(monkeypatch):
         monkeypatch.setattr(module, name, lambda *a, **k: done.append(name) or function(*a, **k))
 
     note(mesh_tracer, "build")
-    note(mesh_tracer, "Tracer")
+    note(following_tracer, "Tracer")
     note(program, "_compile")
     return done
 

@@ -10,7 +10,14 @@ import trimesh
 
 import clbvh
 from clbvh.errors import ConfigError, MeshError
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, install, is_installed, mesh_tracer
+from clbvh.integrations.trimesh import (
+    ProximityQuery,
+    RayMeshIntersector,
+    following_tracer,
+    install,
+    is_installed,
+    mesh_tracer,
+)
 from clbvh.trace.points.inside import GENERIC_DIRECTIONS
 
 # Declared by the embree engine of trimesh 5.
@@ -273,8 +280,8 @@ class TestChanges:
         assert len(box.ray.intersects_id(*rays)[0]) == 1
 
     def test_nothing_is_done_twice(self, box, monkeypatch):
-        opened, tracer_class = [], mesh_tracer.Tracer
-        monkeypatch.setattr(mesh_tracer, "Tracer", lambda *a, **k: opened.append(a) or tracer_class(*a, **k))
+        opened, tracer_class = [], following_tracer.Tracer
+        monkeypatch.setattr(following_tracer, "Tracer", lambda *a, **k: opened.append(a) or tracer_class(*a, **k))
         for _ in range(3):
             box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])
         assert len(opened) == 1

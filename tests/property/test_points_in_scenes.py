@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from clbvh import Tracer
 from clbvh.errors import OpenMeshWarning
 from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace.device_tree import BRUTE
 from clbvh.trace.oracle.scene_points import ScenePoints
 
 from ..profiles import examples, seeds
+from ..state_tracer import open_tracer
 from .random_scenes import LINEAR, RAY_MASKS, make_scene, random_scenes
 
 # Float64 rounds placed coordinates, relative to the scene and the points.
@@ -24,7 +25,7 @@ def opened(_opened_device):
 
 
 def ask(scene, opened, layout, points, mask):
-    with Tracer(scene.contents(), device=opened.info, layout=layout) as tracer, warnings.catch_warnings():
+    with open_tracer(scene, opened.info, layout) as tracer, warnings.catch_warnings():
         warnings.simplefilter("ignore", OpenMeshWarning)
         closest = tracer.closest_point(points, mask=mask)
         return {
@@ -43,8 +44,8 @@ def check(scene, opened):
     # Origins of rays are anywhere, in a box around the scene and on its surfaces.
     points = scene.origins[np.isfinite(scene.origins).all(axis=1)][:200]
     mask = int(scene.generator.choice(RAY_MASKS))
-    answers = {layout: ask(scene, opened, layout, points, mask) for layout in LAYOUT_WIDTHS}
-    first, *others = LAYOUT_WIDTHS
+    answers = {layout: ask(scene, opened, layout, points, mask) for layout in (*LAYOUT_WIDTHS, BRUTE)}
+    first, *others = answers
     for layout in others:
         for name, expected in answers[first].items():
             assert answers[layout][name].tobytes() == expected.tobytes(), (name, layout)

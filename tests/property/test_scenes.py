@@ -6,11 +6,16 @@ from hypothesis import given
 
 import clbvh
 from clbvh import Mesh, Tracer
+from clbvh.builders.build import build_over
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.oracle.scene_crossings import Rays
+from clbvh.trace.device_tree import BRUTE
+from clbvh.trace.oracle import scene_crossings
+from clbvh.trace.oracle.placement import Blur, place_instances
+from clbvh.trace.oracle.scene_crossings import Rays, find_crossings
 from clbvh.trace.oracle.scene_reference import SceneReference
 
 from ..profiles import examples, seeds
+from ..state_tracer import StateTracer, open_tracer
 from ..unit.trace.scene_states import affine, flatten, make_state
 from .random_scenes import KINDS, LINEAR, MESH_KINDS, RAY_MASKS, RAYS, make_scene, random_scenes, scale_scene
 
@@ -28,7 +33,7 @@ def as_bytes(hits):
 
 def ask(scene, opened, layout, limits):
     """The answers to all queries about rays, as the tracer gives them."""
-    with Tracer(scene.contents(), device=opened.info, layout=layout) as tracer:
+    with open_tracer(scene, opened.info, layout) as tracer:
         rays = scene.origins, scene.directions
         return {
             "closest_hit": tracer.closest_hit(*rays),
@@ -45,8 +50,8 @@ def ask(scene, opened, layout, limits):
 
 def compare_layouts(scene, opened, limits):
     """Ask every layout; return the answers, which are the same."""
-    answers = {layout: ask(scene, opened, layout, limits) for layout in LAYOUT_WIDTHS}
-    first, *others = LAYOUT_WIDTHS
+    answers = {layout: ask(scene, opened, layout, limits) for layout in (*LAYOUT_WIDTHS, BRUTE)}
+    first, *others = answers
     for layout in others:
         for query, expected in answers[first].items():
             found = answers[layout][query]
@@ -241,3 +246,54 @@ def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
         closest = tracer.closest_hit(scene.origins, scene.directions)
         first = tracer.all_hits(scene.origins, scene.directions, max_hits=1)
     np.testing.assert_array_equal(first.prim_id, closest.prim_id[closest.is_hit])
+
+
+@examples(short=25, long=1000)
+@given(scene=random_scenes())
+def test_the_oracle_leaves_out_no_instance_that_a_ray_may_meet(scene):
+    """Instances that a ray passes by are left out of it before anything else is computed of them."""
+    rays = Rays.make(scene.origins, scene.directions, mask=scene.generator.choice(RAY_MASKS, len(scene.origins)))
+    found = find_crossings(scene.state, rays)
+
+    def find_all(bound, origins, directions, masks, near):
+        seen = np.flatnonzero(masks & bound.mask)
+        near[: len(seen)] = seen
+        return len(seen)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scene_crossings, "_find_near", find_all)
+        expected = find_crossings(scene.state, rays)
+    for name in expected._fields:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+
+
+def test_most_instances_are_left_out():
+    """So that the test above can fail, and the oracle is as fast as it is meant to be."""
+    scene = make_scene(3, ("cube", "ball"), tuple(LINEAR))
+    bound = scene_crossings._bound(place_instances(scene.state)[0], Blur(), 100.0)
+    directions = scene.directions / np.linalg.norm(scene.directions, axis=1)[:, None]
+    masks, near = np.full(RAYS, 2**32 - 1, np.uint32), np.empty(RAYS, np.int64)
+    assert 0 < scene_crossings._find_near(bound, scene.origins, directions, masks, near) < 0.7 * RAYS
+
+
+def test_workers_build_the_same_trees_and_so_the_same_hits(opened, pools):
+    generator = np.random.default_rng(1)
+    dust = clbvh.Spheres(generator.uniform(-2, 2, (30_000, 3)), generator.uniform(0.001, 0.01, 30_000))
+    state = make_state(
+        [clbvh.make_shape("knot", triangles=30_000), dust],
+        (0, affine()), (1, affine((1, 2, 1), (3, 0, 0))), (0, affine((-1, 1, 1), (0, 6, 0))),
+    )  # fmt: skip
+    origins = generator.normal(size=(2000, 3)) * 20
+    directions = generator.uniform(-3, 6, (2000, 3)) - origins
+    options = clbvh.BuildOptions(task_threshold=5000)
+    trees, answers = {}, {}
+    for workers, pool in ((0, None), *list(pools.items())[:2]):
+        trees[workers] = [build_over(shape, "sah", pool, options) for shape in state.shapes]
+        with StateTracer(state, opened.info, trees[workers]) as tracer:
+            answers[workers] = as_bytes(tracer.all_hits(origins, directions))
+    for workers in (1, 2):
+        for built, alone in zip(trees[workers], trees[0], strict=True):
+            assert built.nodes.tobytes() == alone.nodes.tobytes()
+            assert built.prim_ids.tobytes() == alone.prim_ids.tobytes()
+        assert answers[workers] == answers[0]
+    assert len(answers[0]["prim_id"]) > 4 * 1000

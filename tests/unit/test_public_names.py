@@ -15,6 +15,10 @@ import clbvh.errors
 # Words of annotations that are Python's, typing's or numpy's.
 _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
+# The base of `Scene`, and anything with a graph as a `trimesh.Scene` has one.
+_OTHERS |= {"SceneContents", "HasGraph"}
+# Parts of a build, public among the modules of clbvh only.
+_PARTS = {"SubtreePool.attach", "SubtreePool.hold"}
 
 
 def public_callables():
@@ -25,10 +29,14 @@ def public_callables():
             continue
         if inspect.isclass(thing):
             yield name, thing.__init__
-            for attribute, member in vars(thing).items():
+            ours = [base for base in thing.__mro__ if base.__module__.startswith("clbvh.")]
+            for attribute, member in {
+                key: value for base in reversed(ours) for key, value in vars(base).items()
+            }.items():
                 function = getattr(member, "__func__", getattr(member, "fget", getattr(member, "func", member)))
-                if inspect.isfunction(function) and not attribute.startswith("_"):
-                    yield f"{name}.{attribute}", function
+                path = f"{name}.{attribute}"
+                if inspect.isfunction(function) and not attribute.startswith("_") and path not in _PARTS:
+                    yield path, function
         elif inspect.isfunction(thing):
             yield name, thing
 

@@ -95,8 +95,16 @@ class Appearance:
         return self.prim_count is None and not self.materials
 
     def without_normals(self) -> Appearance:
-        """Return the same looks, except for the normals."""
-        return self if self.normals is None else dataclasses.replace(self, normals=None)
+        """Return the same looks, except for the normals.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> flat = clbvh.Appearance(normals=[[[0, 0, 1]] * 3], materials=[clbvh.Material()])
+        >>> flat.without_normals()
+        Appearance(materials=1)
+        """
+        return self if self.normals is None else self._replace(normals=None)
 
     def select(self, faces: NDArray[Any]) -> Appearance:
         """Return the looks of some faces, or of all in another order; the materials stay.
@@ -105,9 +113,17 @@ class Appearance:
         ----------
         faces : (n,) int or bool
             An index into the first axis of the arrays.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import numpy as np
+        >>> looks = clbvh.Appearance(uvs=np.zeros((5, 3, 2)))
+        >>> looks.select(np.array([4, 0]))
+        Appearance(uvs=2, materials=0)
         """
         chosen = {name: values[faces] for name in _CHECKS if (values := getattr(self, name)) is not None}
-        return dataclasses.replace(self, **chosen)
+        return self._replace(**chosen)
 
     def transformed(self, matrix: ArrayLike) -> Appearance:
         """Return the looks of a mesh whose vertices are moved by a matrix and whose faces are not turned round.
@@ -118,14 +134,37 @@ class Appearance:
         ----------
         matrix : (3, 3) or (4, 4) float
             Of an affine transform.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> slope = clbvh.Appearance(normals=[[[0, 0.8, 0.6]] * 3])
+        >>> slope.transformed(clbvh.Transform(scale=(1, 1, 2)).matrix).normals[0, 0].round(3)
+        array([0.   , 0.936, 0.351], dtype=float32)
         """
         if self.normals is None:
             return self
-        return dataclasses.replace(self, normals=turn_normals(self.normals, np.asarray(matrix, np.float64)))
+        return self._replace(normals=turn_normals(self.normals, np.asarray(matrix, np.float64)))
+
+    def _replace(self, **values: Any) -> Appearance:
+        return make_unchecked(**(vars(self) | values))
 
     def __repr__(self) -> str:
         counts = [f"{name}={len(getattr(self, name)):,}" for name in _CHECKS if getattr(self, name) is not None]
         return f"Appearance({', '.join([*counts, f'materials={len(self.materials)}'])})"
+
+
+def make_unchecked(**values: Any) -> Appearance:
+    """Return an appearance of arrays that are as documented: of their shapes and dtypes, unit, finite and in range.
+
+    For readers, which have seen to that on the way; the checks would take as long as reading.
+    """
+    appearance = object.__new__(Appearance)
+    for each in dataclasses.fields(Appearance):
+        object.__setattr__(appearance, each.name, values.pop(each.name, each.default))
+    if values:
+        raise TypeError(f"an appearance has no {', '.join(values)}")
+    return appearance
 
 
 def turn_normals(normals: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ _LEAST_SQUARE, _MOST_SQUARE = 1e-200, 1e200
 _UNIT_TOLERANCE = 4e-6
 
 
-def normalize(vectors: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def normalize(vectors: NDArray[np.number]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Return vectors of length 1, and which of them have a direction.
 
     Parameters

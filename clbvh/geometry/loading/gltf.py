@@ -1,7 +1,7 @@
 """glTF 2.0, as text and as GLB: the triangles of the scene, moved to their positions in it, or part by part.
 
-Owns nodes, meshes and primitives. Materials, textures, cameras, lights and animations are skipped; of morph targets and
-skins the base shape is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
+Owns nodes, meshes and primitives. Cameras, lights and animations are skipped; of morph targets and skins the base shape
+is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
 integers, and leaves out triangle fans, all without a word.
 
 Khronos Group, "glTF 2.0 Specification", 2021: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
@@ -18,10 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ..appearance.appearance import Appearance
 from ..face_limit import check_face_count
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
+from .gltf_looks import GltfLooks
+from .joined_looks import LooksPiece, join_looks
 from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
 from .polygons import cut_fans
+from .problems import Problems
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_COUNT = 7  # the modes below are points and lines
@@ -47,13 +51,14 @@ class _Part(NamedTuple):
 
 
 class _Primitive(NamedTuple):
-    """The triangles of a primitive over the points of an accessor."""
+    """The triangles of a primitive over the points of an accessor, and their looks."""
 
     positions: int
     faces: NDArray[np.integer]
+    looks: LooksPiece
 
 
-def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+def read_gltf(data: bytes, file: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3) and faces (F, 3) of all parts of the scene, in the order of the file.
 
     The vertices of an accessor are listed once for each node that draws it.
@@ -64,24 +69,30 @@ def read_gltf(data: bytes, file: Path) -> tuple[NDArray[np.float64], NDArray[np.
     points: dict[int, NDArray[np.float64]] = {}
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
+    looks: list[LooksPiece] = []
+    reader = GltfLooks(gltf, problems)
     vertex_count = 0
     for part in parts:
         if part.mesh not in primitives:
-            primitives[part.mesh] = list(_read_primitives(gltf, part.mesh, points))
+            primitives[part.mesh] = list(_read_primitives(gltf, part.mesh, points, reader))
         first_vertices: dict[int, int] = {}
+        moved: dict[int, NDArray[np.float64]] = {}
         with np.errstate(invalid="ignore"):
             mirrors = np.linalg.slogdet(part.matrix[:3, :3])[0] < 0
-        for positions, triangles in primitives[part.mesh]:
-            if positions not in first_vertices:
+        for positions, triangles, piece in primitives[part.mesh]:
+            if positions not in moved:
+                moved[positions] = _move(points[positions], part.matrix)
                 first_vertices[positions] = vertex_count
-                vertices.append(_move(points[positions], part.matrix))
+                vertices.append(moved[positions])
                 vertex_count += len(vertices[-1])
             # A mirrored triangle is seen from its other side, unless its corners are turned round.
-            faces.append((triangles[:, ::-1] if mirrors else triangles) + first_vertices[positions])
-    return np.concatenate(vertices), np.concatenate(faces)
+            turned = triangles[:, ::-1] if mirrors else triangles
+            faces.append(turned + first_vertices[positions])
+            looks.append(piece.moved(part.matrix, moved[positions], turned, is_turned=bool(mirrors)))
+    return FileMesh("", np.concatenate(vertices), np.concatenate(faces), join_looks(looks))
 
 
-def read_gltf_parts(data: bytes, file: Path) -> FileParts:
+def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
     """Return the meshes of the scene, each once, and the nodes that place them, in the order of the nodes.
 
     The primitives of a mesh follow each other. Vertices that no face refers to are left out, because meshes may share
@@ -94,12 +105,14 @@ def read_gltf_parts(data: bytes, file: Path) -> FileParts:
     numbers: dict[int, int] = {}
     parts_of_file = FileParts([], [])
     points: dict[int, NDArray[np.float64]] = {}
+    reader = GltfLooks(gltf, problems)
     for part in parts:
         mesh_name = _read_name(gltf.item("meshes", part.mesh))
         if part.mesh not in numbers:
             numbers[part.mesh] = len(numbers)
-            vertices, faces = drop_loose_vertices(*_join_primitives(gltf, part.mesh, points))
-            parts_of_file.meshes.append(FileMesh(mesh_name or part.name, vertices, faces))
+            joined, corners, looks = _join_primitives(gltf, part.mesh, points, reader)
+            vertices, faces = drop_loose_vertices(joined, corners)
+            parts_of_file.meshes.append(FileMesh(mesh_name or part.name, vertices, faces, looks))
         matrix = part.matrix.copy()
         matrix[3] = (0.0, 0.0, 0.0, 1.0)  # `_read_matrix` has seen that it is almost that
         parts_of_file.nodes.append(FileNode(part.name or mesh_name, numbers[part.mesh], matrix))
@@ -113,20 +126,22 @@ def _find_parts(data: bytes, file: Path) -> tuple[GltfData, list[_Part]]:
 
 
 def _join_primitives(
-    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
-    """Return the vertices (V, 3) and faces (F, 3) of a mesh; an accessor's vertices are listed once."""
+    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]], reader: GltfLooks
+) -> tuple[NDArray[np.float64], NDArray[np.integer], Appearance | None]:
+    """Return the vertices (V, 3), faces (F, 3) and looks of a mesh; an accessor's vertices are listed once."""
     first_vertices: dict[int, int] = {}
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
+    looks: list[LooksPiece] = []
     vertex_count = 0
-    for positions, triangles in _read_primitives(gltf, mesh, points):
+    for positions, triangles, piece in _read_primitives(gltf, mesh, points, reader):
         if positions not in first_vertices:
             first_vertices[positions] = vertex_count
             vertices.append(points[positions])
             vertex_count += len(points[positions])
         faces.append(triangles + first_vertices[positions])
-    return np.concatenate(vertices), np.concatenate(faces)
+        looks.append(piece)
+    return np.concatenate(vertices), np.concatenate(faces), join_looks(looks)
 
 
 def _read_name(item: dict[str, Any]) -> str:
@@ -220,7 +235,7 @@ def _count_faces_and_vertices(gltf: GltfData, parts: list[_Part]) -> tuple[int, 
     for mesh in {part.mesh for part in parts}:
         vertex_counts: dict[int, int] = {}
         face_count = 0
-        for _, mode, positions, indices in _triangle_primitives(gltf, mesh):
+        for _, mode, positions, indices, _ in _triangle_primitives(gltf, mesh):
             vertex_counts[positions] = gltf.count_items(positions)
             corner_count = vertex_counts[positions] if indices is None else gltf.count_items(indices)
             face_count += corner_count // 3 if mode == _TRIANGLES else corner_count
@@ -228,8 +243,8 @@ def _count_faces_and_vertices(gltf: GltfData, parts: list[_Part]) -> tuple[int, 
     return sum(totals[part.mesh][0] for part in parts), sum(totals[part.mesh][1] for part in parts)
 
 
-def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, Any, Any]]:
-    """Yield place, mode, and the accessors of positions and indices for each primitive that has triangles.
+def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, Any, Any, dict[str, Any]]]:
+    """Yield place, mode, the accessors of positions and indices, and the object of each primitive that has triangles.
 
     The indices are None for a primitive that draws its points in their order.
     """
@@ -246,12 +261,14 @@ def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, 
         accessors = [positions] if indices is None else [positions, indices]
         if _DRACO in get_object(primitive, "extensions") and not all(map(gltf.has_data, accessors)):
             raise refuse_compression(_DRACO)
-        yield where, mode, positions, indices
+        yield where, mode, positions, indices, primitive
 
 
-def _read_primitives(gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]]) -> Iterator[_Primitive]:
-    """Yield the triangles of a mesh, and add the points that they refer to."""
-    for where, mode, positions, indices in _triangle_primitives(gltf, mesh):
+def _read_primitives(
+    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]], reader: GltfLooks
+) -> Iterator[_Primitive]:
+    """Yield the triangles of a mesh with their looks, and add the points that they refer to."""
+    for where, mode, positions, indices, primitive in _triangle_primitives(gltf, mesh):
         if positions not in points:
             points[positions] = gltf.read_positions(positions)
         count = len(points[positions])
@@ -263,7 +280,7 @@ def _read_primitives(gltf: GltfData, mesh: int, points: dict[int, NDArray[np.flo
                 f"{where}: face {face} refers to vertex {faces[face, corner]}, but there are {count} vertices "
                 f"(0 to {count - 1})"
             )
-        yield _Primitive(positions, faces)
+        yield _Primitive(positions, faces, reader.read(primitive, points[positions], faces))
 
 
 def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.integer]:

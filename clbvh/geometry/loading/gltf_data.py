@@ -88,9 +88,22 @@ class GltfData:
         kind = self.item("accessors", index).get("type")
         if kind != "VEC3":
             raise MeshError(f"accessors[{index}] has positions, so its type must be VEC3, not {str(kind)[:20]!r}")
+        return self.read_vectors(index, (3,))
+
+    def read_vectors(self, index: Any, widths: tuple[int, ...]) -> NDArray[np.float64]:
+        """Return the vectors of an accessor, (n, width); whole numbers that stand for fractions are divided.
+
+        Raises
+        ------
+        MeshError
+            Also if the width is none of those that are given.
+        """
         numbers = self._read_numbers(index)
+        if numbers.shape[1] not in widths:
+            raise MeshError(f"accessors[{index}] has vectors of {numbers.shape[1]} numbers")
         if not self.item("accessors", index).get("normalized") or numbers.dtype.kind == "f":
-            return numbers.astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a signalling NaN
+                return numbers.astype(np.float64)
         # The smallest signed number would be a little less than -1.
         return np.maximum(numbers / np.iinfo(numbers.dtype).max, -1)
 
@@ -105,6 +118,27 @@ class GltfData:
         """Return whether the file has bytes for an accessor, or for some of its items."""
         accessor = self.item("accessors", index)
         return "bufferView" in accessor or "sparse" in accessor
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the file, where others are found."""
+        return self._folder
+
+    def read_view_bytes(self, index: Any) -> bytes:
+        """Return the bytes of a buffer view."""
+        length = get_whole(self.item("bufferViews", index), "byteLength")
+        return self._read_view(index, 0, np.dtype(np.uint8), length, 1, f"bufferViews[{index}]").tobytes()
+
+    def decode_uri(self, uri: str, where: str) -> bytes | None:
+        """Return the bytes that a data URI holds; None if it is a name."""
+        found = _DATA_URI.match(uri)
+        if found is None:
+            return None
+        try:
+            content = unquote_to_bytes(uri[found.end() :])
+            return base64.b64decode(content, validate=True) if found[1] else content
+        except binascii.Error as error:
+            raise MeshError(f"{where} has a uri that is not base64: {error}") from error
 
     def _find_numbers(self, index: Any) -> NDArray[Any]:
         """Return the numbers of an accessor as they lie in the buffer, (n, width), without those of `sparse`."""
@@ -190,14 +224,10 @@ class GltfData:
             raise MeshError(f"buffers[{index}] has no uri, so its bytes are missing")
         if not isinstance(uri, str):
             raise MeshError(f"buffers[{index}] has a uri that is no text")
-        if found := _DATA_URI.match(uri):
-            try:
-                content = unquote_to_bytes(uri[found.end() :])
-                return base64.b64decode(content, validate=True) if found[1] else content
-            except binascii.Error as error:
-                raise MeshError(f"buffers[{index}] has a uri that is not base64: {error}") from error
+        if (content := self.decode_uri(uri, f"buffers[{index}]")) is not None:
+            return content
         path = PurePosixPath(unquote(uri).replace("\\", "/"))
-        if _SCHEME.match(uri) or path.is_absolute() or ".." in path.parts:
+        if is_scheme(uri) or path.is_absolute() or ".." in path.parts:
             raise MeshError(
                 f"buffers[{index}] is '{uri[:80]}', but only files in the folder of the glTF file or below it are read"
             )
@@ -206,6 +236,11 @@ class GltfData:
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise MeshError(f"buffers[{index}] is the file '{uri[:80]}', which cannot be read: {reason}") from error
+
+
+def is_scheme(uri: str) -> bool:
+    """Return whether a URI begins with a scheme, such as ``https:``."""
+    return _SCHEME.match(uri) is not None
 
 
 _DECODE = "write the file without compression (for example: gltf-transform copy IN OUT)"

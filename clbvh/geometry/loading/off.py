@@ -1,4 +1,4 @@
-"""The OFF format, as text: vertices and polygons in the file's order; colours are skipped.
+"""The OFF format, as text: vertices and polygons in the file's order, with their looks.
 
 No library is used for it: trimesh loses the end of a file that was cut off.
 """
@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from .off_looks import OffLines, read_off_looks
+from .parts import FileMesh
 from .polygons import cut_fans
+from .problems import Problems
 from .text_lines import join_polygons, read_coordinates, read_table
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
-OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:ST)?C?N?OFF\b")
+OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*((?:ST)?C?N?)OFF\b")
 _BINARY = re.compile(rb"[ \t]+BINARY\b")
 
 
-def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+def read_off(data: bytes, _: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3) and faces (F, 3) of a text OFF file."""
     keyword = OFF_KEYWORD.match(data)
     if keyword is None:
@@ -42,7 +45,9 @@ def read_off(data: bytes, _: Path) -> tuple[NDArray[np.float64], NDArray[np.inte
         )
     vertices = read_coordinates(lines[:vertex_count])
     corners, sizes = _read_faces(lines[vertex_count:])
-    return vertices, cut_fans(corners, sizes)
+    faces = cut_fans(corners, sizes)
+    texts = OffLines(keyword[1].decode(), lines[:vertex_count], lines[vertex_count:])
+    return FileMesh("", vertices, faces, read_off_looks(texts, vertices, faces, sizes, problems))
 
 
 def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

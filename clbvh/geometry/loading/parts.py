@@ -7,13 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..appearance.appearance import Appearance
+
 
 class FileMesh(NamedTuple):
-    """A mesh as the file has it, (V, 3) float64 and (F, 3) int. The name may be empty."""
+    """A mesh as the file has it, (V, 3) float and (F, 3) int, and its looks. The name may be empty.
+
+    Where the file has no normals and declares faces flat, `flat_faces` is (F,) bool.
+    """
 
     name: str
-    vertices: NDArray[np.float64]
+    vertices: NDArray[np.number]
     faces: NDArray[np.integer]
+    appearance: Appearance | None = None
+    flat_faces: NDArray[np.bool_] | None = None
 
 
 class FileNode(NamedTuple):

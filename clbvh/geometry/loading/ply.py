@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from .number_lines import are_number_lines
+from .parts import FileMesh
+from .ply_looks import PlyColumn, PlyTriangles, has_looks, read_ply_looks
 from .polygons import cut_fans
+from .problems import Problems
 
 _MAX_HEADER_BYTES = 1 << 20
 _HEADER = re.compile(rb"ply[ \t]*[\r\n](.*?[\r\n])end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
@@ -54,13 +57,14 @@ class _Column(NamedTuple):
     sizes: NDArray[np.int64]
 
 
-def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.integer]]:
-    """Return the vertices (V, 3), in the file's own type, and the faces (F, 3) of a PLY file."""
-    byte_order, elements, begin = _read_header(data)
+def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
+    """Return the mesh of a PLY file: vertices (V, 3), in the file's own type, faces (F, 3), and its looks."""
+    header, byte_order, elements, begin = _read_header(data)
     read_rows = _read_rows
     if byte_order == "=":
-        if (mesh := _read_plain_text(data, begin, elements)) is not None:
-            return mesh
+        if (plain := _read_plain_text(data, begin, elements)) is not None:
+            triangles = PlyTriangles(*plain[:2], None)
+            return _add_looks(triangles, header, elements, {"vertex": plain[2]}, file, problems)
         data = b"".join(line + b"\n" for line in data[begin:].splitlines() if line.strip())
         begin = 0
         read_rows = _read_text_rows
@@ -75,7 +79,7 @@ def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.in
         raise MeshError("the mesh has no vertices with x, y and z")
     vertices = np.column_stack([columns["vertex"][axis].values for axis in "xyz"])
     if "face" not in columns:
-        return vertices, np.empty((0, 3), dtype=np.int64)
+        return FileMesh("", vertices, np.empty((0, 3), dtype=np.int64))
     if not (names := [name for name in _FACE_LISTS if name in columns["face"]]):
         raise MeshError(f"the faces have no list '{_FACE_LISTS[0]}'")
     corners, sizes = columns["face"][names[0]]
@@ -85,11 +89,33 @@ def read_ply(data: bytes, file: Path) -> tuple[NDArray[np.number], NDArray[np.in
         corner = int(np.argmax(ids != corners))
         face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
         raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
-    return vertices, cut_fans(ids, sizes)
+    faces = cut_fans(ids, sizes)
+    triangles = PlyTriangles(vertices, faces, None if len(faces) == len(sizes) else sizes)
+    return _add_looks(triangles, header, elements, columns, file, problems)
 
 
-def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
-    """Return the byte order, the elements, and the offset of the data."""
+def _add_looks(
+    triangles: PlyTriangles,
+    header: bytes,
+    elements: list[_Element],
+    columns: dict[str, dict[str, _Column]],
+    file: Path,
+    problems: Problems,
+) -> FileMesh:
+    """Return the mesh of a file, with the looks that its columns describe."""
+    appearance = None
+    if has_looks([prop.name for element in elements for prop in element.properties]):
+        dtypes = {(element.name, prop.name): prop.dtype for element in elements for prop in element.properties}
+        of_vertices, of_faces = (
+            {name: PlyColumn(*column, dtypes[kind, name]) for name, column in columns.get(kind, {}).items()}
+            for kind in ("vertex", "face")
+        )
+        appearance = read_ply_looks(header, of_vertices, of_faces, triangles, file.parent, problems)
+    return FileMesh("", triangles.vertices, triangles.faces, appearance)
+
+
+def _read_header(data: bytes) -> tuple[bytes, str, list[_Element], int]:
+    """Return the lines of the header, the byte order, the elements, and the offset of the data."""
     header = _HEADER.match(data, 0, _MAX_HEADER_BYTES)
     if header is None:
         raise MeshError("the file is cut off or not a PLY file: it has no header from 'ply' to 'end_header'")
@@ -116,13 +142,13 @@ def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
             raise MeshError(f"the PLY header has a line that is not PLY: '{words}'") from error
     if not byte_order:
         raise MeshError("the PLY header has no 'format' line, so it does not say how to read the data")
-    return byte_order, elements, header.end()
+    return header[1], byte_order, elements, header.end()
 
 
 def _read_plain_text(
     data: bytes, begin: int, elements: list[_Element]
-) -> tuple[NDArray[np.number], NDArray[np.integer]] | None:
-    """Return the mesh of an ASCII file of float vertices and triangles, None for any other file.
+) -> tuple[NDArray[np.number], NDArray[np.integer], dict[str, _Column]] | None:
+    """Return vertices, triangles and the vertices' columns of an ASCII file, None if it has anything else.
 
     Twice as fast as the general reader, whose results it has: the lines need no copy without empty ones, and no walk.
     """
@@ -149,7 +175,9 @@ def _read_plain_text(
     if not (rows[:, 0] == 3).all():
         return None
     names = list(scalars)
-    return columns[:, [names.index(axis) for axis in "xyz"]], rows[:, 1:]
+    vertices = columns[:, [names.index(axis) for axis in "xyz"]]
+    sizes = np.empty(0, np.int64)  # of no list
+    return vertices, rows[:, 1:], {name: _Column(columns[:, at], sizes) for at, name in enumerate(names)}
 
 
 def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:

@@ -82,10 +82,7 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     >>> clbvh.make_shape("icosphere", triangles=1000).face_count
     980
     """
-    shape = SHAPES.get(name)
-    if shape is None:
-        raise ConfigError(f"there is no shape '{name}': take one of {', '.join(SHAPES)}")
-    known = [key for key in inspect.signature(shape).parameters if key not in ("triangles", "generator")]
+    known = list_shape_options(name)
     for key, value in options.items():
         if key not in known:
             raise ConfigError(f"the shape '{name}' has no option '{key}': it has {', '.join(known) or 'none'}")
@@ -99,5 +96,12 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     except MeshError as error:
         raise ConfigError(f"the shape '{name}' cannot be made: {error}") from error
     with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused below
-        vertices, faces = shape(int(triangles), np.random.default_rng(int(seed)), **options)
+        vertices, faces = SHAPES[name](int(triangles), np.random.default_rng(int(seed)), **options)
     return Mesh.from_arrays(vertices, faces, name=name)
+
+
+def list_shape_options(name: str) -> tuple[str, ...]:
+    """Return the names of a shape's own options; raise `ConfigError` if there is no such shape."""
+    if name not in SHAPES:
+        raise ConfigError(f"there is no shape '{name}': take one of {', '.join(SHAPES)}")
+    return tuple(key for key in inspect.signature(SHAPES[name]).parameters if key not in ("triangles", "generator"))

@@ -60,10 +60,7 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
     >>> centres.shape, radii.shape
     ((1000, 3), (1000,))
     """
-    make = SPHERE_SETS.get(name)
-    if make is None:
-        raise ConfigError(f"there are no spheres '{name}': take one of {', '.join(SPHERE_SETS)}")
-    known = [key for key in inspect.signature(make).parameters if key not in ("count", "generator")]
+    known = list_spheres_options(name)
     for key, value in options.items():
         if key not in known:
             raise ConfigError(f"the spheres '{name}' have no option '{key}': they have {', '.join(known)}")
@@ -76,4 +73,11 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
         raise ConfigError(f"{count:,} spheres are too many: the limit is {MAX_FACE_COUNT:,}")
     check_memory(f"{count:,} spheres", int(count) * _BYTES_PER_SPHERE, ConfigError)
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused by the spheres
-        return make(int(count), np.random.default_rng(int(seed)), **options)
+        return SPHERE_SETS[name](int(count), np.random.default_rng(int(seed)), **options)
+
+
+def list_spheres_options(name: str) -> tuple[str, ...]:
+    """Return the names of a set's own options; raise `ConfigError` if there is no such set."""
+    if name not in SPHERE_SETS:
+        raise ConfigError(f"there are no spheres '{name}': take one of {', '.join(SPHERE_SETS)}")
+    return tuple(key for key in inspect.signature(SPHERE_SETS[name]).parameters if key not in ("count", "generator"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from .mesh_tracer import EngineOptions
+from .following_tracer import EngineOptions
 from .ray import RayMeshIntersector
 
 

@@ -19,7 +19,7 @@ from trimesh import ray as trimesh_ray
 from ...device.info import DeviceInfo
 from . import proximity, thickness
 from .current_options import Installed
-from .mesh_tracer import EngineOptions, read_options
+from .following_tracer import EngineOptions, read_options
 from .proximity import ProximityQuery
 from .ray import RayMeshIntersector
 from .tracers import find_tracer, forget_kept

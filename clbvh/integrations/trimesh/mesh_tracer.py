@@ -5,12 +5,9 @@ Must not know who queries it, nor which other meshes there are: that is `tracers
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable
 from functools import cached_property
-from numbers import Integral
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,41 +15,17 @@ from numpy.typing import NDArray
 from ...builders.build import build
 from ...bvh import Bvh
 from ...bvh.sah_cost import sah_cost
-from ...device.info import DeviceInfo
-from ...device.owner_process import check_process, is_inherited
-from ...errors import ConfigError, DeviceError, MeshError, QueryError
+from ...errors import DeviceError, MeshError, QueryError
 from ...geometry import Mesh
 from ...geometry.vertex_faces import VertexFaces, find_vertex_faces
 from ...trace import ClosestPoints, Tracer
-from ...trace.device_tree import check_layout
 from ...trace.points.facing import choose_facing
 from ...trace.points.nearest_vertex import find_nearest_vertices
+from .following_tracer import FollowingTracer
 
 # A tree whose SAH cost has grown by more than this factor is built again: rays through a mesh that bends then take
 # about twice as long as through a new tree, see docs/tree.md.
 _LARGEST_SAH_GROWTH = 2.0
-
-
-class EngineOptions(NamedTuple):
-    """The options of an engine.
-
-    Attributes
-    ----------
-    device : DeviceInfo, str, int or None
-    layout : str
-        Both as `clbvh.Tracer` takes them.
-    """
-
-    device: DeviceInfo | str | int | None = None
-    layout: str = "auto"
-
-
-def read_options(device: Any, layout: Any) -> EngineOptions:
-    """Return the options of an engine, or raise `ConfigError`; which devices there are is seen by the first query."""
-    if not (device is None or isinstance(device, (DeviceInfo, str, Integral))):
-        raise ConfigError(f"device must be a clbvh.DeviceInfo, a number, a name or None, not {device!r}")
-    check_layout(layout)
-    return EngineOptions(int(device) if isinstance(device, Integral) else device, layout)
 
 
 class _FollowedTree:
@@ -87,37 +60,12 @@ class _FollowedTree:
         return find_vertex_faces(self.mesh)
 
 
-class MeshTracer:
-    """A tree and a tracer of one mesh: built when first needed, updated or built again when the mesh has changed.
+class MeshTracer(FollowingTracer["_FollowedTree"]):
+    """A tree and a tracer of one mesh: built when first needed, updated or built again when the mesh has changed."""
 
-    Any number of threads may use one object, as long as none changes the mesh meanwhile.
-
-    Parameters
-    ----------
-    options : EngineOptions
-    on_open : function
-        Called with this object, under no lock, after it has taken more of the device's memory.
-
-    Attributes
-    ----------
-    last_use : float
-        Seconds on a clock of its own.
-    """
-
-    def __init__(self, options: EngineOptions, on_open: Callable[[MeshTracer], None]) -> None:
-        self.options = options
-        self.last_use = 0.0
-        self._on_open = on_open
-        self._lock = threading.RLock()
-        self._tree: _FollowedTree | None = None
-        self._tracer: Tracer | None = None
-        # Of the tree that the tracer was opened with, which may have been refitted before.
-        self._growth_at_open = 1.0
-        self._announced_bytes = 0
-
-    def cast(self, mesh: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
-        """Run a ray query of the tracer; rays that it refuses hit nothing."""
-        return self._ask(mesh, lambda tracer, tree: cast_any_rays(tracer, query, rays, **more))
+    _tree: _FollowedTree | None = None
+    # Of the tree that the tracer was opened with, which may have been refitted before.
+    _growth_at_open = 1.0
 
     def closest_point(self, mesh: Any, points: NDArray[np.float64], tolerance: float) -> ClosestPoints:
         """Return the closest points of the surface; of faces that are equally near, the one that faces the point.
@@ -142,64 +90,16 @@ class MeshTracer:
         self.last_use = time.monotonic()
         return find_nearest_vertices(self._follow(mesh).bvh, points)
 
-    def close(self) -> None:
-        """Give the device's and the host's memory back, after the queries of other threads."""
-        if is_inherited():
-            return
-        with self._lock:
-            self._tree = None
-        self._give_back()
+    def _forget(self) -> None:
+        self._tree = None
 
-    def give_way(self) -> bool:
-        """Give the device's memory back, unless a thread is about to use it; the tree stays on the host.
-
-        Returns
-        -------
-        bool
-            Whether it did.
-        """
-        if is_inherited() or not self._lock.acquire(blocking=False):
-            return False
-        try:
-            tracer, self._tracer = self._tracer, None
-        finally:
-            self._lock.release()
-        if tracer is not None:
-            tracer.close()
-        return tracer is not None
-
-    @property
-    def open_tracer(self) -> Tracer | None:
-        """The tracer, if there is one now."""
-        return self._tracer
-
-    def _ask(self, mesh: Any, query: Callable[[Tracer, _FollowedTree], Any]) -> Any:
-        self.last_use = time.monotonic()
-        while True:
-            tracer, tree = self._open(mesh)
-            try:
-                return query(tracer, tree)
-            except QueryError:
-                # Another thread may have closed it meanwhile: try again with a new one.
-                if not tracer.is_closed:
-                    raise
-
-    def _open(self, mesh: Any) -> tuple[Tracer, _FollowedTree]:
+    def _follow_open(self, mesh: Any) -> tuple[Tracer, _FollowedTree]:
         """Return a tracer of the mesh as it is now, and its tree."""
-        check_process()
-        with self._lock:
-            tree = self._follow(mesh)
-            tracer = self._tracer
-            if tracer is None:
-                device, layout = self.options
-                tracer = self._tracer = Tracer(tree.bvh, device=device, layout=layout)
-                self._growth_at_open, self._announced_bytes = tree.sah_growth, 0
-            byte_count = tracer.memory_bytes
-            has_grown = byte_count > self._announced_bytes
-            self._announced_bytes = byte_count
-        if has_grown:
-            self._on_open(self)
-        return tracer, tree
+        tree = self._follow(mesh)
+        if self._tracer is None:
+            self._tracer = self._open_new(tree.bvh)
+            self._growth_at_open = tree.sah_growth
+        return self._tracer, tree
 
     def _follow(self, mesh: Any) -> _FollowedTree:
         """Return the tree of the mesh as it is now; the tracer, if it is still open, has the same one."""
@@ -245,7 +145,7 @@ class MeshTracer:
 
     def _give_back(self) -> None:
         with self._lock:
-            tracer, self._tracer = self._tracer, None
+            tracer = self._take()
         if tracer is not None:
             tracer.close()
 
@@ -253,18 +153,3 @@ class MeshTracer:
 def has_faces(mesh: Mesh, vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether a mesh has these faces and this number of vertices."""
     return len(mesh.vertices) == len(vertices) and np.array_equal(mesh.faces, faces)
-
-
-def cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
-    """Run a query of a tracer; rays that it refuses hit nothing."""
-    try:
-        return getattr(tracer, query)(*rays, **more)
-    except QueryError:
-        if rays[0].ndim != 2:
-            raise
-        origins, directions = (np.array(values, np.float64) for values in rays)
-        bad = ~(np.isfinite(origins) & np.isfinite(directions)).all(axis=1) | (directions == 0).all(axis=1)
-        if not bad.any():
-            raise
-        origins[bad], directions[bad] = 0.0, 1.0
-        return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)

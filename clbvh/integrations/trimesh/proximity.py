@@ -18,7 +18,8 @@ from ...device.info import DeviceInfo
 from ...errors import QueryError
 from ...trace import ClosestPoints
 from .current_options import options_for
-from .mesh_tracer import EngineOptions, MeshTracer, read_options
+from .following_tracer import EngineOptions, read_options
+from .mesh_tracer import MeshTracer
 from .ray import RayMeshIntersector
 from .tracers import find_tracer, read_mesh
 

@@ -15,7 +15,7 @@ from ...device.select import choose_device
 from ...device.settings import find_settings
 from ...errors import DeviceError, MeshError, QueryError
 from ...trace.points.inside import GENERIC_DIRECTIONS
-from .mesh_tracer import EngineOptions, read_options
+from .following_tracer import EngineOptions, read_options
 from .tracers import find_tracer, read_mesh
 
 # Most hits of a ray, unless the caller says otherwise: trimesh's default.

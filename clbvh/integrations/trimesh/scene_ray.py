@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.info import DeviceInfo
 from ...errors import QueryError, SceneError
 from ...trace.points.inside import GENERIC_DIRECTIONS
-from .mesh_tracer import EngineOptions, read_options
+from .following_tracer import EngineOptions, read_options
 from .ray import MAX_HITS, read_rays
 from .scene_tracer import SceneTracer
 from .tracers import make_room
@@ -318,7 +318,7 @@ class SceneRay:
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a query of the tracer; rays that it refuses hit nothing."""
-        return self._tracer.cast(self.scene, query, rays, **more)[0]
+        return self._tracer.cast(self.scene, query, rays, **more)
 
     def __repr__(self) -> str:
         tracer = self._tracer.open_tracer

@@ -5,23 +5,21 @@ Must not know who queries it. What has changed is found by trimesh's own hashes,
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...device.owner_process import check_process, is_inherited
-from ...errors import DeviceError, QueryError, SceneError
+from ...errors import DeviceError, SceneError
 from ...geometry import Mesh
 from ...scene.contents import SceneContents
 from ...scene.geometry import Geometry
 from ...scene.parts import make_affine
 from ...scene.transforms import check_transforms
 from ...trace import Tracer
-from .mesh_tracer import EngineOptions, cast_any_rays, has_faces
+from .following_tracer import FollowingTracer
+from .mesh_tracer import has_faces
 
 
 class SceneNodes(NamedTuple):
@@ -90,45 +88,11 @@ class _Follower:
         return has_faces(self.meshes[name], np.asarray(mesh.vertices), np.asarray(mesh.faces))
 
 
-class SceneTracer:
-    """A tracer of one scene of trimesh: opened when first needed, and moved or opened again when the scene has changed.
+class SceneTracer(FollowingTracer["_Follower"]):
+    """A tracer of one scene of trimesh: opened when first needed, moved or opened again when the scene has changed."""
 
-    Any number of threads may use one object, as long as none changes the scene meanwhile.
-
-    Parameters
-    ----------
-    options : EngineOptions
-    on_open : function
-        Called with this object, under no lock, after it has taken more of the device's memory.
-
-    Attributes
-    ----------
-    last_use : float
-        Seconds on a clock of its own.
-    """
-
-    def __init__(self, options: EngineOptions, on_open: Callable[[Any], None]) -> None:
-        self.options = options
-        self.last_use = 0.0
-        self._on_open = on_open
-        self._lock = threading.RLock()
-        self._follower: _Follower | None = None
-        self._tracer: Tracer | None = None
-        self._announced_bytes = 0
-
-    def cast(
-        self, scene: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any
-    ) -> tuple[Any, SceneNodes]:
-        """Run a ray query of the tracer, and return its result and the nodes it is about; see `cast_any_rays`."""
-        self.last_use = time.monotonic()
-        while True:
-            tracer, nodes = self._open(scene)
-            try:
-                return cast_any_rays(tracer, query, rays, **more), nodes
-            except QueryError:
-                # Another thread may have closed it meanwhile: try again with a new one.
-                if not tracer.is_closed:
-                    raise
+    # As long as there is a tracer.
+    _follower: _Follower | None = None
 
     def nodes(self, scene: Any) -> SceneNodes:
         """Return the nodes of the scene as it is now."""
@@ -138,45 +102,14 @@ class SceneTracer:
                 return known.nodes
         return _read_nodes(scene)[0]
 
-    def close(self) -> None:
-        """Give the device's and the host's memory back, after the queries of other threads."""
-        if is_inherited():
-            return
-        with self._lock:
-            tracer, self._tracer, self._follower = self._tracer, None, None
-        if tracer is not None:
-            tracer.close()
+    def _take(self) -> Tracer | None:
+        self._follower = None
+        return super()._take()
 
-    def give_way(self) -> bool:
-        """Give the device's memory back, unless a thread is about to use it; return whether it did."""
-        if is_inherited() or not self._lock.acquire(blocking=False):
-            return False
-        try:
-            tracer, self._tracer, self._follower = self._tracer, None, None
-        finally:
-            self._lock.release()
-        if tracer is not None:
-            tracer.close()
-        return tracer is not None
+    def _forget(self) -> None:
+        self._follower = None
 
-    @property
-    def open_tracer(self) -> Tracer | None:
-        """The tracer, if there is one now."""
-        return self._tracer
-
-    def _open(self, scene: Any) -> tuple[Tracer, SceneNodes]:
-        """Return a tracer of the scene as it is now, and its nodes."""
-        check_process()
-        with self._lock:
-            tracer, follower = self._follow(scene)
-            byte_count = tracer.memory_bytes
-            has_grown = byte_count > self._announced_bytes
-            self._announced_bytes = byte_count
-        if has_grown:
-            self._on_open(self)
-        return tracer, follower.nodes
-
-    def _follow(self, scene: Any) -> tuple[Tracer, _Follower]:
+    def _follow_open(self, scene: Any) -> tuple[Tracer, _Follower]:
         """Return a tracer of the scene as it is now, and what it follows: both new ones if they cannot be moved."""
         tracer, known = self._tracer, self._follower
         key = _graph_key(scene)
@@ -192,16 +125,15 @@ class SceneTracer:
                         return tracer, known
                 except DeviceError:
                     pass  # no room for a second copy: open another one in place of this one
-        self._tracer = self._follower = None
+        self._take()
         if tracer is not None:
             tracer.close()
         nodes, transforms = _read_nodes(scene)
         if len(nodes.names) == 0:
             raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
         follower = _Follower(nodes, transforms, {name: scene.geometry[name] for name in nodes.geometries})
-        device, layout = self.options
-        tracer = Tracer(follower.contents, device=device, layout=layout)
-        follower.graph_key, self._announced_bytes = key, 0
+        tracer = self._open_new(follower.contents)
+        follower.graph_key = key
         self._tracer, self._follower = tracer, follower
         return tracer, follower
 

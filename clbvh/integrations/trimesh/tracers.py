@@ -13,7 +13,8 @@ from typing import Any, ClassVar, TypeAlias
 from weakref import WeakSet, WeakValueDictionary, ref
 
 from ...geometry.as_mesh import MeshLike, as_mesh
-from .mesh_tracer import EngineOptions, MeshTracer
+from .following_tracer import EngineOptions
+from .mesh_tracer import MeshTracer
 from .scene_tracer import SceneTracer
 
 AnyTracer: TypeAlias = MeshTracer | SceneTracer

@@ -15,8 +15,8 @@ from ...geometry.appearance.appearance import Appearance
 from ...geometry.appearance.material import Material
 from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ...geometry.shape import Shape
+from ...layouts.pack_normals import pack_normals
 from ...structs import LOOK, MATERIAL
-from .pack_normals import pack_normals
 from .texture_tables import TextureTables
 
 # A table without rows still needs a buffer.

@@ -16,6 +16,7 @@ from ...structs import SHADINGS
 from ...trace.traced_tree import TracedTree
 from ..frame import Band
 from ..view_entry_points import ViewEntryPoints
+from ..world_arguments import world_arguments
 
 _FILM_DTYPE = np.dtype((np.float32, 4))
 
@@ -25,12 +26,8 @@ _LAUNCH_S = 0.25
 # Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
 _FILTER_RADIUS = 1.0
 
-# Arguments of `render_samples` that a mesh without a scene, or a scene, has none of.
-_NO_ARGUMENTS: dict[str, Any] = {
-    "top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0),
-    "lights": None, "light_shares": None,
-    "environment": None, "environment_rows": None, "environment_columns": None,
-}  # fmt: skip
+# Arguments of `render_samples` that only paths have.
+_NO_LIGHTS = dict.fromkeys(("lights", "light_shares", "environment", "environment_rows", "environment_columns"))
 
 
 @dataclass
@@ -92,7 +89,7 @@ class SampleShading:
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
-        self.arguments = {**_NO_ARGUMENTS, **tree.arguments, **arguments}
+        self.arguments = {**world_arguments(tree), **_NO_LIGHTS, **arguments}
         defines = {**tree.defines, "SHADING": SHADINGS[shading], "HAS_CUTOUTS": int(has_cutouts)}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")
@@ -117,7 +114,7 @@ class SamplePainter:
         shading, session = self._shading, band.session
         pixel_count = band.width * band.row_count
         film = band.memory.buffer("film", for_mapping=False).take(pixel_count * _FILM_DTYPE.itemsize)
-        arguments = {**shading.arguments, **band.rows, "entry_points": shading.entry_points.find(band)}
+        arguments = {**shading.arguments, **band.rows, **shading.entry_points.find(band)}
         taken = self._take_samples(band, film, arguments)
         session.run(
             shading.develop, (pixel_count,), (session.settings.work_group_size,),

@@ -58,6 +58,8 @@ class Hits:
     >>> mesh = clbvh.Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
     >>> with clbvh.Tracer(mesh) as tracer:
     ...     hits = tracer.closest_hit([[1, 2, 5], [3, 3, 5]], [[0, 0, -1], [0, 0, -1]])
+    >>> hits
+    Hits(shape=(2,), hits=1)
     >>> hits.is_hit, hits.t, hits.prim_id
     (array([ True, False]), array([ 5., inf]), array([ 0, -1], dtype=int32))
     >>> hits.u, hits.v
@@ -86,10 +88,10 @@ class Hits:
     u: NDArray[np.floating]
     v: NDArray[np.floating]
     prim_id: NDArray[np.int32]
-    mesh: Mesh | None = field(default=None, repr=False)
-    is_front: NDArray[np.bool_] | None = field(default=None, repr=False, kw_only=True)
-    scene_surface: surface.SceneSurface | None = field(default=None, repr=False, kw_only=True)
-    known_instance_id: NDArray[np.int32] | None = field(default=None, repr=False, kw_only=True)
+    mesh: Mesh | None = None
+    is_front: NDArray[np.bool_] | None = field(default=None, kw_only=True)
+    scene_surface: surface.SceneSurface | None = field(default=None, kw_only=True)
+    known_instance_id: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
     @classmethod
     def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
@@ -347,6 +349,9 @@ class Hits:
     def _points(self) -> surface.SurfacePoints:
         return surface.SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
 
+    def __repr__(self) -> str:
+        return f"Hits(shape={self.shape}, hits={self.count:,})"
+
 
 @dataclass(frozen=True, eq=False)
 class AllHits(Hits):
@@ -377,7 +382,7 @@ class AllHits(Hits):
 
     offsets: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64), kw_only=True)
 
-    known_locations: NDArray[np.float64] | None = field(default=None, repr=False, kw_only=True)
+    known_locations: NDArray[np.float64] | None = field(default=None, kw_only=True)
 
     @classmethod
     def _of(cls, hits: Hits, offsets: NDArray[np.int64], locations: NDArray[np.float64] | None = None) -> AllHits:
@@ -399,3 +404,6 @@ class AllHits(Hits):
     def ray_id(self) -> NDArray[np.int64]:
         """(m,) int64: the ray of each crossing."""
         return np.repeat(np.arange(len(self.offsets) - 1), self.counts)
+
+    def __repr__(self) -> str:
+        return f"AllHits(rays={len(self.offsets) - 1:,}, hits={self.count:,})"

@@ -11,10 +11,11 @@ import numpy as np
 from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, times_power_of_two
+from ...support.prefetch import prefetch
 from ..rays.ray_rows import row_step
 from .placed_locations import locate_placed_point
-from .refine_block import AB, AC, CORNER, DIRECTION, TUV
-from .scene_arrays import place_point, place_vector, to_object_by
+from .refine_block import AB, AC, CORNER, DIRECTION, PREFETCH_HITS, TUV
+from .scene_arrays import to_object_by
 from .sphere_coordinates import sphere_uv
 from .sphere_roots import sphere_crossing
 
@@ -27,11 +28,25 @@ def gather_placed(rays, arrays, found_ints, block, count):
     origins, directions = rays.origins, rays.directions
     origin_step, direction_step = row_step(origins), row_step(directions)
     vertices, faces = arrays.vertices, arrays.faces
+    linear, offset = arrays.linear, arrays.offset
     vectors, exponents, sources = block.vectors, block.exponents, block.sources
+    # Numbers of the instance, read anew where it is another one than that of the hit before: seldom, mostly.
+    known, is_sphere, first_vertex, first_face, scale, exponent_of_scale = np.int64(-1), False, 0, 0, 1.0, 0
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    x_offset, y_offset, z_offset = 0.0, 0.0, 0.0
     for hit in range(count):
         origin_id, direction_id = block.rays[hit] * origin_step, block.rays[hit] * direction_step
         instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
-        geometry = arrays.geometry_id[instance]
+        if instance != known:
+            known, geometry = instance, arrays.geometry_id[instance]
+            is_sphere = arrays.kind[geometry] == _SPHERES
+            first_vertex, first_face = arrays.first_vertex[geometry], arrays.first_face[geometry]
+            scale = arrays.world_scale[instance]
+            exponent_of_scale = exponent_of(scale)
+            xx, xy, xz = linear[instance, 0, 0], linear[instance, 0, 1], linear[instance, 0, 2]
+            yx, yy, yz = linear[instance, 1, 0], linear[instance, 1, 1], linear[instance, 1, 2]
+            zx, zy, zz = linear[instance, 2, 0], linear[instance, 2, 1], linear[instance, 2, 2]
+            x_offset, y_offset, z_offset = offset[instance, 0], offset[instance, 1], offset[instance, 2]
         dx, dy, dz = (
             np.float64(directions[direction_id, 0]),
             np.float64(directions[direction_id, 1]),
@@ -41,23 +56,27 @@ def gather_placed(rays, arrays, found_ints, block, count):
         vectors[DIRECTION, 0, hit] = times_power_of_two(dx, -exponent)
         vectors[DIRECTION, 1, hit] = times_power_of_two(dy, -exponent)
         vectors[DIRECTION, 2, hit] = times_power_of_two(dz, -exponent)
-        scale = arrays.world_scale[instance]
-        exponents[hit] = exponent + exponent_of(scale)
-        if arrays.kind[geometry] == _SPHERES:
+        exponents[hit] = exponent + exponent_of_scale
+        if is_sphere:
             _write_triangle_across(vectors, hit)
             continue
-        first_vertex = arrays.first_vertex[geometry]
-        face = arrays.first_face[geometry] + found_ints[sources[hit], HIT_PRIM_ID]
+        coming = sources[min(hit + PREFETCH_HITS, count - 1)]
+        if found_ints[coming, SCENE_HIT_INSTANCE_ID] == instance:
+            prefetch(faces, 3 * (first_face + found_ints[coming, HIT_PRIM_ID]))
+        face = first_face + found_ints[sources[hit], HIT_PRIM_ID]
         a, b, c = first_vertex + faces[face, 0], first_vertex + faces[face, 1], first_vertex + faces[face, 2]
         x, y, z = vertices[a, 0], vertices[a, 1], vertices[a, 2]
-        corner = place_point(arrays, instance, x, y, z)
-        ab = place_vector(arrays, instance, vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z)
-        ac = place_vector(arrays, instance, vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z)
-        vectors[CORNER, 0, hit] = (corner[0] - origins[origin_id, 0]) * scale
-        vectors[CORNER, 1, hit] = (corner[1] - origins[origin_id, 1]) * scale
-        vectors[CORNER, 2, hit] = (corner[2] - origins[origin_id, 2]) * scale
-        vectors[AB, 0, hit], vectors[AB, 1, hit], vectors[AB, 2, hit] = ab[0] * scale, ab[1] * scale, ab[2] * scale
-        vectors[AC, 0, hit], vectors[AC, 1, hit], vectors[AC, 2, hit] = ac[0] * scale, ac[1] * scale, ac[2] * scale
+        vectors[CORNER, 0, hit] = (xx * x + xy * y + xz * z + x_offset - origins[origin_id, 0]) * scale
+        vectors[CORNER, 1, hit] = (yx * x + yy * y + yz * z + y_offset - origins[origin_id, 1]) * scale
+        vectors[CORNER, 2, hit] = (zx * x + zy * y + zz * z + z_offset - origins[origin_id, 2]) * scale
+        abx, aby, abz = vertices[b, 0] - x, vertices[b, 1] - y, vertices[b, 2] - z
+        vectors[AB, 0, hit] = (xx * abx + xy * aby + xz * abz) * scale
+        vectors[AB, 1, hit] = (yx * abx + yy * aby + yz * abz) * scale
+        vectors[AB, 2, hit] = (zx * abx + zy * aby + zz * abz) * scale
+        acx, acy, acz = vertices[c, 0] - x, vertices[c, 1] - y, vertices[c, 2] - z
+        vectors[AC, 0, hit] = (xx * acx + xy * acy + xz * acz) * scale
+        vectors[AC, 1, hit] = (yx * acx + yy * acy + yz * acz) * scale
+        vectors[AC, 2, hit] = (zx * acx + zy * acy + zz * acz) * scale
 
 
 @compiled

@@ -6,7 +6,6 @@ its distance from zero costs a digit.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -132,45 +131,47 @@ class Placement(NamedTuple):
 
 def place_instances(scene: SceneLike) -> list[Placement]:
     """Return the placements of all instances, in the order of their ids."""
-    farthest = [_radius(shape, np.eye(3)) for shape in scene.shapes]
-    return [
-        _place(index, int(geometry_id), int(mask), scene.shapes[geometry_id], transform, farthest[geometry_id])
-        for index, (geometry_id, mask, transform) in enumerate(
-            zip(scene.geometry_ids, scene.masks, np.asarray(scene.transforms, np.float64), strict=True)
-        )
-    ]
-
-
-def _place(
-    index: int, geometry_id: int, mask: int, shape: Shape, transform: NDArray[np.float64], farthest: float
-) -> Placement:
-    """Return the placement of an instance; `farthest` is the radius of its shape, in local units."""
-    linear = transform[:3, :3]
-    centre = linear @ shape.origin + transform[:3, 3]
+    geometry_ids = np.asarray(scene.geometry_ids, np.int64)
+    transforms = np.asarray(scene.transforms, np.float64).reshape(-1, 4, 4)
+    if len(transforms) == 0:
+        return []
+    linear, scales = transforms[:, :3, :3], np.array([shape.scale for shape in scene.shapes])[geometry_ids]
+    origins = np.array([shape.origin for shape in scene.shapes])[geometry_ids]
+    centres = np.einsum("nij,nj->ni", linear, origins) + transforms[:, :3, 3]
 
     # A power of two first, so that squares stay within float64.
-    size = 2.0 ** math.frexp(float(np.abs(linear).max()) / shape.scale)[1]
-    local_to_world = linear / shape.scale / size
+    sizes = np.ldexp(1.0, np.frexp(np.abs(linear).max(axis=(1, 2)) / scales)[1])
+    local_to_world = linear / scales[:, None, None] / sizes[:, None, None]
+    radii = _find_radii(scene, geometry_ids, local_to_world)
+    exponents = np.where(radii > 0.0, np.frexp(radii)[1], 0)
+    units = sizes * np.ldexp(1.0, exponents)
+    to_world = local_to_world / np.ldexp(1.0, exponents)[:, None, None]
+    to_local = np.linalg.inv(to_world)
+    growths = (np.abs(to_world) @ np.abs(to_local)).sum(axis=2).max(axis=1)
+    local_growths = np.abs(to_local).sum(axis=2).max(axis=1)
+    radii = np.ldexp(radii, -exponents)
+    return [
+        Placement(
+            index, geometry_id, int(scene.masks[index]), scene.shapes[geometry_id], float(units[index]), centres[index],
+            to_world[index], to_local[index], float(radii[index]), float(growths[index]), float(local_growths[index]),
+        )
+        for index, geometry_id in enumerate(geometry_ids.tolist())
+    ]  # fmt: skip
+
+
+def _find_radii(
+    scene: SceneLike, geometry_ids: NDArray[np.int64], local_to_world: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (n,) float64: the distance of the farthest corner of each instance's box from local zero."""
+    boxes = np.array([shape.local_box for shape in scene.shapes], np.float64)
+    corners = np.where(_CORNERS, boxes[:, None, 1], boxes[:, None, 0])
+    placed = np.einsum("nij,ncj->nci", local_to_world, corners[geometry_ids])
+    radii = np.linalg.norm(placed, axis=2).max(axis=1)
+    # Where all directions are stretched alike, the same for all instances.
     stretches = np.linalg.svd(local_to_world, compute_uv=False)
-    # Without a pass over the primitives where all directions are stretched alike.
-    is_similar = stretches[0] - stretches[2] <= _SIMILAR * stretches[0]
-    radius = float(stretches[0]) * farthest if is_similar else _radius(shape, local_to_world)
-    exponent = math.frexp(radius)[1] if radius > 0.0 else 0
-    unit = size * 2.0**exponent
-    to_world = local_to_world / 2.0**exponent
-    to_local = np.asarray(np.linalg.inv(to_world), np.float64)
-    growth = float((np.abs(to_world) @ np.abs(to_local)).sum(axis=1).max())
-    return Placement(
-        index, geometry_id, mask, shape, unit, centre, to_world, to_local, radius / 2.0**exponent, growth,
-        float(np.abs(to_local).sum(axis=1).max()),
-    )  # fmt: skip
-
-
-def _radius(shape: Shape, to_world: NDArray[np.float64]) -> float:
-    """Return the distance of the farthest corner of the shape's box."""
-    lower, upper = shape.local_box.astype(np.float64)
-    corners = np.where(_CORNERS, upper, lower) @ to_world.T
-    return float(np.linalg.norm(corners, axis=1).max()) * _ROOM
+    is_similar = stretches[:, 0] - stretches[:, 2] <= _SIMILAR * stretches[:, 0]
+    farthest = np.linalg.norm(corners, axis=2).max(axis=1)[geometry_ids]
+    return np.where(is_similar, stretches[:, 0] * farthest, radii) * _ROOM
 
 
 def scene_radius(placements: list[Placement]) -> float:

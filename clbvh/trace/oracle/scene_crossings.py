@@ -23,6 +23,10 @@ _FIRST_ROOM = 4
 # The rays of a scene are advanced to within this many times `Blur.near` radii of it; beyond, t does not grow.
 _ADVANCED = 2.0
 
+# Room for rounding where a ray is said to pass an instance by, as a share of the bound and of the way to the instance;
+# an instance this many scenes away is never said to be passed.
+_PASS_SHARE, _PASS_ROUNDING, _FARTHEST = 1.0 + 2.0**-20, 2.0**-44, 2.0**300
+
 
 class Rays(NamedTuple):
     """Rays of the world, one element for each.
@@ -161,15 +165,81 @@ def find_crossings(
     size = scene_radius(placements) if placements else 0.0
     with np.errstate(over="ignore"):
         slack_of_rays = granted.order * _ADVANCED * granted.near * size / rays.lengths
-    parts = [_cross(placed, rays, granted, size, slack_of_rays, twins) for placed in placements]
+    longest = np.abs(rays.directions).max(axis=1, keepdims=True)
+    directions = rays.directions / longest
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    near = np.empty(len(directions), np.int64)
+    parts = []
+    for placed in placements:
+        chosen = near[: _find_near(_bound(placed, granted, size), rays.origins, directions, rays.masks, near)]
+        if len(chosen):
+            parts.append(_cross(placed, rays, directions, chosen, granted, size, slack_of_rays, twins))
     return _sort(parts, len(rays.lengths))
 
 
+class _Bound(NamedTuple):
+    """The sphere around an instance, its mask, and what blurs rays of it; lengths as shares of `size`, of the scene.
+
+    `entering` is that of `Blur` times the growth, and from farther away than `near` it does not grow.
+    """
+
+    x: float
+    y: float
+    z: float
+    radius: float
+    entering: float
+    near: float
+    pair: float
+    mask: np.uint32
+    size: float
+
+
+def _bound(placed: Placement, blur: Blur, size: float) -> _Bound:
+    size = size if size > 0.0 else 1.0
+    x, y, z = placed.centre.tolist()
+    radius = placed.radius * (placed.unit / size)
+    return _Bound(
+        x, y, z, radius, placed.growth * blur.entering, blur.near * radius, blur.pair, np.uint32(placed.mask), size
+    )
+
+
+@compiled
+def _find_near(bound, origins, directions, masks, near):
+    """Write the rays that may meet an instance, or pass it by less than the blur; return how many there are."""
+    count = 0
+    for ray in range(len(origins)):
+        if masks[ray] & bound.mask == 0:
+            continue
+        x, y, z = (
+            (origins[ray, 0] - bound.x) / bound.size, (origins[ray, 1] - bound.y) / bound.size,
+            (origins[ray, 2] - bound.z) / bound.size,
+        )  # fmt: skip
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        along = x * dx + y * dy + z * dz
+        side_x, side_y, side_z = x - along * dx, y - along * dy, z - along * dz
+        way = abs(x) + abs(y) + abs(z)
+        reach = bound.radius + min(way, bound.near)
+        most = bound.radius + bound.entering * reach + bound.pair * (way + 1.0)
+        most = most * _PASS_SHARE + _PASS_ROUNDING * way
+        if side_x * side_x + side_y * side_y + side_z * side_z <= most * most or not way <= _FARTHEST:
+            near[count] = ray
+            count += 1
+    return count
+
+
 def _cross(
-    placed: Placement, rays: Rays, blur: Blur, size: float, slack_of_rays: NDArray[np.float64], twins: _Twins
+    placed: Placement,
+    rays: Rays,
+    directions: NDArray[np.float64],
+    near: NDArray[np.int64],
+    blur: Blur,
+    size: float,
+    slack_of_rays: NDArray[np.float64],
+    twins: _Twins,
 ) -> tuple[NDArray, ...]:
-    """Return the fields of `Crossings` of one instance, with the ray in place of the offsets."""
-    seen, indices = _see(placed, rays, blur, size)
+    """Return the fields of `Crossings` of one instance and some rays, with the ray in place of the offsets."""
+    seen, indices = _see(placed, rays.origins[near], directions[near], blur, size)
+    indices = near[indices]
     found = _find(placed.shape, placed, seen)
     ray = indices[found.rays]
     with np.errstate(over="ignore", under="ignore"):
@@ -186,20 +256,18 @@ def _cross(
     return tuple(values[can_be] for values in fields)
 
 
-def _see(placed: Placement, rays: Rays, blur: Blur, size: float) -> tuple[_SeenRays, NDArray[np.int64]]:
-    """Return the rays that can meet an instance as it sees them, and their indices."""
-    origins = placed.to_unit(rays.origins)
-    longest = np.abs(rays.directions).max(axis=1, keepdims=True)
-    directions = rays.directions / longest
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+def _see(
+    placed: Placement, origins: NDArray[np.float64], directions: NDArray[np.float64], blur: Blur, size: float
+) -> tuple[_SeenRays, NDArray[np.int64]]:
+    """Return the rays that can meet an instance as it sees them, and their indices; the directions are 1 long."""
+    origins = placed.to_unit(origins)
     shifts = -_dot(origins, directions)
     feet = origins + shifts[:, None] * directions
     more = -_dot(feet, directions)
     feet, shifts = feet + more[:, None] * directions, shifts + more
 
     blurs, local_blurs = placed.blurs(blur, origins, size)
-    is_near = np.linalg.norm(feet, axis=1) <= placed.radius + blurs
-    indices = np.flatnonzero(is_near & (rays.masks & np.uint32(placed.mask) != 0))
+    indices = np.flatnonzero(np.linalg.norm(feet, axis=1) <= placed.radius + blurs)
     return _SeenRays(*(values[indices] for values in (feet, directions, shifts, blurs, local_blurs))), indices
 
 

@@ -213,10 +213,9 @@ class SceneReference:
         u, v = (np.asarray(values, np.float64).reshape(-1) for values in (hits.u, hits.v))
         is_refined = np.asarray(hits.t).dtype == np.float64
         size = scene_radius(self._placements) if self._placements else 0.0
-        for placed in self._placements:
-            mine = np.flatnonzero(instance[indices] == placed.instance_id)
-            if len(mine) == 0:
-                continue
+        named = instance[indices]
+        for instance_id in np.unique(named).tolist():
+            placed, mine = self._placements[instance_id], np.flatnonzero(named == instance_id)
             chosen, of_rays = indices[mine], ray_ids[mine]
             seen = _see(placed, self._blur, size, rays, of_rays)
             points, is_inside = _place_points(placed, prim[chosen], u[chosen], v[chosen])

@@ -1,7 +1,7 @@
 """The cost of rays in the layouts `bvh4` and `bvh8`: node visits and triangle tests, counted on the host.
 
 As in `cl/traversal/wide.cl` for the closest hit: nearest child first, and children beyond the nearest hit are skipped
-when they are popped. From the root: there are no entry points. Boxes and triangles are tested as in `visits.py`, which
+when they are popped. From the root: there are no entry points. Boxes and triangles are tested as in `descend.py`, which
 may differ from the device in the last bit of t.
 """
 
@@ -19,7 +19,8 @@ from ...structs import NO_PRIM, PACKED_RAY, TRIANGLE_LANES
 from ...support.compiled import compiled
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
-from .visits import Visits, intersect_triangle, make_shear, pad_ray
+from .descend import intersect_triangle, make_shear, pad_ray
+from .visits import Visits
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
 

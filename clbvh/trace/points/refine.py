@@ -53,6 +53,9 @@ class ClosestPoints(NamedTuple):
         """(...,) int32: the instance that the point is on. Of a single mesh 0, and -1 where there is no point."""
         return np.minimum(self.prim_id, 0)
 
+    def __repr__(self) -> str:
+        return f"ClosestPoints(shape={self.prim_id.shape}, found={np.count_nonzero(self.prim_id != NO_PRIM):,})"
+
 
 class SceneClosestPoints(ClosestPoints):
     """The closest points in a scene: `ClosestPoints` that know the instance.

@@ -71,10 +71,19 @@ def refine_scene_points(
     _refine(points, order, arrays, prims["prim_id"], prims["instance_id"], found)
 
 
+class _Scratch(NamedTuple):
+    """Memory for one point after the other: four vectors, two matrices by rows, and the closest point."""
+
+    rows: NDArray[np.float64]
+    way: NDArray[np.float64]
+    matrix: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    nearest: NDArray[np.float64]
+
+
 @compiled(error_model="numpy")
 def _refine(points, order, arrays, prim_ids, instance_ids, found):
-    scratch, way, nearest = np.empty((4, 3)), np.empty(3), np.empty(3)
-    matrix, axes = np.empty((3, 3)), np.empty((3, 3))
+    scratch = _Scratch(np.empty((4, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(3))
     for slot in range(len(order)):
         index, prim, instance = order[slot], prim_ids[slot], instance_ids[slot]
         found.prim_id[index], found.instance_id[index] = prim, instance
@@ -82,36 +91,34 @@ def _refine(points, order, arrays, prim_ids, instance_ids, found):
             found.distance[index] = np.inf
             found.point[index, 0] = found.point[index, 1] = found.point[index, 2] = np.nan
             continue
-        geometry = arrays.geometry_id[instance]
-        if arrays.kind[geometry] == _SPHERES:
-            sphere = arrays.first_sphere[geometry] + prim
-            distance = _close_to_sphere(points, index, arrays, instance, sphere, scratch, way, matrix, axes, nearest)
+        if arrays.kind[arrays.geometry_id[instance]] == _SPHERES:
+            found.distance[index] = _close_to_sphere(points[index], arrays, instance, prim, scratch)
         else:
-            distance = _close_to_triangle(points, index, arrays, instance, geometry, prim, scratch, way, nearest)
-        found.distance[index] = distance
+            found.distance[index] = _close_to_triangle(points[index], arrays, instance, prim, scratch)
         for axis in range(3):
-            found.point[index, axis] = nearest[axis]
+            found.point[index, axis] = scratch.nearest[axis]
 
 
 @compiled(error_model="numpy")
-def _close_to_triangle(points, index, arrays, instance, geometry, prim, scratch, way, nearest):
+def _close_to_triangle(point, arrays, instance, prim, scratch):
     """Write the closest point of a placed triangle, and return its distance.
 
     The edges are placed by themselves: far from zero they keep digits that differences of placed corners would lose.
     """
+    geometry, way, nearest = arrays.geometry_id[instance], scratch.way, scratch.nearest
     face, row = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
     first, second, third = row + arrays.faces[face, 0], row + arrays.faces[face, 1], row + arrays.faces[face, 2]
     vertices = arrays.vertices
     x, y, z = vertices[first, 0], vertices[first, 1], vertices[first, 2]
     ux, uy, uz = vertices[second, 0] - x, vertices[second, 1] - y, vertices[second, 2] - z
     vx, vy, vz = vertices[third, 0] - x, vertices[third, 1] - y, vertices[third, 2] - z
-    a, b, c, weights = scratch[0], scratch[1], scratch[2], scratch[3]
+    a, b, c, weights = scratch.rows[0], scratch.rows[1], scratch.rows[2], scratch.rows[3]
     b[0], b[1], b[2] = place_vector(arrays, instance, ux, uy, uz)
     c[0], c[1], c[2] = place_vector(arrays, instance, vx, vy, vz)
     way[0], way[1], way[2] = place_point(arrays, instance, x, y, z)
     size, reach = 0.0, 0.0
     for axis in range(3):
-        way[axis] -= points[index, axis]
+        way[axis] -= point[axis]
         size = max(size, abs(b[axis]), abs(c[axis]))
         reach = max(reach, abs(way[axis]))
     is_far = reach > _FAR_SHARE * size
@@ -127,14 +134,16 @@ def _close_to_triangle(points, index, arrays, instance, geometry, prim, scratch,
         z + (weights[1] * uz + weights[2] * vz),
     )  # fmt: skip
     if is_far:
-        return _distance_between(points, index, nearest)
+        return _distance_between(point, nearest)
     return times_power_of_two(np.sqrt(squared), exponent)
 
 
 @compiled(error_model="numpy")
-def _close_to_sphere(points, index, arrays, instance, sphere, scratch, way, matrix, axes, nearest):
+def _close_to_sphere(point, arrays, instance, prim, scratch):
     """Write the closest point of the ellipsoid that a placed sphere is, and return its distance."""
+    sphere = arrays.first_sphere[arrays.geometry_id[instance]] + prim
     spheres, radius = arrays.spheres, arrays.spheres[sphere, 3]
+    way, matrix, axes, nearest = scratch.way, scratch.matrix, scratch.axes, scratch.nearest
     way[0], way[1], way[2] = place_point(arrays, instance, spheres[sphere, 0], spheres[sphere, 1], spheres[sphere, 2])
     largest = 0.0
     for row in range(3):
@@ -148,11 +157,11 @@ def _close_to_sphere(points, index, arrays, instance, sphere, scratch, way, matr
     find_axes(matrix, axes)
     unit, size = exponent_of(radius) + stretch, times_power_of_two(radius, stretch)
     radius = times_power_of_two(radius, -exponent_of(radius))
-    position, lengths, shares = scratch[0], scratch[1], scratch[2]
+    position, lengths, shares = scratch.rows[0], scratch.rows[1], scratch.rows[2]
     reach = 0.0
     for axis in range(3):
         nearest[axis] = way[axis]
-        way[axis] = points[index, axis] - way[axis]
+        way[axis] = point[axis] - way[axis]
         reach = max(reach, abs(way[axis]))
     is_far = reach > _FAR_SHARE * size
     share = _FAR_SHARE * size / reach if is_far else 1.0
@@ -166,7 +175,7 @@ def _close_to_sphere(points, index, arrays, instance, sphere, scratch, way, matr
         length = np.sqrt(squared)
         lengths[row] = length * radius
         position[row] = along / length
-    signs = scratch[3]
+    signs = scratch.rows[3]
     for row in range(3):
         signs[row] = -1.0 if position[row] < 0.0 else 1.0
         position[row] = abs(position[row])
@@ -178,19 +187,19 @@ def _close_to_sphere(points, index, arrays, instance, sphere, scratch, way, matr
         for axis in range(3):
             nearest[axis] += times_power_of_two(signs[row] * shares[row] * radius * axes[row, axis], unit)
     if is_far:
-        return _distance_between(points, index, nearest)
+        return _distance_between(point, nearest)
     return times_power_of_two(np.sqrt(squared), unit)
 
 
 @compiled(error_model="numpy")
-def _distance_between(points, index, nearest):
+def _distance_between(point, nearest):
     """Return the distance of a point from its closest one, whose square may leave float64."""
     largest = 0.0
     for axis in range(3):
-        largest = max(largest, abs(nearest[axis] - points[index, axis]))
+        largest = max(largest, abs(nearest[axis] - point[axis]))
     exponent = exponent_of(largest)
     squared = 0.0
     for axis in range(3):
-        away = times_power_of_two(nearest[axis] - points[index, axis], -exponent)
+        away = times_power_of_two(nearest[axis] - point[axis], -exponent)
         squared += away * away
     return times_power_of_two(np.sqrt(squared), exponent)

@@ -109,7 +109,7 @@ def read_rays(
             f"origins and directions must have shapes that broadcast against each other, "
             f"not {origins.shape} and {directions.shape}"
         ) from None
-    limits = _read_limits(t_min, "t_min", shape), _read_limits(t_max, "t_max", shape)
+    limits = _read_limits(t_min, "t_min", shape, 0.0), _read_limits(t_max, "t_max", shape)
     masks = None if mask is None else read_masks(mask, shape)
     vectors = Broadcast.to_shape(origins, 1, shape), Broadcast.to_shape(directions, 1, shape)
     return RayBatch(*vectors, *limits, masks), shape
@@ -149,15 +149,22 @@ def _read_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
     return numbers
 
 
-def _read_limits(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
+def read_lengths(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Broadcast:
+    """Return lengths of rays from points of this leading shape; infinity is allowed."""
+    return _read_limits(values, name, shape, 0.0, "points")
+
+
+def _read_limits(
+    values: ArrayLike, name: str, shape: tuple[int, ...], least: float = -np.inf, subject_name: str = "rays"
+) -> Broadcast:
     """Return a limit of rays of this leading shape; infinity is allowed."""
-    least = 0.0 if name == "t_min" else -np.inf
     if type(values) is float and values >= least:  # in a tenth of the time, which matters for a single ray
         return Broadcast.of_one(np.array([values]), shape)
     limits = _read_numbers(values, name).astype(np.float64, copy=False)
     if limits.shape and limits.shape != shape and not _fits(limits.shape, shape):
         raise QueryError(
-            f"{name} must be a number or have a shape that broadcasts to that of the rays, {shape}, not {limits.shape}"
+            f"{name} must be a number or have a shape that broadcasts to that of the {subject_name}, {shape}, "
+            f"not {limits.shape}"
         )
     # Written so that NaN is bad.
     if not (limits >= least).all():

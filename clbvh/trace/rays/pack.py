@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from ...errors import QueryError
 from ...structs import (
+    PACKED_RAY,
     PACKED_RAY_DIRECTION,
     PACKED_RAY_LANES,
     PACKED_RAY_T_MAX,
     PACKED_RAY_T_MIN,
-    SCENE_RAY,
-    SCENE_RAY_DIRECTION_LOW,
-    SCENE_RAY_ORIGIN_LOW,
+    SCENE_LOW,
+    SCENE_LOW_DIRECTION,
+    SCENE_LOW_LANES,
 )
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
@@ -38,7 +39,7 @@ _MOST_FAST_EXPONENT = 400
 
 # An origin within this many times half the box's size is not advanced: float32 rounds by 2^-21 of that there, and a
 # ray takes 9 ns instead of 17 on a 2-core x86-64 server.
-_NEAR_SHARE = 8.0
+NEAR_SHARE = 8.0
 
 # The box is grown by these shares of its size and of the origin's distance before a ray is said to miss it: far more
 # than float64 rounds, and nothing to the device.
@@ -58,6 +59,12 @@ _MOST_ADVANCES = 32
 _PREFETCH_RAYS = 40
 
 _ALL_GOOD = -1
+_NOT_SHARED = -2
+
+_NO_LOWS = np.empty((0, SCENE_LOW_LANES), np.float32)
+
+# Origins that are compared before rays are packed as those of one camera.
+_SAMPLED_ORIGINS = 16
 
 # The mask of rays that see every instance.
 _ALL_VISIBLE = np.uint32(0xFFFFFFFF)
@@ -84,7 +91,9 @@ def pack_rays(
     *,
     order: NDArray[np.int32] | None = None,
     first_ray: int = 0,
-) -> None:
+    lows: NDArray[np.void] | None = None,
+    shared_low: NDArray[np.void] | None = None,
+) -> bool:
     """Write rays as the device takes them. They are scaled, and some are advanced: their t is not the user's.
 
     Parameters
@@ -94,11 +103,21 @@ def pack_rays(
     rays : RayRows
         A part of the batch.
     box : TreeBox
-    packed : (n,) `structs.PACKED_RAY` or `structs.SCENE_RAY`, written
+    packed : (n,) `structs.PACKED_RAY`, written
     order : (n,) int32, optional
         Rays to write, by their indices in the part; all in their own order without it.
     first_ray : int, optional
         Index of the part's first ray in the batch.
+    lows : (n,) `structs.SCENE_LOW`, optional, written
+        For the rays of a scene.
+    shared_low : (1,) `structs.SCENE_LOW`, optional
+        Instead of `lows`, from `find_shared_low`.
+
+    Returns
+    -------
+    bool
+        False if float32 has rounded something else off the origin of a ray than `shared_low` says: then the rays are
+        to be packed again, with `lows`.
 
     Raises
     ------
@@ -106,15 +125,57 @@ def pack_rays(
         A value is not finite, a direction has length zero, or an origin's distance in sizes of the mesh is beyond
         float64; the message names the first bad ray.
     """
-    lanes = packed.view(np.float32).reshape(-1, packed.dtype.itemsize // 4)
-    bad = _pack(rays, box, order, lanes)
+    low_lanes = _NO_LOWS if lows is None else _as_lanes(lows)
+    shared_lanes = _NO_LOWS if shared_low is None else _as_lanes(shared_low)
+    bad = _pack(rays, box, order, _as_lanes(packed), low_lanes, shared_lanes)
+    if bad == _NOT_SHARED:
+        return False
     if bad != _ALL_GOOD and order is not None:
         # In another order, it need not be the first bad ray.
-        bad = _pack(rays, box, None, np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32))
+        whole = np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32)
+        bad = _pack(rays, box, None, whole, _NO_LOWS, _NO_LOWS)
     if bad != _ALL_GOOD:
         raise _explain(batch, first_ray + bad)
-    if packed.dtype == SCENE_RAY:
-        packed["mask"] = _ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
+    if lows is not None:
+        lows["mask"] = _ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
+    return True
+
+
+def find_shared_low(
+    batch: RayBatch, box: TreeBox, begin: int, end: int, *, reads_direction: bool
+) -> NDArray[np.void] | None:
+    """Return the `structs.SCENE_LOW` that rays `begin` to `end` share, (1,), or None if a sample says that they do not.
+
+    Parameters
+    ----------
+    batch : RayBatch
+    box : TreeBox
+    begin, end : int
+    reads_direction : bool
+        Whether the device reads the low parts of directions.
+
+    Raises
+    ------
+    QueryError
+        As `pack_rays`, for the first ray.
+    """
+    if not (batch.mask is None or batch.mask.is_one):
+        return None
+    # Scaling by a power of two leaves nothing of a direction in float32 to be rounded off.
+    if reads_direction and batch.directions.items.dtype != np.float32:
+        return None
+    if not batch.origins.is_one:
+        sample = batch.origins.take(np.linspace(begin, end - 1, _SAMPLED_ORIGINS).astype(np.int64)).items
+        if (sample != sample[0]).any():
+            return None
+    packed, low = np.empty(1, PACKED_RAY), np.zeros(1, SCENE_LOW)
+    pack_rays(batch, batch.part(begin, begin + 1), box, packed, first_ray=begin, lows=low)
+    low["direction"] = 0.0
+    return low
+
+
+def _as_lanes(items: NDArray[np.void]) -> NDArray[np.float32]:
+    return items.view(np.float32).reshape(-1, items.dtype.itemsize // 4)
 
 
 def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None, count: int) -> NDArray[np.uint32]:
@@ -140,12 +201,12 @@ def _explain(batch: RayBatch, ray_id: int) -> QueryError:
 
 
 @compiled
-def _pack(batch, box, order, packed):
-    """Write the rays; return the index of the first bad one that is met, or _ALL_GOOD."""
+def _pack(batch, box, order, packed, lows, shared):
+    """Write the rays; return the index of the first bad one that is met, or _ALL_GOOD, or _NOT_SHARED."""
     origins, directions, t_mins, t_maxs = batch.origins, batch.directions, batch.t_min, batch.t_max
     half, scale = box.half, box.scale
     size = max(half[0], half[1], half[2])
-    near = _NEAR_SHARE * size
+    near = NEAR_SHARE * size
     centre_x, centre_y, centre_z = box.centre[0], box.centre[1], box.centre[2]
     each_t_min, each_t_max = len(t_mins) > 1, len(t_maxs) > 1
     origin_step, direction_step = row_step(origins), row_step(directions)
@@ -183,43 +244,58 @@ def _pack(batch, box, order, packed):
         ):  # fmt: skip
             shrink, stretch = power_of_two(-exponent), power_of_two(exponent) * scale
             _write(
-                packed, slot,
+                packed, lows, slot,
                 _Ray(x, y, z, dx * shrink, dy * shrink, dz * shrink, t_min * stretch, t_max * stretch),
             )  # fmt: skip
+            if len(shared) > 0 and not _has_low(packed, slot, x, y, z, shared):
+                return _NOT_SHARED
             continue
         # Infinity minus infinity is NaN, and so is anything with NaN.
         is_finite = (dx - dx) + (dy - dy) + (dz - dz) + (x - x) + (y - y) + (z - z) == 0.0
         if not (is_finite and longest > 0.0):
             return ray
-        _write_advanced(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max), exponent, box)
+        if len(shared) > 0:
+            # The rays of a camera that is far away begin in different points.
+            return _NOT_SHARED
+        _write_advanced(packed, lows, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max), exponent, box)
     return _ALL_GOOD
 
 
 @compiled
-def _write(packed, slot, ray):
+def _write(packed, lows, slot, ray):
     packed[slot, 0], packed[slot, 1], packed[slot, 2] = ray.x, ray.y, ray.z
     packed[slot, PACKED_RAY_T_MIN] = ray.t_min
     packed[slot, PACKED_RAY_DIRECTION] = ray.dx
     packed[slot, PACKED_RAY_DIRECTION + 1] = ray.dy
     packed[slot, PACKED_RAY_DIRECTION + 2] = ray.dz
     packed[slot, PACKED_RAY_T_MAX] = ray.t_max
-    if packed.shape[1] > PACKED_RAY_LANES:
-        _write_low(packed, slot, ray)
+    if len(lows) > 0:
+        _write_low(packed, lows, slot, ray)
 
 
 @compiled
-def _write_low(packed, slot, ray):
+def _write_low(packed, lows, slot, ray):
     """Write what float32 has rounded off a ray of a scene."""
-    packed[slot, SCENE_RAY_ORIGIN_LOW] = ray.x - np.float64(packed[slot, 0])
-    packed[slot, SCENE_RAY_ORIGIN_LOW + 1] = ray.y - np.float64(packed[slot, 1])
-    packed[slot, SCENE_RAY_ORIGIN_LOW + 2] = ray.z - np.float64(packed[slot, 2])
-    packed[slot, SCENE_RAY_DIRECTION_LOW] = ray.dx - np.float64(packed[slot, PACKED_RAY_DIRECTION])
-    packed[slot, SCENE_RAY_DIRECTION_LOW + 1] = ray.dy - np.float64(packed[slot, PACKED_RAY_DIRECTION + 1])
-    packed[slot, SCENE_RAY_DIRECTION_LOW + 2] = ray.dz - np.float64(packed[slot, PACKED_RAY_DIRECTION + 2])
+    lows[slot, 0] = ray.x - np.float64(packed[slot, 0])
+    lows[slot, 1] = ray.y - np.float64(packed[slot, 1])
+    lows[slot, 2] = ray.z - np.float64(packed[slot, 2])
+    lows[slot, SCENE_LOW_DIRECTION] = ray.dx - np.float64(packed[slot, PACKED_RAY_DIRECTION])
+    lows[slot, SCENE_LOW_DIRECTION + 1] = ray.dy - np.float64(packed[slot, PACKED_RAY_DIRECTION + 1])
+    lows[slot, SCENE_LOW_DIRECTION + 2] = ray.dz - np.float64(packed[slot, PACKED_RAY_DIRECTION + 2])
+
+
+@compiled
+def _has_low(packed, slot, x, y, z, shared):
+    """Say whether float32 has rounded off an origin what all rays share."""
+    return (
+        np.float32(x - np.float64(packed[slot, 0])) == shared[0, 0]
+        and np.float32(y - np.float64(packed[slot, 1])) == shared[0, 1]
+        and np.float32(z - np.float64(packed[slot, 2])) == shared[0, 2]
+    )
 
 
 @compiled(error_model="numpy")
-def _write_advanced(packed, slot, ray, exponent, box):
+def _write_advanced(packed, lows, slot, ray, exponent, box):
     """Write a ray with its direction divided by 2^exponent and its origin close to the box."""
     half, size = box.half, max(box.half[0], box.half[1], box.half[2])
     x, y, z = ray.x, ray.y, ray.z
@@ -227,10 +303,10 @@ def _write_advanced(packed, slot, ray, exponent, box):
     dz = times_power_of_two(ray.dz, -exponent)
     stretch = exponent + exponent_of(box.scale)
     t_min, t_max = times_power_of_two(ray.t_min, stretch), times_power_of_two(ray.t_max, stretch)
-    near, step = _NEAR_SHARE * size, times_power_of_two(_STEP_SHARE, exponent_of(size))
+    near, step = NEAR_SHARE * size, times_power_of_two(_STEP_SHARE, exponent_of(size))
     for _ in range(_MOST_ADVANCES):
         if abs(x) <= near and abs(y) <= near and abs(z) <= near:
-            _write(packed, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max))
+            _write(packed, lows, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max))
             return
         # The interval inside the box. Written so that NaN is a miss.
         slack = _BOX_SLACK * size + (_DISTANCE_SLACK * abs(x) + _DISTANCE_SLACK * abs(y) + _DISTANCE_SLACK * abs(z))
@@ -243,7 +319,7 @@ def _write_advanced(packed, slot, ray, exponent, box):
         advance = np.floor(t_near / step) * step if t_near < _WHOLE_STEPS else t_near
         x, y, z = x + advance * dx, y + advance * dy, z + advance * dz
         t_min, t_max = max(t_min - advance, 0.0), t_max - advance
-    _write(packed, slot, _Ray(0.0, 0.0, 0.0, dx, dy, dz, 0.0, -1.0))
+    _write(packed, lows, slot, _Ray(0.0, 0.0, 0.0, dx, dy, dz, 0.0, -1.0))
 
 
 @compiled(error_model="numpy")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -14,59 +13,25 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
-from ...geometry import Mesh
-from ...geometry.box_mesh import box_mesh
 from ...geometry.shape import Shape
-from ...layouts.bvh2 import make_bvh2_nodes
-from ...layouts.device_arrays import DeviceArrays, make_device_arrays
+from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import LAYOUTS, PRIM_KINDS, SCENE_HIT, SCENE_POINT, SCENE_RAY
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, LAYOUTS, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
 from ...support.host_threads import HostThreads
-from ..device_tree import pad_stack, resolve_layout
-from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
+from ..device_tree import BRUTE, pad_stack, resolve_layout
+from ..hits.scene_arrays import make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
+from ..rays.pack import NEAR_SHARE
 from .lone_spheres import LoneSpheres
-from .placed import find_boxes, make_records
 from .refit_geometry import RefitGeometry
-
-BuildTree = Callable[[Mesh], Bvh]
+from .top_tree import BuildTree, TopTree, list_parts
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
 _TOP_STACK_SIZE = 64
 
-
-@dataclass(frozen=True, eq=False)
-class TopTree:
-    """The tree over the instances, as the device takes it.
-
-    Attributes
-    ----------
-    nodes : (m,) `structs.BVH2_NODE`
-    instances : (n,) `structs.INSTANCE`
-        In the order of the leaves.
-    bvh : Bvh
-        Its primitives are the instances.
-    """
-
-    nodes: NDArray[np.void]
-    instances: NDArray[np.void]
-    bvh: Bvh
-
-    @classmethod
-    def build(
-        cls, arrays: SceneArrays, parts: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
-    ) -> TopTree:
-        """Build the tree over the instances of a scene.
-
-        Raises
-        ------
-        SceneError
-            An instance is too small beside the scene.
-        """
-        bvh = build_tree(box_mesh(*find_boxes(arrays), "the instances"))
-        records = make_records(arrays, parts, masks, bvh.prim_ids, bvh.mesh.origin, bvh.mesh.scale)
-        return cls(make_bvh2_nodes(bvh), records, bvh)
+# Room for the rounding of the distance that is compared with the radius.
+_ROUNDING_ROOM = 1 - 2.0**-10
 
 
 class DeviceScene:
@@ -78,12 +43,13 @@ class DeviceScene:
         Owns the buffers.
     state : SceneState
         At least one instance.
-    trees : sequence of Bvh
-        One for each geometry.
+    trees : sequence of Bvh, or None
+        One for each geometry. None: no tree but the one over the instances.
     build_top : function
         Builds the tree over the instances.
     layout : str
-        Of the geometries' trees. The one over the instances is `bvh2` in any case.
+        Of the geometries' trees. The one over the instances is `bvh2` in any case. Without trees the layout is
+        ``"brute"``, whatever is asked: each primitive of an instance is tested against each ray that meets its box.
 
     Raises
     ------
@@ -100,6 +66,7 @@ class DeviceScene:
     surface : SceneArrays
         What hits are refined on.
     trees : tuple of Bvh
+        Empty in the layout ``"brute"``.
     built_shapes : tuple of Mesh or Spheres
         What the trees are around; `state` has the shapes as they are now.
     top : TopTree
@@ -108,9 +75,8 @@ class DeviceScene:
     ray_tree : LoneSpheres or None
     """
 
-    has_entry_points = False
     has_instances = True
-    ray_dtype = SCENE_RAY
+    ray_dtype = PACKED_RAY
     point_dtype = SCENE_POINT
     hit_dtype = SCENE_HIT
     mesh = None
@@ -119,21 +85,29 @@ class DeviceScene:
         self,
         session: DeviceSession,
         state: SceneState,
-        trees: Sequence[Bvh],
+        trees: Sequence[Bvh] | None,
         build_top: BuildTree,
         layout: str = "auto",
     ) -> None:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
-        self.layout = resolve_layout(layout, session)
-        self.state, self.trees = state, tuple(trees)
+        self.layout = BRUTE if trees is None else resolve_layout(layout, session)
+        self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
+        self.state, self.trees = state, tuple(trees or ())
         self.built_shapes = state.shapes
         self._build_top = build_top
-        arrays = [make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
-        self._parts = _list_parts(state, arrays)
+        if trees is None:
+            arrays = [list_prims(shape) for shape in state.shapes]
+        else:
+            arrays = [
+                make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)
+            ]
+        self._parts = list_parts(state, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
-        stack_size = pad_stack(self.layout, max(part.stack_size for part in arrays), max(bvh.depth for bvh in trees))
+        stack_size = pad_stack(
+            self.layout, max(part.stack_size for part in arrays), max((bvh.depth for bvh in self.trees), default=0)
+        )
         has_spheres = bool((self._parts[:, 3] == PRIM_KINDS["spheres"]).any())
         self.defines = {
             "LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size, "HAS_INSTANCES": 1,
@@ -287,6 +261,13 @@ class DeviceScene:
         return [self.state.shapes[geometry_id] for geometry_id in np.unique(geometry_ids)]
 
     @property
+    def advances_rays(self) -> bool:
+        """Whether a ray may begin so far from an instance that it is advanced, see cl/instances/instance.cl."""
+        # The centre of an instance lies in the box, and no packed ray begins farther from that along an axis.
+        farthest = (NEAR_SHARE + 1) * float(self.box.half.max())
+        return float(self.top.instances["radius"].min()) * FAR_RADII * _ROUNDING_ROOM < farthest
+
+    @property
     def box(self) -> TreeBox:
         """The box around the scene."""
         return TreeBox.around(self.top.bvh)
@@ -315,18 +296,3 @@ class DeviceScene:
         joined = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
         self.arguments[name] = session.upload(joined)
         self._byte_counts[name] = joined.nbytes
-
-
-def _list_parts(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:
-    """Return where the arrays of each geometry are in the joined ones, (geometries, 4), see `make_records`."""
-    rows = []
-    first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
-    for shape, part in zip(state.shapes, arrays, strict=True):
-        kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
-        rows.append((first_node, first_blocks[kind], len(part.blocks), kind))
-        first_node += len(part.nodes)
-        first_blocks[kind] += len(part.blocks)
-    most = np.iinfo(np.int32).max
-    if max(first_node, *first_blocks) > most:
-        raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
-    return np.array(rows, np.int32)

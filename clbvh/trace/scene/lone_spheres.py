@@ -40,6 +40,7 @@ class LoneSpheres:
     """
 
     has_instances = False
+    advances_rays = False
     ray_dtype = PACKED_RAY
     point_dtype = PACKED_POINT
     hit_dtype = SCENE_HIT

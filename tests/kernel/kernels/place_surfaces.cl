@@ -34,7 +34,7 @@ kernel void place_surfaces(
     vstore3(placed.normal, i, normals);
 
     const scene_ray_pair_t ray = {
-        make_ray(placed.above, vload3(i, leaving), 0.0f, INFINITY), placed.above_low, (float3)(0.0f), 1};
+        placed.above, vload3(i, leaving), 0.0f, INFINITY, placed.above_low, (float3)(0.0f), 1};
     float t_shift;
     const ray_t inside = enter_instance(&ray, instances + i, INFINITY, &t_shift);
     search_t search = make_search(1, 0);

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, load_mesh
-from clbvh.errors import MeshError
+from clbvh.errors import AppearanceWarning, MeshError
 from clbvh.geometry.loading import load as load_module
 from clbvh.geometry.loading import ply
 from clbvh.geometry.shapes.make_shape import make_shape
@@ -62,7 +62,7 @@ def make_ply(
     header += [f"property {coordinate} {axis}" for axis in "xyz"]
     header += ["property list uchar float weights"] if extra else []
     header += [f"element face {len(polygons)}"]
-    header += ["property short flag", "property list uchar float texcoord"] if extra else []
+    header += ["property short flag", "property list uchar float stress"] if extra else []
     header += [f"property list {count} {index} {name}"]
     header += ["property uchar alpha", "element edge 1", "property int vertex1"] if extra else []
     text = newline.join([*header, "end_header", ""]).encode()
@@ -205,7 +205,8 @@ def test_obj_with_groups_and_materials_keeps_the_order(tmp_path):
     f\t5 4 3
     l 1 2
     """
-    mesh = load(tmp_path, "a.obj", text)
+    with pytest.warns(AppearanceWarning, match="none.mtl are missing"):
+        mesh = load(tmp_path, "a.obj", text)
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3], [4, 3, 2]]
     assert in_file_coordinates(mesh).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import build, make_shape
+from clbvh import Camera, Fisheye, build, make_shape
 from clbvh.errors import ConfigError
 from clbvh.rendering.framing import frame_mesh
 from clbvh.rendering.heat_map import _FONT, QUANTITIES, _colour_of, count_picture, draw_heat_map, draw_heat_map_of
@@ -72,3 +72,13 @@ def test_counts_are_those_of_the_pictures_rays():
     assert np.array_equal(count_picture(bvh, camera, 40, 20).triangle_tests, expected.triangle_tests)
     picture = draw_heat_map_of(bvh, camera, 40, 20, "triangles")
     assert np.array_equal(picture, draw_heat_map(expected.triangle_tests.reshape(20, 40), "triangles"))
+
+
+def test_a_fisheye_takes_no_steps_outside_its_circle():
+    bvh = build(make_shape("icosphere", triangles=80))
+    # Beyond its circle, rays go straight behind the camera, where the sphere is.
+    camera = Camera(eye=(0, 0, 3), look_at=(0, 0, 6), projection=Fisheye(360))
+    is_outside = ~camera.sees(40, 20)
+    assert count_picture(bvh, camera, 40, 20).node_steps.reshape(20, 40)[is_outside].min() > 0
+    expected = np.where(is_outside, 0, count_picture(bvh, camera, 40, 20).node_steps.reshape(20, 40))
+    np.testing.assert_array_equal(draw_heat_map_of(bvh, camera, 40, 20, "nodes"), draw_heat_map(expected, "nodes"))

@@ -145,6 +145,15 @@ A = '[[object]]\nname = "a"\n'
         ('[[object]]\ncentres = [[1, 2, 3]]\nradii = "x"', "radii must be a finite number, or a list of them"),
         ('[[object]]\nspheres = "galaxy"\nradii = 1', "'galaxy' have radii of their own"),
         ('[[object]]\nspheres = "a.csv"\nseed = 1', "unknown key 'seed'"),
+        (
+            '[[object]]\nshape = "terrain"\ntriangles = 9\ncolor = [1, 0, 0]',
+            r"\[object 1\] has an unknown key 'color'; known are label, colour, .*, triangles, seed, height$",
+        ),
+        ('[[object]]\nshape = "terrain"\ntriangles = 9\nturns = 2', "unknown key 'turns'; known"),
+        ('[[object]]\nshape = "terrain"\ntriangles = 9\nheight = "x"', "height must be a finite number, not 'x'"),
+        ('[[object]]\nshape = "terrine"\ntriangles = 9\ncolor = 1', "there is no shape 'terrine': take one of knot"),
+        ('[[object]]\nspheres = "galaxy"\ncount = 9\ncolor = [1, 0, 0]', "unknown key 'color'; known are .*, arms"),
+        ('[[object]]\nspheres = "galaxie"\ncount = 9', "there are no spheres 'galaxie': take one of galaxy"),
     ],
 )  # fmt: skip
 def test_what_an_object_must_not_say_is_named(text, message):

@@ -151,7 +151,9 @@ class TestObj:
     def test_objects_are_parts(self, tmp_path):
         scene = self.load(
             tmp_path,
-            "f 1 2 3\n o left/side 1 \ng ignored\nf 1/1/1 2/2 3//3\nf 1 3 4\no right\nv 7 7 7\nf -1 1 2 3 \n",
+            "vt 0 0\nvt 1 0\n"
+            + 3 * "vn 0 0 1\n"
+            + "f 1 2 3\n o left/side 1 \ng ignored\nf 1/1/1 2/2 3//3\nf 1 3 4\no right\nv 7 7 7\nf -1 1 2 3 \n",
         )
         assert names(scene.geometries) == names(scene.instances) == ["a", "left/side 1", "right"]
         assert [geometry.shape.face_count for geometry in scene.geometries] == [1, 2, 2]

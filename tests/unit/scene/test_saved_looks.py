@@ -14,9 +14,12 @@ from .test_serialize import forge, split
 TEXTURE = clbvh.Texture(
     "checker", np.arange(24, dtype=np.uint8).reshape(3, 2, 4), is_srgb=False, wrap=("clamp", "mirror")
 )
+PLAIN = clbvh.Texture("plain", np.full((1, 5), 7, np.uint8))
 MATERIALS = (
     clbvh.Material("tiles", base_colour=(0.1, 0.2, 0.3), base_colour_texture=TEXTURE, alpha_cutoff=0.5),
-    clbvh.Material("lamp", emission=(5, 6, 7), emission_texture=TEXTURE, transmission=1, ior=1.33),
+    clbvh.Material(
+        "lamp", emission=(5, 6, 7), emission_texture=TEXTURE, transmission=1, ior=1.33, metallic_roughness_texture=PLAIN
+    ),
 )
 MESH = clbvh.Mesh.from_arrays(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
@@ -61,7 +64,12 @@ def test_looks_come_back(path):
     assert tiles.base_colour_texture is lamp.emission_texture
     assert dots.appearance.materials == (lamp,)
     assert tiles == dataclasses.replace(MATERIALS[0], base_colour_texture=tiles.base_colour_texture)
-    assert lamp == dataclasses.replace(MATERIALS[1], emission_texture=tiles.base_colour_texture)
+    assert same_texture(lamp.metallic_roughness_texture, PLAIN)
+    textures = {
+        "emission_texture": lamp.emission_texture,
+        "metallic_roughness_texture": lamp.metallic_roughness_texture,
+    }
+    assert lamp == dataclasses.replace(MATERIALS[1], **textures)
 
 
 def test_a_scene_that_comes_back_is_saved_to_the_same_bytes(path, tmp_path):
@@ -89,7 +97,7 @@ def test_a_scene_that_comes_back_is_saved_to_the_same_bytes(path, tmp_path):
         (["geometries", 0, "appearance", "materials", 0, "spin"], 5, "material that is none"),
         (["geometries", 0, "appearance", "materials", 0, "ior"], 10**400, "ior"),
         (["geometries", 0, "appearance", "materials", 0, "base_colour"], None, "base_colour"),
-        (["geometries", 0, "appearance", "materials", 0, "base_colour_texture"], 1, "texture 1, but there are 1"),
+        (["geometries", 0, "appearance", "materials", 0, "base_colour_texture"], 2, "texture 2, but there are 2"),
         (["geometries", 0, "appearance", "materials", 0, "base_colour_texture"], None, "texture None"),
     ],
     ids=str,

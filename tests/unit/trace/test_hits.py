@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import clbvh
 from clbvh.structs import HIT, NO_PRIM
 from clbvh.trace import Hits
 
@@ -52,3 +53,13 @@ def test_no_rays_no_hits():
 def test_hits_cannot_be_replaced(raw):
     with pytest.raises(AttributeError):
         Hits.from_device(raw).t = raw["u"]
+
+
+def test_hits_show_their_numbers_and_no_arrays(raw, session):
+    assert repr(Hits.from_device(raw)) == f"Hits(shape={raw.shape}, hits={np.count_nonzero(raw['prim_id'] != NO_PRIM)})"
+    with clbvh.Tracer(clbvh.make_shape("icosphere", triangles=80)) as tracer:
+        along, past = [[1, 0, 0]] * 2000, np.arange(6000).reshape(2000, 3)
+        assert repr(tracer.closest_hit([0, 0, 0], along)) == "Hits(shape=(2000,), hits=2,000)"
+        assert repr(tracer.closest_hit([0, 0, 0], [1, 0, 0])) == "Hits(shape=(), hits=1)"
+        assert repr(tracer.all_hits([[-5, 0.1, 0.1], [-5, 7, 0]], [1, 0, 0])) == "AllHits(rays=2, hits=2)"
+        assert repr(tracer.closest_point(past)) == "ClosestPoints(shape=(2000,), found=2,000)"

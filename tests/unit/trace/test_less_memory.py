@@ -23,6 +23,7 @@ QUERIES = {
     "all_hits": lambda tracer, rays: tracer.all_hits(*rays),
     "closest_point": lambda tracer, rays: tracer.closest_point(rays[0]),
     "contains": lambda tracer, rays: tracer.contains(0.1 * rays[0]),
+    "ambient_occlusion": lambda tracer, rays: tracer.ambient_occlusion(*rays),
 }
 
 

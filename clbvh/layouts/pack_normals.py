@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...support.compiled import compiled
+from ..support.compiled import compiled
 
 # The two lowest bits of a coordinate of 0 must not differ: an even number of steps has a middle.
 _STEPS = 65534

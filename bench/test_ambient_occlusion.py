@@ -1,0 +1,78 @@
+"""Ambient occlusion of 100,000 points on the surface, 64 rays each, beside Open3D with rays made in numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh.geometry.surface_samples import DRAWS_PER_POINT, sample_surface
+
+from .paired import compare, measure_ms
+from .rival import Rival, Tasks
+
+POINTS = 100_000
+RAYS = 64
+OFFSET_SHARE = 1e-5
+
+# Shares of two kinds of random rays differ by this much on average, at most.
+LARGEST_DIFFERENCE = 2e-3
+
+
+def make_rays(points, normals, offset, generator):
+    """Cosine-weighted rays as users of Open3D make them: (n, RAYS, 6) float32."""
+    first, second = generator.random((2, len(points), RAYS), dtype=np.float32)
+    radius, angle = np.sqrt(first), 2 * np.pi * second
+    z = normals.astype(np.float32)
+    sign = np.where(z[:, 2] < 0, np.float32(-1), np.float32(1))
+    a = -1 / (sign + z[:, 2])
+    b = z[:, 0] * z[:, 1] * a
+    tangent = np.stack((1 + sign * z[:, 0] ** 2 * a, sign * b, -sign * z[:, 0]), axis=-1)
+    bitangent = np.stack((b, sign + z[:, 1] ** 2 * a, -z[:, 1]), axis=-1)
+    rays = np.empty((len(points), RAYS, 6), np.float32)
+    rays[..., :3] = (points + offset * normals).astype(np.float32)[:, None]
+    rays[..., 3:] = (radius * np.cos(angle))[..., None] * tangent[:, None]
+    rays[..., 3:] += (radius * np.sin(angle))[..., None] * bitangent[:, None]
+    rays[..., 3:] += np.sqrt(1 - first)[..., None] * z[:, None]
+    return rays
+
+
+def serve_open3d(vertices, faces, points, normals) -> Tasks:
+    """Return Open3D's tasks: rays are made and cast, or cast alone."""
+    import open3d
+
+    scene = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    offset = OFFSET_SHARE * np.ptp(vertices, axis=0).max()
+    made = open3d.core.Tensor(make_rays(points, normals, offset, np.random.default_rng(0)))
+
+    def cast(rays):
+        return 1 - scene.test_occlusions(rays).numpy().mean(axis=1)
+
+    def make_and_cast():
+        return cast(open3d.core.Tensor(make_rays(points, normals, offset, np.random.default_rng(1))))
+
+    return {"cast": lambda: cast(made), "make and cast": make_and_cast}
+
+
+@pytest.fixture(scope="module")
+def samples(mesh):
+    """Points on the surface and the normals of their faces."""
+    draws = np.random.default_rng(1).random((POINTS, DRAWS_PER_POINT))
+    return sample_surface(mesh.vertices, mesh.faces, draws, name=mesh.name)
+
+
+def test_against_open3d(mesh, samples, open3d):
+    with (
+        Rival(serve_open3d, mesh.vertices, mesh.faces, *samples) as theirs,
+        clbvh.Tracer(clbvh.build(mesh)) as tracer,
+    ):
+        ours, peers = tracer.ambient_occlusion(*samples, rays=RAYS), theirs.ask("cast")
+        print(f"\nopen: {ours.mean():.4f}, peer {peers.mean():.4f}")
+        assert abs(ours.mean() - peers.mean()) < LARGEST_DIFFERENCE
+        for task in ("make and cast", "cast"):
+            compare(
+                f"ambient occlusion, {POINTS:,} points, {RAYS} rays, Open3D: {task}",
+                lambda: measure_ms(lambda: tracer.ambient_occlusion(*samples, rays=RAYS)),
+                lambda task=task: theirs.measure_ms(task),
+            )

@@ -1,0 +1,227 @@
+"""The MTL format: the materials of OBJ files.
+
+Colours are taken to be sRGB, as programs write what their colour pickers show, but for light (`Ke`), which may be above
+1 and is linear. `Ns` is the exponent of Blinn's highlight, n = 2 / a^2 - 2 for the width a of a microfacet
+distribution, which is the square of the roughness (Bruce Walter et al., "Microfacet Models for Refraction through Rough
+Surfaces", 2007).
+
+Wavefront Technologies, "MTL material format", 1995; Ben Houston and others, "Extending the Wavefront MTL format for
+physically-based rendering", 2014.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import MeshError
+from ...support.regular_file import read_regular
+from ..appearance.material import Material
+from ..appearance.srgb import srgb_to_linear
+from ..appearance.texture import OPAQUE, Texture
+from .problems import Problems
+from .texture_files import TextureFiles, find_file
+
+_MAX_BYTES = 1 << 26
+_NEW = b"newmtl"
+_TEXTURE_KEYS = (b"map_kd", b"map_d", b"map_ke")
+# Options of a texture and the words behind each, at most; the last word is the file.
+_OPTIONS = {
+    **{b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-boost": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1},
+    **{b"-clamp": 1, b"-texres": 1, b"-imfchan": 1, b"-type": 1},
+}
+_REFRACTION, _GLASS = (6, 7), (4, 9)  # values of `illum`
+# A surface that is darker than this and reflects more than that is a metal, if nothing else says so.
+_DARK, _BRIGHT = 0.04, 0.3
+
+_Words = dict[bytes, list[bytes]]
+
+
+def read_materials(names: bytes, folder: Path, textures: TextureFiles, problems: Problems) -> dict[bytes, Material]:
+    """Return the materials of the files that an `mtllib` statement names, by name.
+
+    Parameters
+    ----------
+    names : bytes
+        One name with spaces, or several names.
+    folder : Path
+        Of the OBJ file.
+    textures : TextureFiles
+    problems : Problems
+        Files that cannot be read, and materials that cannot be used, go there.
+    """
+    whole = names.decode("utf-8", "replace")
+    files = [whole] if find_file(folder, whole).is_file() else whole.split()
+    materials: dict[bytes, Material] = {}
+    for name in files:
+        path = find_file(folder, name)
+        try:
+            data = read_regular(path, max_bytes=_MAX_BYTES)
+        except FileNotFoundError:
+            problems.add(f"the materials {path} are missing")
+            continue
+        except (OSError, ValueError) as error:
+            problems.add(f"the materials {path} cannot be read: {getattr(error, 'strerror', None) or error}")
+            continue
+        for key, words in _split(data).items():
+            with problems.drop(f"the material '{key.decode('utf-8', 'replace')[:40]}'"):
+                materials.setdefault(key, _make_material(key, words, textures, path.parent))
+    return materials
+
+
+def _split(data: bytes) -> dict[bytes, _Words]:
+    """Return the statements of each material: the words behind each keyword, in small letters."""
+    materials: dict[bytes, _Words] = {}
+    words: _Words = {}
+    for line in data.removeprefix(b"\xef\xbb\xbf").splitlines():
+        keyword, *rest = line.split(None, 1)[:2] or [b""]
+        value = rest[0].strip() if rest else b""
+        if keyword.lower() == _NEW:
+            words = materials.setdefault(value, {})
+        elif keyword and not keyword.startswith(b"#"):
+            is_name = keyword.lower() in _TEXTURE_KEYS
+            words[keyword.lower()] = [value] if is_name else value.partition(b"#")[0].split()
+    return materials
+
+
+def _make_material(name: bytes, words: _Words, textures: TextureFiles, folder: Path) -> Material:
+    """Return a material of its statements."""
+    diffuse = _read_colour(words, b"kd")
+    specular = _read_colour(words, b"ks")
+    base = tuple(srgb_to_linear(diffuse)) if diffuse is not None else Material.base_colour
+    alpha = _read_number(words, b"d", 1 - _read_number(words, b"tr", 0))
+    illumination = int(_read_number(words, b"illum", 2))
+    metallic, roughness = _read_number(words, b"pm", 0), _find_roughness(words, specular)
+    is_dark = diffuse is not None and max(diffuse) <= _DARK
+    texture = _read_texture(words, b"map_kd", textures, folder, is_srgb=True)
+    if is_dark and texture is not None:
+        base = (1.0, 1.0, 1.0)  # written by programs that ignore the colour beside a texture
+    elif is_dark and b"pm" not in words and specular is not None and max(specular) >= _BRIGHT:
+        base, metallic = tuple(srgb_to_linear(specular)), 1.0
+
+    transmission = 0.0
+    if illumination in _REFRACTION or (illumination in _GLASS and alpha < 1):
+        filtered = _read_colour(words, b"tf")
+        base = tuple(filtered) if filtered is not None and max(filtered) > 0 else (1.0, 1.0, 1.0)
+        transmission, alpha, metallic = 1.0, 1.0, 0.0
+    elif alpha == 0 and b"map_d" not in words:
+        alpha = 1.0  # written by programs that mean opaque: nobody models what is not there
+
+    mask = _read_texture(words, b"map_d", textures, folder, is_srgb=False)
+    light = _read_texture(words, b"map_ke", textures, folder, is_srgb=True)
+    emission = _read_light(words)
+    return Material(
+        name=name.decode("utf-8", "replace"),
+        base_colour=(float(base[0]), float(base[1]), float(base[2])),
+        alpha=_limit(alpha),
+        metallic=_limit(metallic),
+        roughness=_limit(roughness),
+        emission=(1.0, 1.0, 1.0) if light is not None and max(emission) == 0 else emission,
+        ior=max(1.0, _read_number(words, b"ni", 1.5)),
+        transmission=transmission,
+        base_colour_texture=_join_alpha(texture, mask),
+        emission_texture=light,
+    )
+
+
+def _find_roughness(words: _Words, specular: list[float] | None) -> float:
+    if b"pr" in words:
+        return _read_number(words, b"pr", Material.roughness)
+    if specular is not None and max(specular) == 0:
+        return 1.0  # no highlight
+    if b"ns" in words:
+        return (2 / (max(0.0, _read_number(words, b"ns", 0)) + 2)) ** 0.25
+    return Material.roughness
+
+
+def _read_light(words: _Words) -> tuple[float, float, float]:
+    light = _read_numbers(words.get(b"ke", [b"0"]))
+    red, green, blue = (max(0.0, number) for number in light)
+    return red, green, blue
+
+
+def _read_colour(words: _Words, key: bytes) -> list[float] | None:
+    """Return a colour from 0 to 1; None if it is not there, or is none of three numbers."""
+    if key not in words or words[key][:1] in ([b"spectral"], [b"xyz"]):
+        return None
+    return [_limit(number) for number in _read_numbers(words[key])]
+
+
+def _read_numbers(words: list[bytes]) -> list[float]:
+    """Return three numbers; a single one stands for all three."""
+    numbers = [float(word) for word in words[:3]]
+    if len(numbers) not in (1, 3) or not np.isfinite(numbers).all():
+        raise MeshError(f"{b' '.join(words).decode('latin-1')[:40]!r} are not three numbers")
+    return numbers * (3 // len(numbers))
+
+
+def _read_number(words: _Words, key: bytes, default: float) -> float:
+    if not words.get(key):
+        return default
+    number = float(words[key][-1])  # behind `-halo`, perhaps
+    if not np.isfinite(number):
+        raise MeshError(f"{key.decode()} is not finite")
+    return number
+
+
+def _limit(share: float) -> float:
+    return min(1.0, max(0.0, share))
+
+
+def _read_texture(words: _Words, key: bytes, textures: TextureFiles, folder: Path, *, is_srgb: bool) -> Texture | None:
+    """Return the texture of a statement such as ``map_Kd -s 1 1 1 -clamp on wood.png``."""
+    if not words.get(key) or not words[key][0]:
+        return None
+    rest, wrap = words[key][0], "repeat"
+    while (found := rest.split(None, 1)) and len(found) == 2 and found[0].lower() in _OPTIONS:
+        option, rest = found
+        for _ in range(_OPTIONS[option.lower()]):
+            value, *more = rest.split(None, 1)
+            is_file = option.lower() in (b"-s", b"-o", b"-t", b"-mm") and not _is_number(value)
+            if not more or is_file:
+                break
+            if option.lower() == b"-clamp" and value.lower() == b"on":
+                wrap = "clamp"
+            rest = more[0]
+    return textures.read(rest.decode("utf-8", "replace"), is_srgb=is_srgb, wrap=(wrap, wrap), folder=folder)
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _join_alpha(texture: Texture | None, mask: Texture | None) -> Texture | None:
+    """Return a texture with the alpha of a mask, and opaque without one.
+
+    The alpha of a mask is that of its pixels, or their grey if they are opaque.
+    """
+    if mask is None:
+        return texture if texture is None or texture.is_opaque else _with_alpha(texture, np.uint8(OPAQUE))
+    alpha = mask.pixels[..., 0] if mask.is_opaque else mask.pixels[..., 3]
+    if texture is None:
+        white = np.full((*alpha.shape, 4), OPAQUE, np.uint8)
+        return _with_alpha(Texture(mask.name, white, True, mask.wrap), alpha)
+    if alpha.shape == texture.pixels.shape[:2]:
+        return _with_alpha(texture, alpha)
+    # To the size of the larger one, pixel by pixel.
+    height, width = np.maximum(alpha.shape, texture.pixels.shape[:2])
+    enlarged = _enlarge(texture.pixels, height, width)
+    return _with_alpha(dataclasses.replace(texture, pixels=enlarged), _enlarge(alpha, height, width))
+
+
+def _enlarge(pixels: np.ndarray, height: int, width: int) -> np.ndarray:
+    rows = np.arange(height) * pixels.shape[0] // height
+    columns = np.arange(width) * pixels.shape[1] // width
+    return pixels[rows[:, None], columns]
+
+
+def _with_alpha(texture: Texture, alpha: np.ndarray | np.uint8) -> Texture:
+    pixels = texture.pixels.copy()
+    pixels[..., 3] = alpha
+    return dataclasses.replace(texture, pixels=pixels)

@@ -1,0 +1,217 @@
+"""The changes of a tracer: vertices and transforms that move between queries.
+
+How trees follow is in `tree_copies` and `scene/moving_scene`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import cast
+
+from numpy.typing import ArrayLike
+
+from ..errors import ConfigError
+from ..geometry import Mesh
+from ..scene.geometry import Geometry
+from ..scene.instance import Instance
+from .device_tree import DeviceTree
+from .tracer_base import TracerBase
+from .tree_copies import TreeCopies
+
+
+class Moves(TracerBase):
+    """The methods of a `Tracer` that move the mesh or the scene, and tell where it is."""
+
+    def update(self, vertices: ArrayLike) -> None:
+        """Move the vertices of the mesh: the tree is refitted and uploaded; buffers and kernels are kept.
+
+        Later queries find the same hits as with a new tracer over the moved mesh; `sah_growth` tells when a new tracer
+        would be faster.
+
+        Parameters
+        ----------
+        vertices : (V, 3) float, the file's coordinates
+            The same number as before; copied. Size and place of the mesh may change.
+
+        Raises
+        ------
+        MeshError
+            Another number of vertices, wrong shape or dtype, or vertices that `Mesh.from_arrays` refuses.
+        QueryError
+            The tracer is closed.
+        DeviceError
+            The device refuses, or this process was forked from one that has used OpenCL.
+
+        Notes
+        -----
+        After an error or Ctrl-C the tracer is as before the update, or as after it.
+
+        Updates wait for each other, but not for queries of other threads: a query that is running ends on the mesh
+        that it began with. Results refer to the mesh that was hit (`Hits.mesh`) and keep their locations.
+
+        A tree that is updated is on the device twice, and once more for each older mesh that queries of other threads
+        still use. The host keeps about 15 bytes per triangle for `bvh8`, 24 for `bvh4` and 61 for `bvh2`. The tree that
+        the tracer was made of does not change.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+        >>> with clbvh.Tracer((vertices, [[0, 1, 2]])) as tracer:
+        ...     tracer.update([[0, 0, 1], [1, 0, 1], [0, 1, 1]])
+        ...     tracer.closest_hit([[0.25, 0.25, 3]], [[0, 0, -1]]).t
+        array([2.])
+        """
+        if self._scene is not None:
+            raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
+        copies = cast(TreeCopies, self._copies)
+        with self._caster.open_call() as call, self._updating:
+            mesh = self.mesh.with_vertices(vertices)
+            self._caster = copies.move(self._caster, mesh, call.memory.session)
+
+    def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
+        """Move instances of a scene: only the tree over the instances is built anew.
+
+        Parameters
+        ----------
+        instances : Instance, int, or several
+            Those to move, as `Scene.place` returned them, or their ids. The others stay where they are.
+        transforms : (n, 4, 4) float
+            From the coordinates of each instance's geometry to the scene's; (4, 4) for one.
+
+        Raises
+        ------
+        SceneError
+            An instance of another scene, or one that was placed after the tracer was opened; a matrix that is not
+            finite, not affine, or singular; or an instance that is too small beside the scene.
+        ConfigError
+            This is no tracer of a scene.
+        QueryError
+            The tracer is closed.
+        DeviceError
+            The device refuses, or this process was forked from one that has used OpenCL.
+
+        Notes
+        -----
+        Changes wait for each other, but not for queries: a query that is running ends on the scene that it began with.
+        The scene that the tracer was opened with does not change.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)))
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     before = tracer.any_hit([[0, 0, 5]], [[0, 0, -1]])
+        ...     tracer.set_transforms(ball, [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        ...     before, tracer.any_hit([[0, 0, 5], [9, 0, 5]], [[0, 0, -1], [0, 0, -1]])
+        (array([ True]), array([False,  True]))
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_transforms(self._caster, instances, transforms, call.memory.session)
+
+    def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
+        """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            As `Scene.add` returned it.
+        vertices : (V, 3) float, the geometry's coordinates
+            The same number as before; of spheres, their centres, see also `set_spheres`.
+
+        Raises
+        ------
+        MeshError
+            Another number of vertices, wrong shape or dtype, or vertices that `Mesh.from_arrays` refuses.
+        SceneError
+            A geometry of another scene, or one that was added after the tracer was opened.
+        ConfigError, QueryError, DeviceError
+            As of `set_transforms`.
+
+        Notes
+        -----
+        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> mesh = clbvh.make_shape("icosphere", triangles=320)
+        >>> ball = scene.add(mesh)
+        >>> aside = [[1, 0, 0, 9], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        >>> first, second = scene.place(ball), scene.place(ball, aside)
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     tracer.set_vertices(ball, mesh.vertices * 0.5)
+        ...     tracer.any_hit([[0.7, 0, 5], [9.7, 0, 5], [9.4, 0, 5]], [0, 0, -1])
+        array([False, False,  True])
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_vertices(self._caster, geometry, vertices, call.memory.session)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh as it is now.
+
+        Raises
+        ------
+        ConfigError
+            The tracer has a scene of several objects.
+        """
+        mesh = self._caster.tree.mesh
+        if mesh is None:
+            raise ConfigError("a tracer of a scene has no single mesh: see scene.geometries")
+        return mesh
+
+    @property
+    def sah_growth(self) -> float:
+        """The SAH cost of the tree now, divided by its cost when the tracer was opened.
+
+        1 until the first `update`; moving or scaling the whole mesh does not change it. Rays slow down by less than
+        this factor, and a new tree would share part of it: larger triangles cost more in any tree. From about 2 on, a
+        new tracer may be faster.
+        """
+        tree: object = self._caster.tree
+        return tree.sah_growth if isinstance(tree, DeviceTree) else 1.0
+
+    def set_spheres(self, geometry: Geometry, centres: ArrayLike, radii: ArrayLike | None = None) -> None:
+        """Move the spheres of a geometry of a scene: their tree is refitted, or built anew where that pays.
+
+        Parameters
+        ----------
+        geometry : Geometry
+            As `Scene.add` returned it.
+        centres : (n, 3) float, the geometry's coordinates
+            As many as before.
+        radii : (n,) float, or float, optional
+            The present radii if left out.
+
+        Raises
+        ------
+        MeshError
+            Another number of spheres, or spheres that `clbvh.Spheres` refuses.
+        SceneError
+            The geometry is a mesh, of another scene, or was added after the tracer was opened.
+        ConfigError, QueryError, DeviceError
+            As of `set_transforms`.
+
+        Notes
+        -----
+        A tree whose SAH cost has grown by 1.3 is built anew. See `set_transforms`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> atoms = scene.add(clbvh.Spheres([[0, 0, 0], [4, 0, 0]], 1))
+        >>> placed = scene.place(atoms)
+        >>> with clbvh.Tracer(scene) as tracer:
+        ...     tracer.set_spheres(atoms, [[0, 0, 1], [4, 0, 0]], [1, 0.5])
+        ...     tracer.closest_hit([[0, 0, 5], [4, 0, 5]], [0, 0, -1]).t
+        array([3. , 4.5])
+        """
+        scene = self._known_scene()
+        with self._caster.open_call() as call, self._updating:
+            self._caster = scene.set_spheres(self._caster, geometry, centres, radii, call.memory.session)

@@ -1,0 +1,274 @@
+"""The queries of a tracer about points: their arguments, results, errors and warnings.
+
+How points are looked up is in `points/`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import OpenMeshWarning
+from ..scene.geometry import Geometry
+from ..scene.instance import Instance
+from .launch import Caster
+from .points.ambient_occlusion import check_sampling, find_open_shares
+from .points.hemispheres import Hemispheres
+from .points.queries import SeenPoints, closest_points, is_contained, signed_distances
+from .points.refine import ClosestPoints
+from .rays.pieces import Progress
+from .scene.device_scene import DeviceScene
+from .tracer_base import TracerBase
+
+
+class PointQueries(TracerBase):
+    """The queries of a `Tracer` whose arguments are points."""
+
+    # Whether somebody was told that a mesh has no inside.
+    _has_warned = False
+
+    def closest_point(
+        self,
+        points: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> ClosestPoints:
+        """Return the closest point of the surface for each point.
+
+        Parameters
+        ----------
+        points : (..., 3) float, the file's coordinates
+        mask : int or (...,) int, optional
+            32 bits, broadcast to the points: each sees only the instances whose mask shares a bit with its own; without
+            it, all.
+        geometry : Geometry, optional
+            Of the tracer's scene: only its instances are seen.
+        instance : Instance, id, or several of them, optional
+            Of the tracer's scene: only they are seen.
+        progress : function, optional
+            Called with the number of points that are done, and of all points, after each piece of the work.
+
+        Returns
+        -------
+        ClosestPoints
+            Distance, point and primitive, in the leading shape of the points, in float64; of a scene also the ids of
+            the geometry and of the instance. On an edge or a vertex, the smallest face number there; of equally near
+            instances the smallest, as far as float32 can tell. Degenerate triangles have no closest point. Where
+            nothing is seen, the distance is infinite.
+
+        Raises
+        ------
+        QueryError
+            Wrong shape, or a value that is not finite: the message names the first bad point. Or the tracer is closed.
+        ConfigError
+            A geometry or an instance is named, but the tracer has no scene.
+        SceneError
+            The geometry or the instance is not one of the scene.
+
+        Notes
+        -----
+        Distances are those of the scene under any transform, with which spheres may become ellipsoids. A point of a
+        sphere's surface has no u and v; the middle of a sphere has one of the closest points.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> closest = tracer.closest_point([[0.1, 0.2, 2], [0.5, 3.5, 4.5]])
+        >>> closest.distance
+        array([1.5, 5. ])
+        >>> closest.point
+        array([[0.1, 0.2, 0.5],
+               [0.5, 0.5, 0.5]])
+
+        In a scene:
+
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.add(clbvh.Spheres([[0, 0, 0]], 1))
+        >>> left, right = scene.place(ball), scene.place(ball, clbvh.Transform(translate=(5, 0, 0)))
+        >>> tracer = clbvh.Tracer(scene)
+        >>> tracer.closest_point([[2, 0, 0], [3, 0, 0]]).instance_id
+        array([0, 1], dtype=int32)
+        >>> tracer.closest_point([2, 0, 0], instance=right).distance
+        array(2.)
+        """
+        caster = self._caster
+        return closest_points(caster, self._see(points, mask, geometry, instance), progress)
+
+    def contains(
+        self,
+        points: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.bool_]:
+        """Return (...,) bool: whether a closed mesh, or anything in a scene, contains each point.
+
+        A point is inside a mesh if a ray from it crosses the surface an odd number of times. So the orientation of
+        triangles does not matter, and a point inside two nested shells is outside. It is inside spheres if it is in one
+        of them, and inside a scene if it is in one of the instances that it sees. On the surface, as far as float32 can
+        tell, the answer is either. Parameters and errors are those of `closest_point`.
+
+        Warns
+        -----
+        OpenMeshWarning
+            Once for each tracer, if a mesh that is asked for is not closed (`Mesh.is_watertight`): the answer is not
+            defined.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> clbvh.Tracer(trimesh.creation.box()).contains([[0.4, 0.4, 0.4], [0.4, 0.4, 0.6]])
+        array([ True, False])
+        """
+        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        self._warn_if_open("contains", caster, seen)
+        return is_contained(caster, seen, progress)
+
+    def signed_distance(
+        self,
+        points: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        geometry: Geometry | None = None,
+        instance: Instance | int | Iterable[Instance | int] | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.float64]:
+        """Return (...,) float64: the distance to the surface of a closed mesh, positive inside, negative outside.
+
+        The distance is that of `closest_point`, the sign that of `contains`, as is the warning. Parameters and errors
+        are those of `closest_point`.
+
+        Inside a scene it is the distance to the surface of one instance: of those that contain the point, the one whose
+        surface is the farthest. So it is exact where instances do not overlap. Where they do, the surface of their
+        union is at least as far, and the same holds for spheres that overlap. Where nothing is seen, it is minus
+        infinity.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> clbvh.Tracer(trimesh.creation.box()).signed_distance([[0, 0, 0.25], [0, 0, 2]])
+        array([ 0.25, -1.5 ])
+        """
+        caster, seen = self._caster, self._see(points, mask, geometry, instance)
+        self._warn_if_open("signed_distance", caster, seen)
+        return signed_distances(caster, seen, progress)
+
+    def ambient_occlusion(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        *,
+        rays: int = 64,
+        max_distance: ArrayLike = np.inf,
+        seed: int = 0,
+        offset: float = 0.0,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.float64]:
+        """Return how open the surroundings of each point are: 1 under a free sky, 0 where every way out is blocked.
+
+        It is the share of the hemisphere over the point from which light would arrive, weighted by the cosine to the
+        normal as light on a matt surface is; ambient occlusion, or the sky view factor.
+
+        Parameters
+        ----------
+        points : (..., 3) float, the file's coordinates
+            On the surface, or anywhere.
+        normals : (..., 3) float, any length above 0
+            Broadcast against the points. Rays go to the side to which a normal points.
+        rays : int
+            Rays over each point. The error falls nearly as 1 / rays; powers of two are best.
+        max_distance : float or (...,) float, the file's units
+            Broadcast to the points. What is farther away blocks nothing.
+        seed : int
+            Other seeds draw other rays.
+        offset : float, the file's units
+            By how much points are lifted along their normals, beside the rounding of float32 and of the points' own
+            dtype. Needed for points that lie below the surface.
+        mask : int or (...,) int, optional
+            As in `closest_hit`.
+        progress : function, optional
+            Called with the number of points that are done, and of all points, after each piece of the work.
+
+        Returns
+        -------
+        (...,) float64
+            From 0 to 1, in steps of 1 / rays, in the shape that points and normals are broadcast to.
+
+        Raises
+        ------
+        QueryError
+            Shapes that are wrong or do not broadcast, a value that is not finite, a normal of length zero, a
+            negative max_distance or offset: the message names the first bad point. Or the tracer is closed.
+        ConfigError
+            rays or seed is no integer, or out of range.
+
+        Notes
+        -----
+        The rays of a point are Owen-scrambled Sobol points (Burley, "Practical hash-based Owen scrambling", 2020) that
+        depend on its index and on the seed alone: the same points give the same bits in any layout, on any device that
+        rounds as IEEE 754 says, and however the work is cut. Rays are drawn, cast and counted on the device.
+
+        Points on the surface do not see it: they are lifted by about 10^-5 of the mesh's size, or of the size of the
+        instances around them. A point that lies below by more than the rounding of its dtype is in the dark, see
+        `offset`. If the normal is not that of the triangle, as normals of vertices are not, rays below the triangle
+        are blocked by it.
+
+        Examples
+        --------
+        A floor under the middle of a disk of radius 1 at a height of 1, which hides half of the sky, and aside:
+
+        >>> import clbvh
+        >>> import trimesh
+        >>> disk = trimesh.creation.cylinder(radius=1, height=0.01, sections=256)
+        >>> tracer = clbvh.Tracer(disk)
+        >>> tracer.ambient_occlusion([[0, 0, -1], [5, 0, -1]], [0, 0, 1], rays=1024).round(2)
+        array([0.5, 1. ])
+        >>> tracer.ambient_occlusion([0, 0, -1], [0, 0, 1], max_distance=0.5)
+        array(1.)
+        """
+        rays, seed = check_sampling(rays, seed)
+        hemispheres = Hemispheres.read(points, normals, max_distance, mask, offset)
+        return find_open_shares(self._caster, hemispheres, rays, seed, progress)
+
+    def _see(
+        self,
+        points: ArrayLike,
+        mask: ArrayLike | None,
+        geometry: Geometry | None,
+        instance: Instance | int | Iterable[Instance | int] | None,
+    ) -> SeenPoints:
+        """Return points with the instances that are visible to them."""
+        chosen = None
+        if geometry is not None or instance is not None:
+            chosen = self._known_scene().choose_instances(geometry, instance)
+        return SeenPoints.read(points, mask, chosen)
+
+    def _warn_if_open(self, query: str, caster: Caster, seen: SeenPoints) -> None:
+        """Warn once that a mesh has no inside, on behalf of the public method `query`."""
+        if self._has_warned:
+            return
+        tree: object = caster.tree
+        shapes = tree.shapes_of(seen.instance_ids) if isinstance(tree, DeviceScene) else [caster.tree.mesh]
+        shape = next((shape for shape in shapes if not shape.is_watertight), None)
+        if shape is None:
+            return
+        self._has_warned = True
+        warnings.warn(
+            f"{shape.name} is not closed, so it has no inside: the answer of {query} is not defined where a ray "
+            "can leave through a hole",
+            OpenMeshWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,263 @@
+"""The queries of a tracer that cast rays: their arguments, results and errors.
+
+How rays are cast is in `hits/`.
+"""
+
+from __future__ import annotations
+
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ConfigError
+from .hits.all_hits import find_all_hits, find_hits_by_depth
+from .hits.closest import count_hits, find_any_hits, find_closest_hits, find_closest_prims
+from .hits.hits import AllHits, Hits
+from .launch import NO_LIMIT, Caster
+from .rays.batch import RayBatch, read_rays
+from .rays.pieces import Progress
+from .tracer_base import TracerBase
+
+
+class RayQueries(TracerBase):
+    """The queries of a `Tracer` whose arguments are rays."""
+
+    def closest_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> Hits:
+        """Return the nearest crossing of each ray with the mesh, from either side of the triangles.
+
+        Parameters
+        ----------
+        origins : (..., 3) float, the file's coordinates
+            Of any leading shape. Rays of shape (height, width, 3) are those of a picture, which are cast tile by tile.
+        directions : (..., 3) float, any length above 0
+            Broadcast against the origins, without copies: one origin (3,) for many directions (n, 3), or (n, 1, 3) with
+            (m, 3) for all pairs.
+        t_min, t_max : float or (...,) float, lengths of the direction
+            Broadcast to the rays. Only crossings with t_min <= t <= t_max count, as far as float32 can tell; t_min is
+            at least 0.
+        mask : int or (...,) int, optional
+            32 bits, broadcast to the rays: each sees only the instances whose mask shares a bit with its own; without
+            it, all of them.
+        progress : function, optional
+            Called with the number of rays that are done, and of all rays, after each piece of the work.
+
+        Returns
+        -------
+        Hits
+            In the leading shape that the rays are broadcast to, () for a single ray; in float64. At equal distance the
+            smaller face number wins.
+
+        Raises
+        ------
+        QueryError
+            Shapes that are wrong or do not broadcast, a value that is not finite, a direction of length zero, a
+            negative t_min: the message names the first bad ray. Or the tracer is closed.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())  # from -0.5 to 0.5
+        >>> origins, directions = [[0.1, 0.2, 5], [3, 0, 5]], [[0, 0, -1], [0, 0, -1]]
+        >>> hits = tracer.closest_hit(origins, directions)
+        >>> hits.t
+        array([4.5, inf])
+        >>> hits.locations[hits.is_hit]
+        array([[0.1, 0.2, 0.5]])
+        >>> tracer.closest_hit(origins, directions, t_min=5).t
+        array([5.5, inf])
+        """
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_closest_hits(caster, batch, shape, progress)
+
+    def closest_prim(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.int32]:
+        """Return (...,) int32: the face that `closest_hit` finds, -1 on a miss; with less work on the host.
+
+        Parameters and errors are those of `closest_hit`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+        >>> clbvh.Tracer(square).closest_prim([[0.7, 0.2, 1], [0.2, 0.7, 1]], [[0, 0, -1], [0, 0, 1]])
+        array([ 0, -1], dtype=int32)
+        """
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_closest_prims(caster, batch, shape, progress)
+
+    def any_hit(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.bool_]:
+        """Return (...,) bool: whether each ray hits anything, which takes less time than the closest hit.
+
+        Parameters and errors are those of `closest_hit`.
+
+        Examples
+        --------
+        Is the line between two points free?
+
+        >>> import clbvh
+        >>> import numpy as np
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> start, end = np.array([[-2, 0, 0], [-2, 2, 0]]), np.array([[2, 0.1, 0], [2, 2, 0]])
+        >>> tracer.any_hit(start, end - start, t_max=1)
+        array([ True, False])
+        """
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_any_hits(caster, batch, shape, progress)
+
+    def count_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        max_hits: int | None = None,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.int32]:
+        """Return (...,) int32: how often each ray crosses the mesh; a shared edge or vertex is one crossing.
+
+        Parameters and errors are those of `closest_hit`; counting stops at `max_hits`, at least 1.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> tracer.count_hits([[0.5, 0.5, 5], [0, 0, 0]], [[0, 0, -1], [0, 0, 1]])  # along an edge; from inside
+        array([2, 1], dtype=int32)
+        """
+        limit = _check_max_hits(max_hits)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return count_hits(caster, batch, shape, limit, progress)
+
+    def all_hits(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        max_hits: int | None = None,
+        with_locations: bool = False,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> AllHits:
+        """Return every crossing of each ray, in the order along it; a shared edge or vertex is one crossing.
+
+        Parameters and errors are those of `closest_hit`; rays are numbered in C order. `max_hits`, at least 1, keeps
+        the nearest crossings of each ray; `with_locations` computes the locations at once, which is faster than later.
+
+        Notes
+        -----
+        Each ray is traversed once; rays with eight crossings or more a second time, with 32 or more a third time, and
+        so on by factors of four. 28 bytes per crossing come back, and 40 MiB at a time are on the device; a ray with
+        more gets the room it needs.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.annulus(r_min=1, r_max=2, height=1))
+        >>> hits = tracer.all_hits([[-5, 0.1, 0]], [[1, 0, 0]])
+        >>> hits.counts
+        array([4])
+        >>> (hits.t[1::2] - hits.t[::2]).round(2)  # length of the ray in the material
+        array([1., 1.])
+        """
+        limit = _check_max_hits(max_hits)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
+
+    def hits_by_depth(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        max_hits: int | None = None,
+        with_locations: bool = False,
+        mask: ArrayLike | None = None,
+        progress: Progress | None = None,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
+        """Return the crossings that `all_hits` finds: the first ones of all rays, then the second ones, and so on.
+
+        Parameters and errors are those of `all_hits`.
+
+        Returns
+        -------
+        prim_id : (m,) int64
+            Faces of the mesh.
+        ray_id : (m,) int64
+            The ray of each crossing, in the order of the rays at each depth.
+        locations : (m, 3) float64, the file's coordinates, or None
+            Only found `with_locations`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import trimesh
+        >>> tracer = clbvh.Tracer(trimesh.creation.box())
+        >>> prim_id, ray_id, locations = tracer.hits_by_depth(
+        ...     [[0.1, 0.2, 5], [0.1, 0.3, 5]], [[0, 0, -1], [0, 0, -1]], with_locations=True
+        ... )
+        >>> ray_id
+        array([0, 1, 0, 1])
+        >>> locations[:, 2]
+        array([ 0.5,  0.5, -0.5, -0.5])
+        """
+        limit = _check_max_hits(max_hits)
+        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
+        return find_hits_by_depth(caster, batch, shape, limit, progress, with_locations=with_locations)
+
+    def _read_rays(
+        self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None
+    ) -> tuple[Caster, RayBatch, tuple[int, ...]]:
+        """Return rays as a batch, with the caster that casts them.
+
+        What has no instances on the device is seen by every mask but 0.
+        """
+        # Read once, because an update may replace it by one that masks differently.
+        caster = self._caster.of_rays
+        batch, shape = read_rays(origins, directions, t_min, t_max, mask)
+        if batch.mask is not None and not caster.tree.has_instances:
+            batch, shape = read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
+        return caster, batch, shape
+
+
+def _check_max_hits(max_hits: int | None) -> int | None:
+    """Raise unless this is no limit, or one that a kernel can hold."""
+    is_number = isinstance(max_hits, Integral) and not isinstance(max_hits, bool)
+    if max_hits is not None and not (is_number and 1 <= max_hits <= NO_LIMIT):
+        raise ConfigError(f"max_hits must be None or a number from 1 to {NO_LIMIT}, not {max_hits}")
+    return max_hits

@@ -1,0 +1,127 @@
+"""Scenes that move: after any moves the hits are those of a new tracer over the moved scene, bit for bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clbvh import Mesh, Tracer
+from clbvh.structs import LAYOUT_WIDTHS
+
+from ..profiles import examples, seeds
+from ..unit.trace.scene_states import affine, make_state
+from .random_scenes import GRID, KINDS, LINEAR, RAY_MASKS, RAYS, make_rays, make_scene, random_scenes
+
+FIELDS = ("t", "u", "v", "prim_id", "instance_id", "geometry_id", "is_front", "locations")
+
+MOVES = ("some transforms", "all transforms", "the same transforms", "bend", "shake", "shift", "the same vertices")
+
+
+@pytest.fixture(scope="module")
+def opened(_opened_device):
+    return _opened_device
+
+
+def draw_transforms(count, generator):
+    """Transforms of every kind; a geometry of the scene's size, whatever its unit, is moved within the grid's."""
+    kinds = generator.choice(list(LINEAR), count)
+    return np.array(
+        [affine(LINEAR[kind](generator), generator.integers(-2 * GRID, 2 * GRID, 3, endpoint=True)) for kind in kinds]
+    ).reshape(-1, 4, 4)
+
+
+def move_points(points, kind, generator):
+    """Points that were moved: `bend` keeps most of a tree's quality, `shake` does not."""
+    if kind == "bend":
+        return points + 0.25 * np.sin(points[:, [1, 2, 0]])
+    if kind == "shake":
+        return points + generator.integers(-GRID, GRID, points.shape, endpoint=True)
+    return points + generator.integers(-GRID, GRID, 3) if kind == "shift" else points.copy()
+
+
+def apply(move, tracer, contents, state, generator):
+    """Make a move in the tracer; return the state of the scene after it."""
+    if "transforms" in move:
+        count = len(state.transforms)
+        chosen = np.arange(count) if move != "some transforms" else generator.permutation(count)[: 1 + count // 2]
+        transforms = (
+            state.transforms[chosen] if move == "the same transforms" else draw_transforms(len(chosen), generator)
+        )
+        tracer.set_transforms(chosen, transforms)
+        return state.with_transforms(chosen, transforms)
+    geometry = int(generator.integers(0, len(state.shapes)))
+    shape = state.shapes[geometry]
+    if isinstance(shape, Mesh):
+        moved = shape.with_vertices(move_points(shape.vertices, move, generator))
+        tracer.set_vertices(contents.geometries[geometry], moved.vertices)
+    else:
+        moved = shape.with_spheres(move_points(shape.centres, move, generator), shape.radii)
+        tracer.set_vertices(contents.geometries[geometry], moved.centres)
+    return state.with_shape(geometry, moved)
+
+
+def ask(tracer, rays, masks):
+    closest, crossings = tracer.closest_hit(*rays, mask=masks), tracer.all_hits(*rays)
+    answers = {f"closest {name}": np.asarray(getattr(closest, name)) for name in FIELDS}
+    answers |= {f"all {name}": np.asarray(getattr(crossings, name)) for name in (*FIELDS, "offsets")}
+    nearest = tracer.closest_point(rays[0])
+    names = ("distance", "point", "prim_id", "instance_id", "geometry_id")
+    answers |= {f"nearest {name}": np.asarray(getattr(nearest, name)) for name in names}
+    return answers | {"any": tracer.any_hit(*rays, mask=masks), "count": tracer.count_hits(*rays)}
+
+
+def check(scene, moves, opened, layout):
+    """Move a scene, and compare it with a new tracer after each move; return the number of hits, and of changes."""
+    generator, contents, state = scene.generator, scene.contents(), scene.state
+    masks = generator.choice(RAY_MASKS, 2 * RAYS).astype(np.uint32)
+    hits = changes = 0
+    with Tracer(contents, device=opened.info, layout=layout) as tracer:
+        before = tracer.closest_hit(scene.origins, scene.directions).t
+        for move in moves:
+            state = apply(move, tracer, contents, state, generator)
+            # Rays to where the scene was, and to where it is.
+            known, new = (scene.origins, scene.directions), make_rays(state, generator)
+            rays = [np.concatenate(pair) for pair in zip(known, new, strict=True)]
+            found = ask(tracer, rays, masks)
+            anew = dataclasses.replace(scene, state=state)
+            with Tracer(anew.contents(), device=opened.info, layout=layout) as other:
+                if tracer._caster.tree.has_instances and state.is_one_mesh:
+                    # A new tracer of one mesh in its place has no instance; one that moved keeps it.
+                    other.set_transforms(0, state.transforms)
+                expected = ask(other, rays, masks)
+            assert [name for name in found if found[name].tobytes() != expected[name].tobytes()] == [], move
+            hits += int((found["closest prim_id"] >= 0).sum())
+            after = tracer.closest_hit(*known).t
+            changes += after.tobytes() != before.tobytes()
+            before = after
+    return hits, changes
+
+
+@examples(short=20, long=500)
+@given(
+    scene=random_scenes(may_be_far=False),
+    moves=st.lists(st.sampled_from(MOVES), min_size=1, max_size=4),
+    layout=st.sampled_from(tuple(LAYOUT_WIDTHS)),
+)
+def test_a_moved_tracer_finds_what_a_new_one_finds(opened, scene, moves, layout):
+    check(scene, moves, opened, layout)
+
+
+@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
+@pytest.mark.parametrize("seed", seeds(2))
+def test_moves_change_hits(opened, seed, layout):
+    """So that the test above can fail."""
+    hits, changes = check(make_scene(seed, tuple(KINDS), tuple(LINEAR)), MOVES, opened, layout)
+    assert hits > 100
+    assert changes >= 2
+
+
+@pytest.mark.parametrize("seed", seeds(2))
+def test_one_mesh_in_its_place_moves_too(opened, seed):
+    """It begins without instances."""
+    scene = make_scene(seed, ("ball",), ("none",))
+    scene = dataclasses.replace(scene, state=make_state(scene.state.shapes, (0, affine())))
+    assert scene.state.is_one_mesh
+    assert check(scene, ("bend", "shake", "all transforms", "bend", "shift"), opened, "auto")[1] >= 3

@@ -1,0 +1,30 @@
+"""The queries of a tracer in a scene whose trees are given, or left out."""
+
+import functools
+
+from clbvh import Tracer, build
+from clbvh.device.session import DeviceSession
+from clbvh.trace.device_tree import BRUTE
+from clbvh.trace.launch import Caster
+from clbvh.trace.point_queries import PointQueries
+from clbvh.trace.ray_queries import RayQueries
+from clbvh.trace.scene.device_scene import DeviceScene
+
+
+class StateTracer(RayQueries, PointQueries):
+    """In place of a `Tracer`; without `trees` the layout is ``"brute"``. Masks choose instances, names do not."""
+
+    def __init__(self, state, device, trees=None):
+        session = DeviceSession(device)
+        tree = DeviceScene(session, state, trees, functools.partial(build, leaf_size=1))
+        self._caster = Caster(session, tree, tree.box)
+
+    def close(self):
+        self._caster.close()
+
+
+def open_tracer(scene, device, layout):
+    """A tracer of a random scene, in a layout, or in ``"brute"``; one mesh in its place has a tree anyway."""
+    if layout == BRUTE and not scene.state.is_one_mesh:
+        return StateTracer(scene.state, device)
+    return Tracer(scene.contents(), device=device, layout="auto" if layout == BRUTE else layout)

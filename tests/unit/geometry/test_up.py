@@ -1,0 +1,97 @@
+"""Which way is up: the rule of a format, what a mesh stands on, and the habit of its format."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import clbvh
+from clbvh.geometry.up import Y_UP, Z_UP, find_up, guess_up
+
+CREATE = trimesh.creation
+# From z up to y up.
+TURN = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+def as_mesh(solid):
+    return clbvh.Mesh.from_arrays(solid.vertices, solid.faces)
+
+
+def turned(mesh):
+    return mesh.with_vertices(mesh.vertices @ TURN.T)
+
+
+def table():
+    places = [(x, y, 0.5) for x in (-1, 1) for y in (-1, 1)]
+    legs = [CREATE.box((0.1, 0.1, 1)).apply_translation(place) for place in places]
+    return trimesh.util.concatenate([*legs, CREATE.box((2.4, 2.4, 0.1)).apply_translation((0, 0, 1))])
+
+
+STANDING = {
+    "cone": CREATE.cone(1, 2),
+    "cylinder": CREATE.cylinder(1, 2),
+    "ring": CREATE.torus(1, 0.3),
+    "plate": CREATE.box((3, 2, 0.1)),
+    "table": table(),
+}
+
+
+@pytest.mark.parametrize("name", STANDING)
+@pytest.mark.parametrize("unit", [1e-30, 1, 1e30])
+def test_a_mesh_stands_on_its_base_either_way(name, unit):
+    mesh = as_mesh(STANDING[name])
+    mesh = mesh.with_vertices(mesh.vertices * unit)
+    assert guess_up(mesh, "obj").vector == Z_UP
+    assert guess_up(turned(mesh), "stl").vector == Y_UP
+
+
+HABITS = {"stl": Z_UP, ".STL": Z_UP, "off": Z_UP, "obj": Y_UP, "ply": Y_UP, "": Y_UP}
+
+
+@pytest.mark.parametrize(("kind", "up"), HABITS.items())
+def test_the_habit_of_the_format_decides_where_the_shape_does_not(kind, up):
+    for solid in (CREATE.box(), CREATE.icosphere()):
+        vector, reason = find_up(kind, as_mesh(solid))
+        assert vector == up
+        assert reason.startswith(f"{'xyz'[up.index(1)]} is up: ")
+
+
+@pytest.mark.parametrize("kind", ["glb", ".gltf"])
+def test_the_rule_of_gltf_comes_first(kind):
+    assert find_up(kind, as_mesh(STANDING["cone"])) == (Y_UP, "y is up: that is the rule of glTF files")
+
+
+def test_a_stray_point_changes_nothing():
+    mesh = as_mesh(CREATE.cone(1, 2, sections=2000))
+    strays = len(mesh.vertices) + np.arange(3)
+    strayed = clbvh.Mesh.from_arrays(np.vstack((mesh.vertices, [[0, 0, -90]] * 3)), np.vstack((mesh.faces, strays)))
+    assert guess_up(strayed, "obj").vector == Z_UP
+
+
+FLAT = {
+    "triangle": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+    "line": [[0, 0, 0], [1, 1, 1], [2, 2, 2]],
+    "point": [[5, 5, 5]] * 3,
+}
+
+
+@pytest.mark.parametrize("vertices", FLAT.values(), ids=FLAT)
+def test_meshes_without_a_height_have_the_habit_of_their_format(vertices):
+    mesh = clbvh.Mesh.from_arrays(vertices, [[0, 1, 2]])
+    assert guess_up(mesh, "ply").vector == Y_UP
+    assert guess_up(mesh, "stl").vector == Z_UP
+
+
+@pytest.mark.parametrize("name", ["bun_zipper.ply", "dragon_871k.ply"])
+def test_scans_that_stand_are_recognised_in_any_format(name):
+    path = Path(os.environ.get("CLBVH_MESHES", ""), name)
+    if not path.is_file():
+        pytest.skip(f"CLBVH_MESHES has no {name}")
+    mesh = clbvh.load_mesh(path)
+    assert find_up("stl", mesh).vector == Y_UP
+    standing = mesh.with_vertices(mesh.vertices @ TURN)
+    assert find_up("obj", standing).vector == Z_UP
