@@ -5,7 +5,6 @@
 // rough surfaces", 2007), without light that is reflected between facets.
 
 #include "looks/looks.cl"
-#include "sampling/sampler.cl"
 #include "sampling/warps.cl"
 
 #define PI 3.14159265f

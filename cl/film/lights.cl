@@ -10,7 +10,6 @@
 #include "film/stage.cl"
 #include "sampling/frame.cl"
 #include "sampling/warps.cl"
-#include "shading/shade.cl"
 
 typedef struct {
     const global light_t *lights;

@@ -1,5 +1,5 @@
-// The shading `path`: light along paths from the eye, with light drawn at each surface (Kajiya, "The rendering equation",
-// 1986; Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
+// The shading `path`: light along paths from the eye, with light drawn at each surface (Kajiya, "The rendering
+// equation", 1986; Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
 
 #include "film/bsdf.cl"
 #include "film/lights.cl"
@@ -55,7 +55,7 @@ INLINED float4 find_path_sample(
     for (int bounce = 0;; bounce++) {
         search_t search;
         shown_t shown;
-        const float3 direction = as_plain_ray(&ray)->direction;
+        const float3 direction = ray.direction;
         const bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &search);
         if (bounce == 0) {
             *first = search;
@@ -76,7 +76,7 @@ INLINED float4 find_path_sample(
         if (luminance(emission) > 0.0f) {
             float weight = 1.0f;
             if (density > 0.0f && shown.appearance.is_light) {
-                const float3 way = shown.surface.position - as_plain_ray(&ray)->origin;
+                const float3 way = shown.surface.position - ray.origin;
                 const float cosine = -dot_product(shown.surface.normal, direction);
                 weight = balance(density, emitter_density(view, emission, dot_product(way, way), cosine));
             }
