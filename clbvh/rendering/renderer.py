@@ -451,7 +451,7 @@ def _find_subject(
         return MeshSubject(scene, None, source if isinstance(source, Bvh) else None, options, stack)
     state = scene.snapshot()
     # A mesh that is placed once, where it is, needs no instance, unless it has a colour of its own.
-    if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None:
+    if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None and not state.materials:
         return MeshSubject(scene, cast(Mesh, state.shapes[0]), None, options, stack)
     return SceneSubject(state, options, stack)
 

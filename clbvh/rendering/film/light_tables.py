@@ -1,4 +1,4 @@
-"""The light that paths draw, as the device takes it: emitting primitives by their power; see cl/film/lights.cl."""
+"""The light that paths draw, as the device takes it: primitives that emit, by their power; see cl/film/lights.cl."""
 
 from __future__ import annotations
 

@@ -27,7 +27,9 @@ _LAUNCH_S = 0.25
 _FILTER_RADIUS = 1.0
 
 # Arguments of `render_samples` that only paths have.
-_NO_LIGHTS = dict.fromkeys(("lights", "light_shares", "environment", "environment_rows", "environment_columns"))
+_NO_LIGHTS: dict[str, Any] = dict.fromkeys(
+    ("lights", "light_shares", "environment", "environment_rows", "environment_columns")
+)
 
 
 @dataclass
