@@ -12,6 +12,7 @@ from ..errors import ConfigError, SceneError
 from ..scene.serialize import is_saved_scene
 from ..support.regular_file import read_regular
 from ..support.resources import find_folder
+from .cut import Cut
 from .load_objects import load_objects
 from .material_tables import NO_MATERIALS, read_materials, take_material
 from .mesh_files import open_mesh_file
@@ -20,6 +21,7 @@ from .projection import Projection, from_named
 from .scene import Light, Scene
 from .scene_object import SceneObject
 from .toml_table import TomlTable, refuse_unknown
+from .vectors import Vector
 
 SCENE_SUFFIX = ".toml"
 
@@ -171,7 +173,9 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         "eye": camera.vector("eye"),
         "look_at": camera.vector("look_at"),
         "up": camera.vector("up"),
+        "view": camera.text("view"),
         "fov": camera.number("fov"),
+        "cut": _read_cut(camera),
         "projection": _read_projection(camera),
         "aperture": camera.number("aperture"),
         "focus_distance": camera.number("focus_distance"),
@@ -194,6 +198,21 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     if values["projection"] is not None and values["fov"] is not None:
         raise SceneError("[camera] fov is that of a perspective camera: take it out, or the kind")
     return SceneFile(path, Scene(**given(**values)), objects)
+
+
+def _read_cut(camera: TomlTable) -> Cut | None:
+    """Return the cut of a camera."""
+    plane, box = camera.rows("cut_plane", 3, 2), camera.rows("cut_box", 3, 2)
+    if plane is not None and box is not None:
+        raise SceneError("[camera] has a cut_plane or a cut_box, not both")
+    if plane is not None:
+        return Cut("plane", *map(_as_vector, plane))
+    return None if box is None else Cut("box", *map(_as_vector, box))
+
+
+def _as_vector(row: list[float]) -> Vector:
+    x, y, z = row
+    return x, y, z
 
 
 def _read_projection(camera: TomlTable) -> Projection | None:
