@@ -7,9 +7,10 @@ import pytest
 import trimesh
 
 import clbvh
-from clbvh import Appearance, Camera, Light, Material, Mesh, Renderer, Scene, Spheres
+from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene, Spheres
 from clbvh.rendering import frame as frame_module
 from clbvh.rendering.film import sample_painter
+from clbvh.rendering.view import _LIGHT_SPREAD
 
 # Pixels a side of most pictures, and the widest difference in standard errors of the mean of all pixels.
 SIDE = 12
@@ -81,7 +82,7 @@ def single_scattering(cosine, roughness, reflectance, count=1000):
     # Facets weighted by their projected area: D cos = 1 / pi alpha^2 in the plane of slopes, drawn by its inverse.
     tangent = alpha * np.sqrt(u / (1 - u))
     z = 1 / np.sqrt(1 + tangent**2)
-    x, y = z * tangent * np.cos(turn), z * tangent * np.sin(turn)
+    x = z * tangent * np.cos(turn)
     towards = np.sqrt(1 - cosine**2) * x + cosine * z
     light_z = 2 * towards * z - cosine
     seen = (towards > 0) & (light_z > 0)
@@ -154,6 +155,28 @@ class TestEmitters:
         film = render_film(make_scene(floor(matte(), 30), lamp, samples=1024, **view_at(0.5)))
         distance = np.linalg.norm(at)
         check_mean(film, 5 * (radius / distance) ** 2 * at[1] / distance, 2e-3)
+
+    @pytest.mark.parametrize("kind", ["sphere", "square"])
+    def test_a_lamp_of_an_instance(self, kind):
+        """Lamps have the material and the size of their instance: twice as large, and with another one beside."""
+        lamp = Material(base_colour=BLACK, ior=1.0, emission=(5, 5, 5))
+        faint = Spheres([[0, 0.3, -40]], 0.01, materials=(Material(base_colour=BLACK, ior=1.0, emission=(9, 0, 0)),))
+        shape = Spheres([[0, 0, 0]], 0.1) if kind == "sphere" else panel(matte(), 0.1, 0)
+        scene = make_scene(floor(matte(), 30), faint, samples=1024, **view_at(0.5))
+        transform = np.diag([2.0, 2.0, 2.0, 1.0])
+        transform[:3, 3] = 0, 1, 0
+        scene.place(scene.add(shape), transform, material=lamp)
+        slant = 0.2 / np.sqrt(1.04)
+        share = 0.2**2 if kind == "sphere" else 4 * slant * np.arctan(slant) / np.pi
+        check_mean(render_film(scene), 5 * share, 2e-3)
+
+    @pytest.mark.parametrize("height", [0.2, 1.0])
+    def test_the_sun(self, height):
+        """A disk of directions around that of the light; its mean cosine to the middle is a little below 1."""
+        sun = Light(direction=(1, height, 0), colour=(2, 1, 0.5))
+        film = render_film(make_scene(floor(matte()), light=sun, **view_at(0.5)))
+        mean_cosine = 2 * (np.sqrt(1 + _LIGHT_SPREAD**2) - 1) / _LIGHT_SPREAD**2
+        check_mean(film, np.array([2, 1, 0.5]) * mean_cosine * height / np.sqrt(1 + height**2))
 
     def test_a_lamp_over_a_rough_metal(self):
         """Light that is drawn and light that is found add up: an integral over the lamp."""
