@@ -1,23 +1,26 @@
 // The colours of a film: exposure, tone curve, and sRGB.
 //
-// film[pixel_count]      float4: sums of linear red, green, blue, and of the share that is covered
-// sample_count           samples in the sums
-// view[1]                view_t
-// colours[pixel_count]   written: red, green, blue and alpha; alpha is 255 where all samples hit something
+// film[row_count * width]      float4: sums of linear red, green, blue, and of the share that is covered
+// row_count                    rows of the film
+// sample_count                 samples in the sums
+// view[1]                      view_t
+// colours[row_count * width]   written: red, green, blue and alpha; alpha is 255 where all samples hit something
 //
-// Work-items: (pixel_count), rounded up to whole work-groups.
+// Work-items: (width, row_count), rounded up to tiles.
 
 #include "film/tone.cl"
 #include "shading/shade.cl"
 
 kernel void develop(
-    const global float4 *restrict film, const int pixel_count, const int sample_count,
+    const global float4 *restrict film, const int row_count, const int sample_count,
     const global view_t *restrict view, global uchar4 *restrict colours)
 {
-    const int pixel = get_global_id(0);
-    if (pixel >= pixel_count) {
+    const int column = get_global_id(0);
+    const int row = get_global_id(1);
+    if (column >= view->width || row >= row_count) {
         return;
     }
+    const int pixel = row * view->width + column;
     const float4 mean = film[pixel] / (float)sample_count;
     // Light that is seen before a transparent background is that of the covered share alone.
     const float share = view->is_transparent && mean.w > 0.0f ? mean.w : 1.0f;

@@ -57,6 +57,7 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
             tracer.closest_point(points)
             tracer.contains(points)
             tracer.signed_distance(points)
+            tracer.ambient_occlusion(points, directions, rays=1)
         # Many rays in order are searched for the rows of a picture.
         towards = np.stack(np.meshgrid(1.0, *[np.linspace(-0.5, 0.5, _SIDE)] * 2, indexing="ij"), axis=-1)
         rows = towards.reshape(-1, 3).astype(dtype)
@@ -98,6 +99,7 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
             tracer.closest_point(origins)
             tracer.contains(origins)
             tracer.signed_distance(origins)
+            tracer.ambient_occlusion(origins, directions, rays=1)
         tracer.set_transforms(instances[0], np.diag([1.0, 2.0, 1.0, 1.0]))
         tracer.set_vertices(knot, mesh.vertices)
     if has_spheres:

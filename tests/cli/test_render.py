@@ -112,8 +112,11 @@ def test_options_override_a_scene(tmp_path, mesh):
     normals = imageio.imread(tmp_path / "b.ppm")
     assert (normals[0, 0] == 0).all()
     assert (normals[5, 15] != 0).any()
-    # The same view in the scene's own shading.
-    lit = run_clbvh("render", scene, "-o", tmp_path / "c.ppm", "--width", 30, "--background", "1,0,0", *options[4:])
+    # The same view in another shading with one ray for each pixel.
+    lit = run_clbvh(
+        "render", scene, "-o", tmp_path / "c.ppm", "--width", 30, "--background", "1,0,0", "--shading", "lambert",
+        *options[4:],
+    )  # fmt: skip
     assert lit.returncode == 0
     picture = imageio.imread(tmp_path / "c.ppm")
     assert picture[0, 0].tolist() == [255, 0, 0]

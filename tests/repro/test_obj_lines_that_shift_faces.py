@@ -45,6 +45,7 @@ def load(tmp_path):
         "others",
     ],
 )
+@pytest.mark.filterwarnings("ignore::clbvh.AppearanceWarning")  # of normals that are not there
 def test_faces_keep_their_vertices(load, text):
     vertices, faces = load(text)
     assert vertices == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]

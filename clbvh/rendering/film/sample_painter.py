@@ -130,8 +130,8 @@ class SamplePainter:
         arguments = {**shading.arguments, **band.rows, **shading.entry_points.find(band)}
         taken = self._take_samples(band, film, arguments)
         session.run(
-            shading.develop, (pixel_count,), (session.settings.work_group_size,),
-            film=film, pixel_count=np.int32(pixel_count), sample_count=np.int32(taken), view=band.view,
+            shading.develop, (band.width, band.row_count), shading.tile,
+            film=film, row_count=np.int32(band.row_count), sample_count=np.int32(taken), view=band.view,
             colours=band.colours,
         )  # fmt: skip
         self._progress.taken = taken
