@@ -404,7 +404,8 @@ MATERIAL = np.dtype(
         ("base_colour_texture", np.int32),
         ("metallic_roughness_texture", np.int32),
         ("emission_texture", np.int32),
-        ("spare", np.int32),
+        # Whether paths may draw its light: neither textures nor alpha change it.
+        ("is_light", np.int32),
     ]
 )
 

@@ -114,7 +114,7 @@ INLINED appearance_t appearance_at(
     found.ior = material->ior;
     found.transmission = material->transmission;
     found.emission = load3(material->emission);
-    found.is_light = look->is_light && material->emission_texture < 0;
+    found.is_light = look->is_light && material->is_light;
 
     if (look->first_colour >= 0 && !look->has_colour) {
         const global uint *corners = looks->corner_colours + look->first_colour + 3 * surface->prim_id;

@@ -17,6 +17,7 @@ from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ...geometry.shape import Shape
 from ...layouts.pack_normals import pack_normals
 from ...structs import LOOK, MATERIAL
+from .light_tables import is_drawable_light
 from .texture_tables import TextureTables
 
 # A table without rows still needs a buffer.
@@ -168,6 +169,7 @@ def _fill_material(row: NDArray[np.void], material: Material, textures: TextureT
     row["base_colour"], row["emission"] = material.base_colour, material.emission
     for name in ("alpha", "metallic", "roughness", "ior", "transmission"):
         row[name] = getattr(material, name)
+    row["is_light"] = is_drawable_light(material)
     row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
     for name in ("base_colour_texture", "metallic_roughness_texture", "emission_texture"):
         row[name] = textures.number(getattr(material, name))
