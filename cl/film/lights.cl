@@ -7,6 +7,7 @@
 // environment_rows[height]            float: sums of the shares of its light up to each row, the last one 1
 // environment_columns[width * height] float: the same within each row
 
+#include "film/bsdf.cl"
 #include "film/stage.cl"
 #include "sampling/frame.cl"
 #include "sampling/warps.cl"
