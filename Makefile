@@ -13,7 +13,7 @@ INSTALLED_DOCS := $(VENV)/.installed-docs
 INSTALLED_STUDY := $(VENV)/.installed-study
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs study \
+.PHONY: help setup demo gallery test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs study \
   results clean
 
 help: ## list the targets
@@ -24,6 +24,9 @@ setup: $(INSTALLED_DEV) ## make .venv with clbvh and everything that tests and l
 demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	@mkdir -p $(OUT)
 	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
+
+gallery: $(INSTALLED) ## draw the pictures of docs/gallery.md again, each by the command under it
+	$(BIN)/python .ci/draw_gallery.py
 
 # Each of the WORKERS runs whole files: it compiles for itself what its files share. One test alone is quicker without.
 WORKERS := $(if $(TESTS),0,auto)

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from .geometry.shape import Shape
     from .rendering.as_scene import SceneLike
     from .rendering.camera import Camera
+    from .rendering.contact_sheet import ContactSheet, contact_sheet
+    from .rendering.cut import Cut
     from .rendering.images.images import Images
     from .rendering.images.make_images import render_images
     from .rendering.lens import Lens
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
     from .rendering.renderer import Renderer
     from .rendering.scene import Scene, Transform
     from .rendering.scene_file import open_scene
+    from .rendering.turntable import render_turntable
     from .rendering.vectors import Vector
     from .scene.geometry import Geometry
     from .scene.instance import Instance
@@ -97,6 +100,7 @@ _HOME_OF = {
     "Tracer": "trace",
     "ambient_occlusion": "trace.ambient_occlusion",
     "Camera": "rendering.camera",
+    "Cut": "rendering.cut",
     "Images": "rendering.images.images",
     "Lens": "rendering.lens",
     "Orthographic": "rendering.projection",
@@ -117,6 +121,9 @@ _HOME_OF = {
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
     "render_images": "rendering.images.make_images",
+    "render_turntable": "rendering.turntable",
+    "ContactSheet": "rendering.contact_sheet",
+    "contact_sheet": "rendering.contact_sheet",
     "ClbvhError": "errors",
     "MeshError": "errors",
     "SceneError": "errors",
@@ -166,6 +173,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Tracer",
     "ambient_occlusion",
     "Camera",
+    "Cut",
     "Images",
     "Lens",
     "Orthographic",
@@ -186,6 +194,9 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "open_scene",
     "render",
     "render_images",
+    "render_turntable",
+    "ContactSheet",
+    "contact_sheet",
     "ClbvhError",
     "MeshError",
     "SceneError",

@@ -312,8 +312,14 @@ VIEW = np.dtype(
         ("ground_point", np.float32, 3),
         ("ground_normal", np.float32, 3),
         ("ground_radius", np.float32),
+        # A box and a ball around all objects: rays that come near neither are not stopped.
+        ("objects_centre", np.float32, 3),
+        ("objects_half_size", np.float32, 3),
+        ("objects_radius", np.float32),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
         ("light_spread", np.float32),
+        # Whether the directed light of `studio` comes from the eye, without shadows: objects are all around it.
+        ("is_headlight", np.int32),
         # Occlusion is searched for up to here, in local units.
         ("occlusion_reach", np.float32),
         # Light is multiplied by it before it becomes a colour.
@@ -355,6 +361,13 @@ VIEW = np.dtype(
         ("half_angle", np.float32),
         # k1, k2, p1, p2 and k3 of OpenCV.
         ("distortion", np.float32, 5),
+        # One of CUTS. Of a plane the unit normal, and how far the eye is on its side; of a box the corners, from the
+        # eye. In local units.
+        ("cut", np.int32),
+        ("cut_normal", np.float32, 3),
+        ("cut_height", np.float32),
+        ("cut_lower", np.float32, 3),
+        ("cut_upper", np.float32, 3),
     ]
 )
 
@@ -393,7 +406,8 @@ MATERIAL = np.dtype(
         ("base_colour_texture", np.int32),
         ("metallic_roughness_texture", np.int32),
         ("emission_texture", np.int32),
-        ("spare", np.int32),
+        # Whether paths may draw its light: neither textures nor alpha change it.
+        ("is_light", np.int32),
     ]
 )
 
@@ -466,6 +480,7 @@ TONE_CURVES = {"linear": 0, "filmic": 1}
 TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 
 # How the points of a picture become rays; `distorted` is perspective with the distortion of a lens.
+CUTS = {"plane": 1, "box": 2}
 PROJECTIONS = {"perspective": 0, "distorted": 1, "orthographic": 2, "fisheye": 3, "panorama": 4}
 
 # Layouts of a tree in the device's memory; `brute` is a list of triangles without a tree.
@@ -488,6 +503,7 @@ DEVICE_CONSTANTS = {
     **{"LAYOUT_" + name.upper(): number for name, number in LAYOUTS.items()},
     **{"TONE_" + name.upper(): number for name, number in TONE_CURVES.items()},
     **{"WRAP_" + name.upper(): number for name, number in TEXTURE_WRAPS.items()},
+    **{"CUT_" + name.upper(): number for name, number in CUTS.items()},
     **{"PROJECTION_" + name.upper(): number for name, number in PROJECTIONS.items()},
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }

@@ -10,6 +10,8 @@ INLINED float4 find_sample(
     if (!find_shown(stage, ray, true, sampler, &shown, first)) {
         return sample_of_background(stage->view, row, 0.0f);
     }
-    const bool is_exposed = is_open(stage, shown.surface.above, shown.appearance.normal, sampler);
+    position_t above = shown.surface.above;
+    above.high += shown.appearance.lift;
+    const bool is_exposed = is_open(stage, above, shown.appearance.normal, sampler);
     return (float4)((float3)(is_exposed ? 1.0f : 0.0f), 1.0f);
 }

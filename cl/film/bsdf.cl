@@ -113,7 +113,8 @@ INLINED float3 sample_facet(const float alpha, const float3 to_eye, const float2
 INLINED float facet_density(const float alpha, const float3 facet)
 {
     const float squared = alpha * alpha;
-    const float spread = facet.z * facet.z * (squared - 1.0f) + 1.0f;
+    // 1 - z^2 would have no bits left for the facets of a nearly smooth surface.
+    const float spread = facet.x * facet.x + facet.y * facet.y + squared * facet.z * facet.z;
     return squared / (PI * spread * spread);
 }
 
@@ -175,6 +176,10 @@ INLINED bool sample_bsdf(
             const float3 direction = (cosine / bsdf->ior_ratio - sqrt(refracted_squared)) * facet
                 - to_eye / bsdf->ior_ratio;
             const float through_share = 1.0f - bsdf->diffuse_share - bsdf->specular_share;
+            if (!(bsdf->transmission > 0.0f && through_share > 0.0f)) {
+                // The shares of an opaque surface add up to a little less than 1 by rounding.
+                return false;
+            }
             const float kept = (1.0f - bsdf->metallic) * bsdf->transmission
                 * (1.0f - dielectric_reflectance(cosine, bsdf->ior_ratio));
             float seen = 1.0f;

@@ -28,6 +28,9 @@ typedef struct {
     float distance;
 } light_sample_t;
 
+// Points within a sphere, or on it but for rounding, have a squared distance from its centre of up to so many radii.
+#define INSIDE_SHARE 1.001f
+
 // The first index whose sum is above a sample.
 INLINED int find_share(const global float *shares, const int count, const float sample)
 {
@@ -138,7 +141,11 @@ INLINED bool sample_emitter(
 {
     const global light_t *light = lights->lights + find_share(lights->light_shares, view->light_count, choice);
     float3 point, normal;
+    // A triangle shines to both sides; a sphere, too, but the inside is not seen from outside.
+    bool is_two_sided = true;
     if (light->radius > 0.0f) {
+        const float3 from_centre = from - load3(light->a);
+        is_two_sided = dot_product(from_centre, from_centre) < INSIDE_SHARE * light->radius * light->radius;
         normal = sample_sphere(sample);
         point = load3(light->a) + light->radius * normal;
     } else {
@@ -156,8 +163,7 @@ INLINED bool sample_emitter(
     found->distance = sqrt(distance_squared);
     found->direction = way / found->distance;
     const float facing = dot_product(normal, found->direction);
-    // A sphere shines outwards; a triangle to both sides.
-    const float cosine = light->radius > 0.0f ? -facing : fabs(facing);
+    const float cosine = is_two_sided ? fabs(facing) : -facing;
     if (!(cosine > 0.0f)) {
         return false;
     }

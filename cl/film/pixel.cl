@@ -1,12 +1,24 @@
 // The ray of one sample of a pixel.
 //
 // Samples are spread over the pixel and its neighbours by a tent filter of two pixels' width: each counts the same, and
-// there are more of them near the centre. All are moved so that sample 0 is the centre of the pixel and of the lens:
-// the hits of a picture are its.
+// there are more of them near the centre. All pixels have the same pattern, so that edges have no noise; sample 0 is
+// the centre of the pixel and of the lens: the hits of a picture are its.
 
 #include "sampling/sampler.cl"
 #include "sampling/warps.cl"
 #include "world/camera.cl"
+
+// The sequence R2, as fixed-point numbers: the steps are 1 / g and 1 / g^2 with g^3 = g + 1, and any number of points
+// in a row is evenly spread (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
+#define R2_START 0x80000000u
+#define R2_STEP_X 0xc13fa9a9u
+#define R2_STEP_Y 0x91e10da6u
+
+// A point of the unit square; of sample 0, its middle.
+INLINED float2 pattern_point(const uint sample)
+{
+    return (float2)(as_unit_float(R2_START + sample * R2_STEP_X), as_unit_float(R2_START + sample * R2_STEP_Y));
+}
 
 // A point in the unit square, moved around its edges so that `origin` becomes the middle.
 INLINED float2 centre_on(const float2 point, const float2 origin)
@@ -15,13 +27,20 @@ INLINED float2 centre_on(const float2 point, const float2 origin)
     return moved - floor(moved);
 }
 
+// The point of the lens, by points that are independent of those of the light.
+INLINED float2 sample_lens(const global view_t *view, const int pixel, const uint sample)
+{
+    sobol_sampler_t first = make_sampler(pixel, 0, ~view->seed);
+    sobol_sampler_t sampler = make_sampler(pixel, sample, ~view->seed);
+    return centre_on(sample_2d(&sampler), sample_2d(&first));
+}
+
 // Returns whether the camera sees anything there.
 INLINED bool sample_pixel(
-    const global view_t *view, const int column, const int row, sobol_sampler_t *sampler, world_ray_t *ray)
+    const global view_t *view, const int column, const int row, const uint sample, world_ray_t *ray)
 {
-    sobol_sampler_t first = make_sampler(row * view->width + column, 0, view->seed);
-    const float2 offset = sample_tent_2d(centre_on(sample_2d(sampler), sample_2d(&first)));
-    const float2 lens = centre_on(sample_2d(sampler), sample_2d(&first));
+    const float2 offset = sample_tent_2d(pattern_point(sample));
+    const float2 lens = view->has_lens ? sample_lens(view, row * view->width + column, sample) : LENS_CENTRE;
     const float2 film = (float2)(
         (2.0f * (column + offset.x) + 1.0f) / view->width - 1.0f,
         1.0f - (2.0f * (row + offset.y) + 1.0f) / view->height);

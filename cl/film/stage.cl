@@ -5,6 +5,7 @@
 
 #include "looks/looks.cl"
 #include "sampling/sampler.cl"
+#include "world/cut.cl"
 #include "world/world.cl"
 
 typedef struct {
@@ -34,7 +35,11 @@ INLINED bool find_shown(
     const float3 direction = ray->direction;
     for (int layer = 0; layer < MOST_LAYERS; layer++) {
         search_t search = make_search(1, 0);
-        traverse_world(&stage->world, &rest, is_primary && layer == 0, &search, QUERY_CLOSEST);
+        if (is_primary) {
+            traverse_shown(&stage->world, stage->view, &rest, layer == 0, &search);
+        } else {
+            traverse_world(&stage->world, &rest, false, &search, QUERY_CLOSEST);
+        }
         if (layer == 0) {
             *first = search;
         }
@@ -72,7 +77,11 @@ INLINED bool find_shown(
     search_t *first)
 {
     *first = make_search(1, 0);
-    traverse_world(&stage->world, ray, is_primary, first, QUERY_CLOSEST);
+    if (is_primary) {
+        traverse_shown(&stage->world, stage->view, ray, true, first);
+    } else {
+        traverse_world(&stage->world, ray, false, first, QUERY_CLOSEST);
+    }
     if (!is_found(&first->nearest)) {
         return false;
     }

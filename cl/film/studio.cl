@@ -11,13 +11,31 @@
 #define DIELECTRIC_REFLECTANCE 0.04f
 
 // The share of the ambient light that still reaches surfaces whose hemisphere is full of others: what those reflect.
-#define REFLECTED_SHARE 0.25f
+#define REFLECTED_SHARE 0.35f
+
+// The ambient light is stronger than in the shading `lambert`, because nearby surfaces keep off much of it.
+#define AMBIENT_FACTOR 1.6f
+
+// What smooth surfaces reflect is brighter than the mean of the sky, as the lamps of a studio are.
+#define REFLECTION_FACTOR 2.0f
+
+// The light at the eye is weaker than the directed one: no surface is turned away from it.
+#define HEADLIGHT_FACTOR 0.6f
+
+// The light of a surface that reflects all is the albedo of a diffuse one, and pi times the value of a highlight.
+#define HIGHLIGHT_FACTOR 3.14159265f
+
+// A shadow on the ground is no darker than this share of the background.
+#define LIGHT_IN_SHADOW 0.35f
+
+// Sample dimensions: cut-outs may take any number of the ones before.
+#define KEY_LIGHT_DIMENSION 1024
 
 // The light from the sky or from the ground along a direction.
 INLINED float3 find_ambient_light(const global view_t *view, const float3 direction)
 {
     const float up = 0.5f + 0.5f * dot_product(direction, load3(view->to_sky));
-    return blend(load3(view->ground_colour), load3(view->sky_colour), up);
+    return AMBIENT_FACTOR * blend(load3(view->ground_colour), load3(view->sky_colour), up);
 }
 
 // A direction to the key light, which has a disk's size.
@@ -56,66 +74,141 @@ INLINED float highlight(
     return facets * visibility * of_light;
 }
 
+// The light that reaches a place. The two samples of a pair share it where they show the same smooth surface: light
+// changes little within a pixel, and the rays to it take more time than those to the surface.
+typedef struct {
+    bool is_known;
+    bool is_lit;      // by the key light
+    bool is_exposed;  // to the sky
+    int instance_id;
+    float3 position;
+    float3 normal;
+} known_light_t;
+
+// The instance of the ground.
+#define GROUND_ID -2
+
+// The cosine of the angle by which normals may differ on one smooth surface: 18 degrees.
+#define SMOOTH_COSINE 0.95f
+
+// A second position lies on the smooth surface around the first if the way to it rises by at most this share.
+#define SMOOTH_RISE 0.35f
+
+INLINED bool is_known_at(
+    const known_light_t *light, const int instance_id, const float3 position, const float3 normal)
+{
+    if (!light->is_known || light->instance_id != instance_id || dot_product(light->normal, normal) < SMOOTH_COSINE) {
+        return false;
+    }
+    const float3 way = position - light->position;
+    const float rise = dot_product(way, light->normal);
+    return rise * rise <= SMOOTH_RISE * SMOOTH_RISE * dot_product(way, way);
+}
+
+// Finds the light at a place, unless it is known.
+INLINED void find_light(
+    const stage_t *stage, const int instance_id, const float3 position, const position_t above, const float3 normal,
+    const bool may_be_occluded, const bool may_be_shaded, sobol_sampler_t *sampler,
+    known_light_t *light)
+{
+    if (is_known_at(light, instance_id, position, normal)) {
+        return;
+    }
+    light->is_known = true;
+    light->instance_id = instance_id;
+    light->position = position;
+    light->normal = normal;
+    light->is_exposed = !may_be_occluded || is_open(stage, above, normal, sampler);
+    light->is_lit = false;
+    const float3 towards = load3(stage->view->to_light);
+    if (stage->view->is_headlight) {
+        light->is_lit = true;
+    } else if (dot_product(normal, towards) + stage->view->light_spread > 0.0f) {
+        sampler->dimension = KEY_LIGHT_DIMENSION;
+        const float3 to_light = sample_key_light(stage->view, sampler);
+        light->is_lit = dot_product(normal, to_light) > 0.0f
+            && (!may_be_shaded || !is_shaded(stage, above, to_light, INFINITY, sampler));
+    }
+}
+
 INLINED float3 shade_studio(
-    const stage_t *stage, const shown_t *shown, const float3 direction, sobol_sampler_t *sampler)
+    const stage_t *stage, const shown_t *shown, const float3 direction, sobol_sampler_t *sampler,
+    known_light_t *known)
 {
     const global view_t *view = stage->view;
     const appearance_t *look = &shown->appearance;
-    const position_t above = shown->surface.above;
+    const world_surface_t *surface = &shown->surface;
+    position_t above = surface->above;
+    above.high += look->lift;
+    find_light(
+        stage, surface->instance_id, surface->position, above, look->normal, true, true, sampler, known);
     const float3 reflectance =
         blend((float3)(DIELECTRIC_REFLECTANCE), look->base_colour, look->metallic);
     const float3 diffuse = (1.0f - look->metallic) * look->base_colour;
 
     // The sky, and its reflection: the rougher, the wider.
-    const bool is_exposed = is_open(stage, above, look->normal, sampler);
-    const float openness = is_exposed ? 1.0f : REFLECTED_SHARE;
+    const float openness = known->is_exposed ? 1.0f : REFLECTED_SHARE;
     const float facing = -dot_product(look->normal, direction);
     const float3 mirrored = direction + 2.0f * facing * look->normal;
-    const float3 glossy = unit_vector(blend(mirrored, look->normal, look->roughness * look->roughness));
+    const float3 glossy = blend(mirrored, look->normal, look->roughness * look->roughness);
     const float3 shine = fresnel(reflectance, facing) * (1.0f - 0.5f * look->roughness);
-    float3 light = diffuse * find_ambient_light(view, look->normal) + shine * find_ambient_light(view, glossy);
+    float3 light = diffuse * find_ambient_light(view, look->normal)
+        + REFLECTION_FACTOR * shine * find_ambient_light(view, glossy);
     light *= openness;
 
-    const float3 to_light = sample_key_light(view, sampler);
+    const float3 to_light = view->is_headlight ? -direction : load3(view->to_light);
     const float cosine = dot_product(look->normal, to_light);
-    if (cosine > 0.0f && dot_product(shown->surface.normal, to_light) > 0.0f
-        && !is_shaded(stage, above, to_light, INFINITY, sampler)) {
+    if (known->is_lit && cosine > 0.0f) {
         const float3 halfway = unit_vector(to_light - direction);
         const float3 gloss = fresnel(reflectance, dot_product(to_light, halfway))
-            * highlight(look->roughness, look->normal, to_light, -direction, halfway);
-        light += load3(view->light_colour) * (diffuse * cosine + gloss);
+            * (HIGHLIGHT_FACTOR * highlight(look->roughness, look->normal, to_light, -direction, halfway));
+        const float strength = view->is_headlight ? HEADLIGHT_FACTOR : 1.0f;
+        light += strength * load3(view->light_colour) * (diffuse * cosine + gloss);
     }
     return light + look->emission;
 }
 
 // How much darker shadows make the background, from 0 to 1.
-INLINED float find_ground_shadow(const stage_t *stage, const ground_t *ground, sobol_sampler_t *sampler)
+INLINED float find_ground_shadow(
+    const stage_t *stage, const ground_t *ground, sobol_sampler_t *sampler, known_light_t *known)
 {
     const global view_t *view = stage->view;
     const float3 normal = load3(view->ground_normal);
+    const float3 to_light = load3(view->to_light);
+
+    // Where no object comes near the rays, there is no shadow.
+    const float3 to_objects = load3(view->objects_centre) - ground->above.high;
+    const float squared = dot_product(to_objects, to_objects);
+    const float along = dot_product(to_objects, to_light);
+    const float aside = sqrt(larger(squared - along * along, 0.0f));
+    const float spread = view->light_spread;
+    const float3 beyond = magnitude(to_objects) - load3(view->objects_half_size);
+    const float3 gap = (float3)(larger(beyond.x, 0.0f), larger(beyond.y, 0.0f), larger(beyond.z, 0.0f));
+    const bool may_be_occluded = dot_product(gap, gap) < view->occlusion_reach * view->occlusion_reach;
+    const bool may_be_shaded = aside < view->objects_radius * (1.0f + spread) + spread * larger(along, 0.0f);
+    if (!may_be_occluded && !may_be_shaded) {
+        return 0.0f;
+    }
+
     const float3 ambient = find_ambient_light(view, normal);
-    const float3 to_light = sample_key_light(view, sampler);
     const float cosine = larger(dot_product(normal, to_light), 0.0f);
     const float key = cosine * (view->light_colour[0] + view->light_colour[1] + view->light_colour[2]);
     const float all = ambient.x + ambient.y + ambient.z + key;
-    float missing = 0.0f;
-    if (!is_open(stage, ground->above, normal, sampler)) {
-        missing += all - key;
-    }
-    if (key > 0.0f && is_shaded(stage, ground->above, to_light, INFINITY, sampler)) {
-        missing += key;
-    }
-    return all > 0.0f ? ground->strength * missing / all : 0.0f;
+    find_light(
+        stage, GROUND_ID, ground->above.high, ground->above, normal, may_be_occluded, may_be_shaded, sampler, known);
+    const float missing = (known->is_exposed ? 0.0f : all - key) + (known->is_lit ? 0.0f : key);
+    return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * ground->strength * missing / all : 0.0f;
 }
 
-INLINED float4 find_sample(
-    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
+INLINED float4 find_studio_sample(
+    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, known_light_t *known,
+    search_t *first)
 {
     shown_t shown;
     if (find_shown(stage, ray, true, sampler, &shown, first)) {
-        return (float4)(shade_studio(stage, &shown, ray->direction, sampler), 1.0f);
+        return (float4)(shade_studio(stage, &shown, ray->direction, sampler, known), 1.0f);
     }
     const ground_t ground = find_ground(stage->view, ray);
-    const float shadow = ground.strength > 0.0f ? find_ground_shadow(stage, &ground, sampler) : 0.0f;
+    const float shadow = ground.strength > 0.0f ? find_ground_shadow(stage, &ground, sampler, known) : 0.0f;
     return sample_of_background(stage->view, row, shadow);
 }

@@ -72,6 +72,7 @@ INLINED placed_surface_t scene_surface_at(
 #endif
     const float3 direction = transform_vector(instance->to_object, ray->direction);
     const corners_t corners = corners_at(own_blocks, search->nearest.triangle_index);
-    const surface_t surface = surface_at(&corners, &search->nearest, direction);
+    const surface_t tight = surface_at(&corners, &search->nearest, direction);
+    const surface_t surface = with_even_error(&tight);
     return place_surface(instance, &surface);
 }

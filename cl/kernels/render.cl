@@ -8,11 +8,14 @@
 // colours[row_count * width]             written: red, green, blue, and 255 where something is hit
 // hits[row_count * width]                written: t in local units
 //
+// HAS_CUT: see cl/world/cut.cl.
+//
 // Work-items: (width, row_count), rounded up to tiles.
 
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
 #include "world/camera.cl"
+#include "world/cut.cl"
 
 INLINED float3 find_colour(const global view_t *view, const global float *instance_colours, const int instance_id)
 {
@@ -42,7 +45,7 @@ kernel void render(
     const bool is_seen = world_camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &ray);
     search_t search = make_search(1, 0);
     if (is_seen) {
-        traverse_world(&world, &ray, true, &search, QUERY_CLOSEST);
+        traverse_shown(&world, view, &ray, true, &search);
     }
     const bool is_hit = is_found(&search.nearest);
     hits[pixel] = as_kept_hit(&search, &search.nearest);

@@ -9,6 +9,7 @@
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
 // SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
+// HAS_CUT: see world/cut.cl.
 //
 // Work-items: (width, row_count), rounded up to tiles. The samples of a pixel are added one by one, in the order of
 // their numbers, so that the film does not depend on bands or on how many samples a launch takes.
@@ -17,6 +18,7 @@
 #include "film/ground.cl"
 #include "film/openness.cl"
 #include "film/pixel.cl"
+#include "sampling/screen.cl"
 #include "traversal/entry_point.cl"
 #if SHADING == SHADE_PATH
 #include "film/path.cl"
@@ -57,20 +59,34 @@ kernel void render_samples(
 
 #if SHADING == SHADE_PATH
     const lights_t light_tables = {lights, light_shares, environment, environment_rows, environment_columns};
+#elif SHADING == SHADE_STUDIO
+    known_light_t light;
 #endif
-
     float4 sum = first_sample == 0 ? (float4)(0.0f) : film[pixel];
     for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
-        sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
         world_ray_t ray;
         search_t first = make_search(1, 0);
-        if (sample_pixel(view, column, row, &sampler, &ray)) {
+        const bool is_seen = sample_pixel(view, column, row, sample, &ray);
 #if SHADING == SHADE_PATH
+        sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
+        if (is_seen) {
             sum += find_path_sample(&stage, &light_tables, &ray, &sampler, &first);
-#else
-            sum += find_sample(&stage, &ray, row, &sampler, &first);
-#endif
         }
+#elif SHADING == SHADE_STUDIO
+        // Two samples share what they know of the light, and one point for it.
+        if ((sample & 1) == 0 || sample == first_sample) {
+            light.is_known = false;
+        }
+        sobol_sampler_t sampler = make_screen_sampler(column, row, sample >> 1, view->seed);
+        if (is_seen) {
+            sum += find_studio_sample(&stage, &ray, row, &sampler, &light, &first);
+        }
+#else
+        sobol_sampler_t sampler = make_screen_sampler(column, row, sample, view->seed);
+        if (is_seen) {
+            sum += find_sample(&stage, &ray, row, &sampler, &first);
+        }
+#endif
         if (sample == 0) {
             hits[pixel] = as_kept_hit(&first, &first.nearest);
         }

@@ -33,6 +33,7 @@ typedef struct {
 // A point of a surface as light sees it.
 typedef struct {
     float3 normal;       // shading normal: unit vector on the side of the ray's origin
+    float3 lift;         // from the triangle to the smooth surface that it stands for, see world_lift
     float3 base_colour;  // linear
     float alpha;         // the share of light that the surface stops, after the cut-off
     float metallic;
@@ -50,12 +51,9 @@ INLINED float3 decode_normal(const uint packed)
     const float x = (float)(int)(packed & 0xffffu) * (2.0f / 65534.0f) - 1.0f;
     const float y = (float)(int)(packed >> 16) * (2.0f / 65534.0f) - 1.0f;
     const float z = 1.0f - fabs(x) - fabs(y);
-    if (z >= 0.0f) {
-        return unit_vector((float3)(x, y, z));
-    }
-    const float folded_x = (1.0f - fabs(y)) * (x < 0.0f ? -1.0f : 1.0f);
-    const float folded_y = (1.0f - fabs(x)) * (y < 0.0f ? -1.0f : 1.0f);
-    return unit_vector((float3)(folded_x, folded_y, z));
+    // The lower half is folded outwards over the edges of the upper one.
+    const float fold = larger(-z, 0.0f);
+    return short_unit_vector((float3)(x < 0.0f ? x + fold : x - fold, y < 0.0f ? y + fold : y - fold, z));
 }
 
 INLINED bool is_sphere(const world_t *world, const search_t *search)
@@ -71,18 +69,20 @@ INLINED bool is_sphere(const world_t *world, const search_t *search)
 // ray's origin, where the geometric one is.
 INLINED float3 shading_normal(
     const looks_t *looks, const global look_t *look, const world_t *world, const search_t *search,
-    const world_surface_t *surface, const float3 direction)
+    const world_surface_t *surface, const float3 direction, float3 *lift)
 {
+    *lift = (float3)(0.0f);
     if (look->first_normal < 0) {
         return surface->normal;
     }
     const global uint *corners = looks->corner_normals + look->first_normal + 3 * surface->prim_id;
-    const float3 own = (1.0f - surface->u - surface->v) * decode_normal(corners[0])
-        + surface->u * decode_normal(corners[1]) + surface->v * decode_normal(corners[2]);
+    const float sign = surface->is_back ? -1.0f : 1.0f;
+    const float3 at_corner[3] = {
+        sign * decode_normal(corners[0]), sign * decode_normal(corners[1]), sign * decode_normal(corners[2])};
+    *lift = world_lift(world, search, at_corner);
+    const float3 own = (1.0f - surface->u - surface->v) * at_corner[0] + surface->u * at_corner[1]
+        + surface->v * at_corner[2];
     float3 normal = unit_vector(place_normal(world, search, own));
-    if (surface->is_back) {
-        normal = -normal;
-    }
     // A normal that faces away, as near a silhouette, is moved to just on this side (Keller et al., "The iray light
     // transport simulation and rendering system", 2017, has the same idea for reflections).
     const float facing = dot_product(normal, direction);
@@ -104,7 +104,7 @@ INLINED appearance_t appearance_at(
     const float w = 1.0f - surface->u - surface->v;
 
     appearance_t found;
-    found.normal = shading_normal(looks, look, world, search, surface, direction);
+    found.normal = shading_normal(looks, look, world, search, surface, direction, &found.lift);
     found.base_colour = load3(
         look->has_colour                    ? look->colour
         : material_id == DEFAULT_MATERIAL ? looks->default_colour : material->base_colour);
@@ -114,7 +114,7 @@ INLINED appearance_t appearance_at(
     found.ior = material->ior;
     found.transmission = material->transmission;
     found.emission = load3(material->emission);
-    found.is_light = look->is_light && material->emission_texture < 0;
+    found.is_light = look->is_light && material->is_light;
 
     if (look->first_colour >= 0 && !look->has_colour) {
         const global uint *corners = looks->corner_colours + look->first_colour + 3 * surface->prim_id;

@@ -35,3 +35,9 @@ INLINED float3 unit_vector(const float3 v)
     const float length_squared = dot_product(scaled, scaled);
     return length_squared > 0.0f ? scaled / sqrt(length_squared) : v;
 }
+
+// The same for a vector of moderate length, 1e-15 to 1e15, which needs no scaling.
+INLINED float3 short_unit_vector(const float3 v)
+{
+    return v * (1.0f / sqrt(dot_product(v, v)));
+}

@@ -30,17 +30,31 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
     return surface;
 }
 
+// A triangle in the plane of two axes, as that of a flat mesh, has no rounding error across that plane. The distance is
+// added to the others: one in which coordinates other than 0 lose it. A ray that begins at a distance of 0 would meet
+// the triangle at t = 0.
+#define LEAST_DISTANCE 1e-20f
+
 // A point just above the surface, from which a ray cannot meet the triangle that it leaves. The distance is derived
 // from the rounding error of the position, not from a constant, so it fits meshes of any size.
 INLINED float3 point_above(const surface_t *surface)
 {
     const float distance = dot_product(magnitude(surface->normal), surface->error);
-    return surface->position + 2.0f * distance * surface->normal;
+    return surface->position + (2.0f * distance + LEAST_DISTANCE) * surface->normal;
+}
+
+// The same surface with the largest error in all directions. The t of a ray along a surface has the rounding of the
+// ray's own direction: with less, a ray from a plane at z = 0 could meet that plane at t = 1e-8.
+INLINED surface_t with_even_error(const surface_t *surface)
+{
+    surface_t even = *surface;
+    even.error = (float3)(larger(surface->error.x, larger(surface->error.y, surface->error.z)));
+    return even;
 }
 
 // A point just below the surface, for a ray that goes through it.
 INLINED float3 point_below(const surface_t *surface)
 {
     const float distance = dot_product(magnitude(surface->normal), surface->error);
-    return surface->position - 2.0f * distance * surface->normal;
+    return surface->position - (2.0f * distance + LEAST_DISTANCE) * surface->normal;
 }

@@ -37,6 +37,22 @@ typedef struct {
     const global float *spheres;
 } world_t;
 
+// How far a point of a triangle lies below the smooth surface for which its normals stand: the tangent planes at the
+// corners, where they are above it. Rays that begin there are not stopped by the facets of a round surface (Hanika,
+// "Hacking the shadow terminator", Ray Tracing Gems II, 2021).
+INLINED float3 find_lift(const corners_t *corners, const crossing_t *crossing, const float3 normals[3])
+{
+    const float shares[3] = {1.0f - crossing->u - crossing->v, crossing->u, crossing->v};
+    const float3 at[3] = {corners->a, corners->b, corners->c};
+    const float3 position = shares[0] * at[0] + shares[1] * at[1] + shares[2] * at[2];
+    float3 lift = (float3)(0.0f);
+    for (int corner = 0; corner < 3; corner++) {
+        const float depth = larger(dot_product(at[corner] - position, normals[corner]), 0.0f);
+        lift += shares[corner] * depth * normals[corner];
+    }
+    return lift;
+}
+
 // A position as a pair of floats: the low part is what float32 has rounded off. It is zero where there is no scene.
 typedef struct {
     float3 high;
@@ -102,6 +118,15 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
         + normal.z * load3(instance->to_object[2]);
 }
 
+// The lift of the point that was hit, for unit normals at the corners of its triangle, in the geometry's coordinates.
+INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])
+{
+    const global instance_t *instance = world->instances + search->instance_index;
+    const global block_t *blocks = find_blocks(instance, world->blocks, world->spheres);
+    const corners_t corners = corners_at(blocks, search->nearest.triangle_index);
+    return transform_vector(instance->to_scene, find_lift(&corners, &search->nearest, normals));
+}
+
 #else
 
 typedef ray_t world_ray_t;
@@ -128,7 +153,8 @@ INLINED void traverse_world(
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
     const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
-    const surface_t own = surface_at(&corners, &search->nearest, ray->direction);
+    const surface_t tight = surface_at(&corners, &search->nearest, ray->direction);
+    const surface_t own = with_even_error(&tight);
     const world_surface_t surface = {
         own.position, {point_above(&own), (float3)(0.0f)}, {point_below(&own), (float3)(0.0f)}, own.normal,
         own.is_back, 0, search->nearest.prim_id, search->nearest.u, search->nearest.v};
@@ -138,6 +164,12 @@ INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t
 INLINED float3 place_normal(const world_t *world, const search_t *search, const float3 normal)
 {
     return normal;
+}
+
+INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])
+{
+    const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
+    return find_lift(&corners, &search->nearest, normals);
 }
 
 #endif

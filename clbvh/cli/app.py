@@ -10,7 +10,7 @@ import typer
 
 from ..errors import ClbvhError, DeviceError
 from ..support.code_times import on_first_compilation
-from . import devices, doctor, fetch, images, render, stats, study, tune, warmup
+from . import devices, doctor, fetch, images, render, sheet, stats, study, tune, turntable, warmup
 from .first_run import say_first_run
 from .streams import flush_output
 from .warning_lines import warnings_as_lines
@@ -29,6 +29,8 @@ app = typer.Typer(
 )
 app.command(name="render")(render.render)
 app.command(name="images")(images.images)
+app.command(name="turntable")(turntable.turntable)
+app.command(name="sheet")(sheet.sheet)
 app.command(name="stats")(stats.stats)
 app.command(name="fetch")(fetch.fetch)
 app.command(name="devices")(devices.devices)

@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from ..builders.options import BuildOptions
+    from ..rendering.cut import Cut
     from ..rendering.scene import Scene
 
 SCENE_PANEL = "Scene"
@@ -24,7 +25,7 @@ DEFAULT_QUALITY = "default"
 
 _SOURCE_HELP = (
     "A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
-    "demo, bunny, dragon, drill, galaxy, knot, meadow, palace, still-life, terrain."
+    "demo, bunny, cornell, dragon, drill, galaxy, knot, meadow, palace, still-life, terrain, weekend."
 )
 
 Source = Annotated[str, typer.Argument(metavar="MESH|SCENE", help=_SOURCE_HELP, show_default=False)]
@@ -105,6 +106,49 @@ CameraKind = Annotated[
         rich_help_panel=SCENE_PANEL,
     ),
 ]
+Width = Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=SCENE_PANEL)]
+Height = Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=SCENE_PANEL)]
+Up = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=SCENE_PANEL
+    ),
+]
+View = Annotated[
+    str | None,
+    typer.Option(
+        help="front, right, back, left, top, bottom or iso: the whole mesh from this side.",
+        show_default="a little from the right and above",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
+CutPlane = Annotated[
+    str | None,
+    typer.Option(
+        "--cut",
+        metavar='"X,Y,Z;NX,NY,NZ"',
+        help="Do not show what lies on the normal's side of a plane through a point; light comes as if it were there.",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
+CutBox = Annotated[
+    str | None,
+    typer.Option(
+        "--cut-box",
+        metavar='"X,Y,Z;X,Y,Z"',
+        help="Do not show what lies inside a box, by its lower and its upper corner.",
+        rich_help_panel=SCENE_PANEL,
+    ),
+]
+Background = Annotated[
+    str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=SCENE_PANEL)
+]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
 
 
@@ -142,6 +186,18 @@ def with_camera(scene: Scene, camera: str, fov: float | None) -> Scene:
     if projection is not None and fov is not None:
         raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
     return replace(scene, projection=projection)
+
+
+def parse_cut(plane: str | None, box: str | None) -> Cut | None:
+    """Return the cut of ``--cut`` or ``--cut-box``."""
+    from ..errors import ConfigError
+    from ..rendering.cut import parse_cut as parse
+
+    if plane is not None and box is not None:
+        raise ConfigError("--cut and --cut-box were given: a picture has one cut")
+    if plane is not None:
+        return parse("plane", plane)
+    return None if box is None else parse("box", box)
 
 
 def make_build_options(

@@ -60,6 +60,7 @@ def render(
         float | None,
         typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
     ] = None,
+    view: options.View = None,
     camera: options.CameraKind = None,
     aperture: Annotated[
         float | None,
@@ -82,6 +83,8 @@ def render(
             metavar="X,Y,Z", help="Direction to the light.", show_default="above, to the left", rich_help_panel=_SCENE
         ),
     ] = None,
+    cut: options.CutPlane = None,
+    cut_box: options.CutBox = None,
     background: Annotated[
         str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=_SCENE)
     ] = None,
@@ -132,7 +135,7 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
-    from ..rendering.image_files import check_hits_path, check_picture_path
+    from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
     from ..rendering.render import RenderOptions
 
     # All input is checked before any work.
@@ -153,6 +156,7 @@ def render(
         "ground": ground,
         "transparent": transparent,
         "exposure": exposure,
+        "cut": options.parse_cut(cut, cut_box),
         "tone_curve": tone_curve,
         "max_bounces": max_bounces,
         "environment": environment,
@@ -181,7 +185,12 @@ def render(
     scene, load_timings_ms = _open(sources)
     if camera is not None:
         scene = options.with_camera(scene, camera, fov)
+    if view is not None:
+        scene = scene.with_view(view)
     scene = scene.with_changes(**changes)
+    if scene.transparent and heatmap is None:
+        for path in output:
+            check_has_alpha(path)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
     picture = render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)

@@ -64,17 +64,22 @@ def calling_on_interrupt(function: Callable[[], None]) -> Iterator[None]:
     if before is signal.SIG_IGN:
         yield
         return
+    is_called = False
+
+    def go_on(number: int, frame: object) -> None:
+        """Leave the first signal to the other thread, which ends the process on the second one."""
+        nonlocal is_called
+        if is_called:
+            _stand_still(number, frame)
+        is_called = True
+
     _on_interrupt.append(function)
-    signal.signal(signal.SIGINT, _go_on)
+    signal.signal(signal.SIGINT, go_on)
     try:
         yield
     finally:
         _on_interrupt.clear()
         signal.signal(signal.SIGINT, before)
-
-
-def _go_on(number: int, frame: object) -> None:
-    """Leave the signal to the other thread."""
 
 
 def _stand_still(number: int, frame: object) -> None:

@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from ..errors import ValidationError
 from ..scene.state import SceneState
+from ..trace.hits.hits import Hits
 from ..trace.oracle.reference import Difference, find_differences
 from ..trace.oracle.scene_crossings import Rays
 from ..trace.oracle.scene_reference import SceneDifference, SceneReference
+from .cut import Cut
+from .mesh_source import MeshSource
 from .picture import Picture
+from .scene import Scene
 
 # Most tests of a primitive against a ray in a validation: about a second.
 _MOST_TESTS = 50_000_000
@@ -61,8 +65,50 @@ def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[D
     height, width = picture.found.shape
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
+    if picture.cut is not None:
+        return _find_differences_beside(picture.cut, _state_of(picture), origins, directions, hits)
     if picture.mesh is not None:
         return find_differences(picture.mesh, origins, directions, hits)
-    state: SceneState = picture.objects.state
     # Pictures show all instances but those that no ray sees.
-    return SceneReference(state).find_differences(Rays.make(origins, directions), hits)
+    return SceneReference(_state_of(picture)).find_differences(Rays.make(origins, directions), hits)
+
+
+def _state_of(picture: Picture) -> SceneState:
+    """Return what a picture shows as a scene."""
+    state: SceneState = (
+        Scene(MeshSource(mesh=picture.mesh)).snapshot() if picture.mesh is not None else picture.objects.state
+    )
+    return state
+
+
+def _find_differences_beside(
+    cut: Cut, state: SceneState, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+) -> Sequence[SceneDifference]:
+    """Compare the hits before a cut, and, of the rays that have none there, those behind it."""
+    begin, end = cut.ranges(origins, directions)
+    is_cut = begin <= end
+    before = np.where(is_cut, begin, np.inf)
+    behind = np.maximum(end, 0.0)
+    is_before = hits.is_hit & (hits.t <= before)
+    reference = SceneReference(state)
+
+    differences: list[SceneDifference] = []
+    for chosen, t_min, t_max in (
+        (is_before, np.zeros_like(before), before),
+        (~is_before & is_cut, behind, np.full_like(behind, np.inf)),
+    ):
+        rays = np.flatnonzero(chosen & (t_min <= t_max) & np.isfinite(t_min))
+        asked = Rays.make(origins[rays], directions[rays], t_min[rays], t_max[rays])
+        found = reference.find_differences(asked, hits.take(rays))
+        differences += [replace(each, ray=int(rays[each.ray])) for each in found]
+
+    rays = np.flatnonzero(~is_before & (before >= 0))
+    asked = Rays.make(origins[rays], directions[rays], 0.0, before[rays])
+    least, _ = reference.count_range(asked)
+    nearest = reference.closest_hit(asked)
+    for number in np.flatnonzero(least > 0).tolist():
+        ray = int(rays[number])
+        expected = float(nearest.t[number]), int(nearest.instance_id[number]), int(nearest.prim_id[number])
+        obtained = float(hits.t[ray]), int(hits.instance_id[ray]), int(hits.prim_id[ray])
+        differences.append(SceneDifference(ray, "a primitive before the cut is surely hit", obtained, expected))
+    return differences

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..geometry import Mesh
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .extent_bounds import find_bounds
 from .projection import Projection
 from .scene_extent import SceneExtent
+from .standard_views import find_sides
 from .vectors import Vector, as_vector
 from .view_bounds import Turn, View
 from .wide_framing import frame_wide, frame_wide_turn
@@ -20,8 +23,9 @@ def frame_mesh(
     fov: float = DEFAULT_FOV,
     eye: Vector | None = None,
     projection: Projection | None = None,
+    side: str | None = None,
 ) -> Camera:
-    """Return a camera that sees all of a mesh from a three-quarter view, as close as possible.
+    """Return a camera that sees all of a mesh from a three-quarter view or a standard one, as close as possible.
 
     Parameters
     ----------
@@ -37,6 +41,8 @@ def frame_mesh(
         A fixed position; the camera looks at the middle of the mesh's box.
     projection : Orthographic, Fisheye, Panorama or None
         None: perspective. The others have no `fov`; a panorama looks from the middle of the mesh's box.
+    side : str, optional
+        One of `STANDARD_VIEWS`, in place of the three-quarter view and without an `eye`.
 
     Notes
     -----
@@ -46,11 +52,19 @@ def frame_mesh(
     """
     check_fov(fov)
     if projection is not None:
-        return frame_wide(mesh, projection, aspect=aspect, up=up, eye=eye)
+        return frame_wide(mesh, projection, aspect=aspect, up=up, eye=eye, side=side)
     if eye is not None:
         return Camera(eye, as_vector(mesh.origin), up, fov)
-    view = View.from_three_quarters(aspect, up, fov)
-    return view.find_camera(find_bounds(view, mesh), mesh, up, fov)
+    view = View.from_side(side, aspect, up, fov)
+    return view.find_camera(find_bounds(view, mesh), mesh, find_sides(side, up)[1], fov)
+
+
+def measure_side(mesh: Mesh | SceneExtent, side: str | None, up: Vector = DEFAULT_UP) -> tuple[float, float]:
+    """Return the width and the height of a mesh as an orthographic picture from a side shows it, in its units."""
+    view = View.from_side(side, 1.0, up, DEFAULT_FOV)._replace(tangents=np.zeros(2))
+    bounds = find_bounds(view, mesh)
+    width, height = ((bounds.highest - bounds.lowest) / mesh.scale).tolist()
+    return width, height
 
 
 def frame_turn(

@@ -17,6 +17,7 @@ from ..support.host_threads import HostThreads
 from ..trace.oracle.visits import HostTraversal, Visits
 from ..trace.scene.visits import SceneTraversal, SceneVisits
 from .camera import Camera
+from .pixel_font import FONT_COLUMNS, FONT_ROWS, GAP, GROUND, draw_text
 from .scene_objects import SceneObjects
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
@@ -31,39 +32,8 @@ _STOPS = np.array(
 # The highest colour stands for this percentile: a few pixels of the silhouette would darken all others.
 _HIGH_PERCENTILE = 99.5
 
-# Layout of the bar below the picture, in pixels of the font.
-_FONT_COLUMNS, _FONT_ROWS, _GAP = 5, 7, 1
-_INK = np.array([235, 238, 242], np.uint8)
-_GROUND = np.array([20, 24, 29], np.uint8)
+# Layout of the bar below the picture.
 _TICKS = 5
-
-# Letters and digits of 5 x 7 pixels, one number for each row; the highest of five bits is the left pixel.
-_FONT = {
-    " ": (0, 0, 0, 0, 0, 0, 0),
-    "0": (14, 17, 19, 21, 25, 17, 14),
-    "1": (4, 12, 4, 4, 4, 4, 14),
-    "2": (14, 17, 1, 6, 8, 16, 31),
-    "3": (30, 1, 1, 14, 1, 1, 30),
-    "4": (2, 6, 10, 18, 31, 2, 2),
-    "5": (31, 16, 30, 1, 1, 17, 14),
-    "6": (6, 8, 16, 30, 17, 17, 14),
-    "7": (31, 1, 2, 4, 8, 8, 8),
-    "8": (14, 17, 17, 14, 17, 17, 14),
-    "9": (14, 17, 17, 15, 1, 2, 12),
-    "A": (14, 17, 17, 31, 17, 17, 17),
-    "D": (30, 17, 17, 17, 17, 17, 30),
-    "E": (31, 16, 16, 30, 16, 16, 31),
-    "I": (14, 4, 4, 4, 4, 4, 14),
-    "M": (17, 27, 21, 21, 17, 17, 17),
-    "N": (17, 25, 21, 19, 17, 17, 17),
-    "O": (14, 17, 17, 17, 17, 17, 14),
-    "P": (30, 17, 17, 30, 16, 16, 16),
-    "R": (30, 17, 17, 30, 20, 18, 17),
-    "S": (15, 16, 16, 14, 1, 1, 30),
-    "T": (31, 4, 4, 4, 4, 4, 4),
-    "V": (17, 17, 17, 17, 17, 10, 4),
-    "Y": (17, 17, 10, 4, 4, 4, 4),
-}
 
 
 def check_quantity(quantity: str) -> None:
@@ -150,26 +120,16 @@ def _colour_of(shares: NDArray[np.float64]) -> NDArray[np.uint8]:
 def _draw_bar(width: int, highest: int, title: str) -> NDArray[np.uint8]:
     """Return a colour bar with a title above and numbers below."""
     scale = max(1, width // 400)
-    text_rows = (_FONT_ROWS + 2 * _GAP) * scale
+    text_rows = (FONT_ROWS + 2 * GAP) * scale
     bar = np.empty((4 * text_rows, width, 3), np.uint8)
-    bar[:] = _GROUND
-    margin = min(4 * _FONT_COLUMNS * scale, width // 4)
+    bar[:] = GROUND
+    margin = min(4 * FONT_COLUMNS * scale, width // 4)
     length = max(1, width - 2 * margin)
-    bar[2 * text_rows : 3 * text_rows - _GAP * scale, margin : margin + length] = _colour_of(
+    bar[2 * text_rows : 3 * text_rows - GAP * scale, margin : margin + length] = _colour_of(
         np.linspace(0, 1, length)[None]
     )
-    _write(bar, title, text_rows // 2, width // 2, scale)
+    draw_text(bar, title, text_rows // 2, width // 2, scale)
     for tick in range(_TICKS):
         share = tick / (_TICKS - 1)
-        _write(bar, str(round(highest * share)), 3 * text_rows, margin + round(share * (length - 1)), scale)
+        draw_text(bar, str(round(highest * share)), 3 * text_rows, margin + round(share * (length - 1)), scale)
     return bar
-
-
-def _write(pixels: NDArray[np.uint8], text: str, top: int, middle: int, scale: int) -> None:
-    """Write text into pixels, centred at a column; what does not fit is cut off."""
-    columns = np.arange(_FONT_COLUMNS - 1, -1 - _GAP, -1)  # bits from the left; -1 is the gap to the next sign
-    signs = [np.where(columns >= 0, np.array(_FONT[sign])[:, None] >> np.maximum(columns, 0) & 1, 0) for sign in text]
-    mask = np.concatenate(signs, axis=1).astype(bool).repeat(scale, axis=0).repeat(scale, axis=1)
-    left = max(0, middle - mask.shape[1] // 2)
-    part = pixels[top : top + mask.shape[0], left : left + mask.shape[1]]
-    part[mask[: part.shape[0], : part.shape[1]]] = _INK

@@ -28,6 +28,12 @@ def check_picture_path(path: Path) -> None:
     check_target(path)
 
 
+def check_has_alpha(path: Path) -> None:
+    """Raise `ConfigError` unless a file of this name can have a transparent background."""
+    if path.suffix.lower() == ".ppm":
+        raise ConfigError(f"{path}: a PPM file has no transparency; write a PNG")
+
+
 def check_hits_path(path: Path) -> None:
     """Raise `ConfigError` unless hits can be written there."""
     if path.suffix.lower() != HITS_SUFFIX:
@@ -53,8 +59,8 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     except TypeError as error:
         raise ConfigError(f"the file of a picture is a path, not {path!r}") from error
     check_picture_path(path)
-    if rgb.shape[2] == _CHANNELS_WITH_ALPHA and path.suffix.lower() == ".ppm":
-        raise ConfigError(f"{path}: a PPM file has no transparency; write a PNG")
+    if rgb.shape[2] == _CHANNELS_WITH_ALPHA:
+        check_has_alpha(path)
     encoded = encode_picture(rgb, path.suffix.lower())
     write_atomically(path, lambda file: file.write(encoded))
 

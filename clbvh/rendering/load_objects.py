@@ -48,7 +48,9 @@ def load_objects(scene: Scene, objects: Sequence[SceneObject]) -> None:
             with np.errstate(over="ignore", invalid="ignore"):
                 matrices = _place(found, geometries, scene)
             copies = [found.label, *(names.add_numbered(found.label) for _ in range(1, len(matrices)))]
-            scene.place_many(geometry, matrices, names=copies, mask=found.mask, colour=found.colour)
+            scene.place_many(
+                geometry, matrices, names=copies, mask=found.mask, colour=found.colour, material=found.material
+            )
         except (MeshError, SceneError, ConfigError) as error:
             raise type(error)(f"the object '{found.label}': {error}") from error
 

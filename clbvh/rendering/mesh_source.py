@@ -7,6 +7,8 @@ from pathlib import Path
 
 from ..errors import SceneError
 from ..geometry import Mesh, load_mesh
+from ..geometry.appearance.material import Material
+from ..geometry.dressed import with_material
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
 
@@ -25,6 +27,8 @@ class MeshSource:
         A procedural shape, with `triangles`, `seed` and the shape's own `options`.
     mesh : Mesh
         A mesh in memory.
+    material : Material, optional
+        Of the whole mesh, instead of its own materials and colours.
 
     Raises
     ------
@@ -48,6 +52,7 @@ class MeshSource:
     seed: int = 0
     options: dict[str, float] = field(default_factory=dict)
     mesh: Mesh | None = None
+    material: Material | None = None
 
     def __post_init__(self) -> None:
         if sum(value is not None for value in (self.path, self.name, self.shape, self.mesh)) != 1:
@@ -62,6 +67,10 @@ class MeshSource:
         >>> clbvh.MeshSource(shape="icosphere", triangles=1000).load().face_count
         980
         """
+        mesh = self._load_bare()
+        return mesh if self.material is None else with_material(mesh, self.material)
+
+    def _load_bare(self) -> Mesh:
         if self.mesh is not None:
             return self.mesh
         if self.shape is not None:

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, SceneError
+from ..geometry.appearance.material import Material
 from ..geometry.shapes.make_shape import list_shape_options
 from ..geometry.shapes.make_spheres import list_spheres_options
+from .material_tables import NO_MATERIALS, Materials, take_material
 from .matrices import read_matrix
 from .repeat import Grid, Scatter, check_copies
 from .scene import MeshSource, Transform
@@ -26,7 +28,7 @@ from .toml_table import TomlTable
 _SOURCES = ("path", "name", "shape", "spheres", "centres")
 
 
-def read_objects(tables: Any, folder: Path) -> tuple[SceneObject, ...]:
+def read_objects(tables: Any, folder: Path, materials: Materials = NO_MATERIALS) -> tuple[SceneObject, ...]:
     """Return the objects of a scene file.
 
     Parameters
@@ -35,6 +37,8 @@ def read_objects(tables: Any, folder: Path) -> tuple[SceneObject, ...]:
         The value of the key ``object``, as `tomllib` reads it.
     folder : Path
         Of the scene file: paths of objects count from there.
+    materials : Mapping of str to Material
+        By label, as `read_materials` returns them.
 
     Raises
     ------
@@ -47,7 +51,7 @@ def read_objects(tables: Any, folder: Path) -> tuple[SceneObject, ...]:
     objects: list[SceneObject] = []
     for number, values in enumerate(tables, 1):
         table = TomlTable(f"[object {number}]", values)
-        found = _read_object(table, folder)
+        found = _read_object(table, folder, materials)
         objects.append(_with_label(found, objects, table.name))
         if isinstance(found.repeat, Scatter):
             _check_target(found.repeat.on, objects[:-1], table.name)
@@ -60,10 +64,11 @@ def find_object(label: str, objects: list[SceneObject] | tuple[SceneObject, ...]
     return next((found for found in objects if found.label == label), None)
 
 
-def read_mesh_source(table: TomlTable, folder: Path) -> MeshSource:
-    """Take the source of a mesh, and refuse the keys that are left."""
+def read_mesh_source(table: TomlTable, folder: Path, material: Material | None = None) -> MeshSource:
+    """Take the source of a mesh in a material, and refuse the keys that are left."""
     path, name, shape = table.text("path"), table.text("name"), table.text("shape")
     source: dict[str, Any] = {"path": None if path is None else str(folder / path), "name": name, "shape": shape}
+    source["material"] = material
     if shape is None:
         table.refuse_rest()
         return MeshSource(**source)
@@ -87,13 +92,14 @@ def given(**values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _read_object(table: TomlTable, folder: Path) -> SceneObject:
+def _read_object(table: TomlTable, folder: Path, materials: Materials) -> SceneObject:
     """Return one object; its label is empty where the table has none."""
     try:
         return SceneObject(
             label=_read_label(table),
             colour=table.vector("colour"),
             mask=_read_mask(table),
+            material=take_material(table, materials),
             matrix=_read_placement(table),
             repeat=_read_repeat(table),
             source=_read_source(table, folder),

@@ -24,6 +24,8 @@ class OneRayPainter:
         Columns and rows of a work-group; by default those of the device's settings.
     colours : (n, 3) float, optional
         Linear colours of the instances; NaN, and by default: that of the view.
+    has_cut : bool
+        Whether the views have a cut.
 
     Raises
     ------
@@ -37,13 +39,15 @@ class OneRayPainter:
         tree: TracedTree,
         tile: tuple[int, int] | None = None,
         colours: NDArray[np.floating] | None = None,
+        *,
+        has_cut: bool = False,
     ) -> None:
         own = np.full((1, 3), np.nan) if colours is None else colours
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
         self._arguments = world_arguments(tree) | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
-        self._kernel = build_kernel(session, "render", tree.defines)
+        self._kernel = build_kernel(session, "render", {**tree.defines, "HAS_CUT": int(has_cut)})
         self._entry_points = ViewEntryPoints(session, tree, self._tile, 0.0)
 
     def paint(self, band: Band) -> None:

@@ -37,10 +37,10 @@ class Painters:
     def __init__(self, session: DeviceSession, tree: TracedTree, subject: MeshSubject | SceneSubject) -> None:
         self._session, self._tree, self._subject = session, tree, subject
         self._lock = threading.Lock()
-        self._one_ray: OneRayPainter | None = None
+        self._one_ray: dict[bool, OneRayPainter] = {}  # by whether there is a cut
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[str, float], SampleShading] = {}
+        self._shadings: dict[tuple[str, float, bool], SampleShading] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
@@ -57,25 +57,31 @@ class Painters:
         """
         with self._lock:
             if scene.shading in REPORT_SHADINGS:
-                if self._one_ray is None:
+                has_cut = scene.cut is not None
+                if has_cut not in self._one_ray:
                     *_, colours = self._subject.looks()
-                    self._one_ray = OneRayPainter(self._session, self._tree, colours=colours)
+                    self._one_ray[has_cut] = OneRayPainter(self._session, self._tree, colours=colours, has_cut=has_cut)
                 progress.taken = 1
-                return self._one_ray
+                return self._one_ray[has_cut]
             if scene.shading == "path":
                 self._find_lights(scene).describe(view)
                 return SamplePainter(self._find_shading(scene), progress, self._find_environment(scene, view))
             return SamplePainter(self._find_shading(scene), progress)
 
     def _find_shading(self, scene: Scene) -> SampleShading:
-        key = scene.shading, float(scene.smooth)
+        key = scene.shading, float(scene.smooth), scene.cut is not None
         if key not in self._shadings:
             tables, buffers = self._find_looks(scene)
             if scene.shading == "path":
                 lights = self._find_lights(scene)
                 buffers = buffers | {name: self._session.upload(array) for name, array in lights.arrays.items()}
             self._shadings[key] = SampleShading(
-                self._session, self._tree, scene.shading, buffers, has_cutouts=tables.has_cutouts
+                self._session,
+                self._tree,
+                scene.shading,
+                buffers,
+                has_cutouts=tables.has_cutouts,
+                has_cut=scene.cut is not None,
             )
         return self._shadings[key]
 

@@ -21,6 +21,7 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..trace.hits.hits import Hits
 from .camera import Camera
+from .cut import Cut
 from .image_files import encode_picture, write_picture
 from .refine_pixels import refine_pixels
 from .scene_objects import SceneObjects
@@ -66,6 +67,8 @@ class Picture:
         Facts that a user should know but that are no errors.
     validated_pixels : int
         The number of pixels that were compared with the reference.
+    cut : Cut or None
+        What the picture does not show; see `Scene.cut`.
     film : (height, width, 4) float32 or None
         Linear red, green and blue before exposure and tone curve, and the covered share: the means of the samples. Only
         of a picture that was asked to keep it, in a shading with samples. The colours of a transparent picture are
@@ -97,6 +100,7 @@ class Picture:
     notes: tuple[str, ...] = ()
     validated_pixels: int = 0
     film: NDArray[np.float32] | None = None
+    cut: Cut | None = None
     objects: Any = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -139,7 +143,7 @@ class Picture:
 
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
-        return refine_pixels(self._shown.surface if self.mesh is None else self.mesh, self.camera, self.found)
+        return refine_pixels(self._shown.surface if self.mesh is None else self.mesh, self.camera, self.found, self.cut)
 
     @cached_property
     def depth(self) -> NDArray[np.float64]:

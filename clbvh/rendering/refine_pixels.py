@@ -13,12 +13,13 @@ from ..trace.hits.surface import SceneSurface
 from ..trace.rays.batch import RayBatch, read_rays
 from ..trace.triangles import triangles_of
 from .camera import Camera
+from .cut import Cut
 
 # Pixels whose rays are in memory at a time: 48 MiB of origins and directions.
 _CHUNK_PIXELS = 1 << 20
 
 
-def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.void]) -> Hits:
+def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.void], cut: Cut | None = None) -> Hits:
     """Return the hits of a picture in float64, on the primitives that the device found.
 
     Parameters
@@ -27,6 +28,8 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
         What the picture shows.
     camera : Camera
     found : (height, width) `structs.HIT`, or `structs.SCENE_HIT` for a scene
+    cut : Cut, optional
+        What the picture does not show: t is moved out of it by what the device has rounded.
 
     Returns
     -------
@@ -41,7 +44,8 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
             last_row = min(first_row + row_count, height)
-            rays, _ = read_rays(*camera.rays(width, height, range(first_row, last_row)), 0.0, np.inf)
+            origins, directions = camera.rays(width, height, range(first_row, last_row))
+            rays, _ = read_rays(origins, directions, 0.0, np.inf)
             of_rows = found[first_row:last_row].reshape(-1)
 
             def refine(
@@ -57,6 +61,9 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
                 )
 
             threads.for_ranges(len(of_rows), refine)
+            if cut is not None:
+                t = refined.t[first_row * width : last_row * width]
+                t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
     if isinstance(mesh, Mesh):
         return refined.as_hits(ids, (height, width), mesh=mesh)
     return refined.as_hits(ids, (height, width), mesh=None, scene_surface=mesh)

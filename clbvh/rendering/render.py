@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from .as_scene import SceneLike
 from .camera import Camera
+from .cut import Cut
 from .picture import Picture
 from .render_options import RenderOptions
 from .renderer import Renderer
@@ -21,12 +22,14 @@ def render(
     options: RenderOptions | None = None,
     *,
     camera: Camera | None = None,
+    view: str | None = None,
     width: int | None = None,
     height: int | None = None,
     shading: str | None = None,
     light: Light | Vector | None = None,
     surface: Vector | None = None,
     background: Vector | tuple[Vector, Vector] | None = None,
+    cut: Cut | None = None,
     samples: int | None = None,
     time_limit_s: float | None = None,
     on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -40,8 +43,10 @@ def render(
     source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
         A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh.
     options : RenderOptions, optional
-    camera, width, height, shading, light, surface, background, samples, time_limit_s, on_samples, is_stopped : optional
+    camera, view, width, height, shading, light, surface, background, cut, samples : optional
         See `Renderer.render`; by default the scene's.
+    time_limit_s, on_samples, is_stopped : optional
+        See `Renderer.render`.
     on_phase : function, optional
         Called with the name of each phase as it begins.
 
@@ -69,8 +74,8 @@ def render(
     """
     with Renderer(source, options, on_phase=on_phase) as renderer:
         picture = renderer.render(
-            camera=camera, width=width, height=height, shading=shading, light=light, surface=surface,
-            background=background, samples=samples, time_limit_s=time_limit_s, on_samples=on_samples,
+            camera=camera, view=view, width=width, height=height, shading=shading, light=light, surface=surface,
+            background=background, cut=cut, samples=samples, time_limit_s=time_limit_s, on_samples=on_samples,
             is_stopped=is_stopped, on_phase=on_phase,
         )  # fmt: skip
     timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}

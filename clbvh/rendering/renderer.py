@@ -5,7 +5,7 @@ Owns the order of the steps from a scene to a picture; each step has a file of i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from numbers import Integral, Real
@@ -28,20 +28,23 @@ from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera
 from .check_pixels import check_pixels
+from .cut import Cut
 from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
 from .film.sample_painter import Progress
 from .film.settings import MAX_SAMPLES, find_sample_count
 from .frame import FrameRenderer
-from .framing import frame_turn
+from .framing import frame_mesh, frame_turn, measure_side
 from .images.channels import DEFAULT_CHANNELS
 from .images.images import Images
 from .images.make_images import make_images
 from .mesh_subject import MeshSubject
 from .painters import Painters
 from .picture import Picture
+from .projection import Orthographic, Projection
 from .render_options import RenderOptions
 from .scene import Light, Scene
 from .scene_subject import SceneSubject
+from .standard_views import STANDARD_VIEWS
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
 from .view import sky_direction
@@ -158,12 +161,14 @@ class Renderer(ContextManager):
         self,
         *,
         camera: Camera | None = None,
+        view: str | None = None,
         width: int | None = None,
         height: int | None = None,
         shading: str | None = None,
         light: Light | Vector | None = None,
         surface: Vector | None = None,
         background: Vector | tuple[Vector, Vector] | None = None,
+        cut: Cut | None = None,
         samples: int | None = None,
         time_limit_s: float | None = None,
         on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -177,6 +182,8 @@ class Renderer(ContextManager):
         ----------
         camera : Camera, optional
             By default the scene's, which sees the whole mesh unless the scene has an eye.
+        view : str, optional
+            In place of a camera: the whole mesh from a side, see `Scene.view`.
         width, height : int, pixels
             By default the lens's, or the scene's for a camera without a lens.
         shading : str
@@ -187,6 +194,8 @@ class Renderer(ContextManager):
             Linear colour of the mesh, and of objects without one of their own.
         background : (3,) float, or a pair of them
             Linear colour, or the colours at the top and at the bottom.
+        cut : Cut, optional
+            A part of the world that the camera does not see.
         samples : int, optional
             Of each pixel; see `Scene.samples`.
         time_limit_s : float, optional
@@ -227,17 +236,21 @@ class Renderer(ContextManager):
         """
         if camera is not None and not isinstance(camera, Camera):
             raise SceneError(f"the camera must be a clbvh.Camera, not {camera!r}")
+        if camera is not None and view is not None:
+            raise SceneError(f"a picture has a camera or a view, and both were given: the view '{view}'")
         watch = Stopwatch()
         on_phase("render")
         if camera is not None and camera.lens is not None:
             width, height = camera.size_for(width, height)
-        scene = self.scene.with_changes(
+        seen = self.scene if view is None else self.scene.with_view(view)
+        scene = seen.with_changes(
             width=width,
             height=height,
             shading=shading,
             light=light if light is None or isinstance(light, Light) else self.scene.light.with_direction(light),
             surface=surface,
             background=background,
+            cut=cut,
             samples=samples,
         )
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
@@ -245,8 +258,8 @@ class Renderer(ContextManager):
             progress.film = _make_film(scene)
         camera = camera or self._find_camera(scene)
         times = EventTimes()
-        view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
-        colours, found = self._frames.render(view, self._painters.painter(scene, view, progress), times)
+        device_view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
+        colours, found = self._frames.render(device_view, self._painters.painter(scene, device_view, progress), times)
         rgb = _take_rgb(colours)
         made = self._subject.made
         picture = Picture(
@@ -255,6 +268,7 @@ class Renderer(ContextManager):
             film=progress.film,
             samples=progress.taken,
             is_transparent=scene.transparent,
+            cut=scene.cut,
             found=found,
             camera=camera,
             **self._subject.picture_parts(),
@@ -356,6 +370,69 @@ class Renderer(ContextManager):
             first = replace(first, aperture=scene.aperture, focus_distance=scene.focus_distance)
         return [first.orbit(360.0 * number / count) for number in range(count)]
 
+    def orthographic_views(
+        self,
+        views: Sequence[str] = STANDARD_VIEWS,
+        *,
+        width: int | None = None,
+        height: int | None = None,
+        up: Vector | None = None,
+    ) -> dict[str, Camera]:
+        """Return orthographic cameras of sides, which all see the whole mesh at one scale.
+
+        Parameters
+        ----------
+        views : sequence of str
+            See `Scene.view`.
+        width, height : int, pixels
+            Size of the pictures; by default the scene's.
+        up : (3,) float
+            By default the scene's `up`.
+
+        Raises
+        ------
+        SceneError
+            A value is out of range.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     cameras = renderer.orthographic_views(["front", "top"])
+        >>> cameras["top"].up
+        (0.0, 0.0, -1.0)
+        """
+        scene = self.scene.with_changes(width=width, height=height, up=up)
+        aspect = scene.width / scene.height
+        cameras = {
+            view: frame_mesh(self._subject.extent, aspect=aspect, up=scene.up, projection=Orthographic(), side=view)
+            for view in views
+        }
+        tallest = max((camera.projection for camera in cameras.values()), key=_height_of, default=None)
+        return {view: replace(camera, projection=tallest) for view, camera in cameras.items()}
+
+    def measure_views(
+        self, views: Sequence[str] = STANDARD_VIEWS, *, up: Vector | None = None
+    ) -> dict[str, tuple[float, float]]:
+        """Return the width and the height of the whole mesh, seen without perspective from each side.
+
+        Parameters
+        ----------
+        views : sequence of str
+            See `Scene.view`.
+        up : (3,) float
+            By default the scene's `up`.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(([[0, 0, 0], [2, 0, 0], [0, 3, 0]], [[0, 1, 2]])) as renderer:
+        ...     renderer.measure_views(["front", "right"])
+        {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
+        """
+        up = self.scene.up if up is None else up
+        return {view: measure_side(self._subject.extent, view, up) for view in views}
+
     @property
     def device(self) -> DeviceInfo:
         """The device that the tree is on."""
@@ -451,7 +528,7 @@ def _find_subject(
         return MeshSubject(scene, None, source if isinstance(source, Bvh) else None, options, stack)
     state = scene.snapshot()
     # A mesh that is placed once, where it is, needs no instance, unless it has a colour of its own.
-    if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None:
+    if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None and not state.materials:
         return MeshSubject(scene, cast(Mesh, state.shapes[0]), None, options, stack)
     return SceneSubject(state, options, stack)
 
@@ -459,4 +536,8 @@ def _find_subject(
 def _framing_of(scene: Scene) -> tuple[object, ...]:
     """Return the values of a scene that its camera depends on, beside the mesh."""
     lens = scene.fov, scene.projection, scene.aperture, scene.focus_distance
-    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, *lens
+    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.view, *lens
+
+
+def _height_of(projection: Projection | None) -> float:
+    return projection.height or 0.0 if isinstance(projection, Orthographic) else 0.0

@@ -25,6 +25,7 @@ from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
+from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
 from .film.settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, check_sampling
 from .framing import frame_mesh
@@ -32,6 +33,7 @@ from .light import DEFAULT_LIGHT, Light
 from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
+from .standard_views import check_view
 from .vectors import Vector, check_vector, is_vector
 from .wide_framing import look_from
 
@@ -41,7 +43,7 @@ DEFAULT_SHADING = "studio"
 
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
-_Settings = TypeVar("_Settings", "Light", "Transform", "Scene")
+_Settings = TypeVar("_Settings", Cut, "Light", "Transform", "Scene")
 
 
 @dataclass(frozen=True)
@@ -167,6 +169,9 @@ class Scene(SceneContents):
         None: chosen so that the whole mesh, or all objects, are visible.
     up : (3,) float
         The direction that is up in the picture.
+    view : str, or None
+        Of a scene without an eye: ``"front"``, ``"right"``, ``"back"``, ``"left"``, ``"top"``, ``"bottom"`` or
+        ``"iso"``. None: from the front, a little from the right and from above.
     fov : float
         Vertical field of view in degrees; of a perspective camera only.
     projection : Orthographic, Fisheye, Panorama or None
@@ -203,6 +208,8 @@ class Scene(SceneContents):
         Factor of its light.
     surface : (3,) float
         Linear colour of the mesh, and of objects without one of their own.
+    cut : Cut, or None
+        A part of the world that the camera does not see.
     background : pair of (3,) float
         Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int
@@ -240,6 +247,7 @@ class Scene(SceneContents):
     eye: Vector | None = None
     look_at: Vector | None = None
     up: Vector = DEFAULT_UP
+    view: str | None = None
     fov: float = DEFAULT_FOV
     projection: Orthographic | Fisheye | Panorama | None = None
     aperture: float = 0.0
@@ -257,6 +265,7 @@ class Scene(SceneContents):
     environment: EnvironmentMap | None = None
     environment_rotation: float = 0.0
     environment_strength: float = 1.0
+    cut: Cut | None = None
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
     width: int = DEFAULT_WIDTH
@@ -279,9 +288,15 @@ class Scene(SceneContents):
         check_focus(self.projection, self.aperture, self.focus_distance)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
+        if self.view is not None:
+            check_view(self.view)
+            if self.eye is not None:
+                raise SceneError(f"a camera with an eye has no view '{self.view}': take one of them out")
         for name in ("eye", "look_at", "up"):
             if getattr(self, name) is not None:
                 check_vector(f"the camera's {name}", getattr(self, name))
+        if self.cut is not None and not isinstance(self.cut, Cut):
+            raise SceneError(f"the cut must be a clbvh.Cut, not {self.cut!r}")
         check_vector("the surface colour", self.surface)
         if is_vector(self.background):
             object.__setattr__(self, "background", (self.background, self.background))
@@ -338,10 +353,34 @@ class Scene(SceneContents):
     def _place_camera(self, extent: Any, aspect: float) -> Camera:
         """Return the camera without its depth of field."""
         if self.eye is None or self.look_at is None:
-            return frame_mesh(extent, aspect=aspect, up=self.up, fov=self.fov, eye=self.eye, projection=self.projection)
+            return frame_mesh(
+                extent,
+                aspect=aspect,
+                up=self.up,
+                fov=self.fov,
+                eye=self.eye,
+                projection=self.projection,
+                side=self.view,
+            )
         if self.projection is None:
             return Camera(self.eye, self.look_at, self.up, self.fov)
         return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=self.up)
+
+    def with_view(self, view: str) -> Scene:
+        """Return the scene seen from another side, see `view`; it has no eye of its own.
+
+        Raises
+        ------
+        SceneError
+            There is no view of this name.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.open_scene("knot").with_view("top").view
+        'top'
+        """
+        return dataclasses.replace(self, eye=None, look_at=None, view=view)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return a scene with those changes that are not None; it shares the objects.
@@ -423,6 +462,8 @@ class Scene(SceneContents):
         values["projection"] = from_named(values.get("projection"))
         if values.get("environment") is not None:
             values["environment"] = EnvironmentMap.from_plain(values["environment"])
+        if values.get("cut") is not None:
+            values["cut"] = _make(Cut, get_item(values, "cut", dict))
         values["light"] = _make(Light, get_item(values, "light", dict))
         values["transform"] = _make(Transform, get_item(values, "transform", dict))
         first = None

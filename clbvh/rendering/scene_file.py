@@ -12,17 +12,20 @@ from ..errors import ConfigError, SceneError
 from ..scene.serialize import is_saved_scene
 from ..support.regular_file import read_regular
 from ..support.resources import find_folder
+from .cut import Cut
 from .load_objects import load_objects
+from .material_tables import NO_MATERIALS, read_materials, take_material
 from .mesh_files import open_mesh_file
 from .object_tables import given, read_mesh_source, read_objects, read_transform
 from .projection import Projection, from_named
 from .scene import Light, Scene
 from .scene_object import SceneObject
 from .toml_table import TomlTable, refuse_unknown
+from .vectors import Vector
 
 SCENE_SUFFIX = ".toml"
 
-_OBJECTS = "object"
+_OBJECTS, _MATERIALS = "object", "material"
 _TABLES = ("mesh", "transform", "camera", "light", "environment", "image")
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
@@ -73,7 +76,7 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file that was read and checked, but no file that it names.
+    """A scene file that was read and checked, with the textures of its materials, but no other file that it names.
 
     Attributes
     ----------
@@ -139,7 +142,7 @@ def parse_scene(path: Path) -> SceneFile:
 
 def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     """Make a scene from the tables of a scene file; missing keys have their defaults."""
-    refuse_unknown(tables, (_TABLES[0], _OBJECTS, *_TABLES[1:]), "the scene")
+    refuse_unknown(tables, (_TABLES[0], _OBJECTS, _MATERIALS, *_TABLES[1:]), "the scene")
     if "mesh" not in tables and _OBJECTS not in tables:
         raise SceneError("the scene has no [mesh] table and no [[object]]: it needs a path, a name or a shape")
     for name in _TABLES:
@@ -147,15 +150,17 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
             raise SceneError(f"'{name}' must be a table: write [{name}] on a line of its own")
     mesh, transform, camera, light, environment, image = (TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES)
 
+    materials = read_materials(tables[_MATERIALS], path.parent) if _MATERIALS in tables else NO_MATERIALS
     values: dict[str, Any] = {}
     objects: tuple[SceneObject, ...] = ()
     if _OBJECTS in tables:
         for name in ("mesh", "transform"):
             if name in tables:
                 raise SceneError(f"a scene of [[object]] tables has no [{name}]: write it into the objects")
-        objects = read_objects(tables[_OBJECTS], path.parent)
+        objects = read_objects(tables[_OBJECTS], path.parent, materials)
     else:
-        values = {"mesh": read_mesh_source(mesh, path.parent), "transform": read_transform(transform)}
+        material = take_material(mesh, materials)
+        values = {"mesh": read_mesh_source(mesh, path.parent, material), "transform": read_transform(transform)}
     values |= {
         "light": Light(
             **given(
@@ -168,7 +173,9 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         "eye": camera.vector("eye"),
         "look_at": camera.vector("look_at"),
         "up": camera.vector("up"),
+        "view": camera.text("view"),
         "fov": camera.number("fov"),
+        "cut": _read_cut(camera),
         "projection": _read_projection(camera),
         "aperture": camera.number("aperture"),
         "focus_distance": camera.number("focus_distance"),
@@ -202,6 +209,21 @@ def _read_environment(environment: TomlTable, folder: Path) -> dict[str, Any]:
         "environment_rotation": environment.number("rotation"),
         "environment_strength": environment.number("strength"),
     }
+
+
+def _read_cut(camera: TomlTable) -> Cut | None:
+    """Return the cut of a camera."""
+    plane, box = camera.rows("cut_plane", 3, 2), camera.rows("cut_box", 3, 2)
+    if plane is not None and box is not None:
+        raise SceneError("[camera] has a cut_plane or a cut_box, not both")
+    if plane is not None:
+        return Cut("plane", *map(_as_vector, plane))
+    return None if box is None else Cut("box", *map(_as_vector, box))
+
+
+def _as_vector(row: list[float]) -> Vector:
+    x, y, z = row
+    return x, y, z
 
 
 def _read_projection(camera: TomlTable) -> Projection | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.appearance.material import Material
 from .repeat import Grid, Scatter
 from .scene import MeshSource
 from .spheres_source import SpheresSource
@@ -29,6 +30,8 @@ class SceneObject:
     repeat : Grid, Scatter or None
     colour : (3,) float, or None
         Linear. None: the scene's `surface`.
+    material : Material, or None
+        None: those of the source.
     mask : int
         32 bits: rays see the object whose mask has a bit of it.
     """
@@ -39,6 +42,7 @@ class SceneObject:
     repeat: Grid | Scatter | None = None
     colour: Vector | None = None
     mask: int = ALL_BITS
+    material: Material | None = None
 
     @property
     def count(self) -> int:

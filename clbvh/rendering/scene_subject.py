@@ -19,6 +19,7 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.shape import Shape
 from ..geometry.sphere_boxes import mesh_of
+from ..scene.dressed import dress_shapes
 from ..scene.state import SceneState
 from ..trace.device_tree import BRUTE
 from ..trace.hits.surface import SceneSurface
@@ -114,7 +115,7 @@ class SceneSubject:
 
     def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
         """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
-        return self._state.shapes, self._state.geometry_ids, self._state.colours
+        return *dress_shapes(self._state), self._state.colours
 
     def to_local(self) -> NDArray[np.float64]:
         """Return (n, 4, 4) float64: the map from each instance's coordinates to the local ones of pictures."""

@@ -55,8 +55,9 @@ class SpheresSource:
     def load(self) -> Spheres:
         """Return the spheres; raise `MeshError`, `ConfigError` or `SceneError` if there are none."""
         if self.generator is not None:
-            centres, made_radii = make_spheres(self.generator, count=self.count, seed=self.seed, **self.options)
-            return Spheres.from_arrays(centres, made_radii, name=self.name)
+            made = make_spheres(self.generator, count=self.count, seed=self.seed, **self.options)
+            looks = {"materials": made.materials, "material_ids": made.material_ids}
+            return Spheres.from_arrays(made.centres, made.radii, name=self.name, **looks)
         if self.centres is not None:
             return Spheres.from_arrays(np.array(self.centres), np.array(self.radii), name=self.name)
         centres, radii = read_spheres(str(self.path))

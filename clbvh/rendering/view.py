@@ -9,6 +9,7 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..structs import SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera
+from .cut import set_cut
 from .film.ground import Ground
 from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
@@ -21,12 +22,18 @@ _MOST_DISTANCE = 1e30
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
 _LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
 
+# The same in the shading `studio`: more from the side and from above, so that the faces of a part differ.
+_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS = 0.70, 0.85, 0.45
+
 # Tangent of half the angle of the soft light: that of a large lamp.
-_LIGHT_SPREAD = 0.15
+_LIGHT_SPREAD = 0.1
 
 # Surfaces within this share of the half diagonal of the box around all objects keep ambient light off each other:
 # without a limit, a closed room would have none.
-_OCCLUSION_REACH = 0.5
+_OCCLUSION_REACH = 0.4
+
+# More than float32 rounds off a radius.
+_ROUNDED_UP = 1.0 + 1e-5
 
 
 def make_view(
@@ -82,18 +89,24 @@ def make_view(
         view["ground_point"], view["ground_normal"] = mesh.to_local(ground.point), ground.normal
         view["ground_radius"] = ground.radius * mesh.scale
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
+    view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
+    view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
     view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
     view["has_sun"] = any(scene.light.colour)
+    view["is_headlight"] = scene.light.direction is None and bool(((box[0] < eye) & (eye < box[1])).all())
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    if scene.cut is not None:
+        set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
     view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
 
 
 def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return (3,) float64: the unit vector upwards in the scene."""
-    # The `up` of a camera with a lens is the picture's, not the world's.
-    to_sky = np.asarray(camera.up if camera.lens is None else scene.up, np.float64)
+    # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
+    is_of_world = camera.lens is None and scene.view is None
+    to_sky = np.asarray(camera.up if is_of_world else scene.up, np.float64)
     return to_sky / np.linalg.norm(to_sky)
 
 
@@ -115,7 +128,11 @@ def _light_direction(
 ) -> NDArray[np.float64]:
     """Return the unit vector towards the light."""
     if scene.light.direction is None:
-        towards = _LIGHT_ABOVE * up - _LIGHT_LEFT * right - _LIGHT_TOWARDS * forward
+        is_studio = scene.shading == "studio"
+        left, above, near = (
+            (_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS) if is_studio else (_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS)
+        )
+        towards = above * up - left * right - near * forward
     else:
         towards = np.asarray(scene.light.direction, np.float64)
     return towards / np.linalg.norm(towards)

@@ -8,14 +8,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError
 from .camera import Camera
 from .pose import make_axes
+from .standard_views import find_sides
 from .vectors import Vector, as_vector
 
-# The automatic view: from the front, a little from the right and from above, with a margin around what is seen.
-_AZIMUTH_DEGREES = 30.0
-_ELEVATION_DEGREES = 18.0
+# Around what is seen, as a share of the picture.
 MARGIN = 0.06
 
 # Points without extent still need a distance; in local units.
@@ -120,9 +118,10 @@ class View(NamedTuple):
     tangents: NDArray[np.float64]
 
     @classmethod
-    def from_three_quarters(cls, aspect: float, up: Vector, fov: float) -> View:
-        """Return the automatic view."""
-        right, upward, forward = make_axes(-_three_quarter_direction(up), np.asarray(up, np.float64))
+    def from_side(cls, name: str | None, aspect: float, up: Vector, fov: float) -> View:
+        """Return a standard view, see `find_sides`."""
+        towards, picture_up = find_sides(name, up)
+        right, upward, forward = make_axes(-towards, np.asarray(picture_up, np.float64))
         tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - MARGIN)
         return cls(np.stack([right, upward], axis=1), forward, tangents)
 
@@ -182,7 +181,7 @@ class Turn(NamedTuple):
     @classmethod
     def from_three_quarters(cls, aspect: float, up: Vector, fov: float) -> Turn:
         """Return the turn of the automatic view."""
-        view = View.from_three_quarters(aspect, up, fov)
+        view = View.from_side(None, aspect, up, fov)
         axis = np.asarray(up, np.float64) / np.linalg.norm(up)
         level = view.forward - axis * (axis @ view.forward)
         level /= np.linalg.norm(level)
@@ -250,19 +249,3 @@ def _make_camera(
     """Return the camera at a point in local coordinates that looks at another one."""
     eye, look_at = (as_vector(space.origin + point / space.scale) for point in (local_eye, local_target))
     return Camera(eye, look_at, up, fov)
-
-
-def _three_quarter_direction(up: Vector) -> NDArray[np.float64]:
-    """Return the unit vector from the mesh towards the camera."""
-    upward = np.asarray(up, np.float64)
-    if not np.isfinite(upward).all() or not np.linalg.norm(upward) > 0:
-        raise SceneError(f"the camera's up must be a finite direction of length above 0, not {up}")
-    upward = upward / np.linalg.norm(upward)
-    # The front is +z if y is up, and -y if z is up, as in modelling programs.
-    front = np.array([0.0, 0.0, 1.0]) if abs(upward[2]) < abs(upward[1]) else np.array([0.0, -1.0, 0.0])
-    front = front - upward * (front @ upward)
-    front /= np.linalg.norm(front)
-    side = np.cross(upward, front)
-    azimuth, elevation = math.radians(_AZIMUTH_DEGREES), math.radians(_ELEVATION_DEGREES)
-    level = math.cos(azimuth) * front + math.sin(azimuth) * side
-    return math.cos(elevation) * level + math.sin(elevation) * upward

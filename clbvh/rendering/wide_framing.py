@@ -15,6 +15,7 @@ from .extent_bounds import find_bounds
 from .pose import make_axes
 from .projection import Fisheye, Orthographic, Panorama, Projection
 from .scene_extent import SceneExtent
+from .standard_views import find_sides
 from .vectors import Vector, as_vector
 from .view_bounds import MARGIN, SMALLEST_DISTANCE, Turn, View, ViewBounds
 
@@ -26,7 +27,13 @@ _Vector = NDArray[np.float64]
 
 
 def frame_wide(
-    mesh: Mesh | SceneExtent, projection: Projection, *, aspect: float, up: Vector, eye: Vector | None = None
+    mesh: Mesh | SceneExtent,
+    projection: Projection,
+    *,
+    aspect: float,
+    up: Vector,
+    eye: Vector | None = None,
+    side: str | None = None,
 ) -> Camera:
     """Return a camera of this projection that sees all of a mesh; see `frame_mesh`.
 
@@ -34,10 +41,17 @@ def frame_wide(
     -----
     An orthographic camera is exact: without a height it gets the least one, with one the mesh is in the middle. A
     fisheye sees the ball around the mesh's box. A panorama stands in the middle of the box and looks level.
+
+    Raises
+    ------
+    SceneError
+        For a panorama from the top or from the bottom.
     """
     if eye is not None:
         return look_from(mesh, projection, eye, as_vector(mesh.origin), aspect=aspect, up=up)
-    view = View.from_three_quarters(aspect, up, DEFAULT_FOV)
+    if isinstance(projection, Panorama) and side in ("top", "bottom"):
+        raise SceneError(f"a panorama sees all sides at once, and looks level: take another view than '{side}'")
+    view = View.from_side(side, aspect, up, DEFAULT_FOV)
     match projection:
         case Orthographic():
             view = view._replace(tangents=np.zeros(2))
@@ -53,7 +67,7 @@ def frame_wide(
         case Panorama():
             local_eye = np.zeros(3)
             local_target = _level(view.forward, up)
-    return _make_camera(mesh, local_eye, local_target, up, projection)
+    return _make_camera(mesh, local_eye, local_target, find_sides(side, up)[1], projection)
 
 
 def frame_wide_turn(mesh: Mesh | SceneExtent, projection: Projection, *, aspect: float, up: Vector) -> Camera:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import SceneError
+from ..geometry.appearance.material import Material
 from .instance import ALL_BITS, Colour
 
 _MAX_SHOWN = 60  # characters of a wrong value in a message
@@ -31,6 +33,13 @@ def check_colour(colour: ArrayLike | None) -> Colour | None:
     if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
         raise SceneError(f"a colour must be three finite numbers: linear red, green and blue, not {shorten(colour)}")
     return float(array[0]), float(array[1]), float(array[2])
+
+
+def check_material(material: Any) -> Material | None:
+    """Return the material of instances, if there is one; raise `SceneError` unless it is a material."""
+    if material is not None and not isinstance(material, Material):
+        raise SceneError(f"a material must be a clbvh.Material, not {shorten(material)}")
+    return material
 
 
 def shorten(value: object) -> str:

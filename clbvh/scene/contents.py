@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import SceneError
+from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
-from .arguments import check_colour, check_mask, shorten
+from .arguments import check_colour, check_mask, check_material, shorten
 from .geometry import Geometry
 from .instance import ALL_BITS, Instance
 from .lookup import SceneLookup
@@ -153,6 +154,7 @@ class SceneContents(SceneLookup):
                     part.name,
                     part.mask if common_mask is None else common_mask,
                     part.colour,
+                    part.material,
                 )
             )
 
@@ -164,6 +166,7 @@ class SceneContents(SceneLookup):
         name: str | None = None,
         mask: int = ALL_BITS,
         colour: ArrayLike | None = None,
+        material: Material | None = None,
     ) -> Instance:
         """Place a geometry in the scene; any number of times.
 
@@ -180,6 +183,9 @@ class SceneContents(SceneLookup):
             A ray sees the instance if its own mask shares a bit with this one. All bits by default.
         colour : (3,) float, optional
             Linear red, green and blue in pictures, 0 to 1; by default that of all surfaces, `Scene.surface`.
+        material : Material, optional
+            Of all primitives of this instance, instead of the materials and colours of the geometry. Its tree is
+            shared whatever the material.
 
         Returns
         -------
@@ -189,7 +195,7 @@ class SceneContents(SceneLookup):
         ------
         SceneError
             A geometry of another scene; a matrix that is not finite, not affine, or singular; a name that is taken; a
-            mask out of range; a colour that is not three finite numbers.
+            mask out of range; a colour that is not three finite numbers, or a material that is none.
 
         Examples
         --------
@@ -206,9 +212,8 @@ class SceneContents(SceneLookup):
         self.geometry_id(geometry)
         matrix = check_transform(transform)
         names = None if name is None else (name,)
-        return self._store.place(geometry, matrix[None], names, geometry.name, check_mask(mask), check_colour(colour))[
-            0
-        ]
+        look = check_colour(colour), check_material(material)
+        return self._store.place(geometry, matrix[None], names, geometry.name, check_mask(mask), *look)[0]
 
     def place_many(
         self,
@@ -218,6 +223,7 @@ class SceneContents(SceneLookup):
         names: Sequence[str] | None = None,
         mask: int = ALL_BITS,
         colour: ArrayLike | None = None,
+        material: Material | None = None,
     ) -> tuple[Instance, ...]:
         """Place a geometry once for each of many transforms, as `place` does, but all of them or none.
 
@@ -230,6 +236,8 @@ class SceneContents(SceneLookup):
             One for each.
         mask : int, 0 to 2^32 - 1
         colour : (3,) float, optional
+            Of all of them.
+        material : Material, optional
             Of all of them.
 
         Returns
@@ -256,7 +264,8 @@ class SceneContents(SceneLookup):
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
             raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {shorten(names)}")
-        return self._store.place(geometry, matrices, names, geometry.name, check_mask(mask), check_colour(colour))
+        look = check_colour(colour), check_material(material)
+        return self._store.place(geometry, matrices, names, geometry.name, check_mask(mask), *look)
 
     def __copy__(self) -> Self:
         """Return a scene of the same geometries and instances; what is added to either is not in the other."""

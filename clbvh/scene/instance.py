@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.appearance.material import Material
 from .geometry import Geometry
 
 # Bits of a mask. A ray sees the instances whose mask shares a bit with its own.
@@ -38,6 +39,8 @@ class Instance:
         A ray sees the instance if its own mask shares a bit with this one.
     colour : (3,) float, or None
         Linear colour in pictures; None: that of the picture's surfaces.
+    material : Material, or None
+        Of all its primitives; None: those of the geometry.
 
     Examples
     --------
@@ -56,6 +59,7 @@ class Instance:
     geometry: Geometry
     mask: int
     colour: tuple[float, float, float] | None = None
+    material: Material | None = None
 
     @property
     def transform(self) -> NDArray[np.float64]:

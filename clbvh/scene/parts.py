@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
+from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasTriangles, mesh_of_object
 from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
@@ -45,6 +46,7 @@ class PlacedPart(NamedTuple):
     matrix: NDArray[np.float64]
     mask: int = ALL_BITS
     colour: Colour | None = None
+    material: Material | None = None
 
 
 class Parts(NamedTuple):
@@ -96,9 +98,9 @@ def parts_of_state(state: SceneState) -> Parts:
     return Parts(
         list(zip(state.shapes, state.names, strict=True)),
         [
-            PlacedPart(name, int(geometry), matrix, int(mask), colour_of_row(colour))
-            for name, geometry, matrix, mask, colour in zip(
-                state.instance_names, state.geometry_ids, state.transforms, state.masks, state.colours, strict=True
+            PlacedPart(name, int(geometry), matrix, int(mask), colour_of_row(colour), state.material_of(number))
+            for number, (name, geometry, matrix, mask, colour) in enumerate(
+                zip(state.instance_names, state.geometry_ids, state.transforms, state.masks, state.colours, strict=True)
             )
         ],
     )

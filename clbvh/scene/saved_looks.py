@@ -7,7 +7,8 @@ many materials and shapes share one.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 from numpy.typing import NDArray
@@ -32,10 +33,10 @@ _TEXTURE_FIELDS = tuple(each.name for each in dataclasses.fields(Material) if ea
 _FIELDS = {each.name for each in dataclasses.fields(Material)}
 
 
-def list_textures(appearances: Iterable[Appearance | None]) -> list[Texture]:
-    """Return the textures of appearances, each once, in the order of their first uses."""
+def list_textures(appearances: Iterable[Appearance | None], others: Iterable[Material] = ()) -> list[Texture]:
+    """Return the textures of appearances and of other materials, each once, in the order of their first uses."""
     materials = (material for appearance in appearances if appearance is not None for material in appearance.materials)
-    return list(dict.fromkeys(texture for material in materials for texture in material.textures))
+    return list(dict.fromkeys(texture for material in chain(materials, others) for texture in material.textures))
 
 
 def describe_texture(texture: Texture) -> dict[str, Any]:
@@ -62,11 +63,23 @@ def read_texture(table: Any, take: Take) -> Texture:
 
 def describe_appearance(appearance: Appearance, textures: list[Texture]) -> dict[str, Any]:
     """Return what the text says of an appearance: the names of its arrays, and its materials."""
-    numbers = {texture: number for number, texture in enumerate(textures)}
     return {
         "arrays": [name for name in _ARRAYS if getattr(appearance, name) is not None],
-        "materials": [_describe_material(material, numbers) for material in appearance.materials],
+        "materials": describe_materials(appearance.materials, textures),
     }
+
+
+def describe_materials(materials: Iterable[Material], textures: list[Texture]) -> list[dict[str, Any]]:
+    """Return what the text says of materials."""
+    numbers = {texture: number for number, texture in enumerate(textures)}
+    return [_describe_material(material, numbers) for material in materials]
+
+
+def read_materials(tables: Any, textures: Sequence[Texture]) -> tuple[Material, ...]:
+    """Return materials; raise `SceneError` if the text describes none."""
+    if not isinstance(tables, list):
+        raise SceneError("its text has materials that are no list")
+    return tuple(_read_material(each, textures) for each in tables)
 
 
 def list_appearance_arrays(appearance: Appearance | None) -> Iterator[tuple[NDArray[Any], str]]:
@@ -82,19 +95,18 @@ def read_appearance(
     """Return an appearance; raise `SceneError` or `MeshError` if the text describes none of such a shape."""
     if not isinstance(table, dict) or set(table) != {"arrays", "materials"}:
         raise SceneError("its text has an appearance that is none")
-    names, materials = table["arrays"], table["materials"]
+    names = table["arrays"]
     if not isinstance(names, list) or not all(isinstance(name, str) and name in _ARRAYS for name in names):
         raise SceneError("its text has an appearance with unknown arrays")
     if not has_corners and not {"colours", "material_ids"}.issuperset(names):
         raise SceneError("its text has spheres with arrays of corners")
-    if not isinstance(materials, list):
-        raise SceneError("its text has materials that are no list")
+    materials = read_materials(table["materials"], textures)
     arrays = {}
     for name, (shape, dtype) in _ARRAYS.items():
         if name in names:
             is_sphere_colour = name == "colours" and not has_corners
             arrays[name] = take((prim_count, *(_SPHERE_COLOURS if is_sphere_colour else shape)), dtype)
-    return Appearance(**arrays, materials=tuple(_read_material(each, textures) for each in materials))
+    return Appearance(**arrays, materials=materials)
 
 
 def _describe_material(material: Material, numbers: dict[Texture, int]) -> dict[str, Any]:
@@ -106,7 +118,7 @@ def _describe_material(material: Material, numbers: dict[Texture, int]) -> dict[
     return described
 
 
-def _read_material(table: Any, textures: list[Texture]) -> Material:
+def _read_material(table: Any, textures: Sequence[Texture]) -> Material:
     if not isinstance(table, dict) or not set(table) <= _FIELDS:
         raise SceneError("its text has a material that is none")
     values = dict(table)

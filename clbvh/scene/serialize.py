@@ -19,13 +19,15 @@ The text is one object:
                         and {kind: "spheres", name, shape_name, count: n}
                         either with `appearance`, if it has one: see `saved_looks.py`
     textures     a list of {name, width: w, height: h, is_srgb, wrap}
+    materials    those of instances, if they have any of their own: a list, see `saved_looks.py`
     instances    {count: n, names: a list of n texts}
     settings     an object of the caller
 
 The arrays are, in this order: of each texture pixels (h, w, 4) uint8; of each mesh vertices (V, 3) float64 and faces
 (F, 3) int32, of each spheres centres (n, 3) float64 and radii (n,) float64, each followed by the arrays of its
 appearance; then of all instances transforms (n, 4, 4) float64, colours (n, 3) float64 with
-NaN for those without, geometry ids (n,) int32 and masks (n,) uint32. Local coordinates and trees are not stored: they
+NaN for those without, geometry ids (n,) int32, masks (n,) uint32 and, with `materials`, material ids (n,) int32, -1
+for those without. Local coordinates and trees are not stored: they
 follow from the arrays.
 """
 
@@ -54,10 +56,12 @@ from ..support.regular_file import open_regular, read_errors_as
 from .names import UniqueNames
 from .saved_looks import (
     describe_appearance,
+    describe_materials,
     describe_texture,
     list_appearance_arrays,
     list_textures,
     read_appearance,
+    read_materials,
     read_texture,
 )
 from .state import SceneState
@@ -103,13 +107,15 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     except TypeError as error:
         raise ConfigError(f"{path!r}: this is not the path of a file: {error}") from error
     check_target(target)
-    textures = list_textures(shape.appearance for shape in state.shapes)
-    document = {
+    textures = list_textures((shape.appearance for shape in state.shapes), state.materials)
+    document: dict[str, Any] = {
         "geometries": [_describe(shape, name, textures) for shape, name in zip(state.shapes, state.names, strict=True)],
         "textures": [describe_texture(texture) for texture in textures],
         "instances": {"count": state.instance_count, "names": state.instance_names},
         "settings": settings,
     }
+    if state.materials:
+        document["materials"] = describe_materials(state.materials, textures)
     text = json.dumps(document, allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % _ALIGNMENT)
     digest, array_bytes = hashlib.sha256(text), 0
@@ -225,6 +231,8 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
     colours = arrays.take((count, 3), "<f8")
     geometry_ids = arrays.take((count,), "<i4")
     masks = arrays.take((count,), "<u4")
+    materials = read_materials(document.get("materials", []), textures)
+    material_ids = arrays.take((count,), "<i4") if materials else np.full(count, -1)
     arrays.check_end()
     instance_names = UniqueNames("an instance")
     for name in get_item(instances, "names", list):
@@ -238,6 +246,11 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
     is_colour = np.isfinite(colours).all(axis=1) | np.isnan(colours).all(axis=1)
     if not is_colour.all():
         raise SceneError(f"the colour of instance {np.argmin(is_colour)} is not three finite numbers")
+    if len(set(materials)) < len(materials):
+        raise SceneError("two of its materials are equal")
+    wrong = np.flatnonzero((material_ids < -1) | (material_ids >= len(materials)))
+    if len(wrong):
+        raise SceneError(f"instance {wrong[0]} has material {material_ids[wrong[0]]}, but it has {len(materials):,}")
     state = SceneState(
         shapes=tuple(shapes),
         names=tuple(names),
@@ -246,6 +259,8 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
         masks=masks.astype(np.uint32),
         instance_names=tuple(instance_names),
         colours=colours.astype(np.float64),
+        materials=materials,
+        material_ids=material_ids.astype(np.int32),
     )
     return SavedScene(state, get_item(document, "settings", dict))
 
@@ -318,7 +333,7 @@ def _list_chunks(state: SceneState) -> Iterator[memoryview | bytes]:
 
 
 def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
-    for texture in list_textures(shape.appearance for shape in state.shapes):
+    for texture in list_textures((shape.appearance for shape in state.shapes), state.materials):
         yield texture.pixels, "|u1"
     for shape in state.shapes:
         if isinstance(shape, Mesh):
@@ -332,6 +347,8 @@ def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
     yield state.colours, "<f8"
     yield state.geometry_ids, "<i4"
     yield state.masks, "<u4"
+    if state.materials:
+        yield state.material_ids, "<i4"
 
 
 def _damaged(path: str | os.PathLike[str]) -> SceneError:

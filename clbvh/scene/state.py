@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..geometry.appearance.material import Material
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
@@ -32,6 +33,10 @@ class SceneState:
     instance_names : tuple of str
     colours : (n, 3) float64
         Linear colour of each instance in pictures; NaN where it has none of its own.
+    materials : tuple of Material
+        Of instances that have one of their own.
+    material_ids : (n,) int32
+        The material of each instance, -1 where it has that of its geometry.
 
     Examples
     --------
@@ -48,11 +53,15 @@ class SceneState:
     masks: NDArray[np.uint32]
     instance_names: tuple[str, ...]
     colours: NDArray[np.float64] = None  # type: ignore[assignment]  # made below
+    materials: tuple[Material, ...] = ()
+    material_ids: NDArray[np.int32] = None  # type: ignore[assignment]  # made below
 
     def __post_init__(self) -> None:
         if self.colours is None:
             object.__setattr__(self, "colours", np.full((len(self.geometry_ids), 3), np.nan))
-        for array in (self.geometry_ids, self.transforms, self.masks, self.colours):
+        if self.material_ids is None:
+            object.__setattr__(self, "material_ids", np.full(len(self.geometry_ids), -1, np.int32))
+        for array in (self.geometry_ids, self.transforms, self.masks, self.colours, self.material_ids):
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -68,6 +77,18 @@ class SceneState:
     def instance_count(self) -> int:
         """Number of instances."""
         return len(self.geometry_ids)
+
+    def material_of(self, instance_id: int) -> Material | None:
+        """Return the material that an instance has of its own.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot().material_of(0) is None
+        True
+        """
+        number = int(self.material_ids[instance_id])
+        return None if number < 0 else self.materials[number]
 
     @property
     def is_one_mesh(self) -> bool:

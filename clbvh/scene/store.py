@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
+from ..geometry.appearance.material import Material
 from ..geometry.shape import Shape
 from .geometry import Geometry
 from .instance import ALL_BITS, Colour, Instance, colour_of_row
@@ -57,6 +58,9 @@ class SceneStore:
         self._masks = np.empty(_FIRST_CAPACITY, np.uint32)
         self._colours = np.empty((_FIRST_CAPACITY, 3))
         self._geometry_ids = np.empty(_FIRST_CAPACITY, np.int32)
+        self._material_ids = np.empty(_FIRST_CAPACITY, np.int32)
+        # Equal materials are one.
+        self._material_numbers: dict[Material, int] = {}
         self._start()
 
     def _start(self) -> None:
@@ -75,10 +79,14 @@ class SceneStore:
         store._transforms = state.transforms.copy()
         store._masks, store._geometry_ids = state.masks.copy(), state.geometry_ids.copy()
         store._colours = state.colours.copy()
+        store._material_ids = state.material_ids.copy()
+        store._material_numbers = {material: number for number, material in enumerate(state.materials)}
         for number, name in enumerate(state.instance_names):
             geometry = store._geometries[state.geometry_ids[number]]
             mask, colour = int(state.masks[number]), colour_of_row(state.colours[number])
-            store._instances.append(Instance(number, store._instance_names.add(name), geometry, mask, colour))
+            material = state.material_of(number)
+            unique = store._instance_names.add(name)
+            store._instances.append(Instance(number, unique, geometry, mask, colour, material))
         store._snapshot = store._tuples = None
         return store
 
@@ -117,6 +125,8 @@ class SceneStore:
                     masks=self._masks[:count],
                     instance_names=tuple(instance.name for instance in instances),
                     colours=self._colours[:count],
+                    materials=tuple(self._material_numbers),
+                    material_ids=self._material_ids[:count],
                 )
             return self._snapshot
 
@@ -154,6 +164,7 @@ class SceneStore:
         wish: str,
         mask: int,
         colour: Colour | None = None,
+        material: Material | None = None,
     ) -> tuple[Instance, ...]:
         """Place a geometry by each of (n, 4, 4) transforms."""
         with self.lock:
@@ -163,7 +174,7 @@ class SceneStore:
                     self._instance_names.check(name)
                 if len(set(names)) < len(names):
                     raise SceneError("two of the names are the same, but the names of instances are unique")
-            return self._place(geometry, transforms, names, wish, mask, colour)
+            return self._place(geometry, transforms, names, wish, mask, colour, material)
 
     def copy(self) -> SceneStore:
         """Return a store of the same content, with handles of its own."""
@@ -181,9 +192,11 @@ class SceneStore:
                     copied._geometries[instance.geometry.id],
                     instance.mask,
                     instance.colour,
+                    instance.material,
                 )
                 for instance in self._instances
             ]
+            copied._material_numbers = self._material_numbers.copy()
             count = len(self._instances)
             for array in _ARRAYS:
                 setattr(copied, array, getattr(self, array)[:count].copy())
@@ -214,6 +227,7 @@ class SceneStore:
         wish: str,
         mask: int,
         colour: Colour | None = None,
+        material: Material | None = None,
     ) -> tuple[Instance, ...]:
         begin, end = len(self._instances), len(self._instances) + len(transforms)
         if end > MAX_INSTANCE_COUNT:
@@ -224,12 +238,16 @@ class SceneStore:
         self._masks[begin:end] = mask
         self._colours[begin:end] = np.nan if colour is None else colour
         self._geometry_ids[begin:end] = geometry.id
+        numbers = self._material_numbers
+        self._material_ids[begin:end] = -1 if material is None else numbers.setdefault(material, len(numbers))
         unique: Iterable[str]
         if names is None:
             unique = (self._instance_names.add_numbered(wish) for _ in range(begin, end))
         else:
             unique = map(self._instance_names.add, names)
-        placed = tuple(Instance(index, name, geometry, mask, colour) for index, name in enumerate(unique, begin))
+        placed = tuple(
+            Instance(index, name, geometry, mask, colour, material) for index, name in enumerate(unique, begin)
+        )
         self._instances += placed
         self._snapshot = self._tuples = None
         return placed
@@ -240,6 +258,7 @@ class SceneStore:
             for array in _ARRAYS:
                 state[array] = state[array][: len(self._instances)].copy()
             state["_geometries"], state["_instances"] = self._geometries.copy(), self._instances.copy()
+            state["_material_numbers"] = self._material_numbers.copy()
             for name in ("lock", "_snapshot", "_tuples"):
                 del state[name]
             return state
@@ -250,7 +269,7 @@ class SceneStore:
 
 
 # One row per instance, and room for more.
-_ARRAYS = ("_transforms", "_masks", "_colours", "_geometry_ids")
+_ARRAYS = ("_transforms", "_masks", "_colours", "_geometry_ids", "_material_ids")
 
 
 def _grow(rows: NDArray[Any], count: int, needed: int) -> NDArray[Any]:

@@ -75,7 +75,7 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
     instances = [contents.place(knot), contents.place(knot)]
     if has_spheres:
         contents.place(contents.add(Spheres(random.normal(size=(20, 3)), 0.2)))
-    for shading in REPORT_SHADINGS:
+    for shading in (*REPORT_SHADINGS, "studio"):
         options = RenderOptions(device=device, layout=layout)
         render(contents, options, shading=shading).hits  # noqa: B018 - computed when they are asked for
     with Tracer(contents, device=device, layout=layout) as tracer:

@@ -119,7 +119,7 @@ def test_help_is_quick_and_complete():
         if least_s < _HELP_RATIO * least_of_smallest_s:
             break
     assert least_s < _HELP_RATIO * least_of_smallest_s
-    for verb in ("render", "images", "stats", "fetch", "devices", "doctor", "tune", "warmup"):
+    for verb in ("render", "images", "turntable", "sheet", "stats", "fetch", "devices", "doctor", "tune", "warmup"):
         assert verb in output
 
 

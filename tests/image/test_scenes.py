@@ -211,7 +211,7 @@ class TestPrecision:
             assert (renderer.render(camera=camera, shading="lambert+shadow").rgb == plain.rgb).all()
 
     def test_within_a_sphere_all_is_in_its_shadow(self):
-        scene = Scene(width=32, height=24, light=Light(sky=(0, 0, 0), ground=(0, 0, 0)))
+        scene = Scene(width=32, height=24, light=Light(direction=(0.3, 1, 0.2), sky=(0, 0, 0), ground=(0, 0, 0)))
         scene.place(scene.add(Spheres([[0, 0, 0]], 2.0)))
         picture = clbvh.render(scene, camera=Camera((0.5, 0.1, 0.2), (0, 0, 0), fov=90))
         assert picture.hits.count == 32 * 24

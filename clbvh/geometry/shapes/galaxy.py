@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ConfigError
+from .sphere_set import SphereSet
 
 # Shares of the spheres outside the bulge; the rest of them is in the arms.
 _DISK, _HALO = 0.27, 0.025
@@ -30,8 +30,8 @@ def make_galaxy(
     thickness: float = 0.03,
     bulge: float = 0.18,
     size: float = 1.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return centres (count, 3) and radii (count,); `make_spheres` describes the options."""
+) -> SphereSet:
+    """Return the spheres; `make_spheres` describes the options."""
     if arms != int(arms) or not 1 <= arms <= _MOST_ARMS:
         raise ConfigError(f"the option 'arms' of the spheres 'galaxy' must be 1 to {_MOST_ARMS}, not {arms!r}")
     if bulge > 1:
@@ -67,4 +67,4 @@ def make_galaxy(
     centres[is_halo] = _HALO_SIZE * np.cbrt(along[is_halo])[:, None] * direction
     # The more spheres, the smaller: together they cover about as much.
     radii = size * radius * 0.35 / np.sqrt(max(count, 1)) * sizes
-    return centres * radius, radii
+    return SphereSet(centres * radius, radii)

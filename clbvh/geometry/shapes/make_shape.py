@@ -18,6 +18,7 @@ import numpy as np
 from ...errors import ConfigError, MeshError
 from ..face_limit import check_face_count
 from ..mesh import Mesh
+from .blocks import make_cube, make_square
 from .clouds import make_blobs, make_boxes
 from .icosphere import make_icosphere
 from .knot import make_knot
@@ -32,6 +33,8 @@ SHAPES: dict[str, Callable[..., Solid]] = {
     "boxes": make_boxes,
     "icosphere": make_icosphere,
     "palace": make_palace,
+    "square": make_square,
+    "cube": make_cube,
 }
 
 
@@ -60,6 +63,8 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
         - `icosphere`: the unit sphere, closed. 20 n^2.
         - `palace`: halls with columns, stairs, windows and vases, y up, in metres: a scene with huge, long thin and
           tiny triangles. Not closed. Up to a few hundred triangles fewer than wanted.
+        - `square`: of side 1 around the origin, facing up. Open. 2.
+        - `cube`: of side 1 around the origin. 12.
 
     Returns
     -------

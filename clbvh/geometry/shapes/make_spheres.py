@@ -10,22 +10,21 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ConfigError
 from ...support.memory import check_memory
 from ..mesh import MAX_FACE_COUNT
 from .galaxy import make_galaxy
+from .sphere_set import SphereSet
+from .weekend import make_weekend
 
-SphereArrays = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-SPHERE_SETS: dict[str, Callable[..., SphereArrays]] = {"galaxy": make_galaxy}
+SPHERE_SETS: dict[str, Callable[..., SphereSet]] = {"galaxy": make_galaxy, "weekend": make_weekend}
 
 # While the spheres are made: their random numbers, and twice their centres and radii.
 _BYTES_PER_SPHERE = 300
 
 
-def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> SphereArrays:
+def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> SphereSet:
     """Make procedural spheres.
 
     Parameters
@@ -42,11 +41,15 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
         - `galaxy`: a spiral galaxy in the plane of x and z: ``arms=2`` with ``winding=2.6`` radians for each factor of
           e in distance, ``radius=10`` of the disk, ``thickness=0.03`` of it in radii, ``bulge=0.18``, the share of the
           spheres in the middle; ``size=1`` scales the spheres, which are the smaller the more there are.
+        - `weekend`: a ground, three large spheres of glass, chalk and metal, and around them small ones of all three,
+          none of which touches another; without options. With 480 spheres about the last scene of Peter Shirley's book
+          "Ray Tracing in One Weekend".
 
     Returns
     -------
-    centres : (count, 3) float64
-    radii : (count,) float64
+    SphereSet
+        Centres (count, 3) float64, radii (count,) float64, materials and (count,) int32 material ids; a galaxy has no
+        materials.
 
     Raises
     ------
@@ -56,8 +59,8 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
     Examples
     --------
     >>> from clbvh.geometry.shapes.make_spheres import make_spheres
-    >>> centres, radii = make_spheres("galaxy", count=1000, seed=4)
-    >>> centres.shape, radii.shape
+    >>> made = make_spheres("galaxy", count=1000, seed=4)
+    >>> made.centres.shape, made.radii.shape
     ((1000, 3), (1000,))
     """
     known = list_spheres_options(name)

@@ -1,4 +1,4 @@
-"""The light that paths draw, as the device takes it: emitting primitives by their power; see cl/film/lights.cl."""
+"""The light that paths draw, as the device takes it: primitives that emit, by their power; see cl/film/lights.cl."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from ...errors import SceneError
 from ...geometry import Mesh
+from ...geometry.appearance.material import Material
+from ...geometry.appearance.texture import OPAQUE
 from ...geometry.shape import Shape
 from ...geometry.spheres import Spheres
 from ...structs import LIGHT
@@ -55,9 +57,25 @@ def local_maps(transforms: NDArray[np.float64], origin: NDArray[np.float64], sca
 
 
 def emits_light(shape: Shape) -> NDArray[np.bool_]:
-    """Return (m,) bool: whether each material of a shape emits light that does not depend on a texture."""
+    """Return (m,) bool: whether each material of a shape emits light that paths may draw.
+
+    That light is the same everywhere on the surface, and the surface is all there: the points of a light are drawn
+    without regard to textures and alpha.
+    """
     materials = () if shape.appearance is None else shape.appearance.materials
-    return np.array([any(each.emission) and each.emission_texture is None for each in materials], bool)
+    return np.array([is_drawable_light(each) for each in materials], bool)
+
+
+def is_drawable_light(material: Material) -> bool:
+    """Return whether the light of a material depends neither on textures nor on alpha."""
+    texture = material.base_colour_texture
+    is_whole = material.alpha >= 1.0 and (texture is None or texture.is_opaque)
+    return any(material.emission) and material.emission_texture is None and is_whole
+
+
+def _has_whole_colours(shape: Shape) -> bool:
+    colours = None if shape.appearance is None else shape.appearance.colours
+    return colours is None or bool((colours[..., 3] == OPAQUE).all())
 
 
 def is_similar(linear: NDArray[np.float64]) -> bool:
@@ -70,7 +88,8 @@ def find_lights(
     shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], to_local: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return (n,) bool: the instances whose emitting primitives are in the tables; see `make_light_tables`."""
-    emits = np.array([bool(emits_light(shape).any()) for shape in shapes])[np.asarray(geometry_ids)]
+    emits = np.array([emits_light(shape).any() and _has_whole_colours(shape) for shape in shapes], bool)
+    emits = emits[np.asarray(geometry_ids)]
     for number in np.flatnonzero(emits):
         is_mesh = isinstance(shapes[geometry_ids[number]], Mesh)
         emits[number] = is_mesh or is_similar(to_local[number, :3, :3])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ...geometry.shape import Shape
 from ...layouts.pack_normals import pack_normals
 from ...structs import LOOK, MATERIAL
+from .light_tables import is_drawable_light
 from .texture_tables import TextureTables
 
 # A table without rows still needs a buffer.
@@ -88,6 +89,9 @@ class _Tables:
             "corner_normals": [], "corner_colours": [], "corner_uvs": [], "material_ids": [],
         }  # fmt: skip
         self._counts = dict.fromkeys(self._parts, 0)
+        # Where the values of an array begin, by its identity: shapes that differ in their materials share them. The
+        # shapes keep the arrays alive.
+        self._begins: dict[tuple[str, int], int] = {}
         # Number 0 is that of shapes that have none; pictures give it the surface colour of their scene.
         self._materials = [Material()]
         self._numbers: dict[Material, int] = {}
@@ -99,10 +103,12 @@ class _Tables:
         row["first_normal"] = row["first_colour"] = row["first_uv"] = row["first_material_id"] = -1
         if isinstance(shape, Mesh):
             normals = appearance.normals if appearance is not None else None
-            if normals is None and crease_angle > 0.0:
-                normals = smooth_normals_by_angle(shape, crease_angle)
             if normals is not None:
-                row["first_normal"] = self._append("corner_normals", pack_normals(normals.reshape(-1, _CORNERS)))
+                row["first_normal"] = self._share("corner_normals", normals, lambda: _pack(normals))
+            elif crease_angle > 0.0:
+                row["first_normal"] = self._share(
+                    "corner_normals", shape.local_vertices, lambda: _pack(smooth_normals_by_angle(shape, crease_angle))
+                )
         if appearance is None:
             return
         if appearance.colours is not None:
@@ -112,7 +118,8 @@ class _Tables:
             row["first_colour"] = self._append("corner_colours", packed)
             self._has_cutouts |= bool((appearance.colours[..., 3] < 255).any())
         if appearance.uvs is not None:
-            row["first_uv"] = self._append("corner_uvs", appearance.uvs.reshape(-1).astype(np.float32))
+            uvs = appearance.uvs
+            row["first_uv"] = self._share("corner_uvs", uvs, lambda: uvs.reshape(-1).astype(np.float32))
         if appearance.materials:
             numbers = np.array([self._number(material) for material in appearance.materials], np.int32)
             row["material_id"] = numbers[0]
@@ -131,6 +138,12 @@ class _Tables:
             arrays[name] = np.concatenate(parts) if parts else np.zeros(_EMPTY_ROWS, dtype)
         return LookTables(arrays, self._has_cutouts, tuple(self._materials))
 
+    def _share(self, name: str, source: NDArray[Any], make: Callable[[], NDArray[Any]]) -> int:
+        key = name, id(source)
+        if key not in self._begins:
+            self._begins[key] = self._append(name, make())
+        return self._begins[key]
+
     def _append(self, name: str, values: NDArray[Any]) -> int:
         begin = self._counts[name]
         self._parts[name].append(values)
@@ -148,10 +161,15 @@ class _Tables:
         return number
 
 
+def _pack(normals: NDArray[np.float32]) -> NDArray[np.uint32]:
+    return pack_normals(normals.reshape(-1, _CORNERS))
+
+
 def _fill_material(row: NDArray[np.void], material: Material, textures: TextureTables) -> None:
     row["base_colour"], row["emission"] = material.base_colour, material.emission
     for name in ("alpha", "metallic", "roughness", "ior", "transmission"):
         row[name] = getattr(material, name)
+    row["is_light"] = is_drawable_light(material)
     row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
     for name in ("base_colour_texture", "metallic_roughness_texture", "emission_texture"):
         row[name] = textures.number(getattr(material, name))

@@ -24,11 +24,16 @@ _FILM_DTYPE = np.dtype((np.float32, 4))
 # Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
 _LAUNCH_S = 0.25
 
+# A launch takes a multiple of it, but for the last one: the samples of a pair share work, see cl/film/studio.cl.
+_LEAST_SAMPLES = 2
+
 # Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
 _FILTER_RADIUS = 1.0
 
 # Arguments of `render_samples` that only paths have.
-_NO_LIGHTS = dict.fromkeys(("lights", "light_shares", "environment", "environment_rows", "environment_columns"))
+_NO_LIGHTS: dict[str, Any] = dict.fromkeys(
+    ("lights", "light_shares", "environment", "environment_rows", "environment_columns")
+)
 
 
 @dataclass
@@ -72,6 +77,8 @@ class SampleShading:
         The tables of cl/looks/, and those of the light of ``"path"``.
     has_cutouts : bool
         Whether rays may pass through surfaces.
+    has_cut : bool
+        Whether the views have a cut.
 
     Raises
     ------
@@ -87,11 +94,17 @@ class SampleShading:
         arguments: Mapping[str, Any],
         *,
         has_cutouts: bool,
+        has_cut: bool = False,
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
         self.arguments = {**world_arguments(tree), **_NO_LIGHTS, **arguments}
-        defines = {**tree.defines, "SHADING": SHADINGS[shading], "HAS_CUTOUTS": int(has_cutouts)}
+        defines = {
+            **tree.defines,
+            "SHADING": SHADINGS[shading],
+            "HAS_CUTOUTS": int(has_cutouts),
+            "HAS_CUT": int(has_cut),
+        }
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")
         self.entry_points = ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
@@ -134,7 +147,8 @@ class SamplePainter:
 
     def _take_samples(self, band: Band, film: Any, arguments: dict[str, Any]) -> int:
         """Add samples to the film; return how many of each pixel."""
-        progress, first, count = self._progress, 0, 1
+        progress = self._progress
+        first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         pixels, done = band.width * band.height, band.width * band.first_row
         while True:
             begin = time.perf_counter()
@@ -150,4 +164,5 @@ class SamplePainter:
             )
             if first >= progress.samples or progress.is_stopped() or now - self._begin > progress.time_limit_s:
                 return first
-            count = max(1, min(progress.samples - first, int(_LAUNCH_S * count / max(now - begin, 1e-9))))
+            fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
+            count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))

@@ -41,8 +41,20 @@ _VIDEO_OPTIONS = [
 _Frame = NDArray[np.uint8]
 
 
+def check_animation(path: str | os.PathLike[str], frames_per_s: float) -> Path:
+    """Return the path; raise `ConfigError` unless an animation can be written; for checks before the work begins."""
+    try:
+        path = Path(path)
+    except TypeError as error:
+        raise ConfigError(f"the file of an animation is a path, not {path!r}") from error
+    check_animation_path(path)
+    if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
+        raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")
+    return path
+
+
 def check_animation_path(path: Path) -> None:
-    """Raise `ConfigError` unless an animation can be written there; for checks before the work begins."""
+    """Raise `ConfigError` unless an animation can be written there; see `check_animation`."""
     suffix = path.suffix.lower()
     if suffix not in ANIMATION_SUFFIXES:
         raise ConfigError(f"{path}: the name of an animation must end in {' or '.join(ANIMATION_SUFFIXES)}")
@@ -77,13 +89,7 @@ def write_animation(
     A frame of a GIF has 256 colours. H.264 has colours of 2 x 2 pixels, so the last column and the last row are
     repeated where a side is odd.
     """
-    try:
-        path = Path(path)
-    except TypeError as error:
-        raise ConfigError(f"the file of an animation is a path, not {path!r}") from error
-    check_animation_path(path)
-    if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
-        raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")
+    path = check_animation(path, frames_per_s)
     checked, rate = _check_frames(frames), float(frames_per_s)
     if path.suffix.lower() == ".gif":
         write_atomically(path, lambda file: _write_gif(file, checked, rate))

@@ -14,7 +14,7 @@ from clbvh.geometry.shapes.make_spheres import SPHERE_SETS, make_spheres
 @pytest.mark.parametrize("count", [1, 2, 5000])
 @pytest.mark.parametrize("name", SPHERE_SETS)
 def test_the_spheres_are_sound(name, count, seed):
-    centres, radii = make_spheres(name, count=count, seed=seed)
+    centres, radii, *_ = make_spheres(name, count=count, seed=seed)
     assert (centres.shape, radii.shape) == ((count, 3), (count,))
     assert np.isfinite(centres).all()
     assert (radii > 0).all()
@@ -30,7 +30,7 @@ def test_the_same_seed_gives_the_same_bytes(name, seed):
 
 @pytest.mark.parametrize("seed", [4])
 def test_a_galaxy_is_flat_and_dense_in_the_middle(seed):
-    centres, _ = make_spheres("galaxy", count=20_000, seed=seed)
+    centres, *_ = make_spheres("galaxy", count=20_000, seed=seed)
     assert np.median(np.abs(centres[:, 1])) < 0.15 * np.median(np.abs(centres[:, 0]))
     distance = np.linalg.norm(centres, axis=1)
     assert 0.15 < (distance < 1.5).mean() < 0.5
@@ -39,7 +39,7 @@ def test_a_galaxy_is_flat_and_dense_in_the_middle(seed):
 
 @pytest.mark.parametrize("arms", [2, 3])
 def test_a_galaxy_has_arms(arms):
-    centres, _ = make_spheres("galaxy", count=50_000, seed=1, arms=arms)
+    centres, *_ = make_spheres("galaxy", count=50_000, seed=1, arms=arms)
     # A ring of the disk, cut into sectors: an angular wave with one crest per arm stands out.
     distance = np.hypot(centres[:, 0], centres[:, 2])
     angles = np.arctan2(centres[:, 2], centres[:, 0])[(distance > 5.8) & (distance < 6.2)]
@@ -52,10 +52,40 @@ def test_options_change_the_size():
     assert np.allclose(wide, 10 * narrow)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 7])
+@pytest.mark.parametrize("count", [4, 5, 40, 480, 2500])
+def test_spheres_of_the_weekend_touch_nothing_but_the_ground(count, seed):
+    made = make_spheres("weekend", count=count, seed=seed)
+    centres, radii = made.centres, made.radii
+    assert radii.tolist() == [radii[0], 1, 1, 1, *[0.2] * (count - 4)]
+    others = centres[1:]
+    gaps = np.linalg.norm(others[:, None] - others[None], axis=2) - radii[1:, None] - radii[None, 1:]
+    assert gaps[~np.eye(count - 1, dtype=bool)].min() > 1e-3
+    heights = np.linalg.norm(others - centres[0], axis=1) - radii[0] - radii[1:]
+    assert np.abs(heights).max() < 1e-9 * radii[0]
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 1004, 3000])
+def test_each_sphere_of_the_weekend_has_a_material(count):
+    made = make_spheres("weekend", count=count, seed=2)
+    assert made.material_ids.shape == (count,)
+    assert made.material_ids.dtype == np.int32
+    assert 0 <= made.material_ids.min() <= made.material_ids.max() < len(made.materials) <= 1004
+    # The large ones keep theirs, and the small ones begin with the first of their own.
+    assert made.material_ids[:1004].tolist() == list(range(min(count, 1004)))
+
+
+@pytest.mark.parametrize("seed", [3])
+def test_the_weekend_fills_a_square(seed):
+    centres = make_spheres("weekend", count=480, seed=seed).centres[4:]
+    assert np.abs(centres[:, [0, 2]]).max() < 13
+    assert ((centres[:, 0] > 0).mean(), (centres[:, 2] > 0).mean()) == pytest.approx((0.5, 0.5), abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"name": "nebula"}, "no spheres 'nebula': take one of galaxy"),
+        ({"name": "nebula"}, "no spheres 'nebula': take one of galaxy, weekend"),
         ({"loops": 3}, "no option 'loops': they have arms, winding"),
         ({"arms": 0}, "'arms' .* must be 1 to 100, not 0"),
         ({"arms": 2.5}, "'arms' .* must be 1 to 100, not 2.5"),

@@ -11,7 +11,9 @@ from clbvh import Mesh
 from clbvh.errors import ConfigError
 from clbvh.geometry.shapes.make_shape import SHAPES, make_shape
 
-CLOSED = ("knot", "blobs", "boxes", "icosphere")
+CLOSED = ("knot", "blobs", "boxes", "icosphere", "cube")
+# Of one size, whatever number of triangles is wanted.
+FIXED = {"square": 2, "cube": 12}
 
 
 def is_closed(mesh: Mesh) -> bool:
@@ -33,7 +35,7 @@ def volume_of(mesh: Mesh) -> float:
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_shape_is_sound(name, triangles, seed):
     mesh = make_shape(name, triangles=triangles, seed=seed)
-    assert triangles // 4 < mesh.face_count <= triangles
+    assert FIXED.get(name, triangles // 4 + 1) <= mesh.face_count <= FIXED.get(name, triangles)
     assert mesh.degenerate_count == 0
     assert len(np.unique(mesh.faces)) == len(mesh.vertices)
     assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices)
@@ -49,7 +51,7 @@ def test_the_same_seed_gives_the_same_bytes(name, seed):
     assert first.vertices.tobytes() == second.vertices.tobytes()
     assert first.faces.tobytes() == second.faces.tobytes()
     other = make_shape(name, triangles=3000, seed=seed + 1)
-    assert (other.vertices.tobytes() == first.vertices.tobytes()) == (name == "icosphere")
+    assert (other.vertices.tobytes() == first.vertices.tobytes()) == (name == "icosphere" or name in FIXED)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +75,19 @@ def test_how_many_triangles_are_delivered(name, triangles, delivered):
     assert make_shape(name, triangles=triangles).face_count == delivered
 
 
-@pytest.mark.parametrize("name", SHAPES)
+def test_squares_and_cubes_have_sides_of_1():
+    square, cube = make_shape("square", triangles=2), make_shape("cube", triangles=12)
+    assert square.vertices.max(axis=0).tolist() == [0.5, 0, 0.5]
+    assert square.vertices.min(axis=0).tolist() == [-0.5, 0, -0.5]
+    a, b, c = square.vertices[square.faces].transpose(1, 0, 2)
+    assert (np.cross(b - a, c - a)[:, 1] > 0).all()
+    assert volume_of(cube) == pytest.approx(1)
+    for name, least in FIXED.items():
+        with pytest.raises(ConfigError, match=f"needs at least {least} triangles, not {least - 1}"):
+            make_shape(name, triangles=least - 1)
+
+
+@pytest.mark.parametrize("name", sorted(SHAPES.keys() - FIXED.keys()))
 def test_a_dragon_size_takes_seconds_at_most(name):
     begin = time.process_time()
     mesh = make_shape(name, triangles=871_200)

@@ -153,7 +153,7 @@ A = '[[object]]\nname = "a"\n'
         ('[[object]]\nshape = "terrain"\ntriangles = 9\nheight = "x"', "height must be a finite number, not 'x'"),
         ('[[object]]\nshape = "terrine"\ntriangles = 9\ncolor = 1', "there is no shape 'terrine': take one of knot"),
         ('[[object]]\nspheres = "galaxy"\ncount = 9\ncolor = [1, 0, 0]', "unknown key 'color'; known are .*, arms"),
-        ('[[object]]\nspheres = "galaxie"\ncount = 9', "there are no spheres 'galaxie': take one of galaxy"),
+        ('[[object]]\nspheres = "galaxie"\ncount = 9', "there are no spheres 'galaxie': take one of galaxy, weekend"),
     ],
 )  # fmt: skip
 def test_what_an_object_must_not_say_is_named(text, message):

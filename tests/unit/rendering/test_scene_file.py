@@ -12,7 +12,10 @@ from clbvh.rendering.scene import MeshSource, Scene, Transform
 from clbvh.rendering.scene_file import open_scene, read_scene
 from clbvh.support.resources import find_folder
 
-SHIPPED = ("bunny", "demo", "dragon", "drill", "galaxy", "knot", "meadow", "palace", "still-life", "terrain")
+SHIPPED = (
+    "bunny", "cornell", "demo", "dragon", "drill", "galaxy", "knot", "meadow", "palace", "still-life", "terrain",
+    "weekend",
+)  # fmt: skip
 
 WHOLE = """
 [mesh]
@@ -149,7 +152,7 @@ def test_a_missing_scene_file_is_named(tmp_path):
 
 
 def test_a_misspelt_scene_is_told_the_names():
-    with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, demo"):
+    with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, cornell, demo"):
         open_scene("bunni")
 
 
@@ -182,11 +185,29 @@ def test_the_still_life_has_meshes_and_spheres():
     assert {type(geometry.shape) for geometry in scene.geometries} == {Mesh, Spheres}
 
 
-@pytest.mark.parametrize("name", ["meadow", "galaxy", "still-life"])
+@pytest.mark.parametrize("name", ["meadow", "galaxy", "still-life", "cornell", "weekend"])
 def test_a_shipped_scene_of_objects_is_the_same_every_time(name):
     first, second = (open_scene(name).snapshot() for _ in range(2))
     assert first.transforms.tobytes() == second.transforms.tobytes()
     assert [shape.fingerprint for shape in first.shapes] == [shape.fingerprint for shape in second.shapes]
+
+
+def test_the_weekend_has_spheres_of_chalk_metal_and_glass():
+    scene = open_scene("weekend")
+    (geometry,) = scene.geometries
+    assert geometry.shape.prim_count == 480
+    materials = [geometry.shape.appearance.materials[number] for number in geometry.shape.appearance.material_ids]
+    glass, metal = (sum(bool(getattr(each, name)) for each in materials) for name in ("transmission", "metallic"))
+    assert (10 < glass < 50, 40 < metal < 110, 330 < 480 - glass - metal < 420) == (True, True, True)
+    assert scene.aperture > 0
+    assert scene.light.colour == (0, 0, 0)
+
+
+def test_the_cornell_box_has_one_lamp():
+    scene = open_scene("cornell")
+    lamps = [each.name for each in scene.instances if any(each.material.emission)]
+    assert lamps == ["lamp"]
+    assert {geometry.shape.name for geometry in scene.geometries} == {"square", "cube"}
 
 
 def test_the_knot_has_the_size_of_the_dragon():

@@ -1,0 +1,120 @@
+"""`clbvh turntable`: an animation of meshes or of a scene that turn once around."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from . import options, picture_options
+
+if TYPE_CHECKING:
+    from ..rendering.render_options import RenderOptions
+    from ..rendering.scene import Scene
+
+# Those of `clbvh.render_turntable`, repeated because importing them would make `clbvh --help` slow. A test compares
+# them.
+DEFAULT_FRAMES = 72
+DEFAULT_FRAME_RATE = 25.0
+
+
+def turntable(
+    sources: options.Sources,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File of the animation, .mp4 (needs imageio-ffmpeg) or .gif.")
+    ],
+    frames: Annotated[int, typer.Option(help="Pictures of a full turn.")] = DEFAULT_FRAMES,
+    frame_rate: Annotated[float, typer.Option("--fps", help="Pictures shown in a second.")] = DEFAULT_FRAME_RATE,
+    width: options.Width = None,
+    height: options.Height = None,
+    shading: picture_options.Shading = None,
+    up: options.Up = None,
+    cut: options.CutPlane = None,
+    cut_box: options.CutBox = None,
+    background: options.Background = None,
+    camera: options.CameraKind = None,
+    samples: picture_options.Samples = None,
+    seed: picture_options.Seed = None,
+    smooth: picture_options.Smooth = None,
+    ground: picture_options.Ground = None,
+    exposure: picture_options.Exposure = None,
+    tone_curve: picture_options.ToneCurve = None,
+    cache: options.UseCache = False,
+    cache_dir: options.CacheFolder = None,
+    device: options.Device = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Write an animation in which meshes or a scene turn once around."""
+    from ..rendering.formats.animation import check_animation
+    from ..rendering.render_options import RenderOptions
+    from ..rendering.turntable import check_frame_count
+
+    # All input is checked before any work.
+    check_animation(output, frame_rate)
+    check_frame_count(frames)
+    changes: dict[str, Any] = {
+        "width": width,
+        "height": height,
+        "shading": shading,
+        "samples": samples,
+        "seed": seed,
+        "smooth": smooth,
+        "ground": ground,
+        "exposure": exposure,
+        "cut": options.parse_cut(cut, cut_box),
+        "tone_curve": tone_curve,
+        "up": options.parse_vector("--up", up),
+        "background": options.parse_vector("--background", background),
+    }
+    wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
+    scene = options.open_sources(sources)
+    if camera is not None:
+        scene = options.with_camera(scene, camera, None)
+    scene = scene.with_changes(**changes)
+
+    begin = time.perf_counter()
+    _write_with_status(scene, output, wanted, frames, frame_rate)
+    _report(scene, output, frames, frame_rate, time.perf_counter() - begin, as_json)
+
+
+def _write_with_status(scene: Scene, output: Path, wanted: RenderOptions, frames: int, frame_rate: float) -> None:
+    """Write the animation, and show the phase and the time that is left if stderr is a terminal."""
+    from rich.console import Console
+
+    from ..rendering.turntable import render_turntable
+
+    with Console(stderr=True).status("") as status:
+        begin = time.perf_counter()
+
+        def enter(phase: str) -> None:
+            nonlocal begin
+            begin = time.perf_counter()
+            status.update(f"{phase} ...")
+
+        def show(done: int, total: int) -> None:
+            left = (time.perf_counter() - begin) * (total - done) / done
+            status.update(f"render: frame {done} of {total}, about {left:.0f} s left ...")
+
+        render_turntable(scene, output, wanted, frames=frames, frames_per_s=frame_rate, on_frame=show, on_phase=enter)
+
+
+def _report(scene: Scene, output: Path, frames: int, frame_rate: float, spent_s: float, as_json: bool) -> None:
+    if as_json:
+        report = {
+            "width": scene.width,
+            "height": scene.height,
+            "frames": frames,
+            "frames_per_s": frame_rate,
+            "bytes": output.stat().st_size,
+            "files": [str(output)],
+            "timings_ms": {"total": spent_s * 1e3},
+        }
+        print(json.dumps(report, indent=2))
+        return
+    print(
+        f"{output}: {frames:,} frames of {scene.width} x {scene.height}, {frames / frame_rate:,.1f} s, "
+        f"{output.stat().st_size / 1e6:,.1f} MB, made in {spent_s:,.1f} s"
+    )
