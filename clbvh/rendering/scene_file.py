@@ -148,7 +148,9 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     for name in _TABLES:
         if not isinstance(tables.get(name, {}), dict):
             raise SceneError(f"'{name}' must be a table: write [{name}] on a line of its own")
-    mesh, transform, camera, light, environment, image = (TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES)
+    mesh, transform, camera, light, environment, image = (
+        TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES
+    )
 
     materials = read_materials(tables[_MATERIALS], path.parent) if _MATERIALS in tables else NO_MATERIALS
     values: dict[str, Any] = {}

@@ -14,7 +14,7 @@ PIXELS = np.arange(24.0).reshape(2, 4, 3)
 
 
 def write_map(path, pixels=PIXELS):
-    with open(path, "wb") as file:
+    with path.open("wb") as file:
         write_exr(file, {name: pixels[..., index].astype(np.float32) for index, name in enumerate("RGB")})
     return path
 
