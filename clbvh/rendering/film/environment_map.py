@@ -48,6 +48,16 @@ class EnvironmentMap:
     ------
     SceneError
         The name of the file has another suffix, or the array another shape or type, or a pixel that is no light.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import numpy as np
+    >>> sky = np.zeros((32, 64, 3))
+    >>> sky[:16] = (0.6, 0.7, 1.0)
+    >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320), shading="path", environment=sky)
+    >>> scene.environment
+    EnvironmentMap(64 x 32)
     """
 
     path: str | None = None
@@ -65,7 +75,14 @@ class EnvironmentMap:
 
     @cached_property
     def pixels(self) -> NDArray[np.float32]:
-        """(h, w, 3) float32, linear; raises `SceneError` or `ConfigError` if the file has none."""
+        """(h, w, 3) float32, linear; raises `SceneError` or `ConfigError` if the file has none.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.EnvironmentMap([[[1, 2, 3]]]).pixels
+        array([[[1., 2., 3.]]], dtype=float32)
+        """
         assert self.path is not None
         try:
             return _check_pixels(read_environment_map(self.path))
@@ -75,14 +92,28 @@ class EnvironmentMap:
             raise SceneError(f"{self.path}: {error}") from None
 
     def as_plain(self) -> dict[str, Any]:
-        """Return the pixels as JSON takes them: files of saved scenes need no others."""
+        """Return the pixels as JSON takes them: files of saved scenes need no others.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.EnvironmentMap([[[1, 0, 0]]]).as_plain()
+        {'height': 1, 'width': 1, 'pixels': 'AACAPwAAAAAAAAAA'}
+        """
         height, width, _ = self.pixels.shape
         content = base64.b64encode(self.pixels.astype(_STORED_DTYPE).tobytes()).decode()
         return {"height": height, "width": width, "pixels": content}
 
     @classmethod
     def from_plain(cls, value: object) -> EnvironmentMap:
-        """Return the map of `as_plain`; raise `SceneError` for anything else."""
+        """Return the map of `as_plain`; raise `SceneError` for anything else.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.EnvironmentMap.from_plain({"height": 1, "width": 1, "pixels": "AACAPwAAAAAAAAAA"})
+        EnvironmentMap(1 x 1)
+        """
         try:
             height, width, content = value["height"], value["width"], value["pixels"]  # type: ignore[index]
             values = np.frombuffer(base64.b64decode(content, validate=True), _STORED_DTYPE)
