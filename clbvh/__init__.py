@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .rendering.camera import Camera
     from .rendering.contact_sheet import ContactSheet, contact_sheet
     from .rendering.cut import Cut
+    from .rendering.film.environment_map import EnvironmentMap
     from .rendering.images.images import Images
     from .rendering.images.make_images import render_images
     from .rendering.lens import Lens
@@ -104,6 +105,7 @@ _HOME_OF = {
     "Images": "rendering.images.images",
     "Lens": "rendering.lens",
     "Orthographic": "rendering.projection",
+    "EnvironmentMap": "rendering.film.environment_map",
     "Fisheye": "rendering.projection",
     "Panorama": "rendering.projection",
     "Light": "rendering.light",
@@ -177,6 +179,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "Images",
     "Lens",
     "Orthographic",
+    "EnvironmentMap",
     "Fisheye",
     "Panorama",
     "Light",

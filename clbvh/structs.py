@@ -340,6 +340,8 @@ VIEW = np.dtype(
         ("environment_height", np.int32),
         ("environment_right", np.float32, 3),
         ("environment_front", np.float32, 3),
+        # Factor of its light.
+        ("environment_strength", np.float32),
         # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
         ("eye_low", np.float32, 3),
         ("forward_low", np.float32, 3),

@@ -3,10 +3,11 @@
 //
 // lights[light_count]                 light_t in the world's local coordinates
 // light_shares[light_count]           float: sums of the shares of the lights' power up to each, the last one 1
-// environment[3 * width * height]     float: rows of linear red, green, blue from the zenith; empty: a gradient
+// environment[3 * width * height]     float: rows of linear red, green, blue from the zenith; NULL: a gradient
 // environment_rows[height]            float: sums of the shares of its light up to each row, the last one 1
 // environment_columns[width * height] float: the same within each row
 
+#include "film/bsdf.cl"
 #include "film/stage.cl"
 #include "sampling/frame.cl"
 #include "sampling/warps.cl"
@@ -58,13 +59,15 @@ INLINED float source_share(const global view_t *view)
     return count > 0 ? 1.0f / count : 0.0f;
 }
 
-// The place of a direction in the environment: columns and rows from 0 to 1.
-INLINED float2 place_in_environment(const global view_t *view, const float3 direction)
+// The place of a direction in the environment: columns and rows from 0 to 1. `level` gets the length of its horizontal
+// part, the sine of the angle to the zenith, which 1 - y * y would lose near the poles.
+INLINED float2 place_in_environment(const global view_t *view, const float3 direction, float *level)
 {
     const float x = dot_product(direction, load3(view->environment_right));
     const float y = dot_product(direction, load3(view->to_sky));
     const float z = dot_product(direction, load3(view->environment_front));
-    return (float2)(0.5f + arctangent2(x, z) / (2.0f * PI), arccosine(clamp(y, -1.0f, 1.0f)) / PI);
+    *level = sqrt(x * x + z * z);
+    return (float2)(0.5f + arctangent2(x, z) / (2.0f * PI), arctangent2(*level, y) / PI);
 }
 
 INLINED float3 environment_texel(const lights_t *lights, const global view_t *view, const int column, const int row)
@@ -81,7 +84,8 @@ INLINED float3 environment_light(const lights_t *lights, const global view_t *vi
         const float up = 0.5f + 0.5f * dot_product(direction, load3(view->to_sky));
         return blend(load3(view->background_bottom), load3(view->background_top), up);
     }
-    const float2 place = place_in_environment(view, direction);
+    float level;
+    const float2 place = place_in_environment(view, direction, &level);
     const float x = place.x * width - 0.5f;
     const float y = place.y * height - 0.5f;
     const int left = (int)floor(x);
@@ -94,7 +98,19 @@ INLINED float3 environment_light(const lights_t *lights, const global view_t *vi
             (corner & 1 ? x - left : 1.0f - (x - left)) * (corner >> 1 ? y - top : 1.0f - (y - top));
         sum += weight * environment_texel(lights, view, column, row);
     }
-    return sum;
+    return view->environment_strength * sum;
+}
+
+// The density with which sample_light finds a direction in a pixel of the environment; `level` is the sine of its angle
+// to the zenith.
+INLINED float pixel_density(
+    const lights_t *lights, const global view_t *view, const int column, const int row, const float level)
+{
+    const int width = view->environment_width;
+    const int height = view->environment_height;
+    const float share =
+        share_of(lights->environment_rows, row) * share_of(lights->environment_columns + row * width, column);
+    return source_share(view) * share * width * height / (2.0f * PI * PI * larger(level, 1e-6f));
 }
 
 // The density with which sample_light finds a direction of the environment.
@@ -105,14 +121,11 @@ INLINED float environment_density(const lights_t *lights, const global view_t *v
     if (width == 0) {
         return 0.0f;
     }
-    const float2 place = place_in_environment(view, direction);
+    float level;
+    const float2 place = place_in_environment(view, direction, &level);
     const int column = min((int)(place.x * width), width - 1);
     const int row = min((int)(place.y * height), height - 1);
-    const float up = dot_product(direction, load3(view->to_sky));
-    const float level = sqrt(larger(1.0f - up * up, 1e-12f));
-    const float share =
-        share_of(lights->environment_rows, row) * share_of(lights->environment_columns + row * width, column);
-    return source_share(view) * share * width * height / (2.0f * PI * PI * level);
+    return pixel_density(lights, view, column, row, level);
 }
 
 // The density with which sample_light finds a point of an emitting primitive, per solid angle.
@@ -183,7 +196,8 @@ INLINED bool sample_environment(
     found->direction = down.x * around.x * load3(view->environment_right) + down.y * load3(view->to_sky)
         + down.x * around.y * load3(view->environment_front);
     found->distance = INFINITY;
-    found->density = environment_density(lights, view, found->direction);
+    // Rounding may put the direction into the next pixel, but it was drawn from this one.
+    found->density = pixel_density(lights, view, column, row, down.x);
     found->radiance = environment_light(lights, view, found->direction) / found->density;
     return found->density > 0.0f;
 }

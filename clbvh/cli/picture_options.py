@@ -78,6 +78,28 @@ ToneCurve = Annotated[
         rich_help_panel=SAMPLES_PANEL,
     ),
 ]
+Environment = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Light from a panorama, .hdr or .exr. Without --shading, the shading is path.",
+        show_default="the background",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+EnvironmentRotation = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEGREES",
+        help="Turn it about the up direction.",
+        show_default="0",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
+EnvironmentStrength = Annotated[
+    float | None,
+    typer.Option(metavar="FACTOR", help="Of its light.", show_default="1", rich_help_panel=SAMPLES_PANEL),
+]
 MaxBounces = Annotated[
     int | None,
     typer.Option(help="Reflections after which a path ends.", show_default="12", rich_help_panel=SAMPLES_PANEL),

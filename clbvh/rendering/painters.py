@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ..device.session import DeviceSession
 from ..structs import REPORT_SHADINGS
 from ..trace.traced_tree import TracedTree
+from .film.environment_map import EnvironmentMap
+from .film.environment_tables import EnvironmentTables, make_environment_tables
 from .film.light_tables import LightTables, find_lights, make_light_tables
 from .film.look_tables import LookTables, make_look_tables
 from .film.sample_painter import Progress, SamplePainter, SampleShading
@@ -39,6 +41,7 @@ class Painters:
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
         self._shadings: dict[tuple[str, float, bool], SampleShading] = {}
+        self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
         """Return the painter of a picture, and fill what the view says of the light.
@@ -49,6 +52,8 @@ class Painters:
             The device's compiler refuses a kernel.
         DeviceError
             The device has too little memory for the tables.
+        SceneError
+            The file of the environment cannot be read.
         """
         with self._lock:
             if scene.shading in REPORT_SHADINGS:
@@ -60,6 +65,7 @@ class Painters:
                 return self._one_ray[has_cut]
             if scene.shading == "path":
                 self._find_lights(scene).describe(view)
+                return SamplePainter(self._find_shading(scene), progress, self._find_environment(scene, view))
             return SamplePainter(self._find_shading(scene), progress)
 
     def _find_shading(self, scene: Scene) -> SampleShading:
@@ -84,6 +90,18 @@ class Painters:
             shapes, geometry_ids, _ = self._subject.looks()
             self._lights = make_light_tables(shapes, geometry_ids, self._subject.to_local())
         return self._lights
+
+    def _find_environment(self, scene: Scene, view: NDArray[np.void]) -> dict[str, Any]:
+        """Return the environment on the device, where it stays for other pictures; say in the view how it is seen."""
+        if scene.environment is None:
+            return {}
+        if scene.environment not in self._environments:
+            tables = make_environment_tables(scene.environment.pixels)
+            buffers = {name: self._session.upload(array) for name, array in tables.arrays.items()}
+            self._environments[scene.environment] = tables, buffers
+        tables, buffers = self._environments[scene.environment]
+        tables.describe(view, scene)
+        return buffers
 
     def _find_looks(self, scene: Scene) -> tuple[LookTables, dict[str, Any]]:
         angle = float(scene.smooth)

@@ -26,6 +26,7 @@ from ..scene.store import SceneStore
 from ..structs import SHADINGS
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
 from .cut import Cut
+from .film.environment_map import EnvironmentMap, as_environment
 from .film.settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, check_sampling
 from .framing import frame_mesh
 from .light import DEFAULT_LIGHT, Light
@@ -197,6 +198,14 @@ class Scene(SceneContents):
         ``"linear"``, or ``"filmic"``, which keeps bright light from becoming white. None: filmic for ``path``.
     max_bounces : int
         Reflections after which a path of ``path`` ends; 0: light that comes straight from a source.
+    environment : str, path, (h, w, 3) array, or None
+        Light from all around, of ``path``: a panorama as an ``.hdr`` or ``.exr`` file, or as linear colours with the
+        zenith's row first, which becomes an `EnvironmentMap`. Its middle column is along +x, and `up` is up. The
+        directed light then shines only if it has a direction. None: the `background`, from below to above.
+    environment_rotation : float
+        Degrees by which it is turned about the direction upwards, counter-clockwise seen from above.
+    environment_strength : float
+        Factor of its light.
     surface : (3,) float
         Linear colour of the mesh, and of objects without one of their own.
     cut : Cut, or None
@@ -253,6 +262,9 @@ class Scene(SceneContents):
     exposure: float = 0.0
     tone_curve: str | None = None
     max_bounces: int = DEFAULT_BOUNCES
+    environment: EnvironmentMap | None = None
+    environment_rotation: float = 0.0
+    environment_strength: float = 1.0
     cut: Cut | None = None
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
@@ -270,6 +282,7 @@ class Scene(SceneContents):
             if isinstance(side, bool) or not isinstance(side, Integral) or not 1 <= side <= MAX_SIDE:
                 raise SceneError(f"the {name} must be 1 to {MAX_SIDE} pixels, not {side}")
         check_sampling(self)
+        object.__setattr__(self, "environment", as_environment(self.environment))
         check_fov(self.fov)
         check_projection(self.projection)
         check_focus(self.projection, self.aperture, self.focus_distance)
@@ -410,8 +423,9 @@ class Scene(SceneContents):
         >>> folder.cleanup()
         """
         values = self._settings() | {"projection": as_named(self.projection)}
-        settings = {name: as_plain(value) for name, value in values.items() if name != "mesh"}
-        write_scene(path, self.snapshot(), settings | {"mesh": self.mesh is not None})
+        settings = {name: as_plain(value) for name, value in values.items() if name not in ("mesh", "environment")}
+        environment = None if self.environment is None else self.environment.as_plain()
+        write_scene(path, self.snapshot(), settings | {"mesh": self.mesh is not None, "environment": environment})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Scene:
@@ -446,6 +460,8 @@ class Scene(SceneContents):
         """Return the scene of a file; the settings are a dict, and nothing else of them is checked yet."""
         values = {name: as_setting(value) for name, value in settings.items()}
         values["projection"] = from_named(values.get("projection"))
+        if values.get("environment") is not None:
+            values["environment"] = EnvironmentMap.from_plain(values["environment"])
         if values.get("cut") is not None:
             values["cut"] = _make(Cut, get_item(values, "cut", dict))
         values["light"] = _make(Light, get_item(values, "light", dict))

@@ -26,7 +26,7 @@ from .vectors import Vector
 SCENE_SUFFIX = ".toml"
 
 _OBJECTS, _MATERIALS = "object", "material"
-_TABLES = ("mesh", "transform", "camera", "light", "image")
+_TABLES = ("mesh", "transform", "camera", "light", "environment", "image")
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
 
@@ -148,7 +148,9 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     for name in _TABLES:
         if not isinstance(tables.get(name, {}), dict):
             raise SceneError(f"'{name}' must be a table: write [{name}] on a line of its own")
-    mesh, transform, camera, light, image = (TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES)
+    mesh, transform, camera, light, environment, image = (
+        TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES
+    )
 
     materials = read_materials(tables[_MATERIALS], path.parent) if _MATERIALS in tables else NO_MATERIALS
     values: dict[str, Any] = {}
@@ -188,16 +190,27 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         "exposure": image.number("exposure"),
         "tone_curve": image.text("tone_curve"),
         "max_bounces": image.integer("max_bounces"),
+        **_read_environment(environment, path.parent),
         "surface": image.vector("surface"),
         "background": image.gradient("background"),
         "width": image.integer("width"),
         "height": image.integer("height"),
     }
-    for table in (transform, camera, light, image):
+    for table in (transform, camera, light, environment, image):
         table.refuse_rest()
     if values["projection"] is not None and values["fov"] is not None:
         raise SceneError("[camera] fov is that of a perspective camera: take it out, or the kind")
     return SceneFile(path, Scene(**given(**values)), objects)
+
+
+def _read_environment(environment: TomlTable, folder: Path) -> dict[str, Any]:
+    """Return the settings of the environment; None for those that are missing."""
+    path = environment.text("path")
+    return {
+        "environment": None if path is None else str(folder / path),
+        "environment_rotation": environment.number("rotation"),
+        "environment_strength": environment.number("strength"),
+    }
 
 
 def _read_cut(camera: TomlTable) -> Cut | None:

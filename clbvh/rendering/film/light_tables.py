@@ -18,7 +18,7 @@ from ...geometry.spheres import Spheres
 from ...structs import LIGHT
 
 # Weights of linear red, green and blue in the luminance (ITU-R BT.709).
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 # Spheres that a map stretches by more than this share are no lights that paths draw, as their area is not a sphere's.
 _MOST_STRETCH = 1e-4
@@ -123,7 +123,7 @@ def make_light_tables(
     lights = np.concatenate(rows) if rows else np.zeros(0, LIGHT)
     if len(lights) > _MOST_LIGHTS:
         raise SceneError(f"{len(lights):,} primitives emit light, and there is room for {_MOST_LIGHTS:,}")
-    powers = (np.concatenate(areas) if areas else np.zeros(0)) * (lights["emission"].astype(np.float64) @ _LUMINANCE)
+    powers = (np.concatenate(areas) if areas else np.zeros(0)) * (lights["emission"].astype(np.float64) @ LUMINANCE)
     power = float(powers.sum())
     shares = np.cumsum(powers) / power if power > 0 else np.zeros(0)
     if power > 0:

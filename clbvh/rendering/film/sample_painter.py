@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -116,10 +117,14 @@ class SamplePainter:
     ----------
     shading : SampleShading
     progress : Progress
+    arguments : mapping of str to argument
+        Of this picture alone: the environment.
     """
 
-    def __init__(self, shading: SampleShading, progress: Progress) -> None:
-        self._shading, self._progress = shading, progress
+    def __init__(
+        self, shading: SampleShading, progress: Progress, arguments: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        self._shading, self._progress, self._arguments = shading, progress, arguments
         self._begin = time.perf_counter()
 
     def paint(self, band: Band) -> None:
@@ -127,7 +132,7 @@ class SamplePainter:
         shading, session = self._shading, band.session
         pixel_count = band.width * band.row_count
         film = band.memory.buffer("film", for_mapping=False).take(pixel_count * _FILM_DTYPE.itemsize)
-        arguments = {**shading.arguments, **band.rows, **shading.entry_points.find(band)}
+        arguments = {**shading.arguments, **self._arguments, **band.rows, **shading.entry_points.find(band)}
         taken = self._take_samples(band, film, arguments)
         session.run(
             shading.develop, (band.width, band.row_count), shading.tile,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import SceneError
 from ...structs import REPORT_SHADINGS, TONE_CURVES
+from ..finite_number import is_finite_number
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -25,6 +26,9 @@ _MAX_BOUNCES = 1000
 # Light of 2^100 times the usual strength is still a float32.
 _MAX_EXPOSURE = 100.0
 
+# With the brightest pixels of an environment, still a float32.
+_MAX_STRENGTH = 1e10
+
 
 def check_sampling(scene: Scene) -> None:
     """Raise `SceneError` for a setting that is out of range."""
@@ -39,6 +43,9 @@ def check_sampling(scene: Scene) -> None:
     _check_integer("max_bounces", scene.max_bounces, 0, _MAX_BOUNCES)
     _check_number("smooth", scene.smooth, 0.0, 180.0)
     _check_number("exposure", scene.exposure, -_MAX_EXPOSURE, _MAX_EXPOSURE)
+    _check_number("environment_strength", scene.environment_strength, 0.0, _MAX_STRENGTH)
+    if not is_finite_number(scene.environment_rotation):
+        raise SceneError(f"environment_rotation must be a finite number of degrees, not {scene.environment_rotation!r}")
     for name in ("ground", "transparent"):
         if not isinstance(getattr(scene, name), bool):
             raise SceneError(f"{name} must be True or False, not {getattr(scene, name)!r}")

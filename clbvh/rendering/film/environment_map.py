@@ -1,0 +1,178 @@
+"""The environment of a scene: a panorama of linear light, from a file or from an array.
+
+Owns the checks of the pixels and the form in saved scenes; `environment_tables.py` makes what the device takes.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import os
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import SceneError
+from ..formats.environment_map import ENVIRONMENT_SUFFIXES, read_environment_map
+
+# 16384 x 8192: indices of three channels are int32 on the device, and float32 tells columns and rows apart.
+_MAX_PIXELS = 2**27
+_MAX_SIDE = 2**16
+
+# Sums of brighter light over many samples would leave float32.
+_MAX_LIGHT = 1e20
+
+# Pixels by which maps in memory are told apart before all of them are compared.
+_HASHED_PIXELS = 64
+
+_STORED_DTYPE = np.dtype("<f4")
+
+
+class EnvironmentMap:
+    """A panorama of the light around all objects, read when it is first needed; values, compared by what they hold.
+
+    Parameters
+    ----------
+    source : str, path or (h, w, 3) array
+        A file, ``.hdr`` or ``.exr``, or linear red, green and blue, 0 or more; row 0 is the zenith's.
+
+    Attributes
+    ----------
+    path : str, or None
+        Of the file.
+
+    Raises
+    ------
+    SceneError
+        The name of the file has another suffix, or the array another shape or type, or a pixel that is no light.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import numpy as np
+    >>> sky = np.zeros((32, 64, 3))
+    >>> sky[:16] = (0.6, 0.7, 1.0)
+    >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320), shading="path", environment=sky)
+    >>> scene.environment
+    EnvironmentMap(64 x 32)
+    """
+
+    path: str | None = None
+
+    def __init__(self, source: Any) -> None:
+        if isinstance(source, str | os.PathLike):
+            self.path = os.fsdecode(source)
+            if Path(self.path).suffix.lower() not in ENVIRONMENT_SUFFIXES:
+                raise SceneError(
+                    f"the environment must be a file whose name ends in {' or '.join(ENVIRONMENT_SUFFIXES)}, "
+                    f"not {self.path!r}"
+                )
+        else:
+            self.pixels = _check_pixels(source)
+
+    @cached_property
+    def pixels(self) -> NDArray[np.float32]:
+        """(h, w, 3) float32, linear; raises `SceneError` or `ConfigError` if the file has none.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.EnvironmentMap([[[1, 2, 3]]]).pixels
+        array([[[1., 2., 3.]]], dtype=float32)
+        """
+        assert self.path is not None
+        try:
+            return _check_pixels(read_environment_map(self.path))
+        except SceneError as error:
+            if str(error).startswith(self.path):
+                raise
+            raise SceneError(f"{self.path}: {error}") from None
+
+    def as_plain(self) -> dict[str, Any]:
+        """Return the pixels as JSON takes them: files of saved scenes need no others.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.EnvironmentMap([[[1, 0, 0]]]).as_plain()
+        {'height': 1, 'width': 1, 'pixels': 'AACAPwAAAAAAAAAA'}
+        """
+        height, width, _ = self.pixels.shape
+        content = base64.b64encode(self.pixels.astype(_STORED_DTYPE).tobytes()).decode()
+        return {"height": height, "width": width, "pixels": content}
+
+    @classmethod
+    def from_plain(cls, value: object) -> EnvironmentMap:
+        """Return the map of `as_plain`; raise `SceneError` for anything else.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.EnvironmentMap.from_plain({"height": 1, "width": 1, "pixels": "AACAPwAAAAAAAAAA"})
+        EnvironmentMap(1 x 1)
+        """
+        try:
+            height, width, content = value["height"], value["width"], value["pixels"]  # type: ignore[index]
+            values = np.frombuffer(base64.b64decode(content, validate=True), _STORED_DTYPE)
+            return cls(values.astype(np.float32).reshape(height, width, 3))
+        except (KeyError, TypeError, ValueError, binascii.Error) as error:
+            raise SceneError(f"its environment is no map of light: {error}") from error
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, EnvironmentMap):
+            return NotImplemented
+        if self is other:
+            return True
+        if self.path is not None or other.path is not None:
+            return self.path == other.path
+        return np.array_equal(self.pixels, other.pixels)
+
+    def __hash__(self) -> int:
+        if self.path is not None:
+            return hash(self.path)
+        pixels = self.pixels.reshape(-1, 3)
+        return hash((self.pixels.shape, pixels[:: max(1, len(pixels) // _HASHED_PIXELS)].tobytes()))
+
+    def __repr__(self) -> str:
+        if self.path is not None:
+            return f"EnvironmentMap({self.path!r})"
+        height, width, _ = self.pixels.shape
+        return f"EnvironmentMap({width} x {height})"
+
+
+def as_environment(source: Any) -> EnvironmentMap | None:
+    """Return the environment of a setting: a map, what a map is made from, or None."""
+    return source if source is None or isinstance(source, EnvironmentMap) else EnvironmentMap(source)
+
+
+def _check_pixels(source: Any) -> NDArray[np.float32]:
+    """Return a read-only copy of an array as float32."""
+    try:
+        given = np.asarray(source)
+    except ValueError as error:  # rows of different lengths
+        raise SceneError(f"the environment must be a path or an (h, w, 3) array of numbers: {error}") from error
+    if given.ndim != 3 or given.shape[2] != 3 or given.dtype.kind not in "iuf" or given.size == 0:
+        raise SceneError(
+            "the environment must be a path or an (h, w, 3) array of numbers, "
+            f"not an array of {given.dtype} of shape {given.shape}"
+        )
+    height, width, _ = given.shape
+    if height * width > _MAX_PIXELS or max(height, width) > _MAX_SIDE:
+        raise SceneError(
+            f"the environment has {width:,} x {height:,} pixels, and there is room for {_MAX_PIXELS:,}, "
+            f"{_MAX_SIDE:,} on a side: make it smaller"
+        )
+    is_light = (given >= 0) & (given <= _MAX_LIGHT)  # False for NaN
+    if not is_light.all():
+        row, column, channel = (int(index) for index in np.argwhere(~is_light)[0])
+        raise SceneError(
+            f"the environment's light must be finite, from 0 to {_MAX_LIGHT:g}, "
+            f"but the {('red', 'green', 'blue')[channel]} at row {row}, column {column} is "
+            f"{given[row, column, channel]}"
+        )
+    pixels = np.array(given, np.float32, order="C")
+    pixels.flags.writeable = False
+    return pixels
