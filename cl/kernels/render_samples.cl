@@ -14,6 +14,10 @@
 // Work-items: (width, row_count), rounded up to tiles. The samples of a pixel are added one by one, in the order of
 // their numbers, so that the film does not depend on bands or on how many samples a launch takes.
 
+#ifndef SHADING
+#define SHADING SHADE_STUDIO
+#endif
+
 // keep: files that several shadings include are expanded before the branches
 #include "film/ground.cl"
 #include "film/openness.cl"

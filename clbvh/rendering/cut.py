@@ -110,8 +110,9 @@ class Cut:
         Examples
         --------
         >>> import clbvh
-        >>> clbvh.Cut.box((0, 0, 0), (1, 2, 3)).ranges([0.5, 0.5, 10], [0, 0, -2])
-        (array(3.5), array(5.))
+        >>> begin, end = clbvh.Cut.box((0, 0, 0), (1, 2, 3)).ranges([0.5, 0.5, 10], [0, 0, -2])
+        >>> float(begin), float(end)
+        (3.5, 5.0)
         """
         origins, directions = np.asarray(origins, np.float64), np.asarray(directions, np.float64)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -134,7 +135,16 @@ class Cut:
     def limit(
         self, t: NDArray[np.float64], origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return t of hits, moved out of the cut by what the device has rounded; misses stay infinite."""
+        """Return t of hits, moved out of the cut by what the device has rounded; misses stay infinite.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import numpy as np
+        >>> cut = clbvh.Cut.box((0, 0, 0), (1, 2, 3))
+        >>> float(cut.limit(np.array(3.5000001), np.array([0.5, 0.5, 10]), np.array([0, 0, -2])))
+        3.5
+        """
         begin, end = self.ranges(origins, directions)
         with np.errstate(invalid="ignore"):
             is_before = (begin >= 0) & (t - begin <= end - t)

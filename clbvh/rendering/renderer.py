@@ -399,8 +399,8 @@ class Renderer(ContextManager):
         >>> import clbvh
         >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
         ...     cameras = renderer.orthographic_views(["front", "top"])
-        >>> cameras["top"].up
-        (0.0, 0.0, -1.0)
+        >>> cameras["front"].up
+        (0.0, 1.0, 0.0)
         """
         scene = self.scene.with_changes(width=width, height=height, up=up)
         aspect = scene.width / scene.height

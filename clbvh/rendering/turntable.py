@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from numbers import Integral
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..errors import ConfigError
@@ -91,11 +95,11 @@ def render_turntable(
     # A tree is not built again; its scene has the default settings.
     opaque = source if isinstance(source, Bvh) else as_scene(source).with_changes(transparent=False)
     with Renderer(opaque, options, on_phase=on_phase) as renderer:
-        size = {"width": width, "height": height}
+        size: dict[str, Any] = {"width": width, "height": height}
         cameras = renderer.turntable(frames, up=up, **size)
         on_phase("render")
 
-        def draw_frames():  # type: ignore[no-untyped-def] # a generator of arrays
+        def draw_frames() -> Iterator[NDArray[np.uint8]]:
             for number, camera in enumerate(cameras):
                 yield renderer.render(camera=camera, shading=shading, samples=samples, **size).rgb
                 on_frame(number + 1, frames)

@@ -118,6 +118,11 @@ def run_command(command, snippet):
     assert answer.returncode == 0, f"{snippet}: {command}\n{answer.stderr}"
 
 
+def list_options(parameters):
+    """Return the names of options, also those that switch one off."""
+    return {option for parameter in parameters for option in (*parameter.opts, *parameter.secondary_opts)}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_commands_have_these_options(page):
     lines = [line for snippet in find_snippets(page) for line in list_commands(snippet)]
@@ -126,10 +131,10 @@ def test_commands_have_these_options(page):
     for line in commands:
         words = replace_placeholders(line)[1:]
         if not words or words[0].startswith("-"):
-            known = {option for parameter in group.params for option in parameter.opts} | {"--help", "-h"}
+            known = list_options(group.params) | {"--help", "-h"}
         else:
             assert words[0] in group.commands, f"{name(page)}: there is no `{line}`"
-            known = {option for parameter in group.commands[words[0]].params for option in parameter.opts} | {"--help"}
+            known = list_options(group.commands[words[0]].params) | {"--help"}
         for word in words:
             if word.startswith("--") or re.fullmatch("-[a-zA-Z]", word):
                 assert word.split("=")[0] in known, f"{name(page)}: `{line}` has no such option"
