@@ -97,6 +97,7 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
             tracer.hits_by_depth(origins, directions)
             tracer.hits_by_depth(origins, directions, with_locations=True)
             tracer.closest_point(origins)
+            tracer.closest_point(origins, instance=instances[0])
             tracer.contains(origins)
             tracer.signed_distance(origins)
             tracer.ambient_occlusion(origins, directions, rays=1)
@@ -142,7 +143,8 @@ def use_trimesh(device: DeviceInfo) -> None:
 
 
 def draw(device: DeviceInfo, layout: str, *, validate: bool = False, builder: str = DEFAULT_BUILDER) -> None:
-    """Render a small picture, and find its hits in float64."""
+    """Render small pictures, and find their hits in float64."""
     scene = Scene(MeshSource(shape="knot", triangles=TRIANGLES), width=_PICTURE[1], height=_PICTURE[0])
-    picture = render(scene, RenderOptions(builder=builder, device=device, layout=layout, validate=validate))
-    picture.hits  # noqa: B018 - computed when they are asked for
+    options = RenderOptions(builder=builder, device=device, layout=layout, validate=validate)
+    for shading in ("studio", "lambert"):
+        render(scene, options, shading=shading).hits  # noqa: B018 - computed when they are asked for

@@ -18,6 +18,7 @@ import trimesh
 
 from clbvh.cli.warmup import _print_report
 from clbvh.device.select import list_devices
+from clbvh.structs import SHADINGS
 from clbvh.warmup.warm_up import WarmStep
 
 from ..docs.snippets import PAGES, find_snippets, list_commands
@@ -100,10 +101,15 @@ def folder(tmp_path):
     return tmp_path
 
 
+# Kernels of pictures that are compiled when they are first asked for, by their options: paths, cuts and holes.
+ASKED_FOR = (f"-DSHADING={SHADINGS['path']}'", "-DHAS_CUT=1'", "-DHAS_CUTOUTS=1'")
+
+
 def check(warmed, folder, tasks):
     code, _ = run_spied(folder, tasks)
     assert code["versions"]
-    assert set(code["versions"]) - warmed[0] == set()
+    missing = set(code["versions"]) - warmed[0]
+    assert {version for version in missing if not any(option in version for option in ASKED_FOR)} == set()
     assert code["compiled"] == []
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import qmc
 
 SAMPLES = (np.float32, (6,))
 BITS = (np.uint32, (4,))
@@ -117,11 +116,12 @@ def test_bits_are_those_of_numpy(draw):
 def test_the_second_dimension_is_that_of_sobol(draw):
     indices = np.arange(1 << 12)
     _, bits = draw(0, 0, 0, indices)
-    expected = qmc.Sobol(2, scramble=False, bits=32).random(len(indices))
-    # The points come in the order of a Gray code.
-    gray_code = indices ^ (indices >> 1)
-    np.testing.assert_array_equal(reverse_bits(bits[gray_code, 2]) / 2**32, expected[:, 1])
-    np.testing.assert_array_equal(reverse_bits(gray_code.astype(np.uint32)) / 2**32, expected[:, 0])
+    # The direction numbers of the primitive polynomial x + 1 (Sobol, 1967): m becomes 2 m ^ m.
+    expected, number = np.zeros(len(indices), np.uint32), 1
+    for bit in range(12):
+        expected ^= np.where(indices >> bit & 1, np.uint32(number << (31 - bit)), np.uint32(0))
+        number ^= 2 * number
+    np.testing.assert_array_equal(reverse_bits(bits[:, 2]), expected)
 
 
 def test_a_scrambled_bit_depends_on_those_above_it_and_on_itself_alone(draw):

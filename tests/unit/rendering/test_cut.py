@@ -131,9 +131,8 @@ def test_hits_are_those_of_rays_with_the_same_limits(renderer, tracer, shading, 
     assert check_pixels(picture).validated_pixels > 100
 
 
+@pytest.mark.parametrize("renderer", ["scene"], indirect=True)
 def test_a_cut_opens_a_room(renderer):
-    if renderer.mesh is not None:
-        pytest.skip("this mesh is no room")
     camera = CAMERAS["perspective"]
     closed = renderer.render(camera=camera, width=WIDTH, height=HEIGHT, shading="normal").hits
     for cut in (Cut.plane((0, 0, 0.5), (0, 0, 1)), Cut.box((-2, -2, 0.5), (2, 2, 2))):
