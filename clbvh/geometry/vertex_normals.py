@@ -31,8 +31,8 @@ def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32],
     scale : float
         A power of two that brings the mesh to a size of about 1.
     """
-    point_ids, point_count = find_points(vertices)
-    sums = np.zeros((point_count, 4))
+    first, point_ids = find_points(vertices)
+    sums = np.zeros((len(first), 4))
     _add_normals(vertices, faces, scale, point_ids, sums)
     _normalize(sums)
     return sums[point_ids, :3]
