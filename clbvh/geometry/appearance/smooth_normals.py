@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...errors import ConfigError
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
+from ..corners import measure_corner
 from ..mesh import Mesh
 from ..vertex_faces import find_vertex_faces
 
@@ -96,25 +97,10 @@ def _find_faces(vertices, faces, scale, begin, end, normals, angles):
     """Write the unit normals of some faces, zero without an area, and the angles at their corners."""
     for face in range(begin, end):
         for corner in range(3):
-            own, following, last = faces[face, corner], faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
-            ux = (vertices[following, 0] - vertices[own, 0]) * scale
-            uy = (vertices[following, 1] - vertices[own, 1]) * scale
-            uz = (vertices[following, 2] - vertices[own, 2]) * scale
-            vx = (vertices[last, 0] - vertices[own, 0]) * scale
-            vy = (vertices[last, 1] - vertices[own, 1]) * scale
-            vz = (vertices[last, 2] - vertices[own, 2]) * scale
-            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-            largest = max(abs(nx), abs(ny), abs(nz))
-            if largest == 0.0:
-                normals[face, 0], normals[face, 1], normals[face, 2] = 0.0, 0.0, 0.0
-                angles[face, 0], angles[face, 1], angles[face, 2] = 0.0, 0.0, 0.0
-                break
-            # Divided by the largest component first: the squares of a small triangle's normal could underflow.
-            nx, ny, nz = nx / largest, ny / largest, nz / largest
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-            angles[face, corner] = math.atan2(length * largest, ux * vx + uy * vy + uz * vz)
+            nx, ny, nz, length, angles[face, corner] = measure_corner(vertices, faces, scale, face, corner)
             if corner == 0:
-                normals[face, 0], normals[face, 1], normals[face, 2] = nx / length, ny / length, nz / length
+                unit = 1.0 if length == 0.0 else length
+                normals[face, 0], normals[face, 1], normals[face, 2] = nx / unit, ny / unit, nz / unit
 
 
 @compiled(error_model="numpy")
