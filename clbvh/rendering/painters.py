@@ -37,10 +37,10 @@ class Painters:
     def __init__(self, session: DeviceSession, tree: TracedTree, subject: MeshSubject | SceneSubject) -> None:
         self._session, self._tree, self._subject = session, tree, subject
         self._lock = threading.Lock()
-        self._one_ray: dict[bool, OneRayPainter] = {}  # by whether there is a cut
+        self._one_ray: dict[tuple[bool, bool], OneRayPainter] = {}  # by `_parts_of`
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[str, float, bool], SampleShading] = {}
+        self._shadings: dict[tuple[str, float, bool, bool], SampleShading] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
@@ -57,19 +57,22 @@ class Painters:
         """
         with self._lock:
             if scene.shading in REPORT_SHADINGS:
-                has_cut = scene.cut is not None
-                if has_cut not in self._one_ray:
+                key = has_cut, has_wireframe = _parts_of(scene)
+                if key not in self._one_ray:
                     *_, colours = self._subject.looks()
-                    self._one_ray[has_cut] = OneRayPainter(self._session, self._tree, colours=colours, has_cut=has_cut)
+                    self._one_ray[key] = OneRayPainter(
+                        self._session, self._tree, colours=colours, has_cut=has_cut, has_wireframe=has_wireframe
+                    )
                 progress.taken = 1
-                return self._one_ray[has_cut]
+                return self._one_ray[key]
             if scene.shading == "path":
                 self._find_lights(scene).describe(view)
                 return SamplePainter(self._find_shading(scene), progress, self._find_environment(scene, view))
             return SamplePainter(self._find_shading(scene), progress)
 
     def _find_shading(self, scene: Scene) -> SampleShading:
-        key = scene.shading, float(scene.smooth), scene.cut is not None
+        has_cut, has_wireframe = _parts_of(scene)
+        key = scene.shading, float(scene.smooth), has_cut, has_wireframe
         if key not in self._shadings:
             tables, buffers = self._find_looks(scene)
             if scene.shading == "path":
@@ -81,7 +84,8 @@ class Painters:
                 scene.shading,
                 buffers,
                 has_cutouts=tables.has_cutouts,
-                has_cut=scene.cut is not None,
+                has_cut=has_cut,
+                has_wireframe=has_wireframe,
             )
         return self._shadings[key]
 
@@ -110,3 +114,8 @@ class Painters:
             tables = make_look_tables(*looks, find_lights(*looks[:2], self._subject.to_local()), angle)
             self._looks[angle] = tables, tables.upload(self._session)
         return self._looks[angle]
+
+
+def _parts_of(scene: Scene) -> tuple[bool, bool]:
+    """Return which parts of kernels a picture needs: whether there is a cut, and whether there are lines."""
+    return scene.cut is not None, scene.wireframe is not None

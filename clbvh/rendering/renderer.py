@@ -48,6 +48,7 @@ from .standard_views import STANDARD_VIEWS
 from .timings import list_picture_ms, list_setup_ms
 from .vectors import Vector
 from .view import sky_direction
+from .wireframe import Wireframe
 
 # Four channels of float32.
 _FILM_BYTES = 16
@@ -169,6 +170,7 @@ class Renderer(ContextManager):
         surface: Vector | None = None,
         background: Vector | tuple[Vector, Vector] | None = None,
         cut: Cut | None = None,
+        wireframe: Wireframe | None = None,
         samples: int | None = None,
         time_limit_s: float | None = None,
         on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -196,6 +198,8 @@ class Renderer(ContextManager):
             Linear colour, or the colours at the top and at the bottom.
         cut : Cut, optional
             A part of the world that the camera does not see.
+        wireframe : Wireframe, optional
+            Lines along the edges of triangles.
         samples : int, optional
             Of each pixel; see `Scene.samples`.
         time_limit_s : float, optional
@@ -251,6 +255,7 @@ class Renderer(ContextManager):
             surface=surface,
             background=background,
             cut=cut,
+            wireframe=wireframe,
             samples=samples,
         )
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)

@@ -36,6 +36,7 @@ from .projection import Fisheye, Orthographic, Panorama, as_named, check_project
 from .standard_views import check_view
 from .vectors import Vector, check_vector, is_vector
 from .wide_framing import look_from
+from .wireframe import Wireframe
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -43,7 +44,7 @@ DEFAULT_SHADING = "studio"
 
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
-_Settings = TypeVar("_Settings", Cut, "Light", "Transform", "Scene")
+_Settings = TypeVar("_Settings", Cut, Wireframe, "Light", "Transform", "Scene")
 
 
 @dataclass(frozen=True)
@@ -210,6 +211,8 @@ class Scene(SceneContents):
         Linear colour of the mesh, and of objects without one of their own.
     cut : Cut, or None
         A part of the world that the camera does not see.
+    wireframe : Wireframe, or None
+        Lines along the edges of triangles.
     background : pair of (3,) float
         Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int
@@ -266,6 +269,7 @@ class Scene(SceneContents):
     environment_rotation: float = 0.0
     environment_strength: float = 1.0
     cut: Cut | None = None
+    wireframe: Wireframe | None = None
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
     width: int = DEFAULT_WIDTH
@@ -297,6 +301,8 @@ class Scene(SceneContents):
                 check_vector(f"the camera's {name}", getattr(self, name))
         if self.cut is not None and not isinstance(self.cut, Cut):
             raise SceneError(f"the cut must be a clbvh.Cut, not {self.cut!r}")
+        if self.wireframe is not None and not isinstance(self.wireframe, Wireframe):
+            raise SceneError(f"the wireframe must be a clbvh.Wireframe, not {self.wireframe!r}")
         check_vector("the surface colour", self.surface)
         if is_vector(self.background):
             object.__setattr__(self, "background", (self.background, self.background))
@@ -464,6 +470,8 @@ class Scene(SceneContents):
             values["environment"] = EnvironmentMap.from_plain(values["environment"])
         if values.get("cut") is not None:
             values["cut"] = _make(Cut, get_item(values, "cut", dict))
+        if values.get("wireframe") is not None:
+            values["wireframe"] = _make(Wireframe, get_item(values, "wireframe", dict))
         values["light"] = _make(Light, get_item(values, "light", dict))
         values["transform"] = _make(Transform, get_item(values, "transform", dict))
         first = None

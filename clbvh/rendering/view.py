@@ -15,6 +15,7 @@ from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
 from .scene import Scene
 from .view_projection import set_projection
+from .wireframe import set_wireframe
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
@@ -98,6 +99,8 @@ def make_view(
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
     if scene.cut is not None:
         set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
+    if scene.wireframe is not None:
+        set_wireframe(view, scene.wireframe, scene)
     view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
 
