@@ -53,7 +53,7 @@ INLINED float4 find_path_sample(
     float covered = 1.0f;
 
     for (int bounce = 0;; bounce++) {
-        ray_hits_t found;
+        ray_hits_t found = make_ray_hits();
         shown_t shown;
         const float3 direction = ray.direction;
         const bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &found);
