@@ -46,12 +46,12 @@ def find_strays(
     >>> np.flatnonzero(find_strays(corners, corners + 0.1, np.ones(200), np.ones(200)))
     array([7])
     """
-    lower, upper = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
+    begins, ends = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
     limits = MOST_SHARE * np.array([counts.sum(), areas.sum()])
     weights = np.stack((counts, areas), axis=1).astype(np.float64)
     kept = np.arange(len(lower))
     for _ in range(_MOST_ROUNDS):
-        strays = _find_farthest(lower[kept], upper[kept], weights[kept], limits)
+        strays = _find_farthest(begins[kept], ends[kept], weights[kept], limits)
         if strays is None:
             break
         limits = limits - weights[kept[strays]].sum(axis=0)

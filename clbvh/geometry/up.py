@@ -80,7 +80,11 @@ def find_up(source_format: str, mesh: Mesh) -> Up:
 
 def guess_up(mesh: Mesh, source_format: str = "") -> Up:
     """Return the direction that is probably up in a mesh whose format has no rule; see `find_up`."""
-    points = _sample(mesh)
+    return guess_up_of_points(sample_points(mesh), source_format)
+
+
+def guess_up_of_points(points: NDArray[np.float64], source_format: str = "") -> Up:
+    """Return the direction that is probably up in points on a surface, (n, 3)."""
     lower, upper = np.quantile(points, [_STRAYS, 1 - _STRAYS], axis=0)
     sides = upper - lower
     for axis in (_Z, _Y):
@@ -101,9 +105,9 @@ def _say(axis: int, reason: str) -> Up:
     return Up(_UPS[axis], f"{_NAMES[axis]} is up: {reason}")
 
 
-def _sample(mesh: Mesh) -> NDArray[np.float64]:
-    """Return the corners of some faces, (n, 3), spread evenly over the list of faces."""
-    step = -(-mesh.face_count // _MAX_TRIANGLES)
+def sample_points(mesh: Mesh, most: int = _MAX_TRIANGLES) -> NDArray[np.float64]:
+    """Return the corners of at most so many faces, (n, 3) in local units, spread evenly over the list of faces."""
+    step = -(-mesh.face_count // most)
     return mesh.local_vertices[mesh.faces[::step].ravel()].astype(np.float64)
 
 

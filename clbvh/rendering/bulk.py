@@ -62,7 +62,7 @@ def _bulk_of_mesh(mesh: Mesh) -> Bulk:
         return Bulk(mesh, None)
     count = int(np.count_nonzero(is_stray))
     # Vertices without triangles are not framed, and nobody misses them.
-    return Bulk(_without(mesh, is_stray), _describe(count, mesh.face_count, "triangle") if count else None)
+    return Bulk(_mesh_without(mesh, is_stray), _describe(count, mesh.face_count, "triangle") if count else None)
 
 
 def _bulk_of_scene(extent: SceneExtent) -> Bulk:
@@ -158,8 +158,12 @@ def _without(shape: Shape, is_stray: NDArray[np.bool_]) -> Shape:
     """Return a shape without strays, and without vertices that no other face uses."""
     if not isinstance(shape, Mesh):
         return Spheres(shape.centres[~is_stray], shape.radii[~is_stray], name=shape.name)
-    vertices, faces = np.unique(shape.faces[~is_stray], return_inverse=True)
-    return Mesh.from_arrays(shape.vertices[vertices], faces.reshape(-1, 3), name=shape.name)
+    return _mesh_without(shape, is_stray)
+
+
+def _mesh_without(mesh: Mesh, is_stray: NDArray[np.bool_]) -> Mesh:
+    vertices, faces = np.unique(mesh.faces[~is_stray], return_inverse=True)
+    return Mesh.from_arrays(mesh.vertices[vertices], faces.reshape(-1, 3), name=mesh.name)
 
 
 def _box_of(shape: Shape) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import math
 import os
 from dataclasses import dataclass, field
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
+from .bulk import find_bulk
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
 from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
@@ -34,6 +35,7 @@ from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .standard_views import check_view
+from .upright import AUTO, find_upright
 from .vectors import Vector, check_vector, is_vector
 from .wide_framing import look_from
 from .wireframe import Wireframe
@@ -41,6 +43,8 @@ from .wireframe import Wireframe
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
 DEFAULT_SHADING = "studio"
+
+FRAMES = (AUTO, "all")
 
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
@@ -168,8 +172,12 @@ class Scene(SceneContents):
         Of `mesh`.
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh, or all objects, are visible.
-    up : (3,) float
-        The direction that is up in the picture.
+    up : (3,) float, or "auto"
+        The direction that is up in the picture. ``"auto"``: y or z, guessed from the shape when it is loaded; `open_scene`
+        of a mesh file has it so, but glTF's rule is y. `Picture.notes` says what was guessed.
+    frame : str
+        What a camera without an eye shows: ``"auto"``, all but a few small parts far away from everything else, or
+        ``"all"``. `Picture.notes` says what was left out.
     view : str, or None
         Of a scene without an eye: ``"front"``, ``"right"``, ``"back"``, ``"left"``, ``"top"``, ``"bottom"`` or
         ``"iso"``. None: from the front, a little from the right and from above.
@@ -249,7 +257,8 @@ class Scene(SceneContents):
     transform: Transform = Transform()
     eye: Vector | None = None
     look_at: Vector | None = None
-    up: Vector = DEFAULT_UP
+    up: Vector | Literal["auto"] = DEFAULT_UP
+    frame: Literal["auto", "all"] = "auto"
     view: str | None = None
     fov: float = DEFAULT_FOV
     projection: Orthographic | Fisheye | Panorama | None = None
@@ -296,8 +305,10 @@ class Scene(SceneContents):
             check_view(self.view)
             if self.eye is not None:
                 raise SceneError(f"a camera with an eye has no view '{self.view}': take one of them out")
+        if self.frame not in FRAMES:
+            raise SceneError(f"the frame must be one of {', '.join(FRAMES)}, not {self.frame!r}")
         for name in ("eye", "look_at", "up"):
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None and not (name == "up" and self.up == AUTO):
                 check_vector(f"the camera's {name}", getattr(self, name))
         if self.cut is not None and not isinstance(self.cut, Cut):
             raise SceneError(f"the cut must be a clbvh.Cut, not {self.cut!r}")
@@ -351,26 +362,27 @@ class Scene(SceneContents):
         >>> scene.find_camera(scene.mesh.load()).fov == scene.fov
         True
         """
-        camera = self._place_camera(extent, self.width / self.height)
+        framed = find_bulk(extent).extent if self.frame == AUTO else extent
+        camera = self._place_camera(framed, find_upright(self.up, framed).vector, self.width / self.height)
         if self.aperture == 0 and self.focus_distance is None:
             return camera
         return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)
 
-    def _place_camera(self, extent: Any, aspect: float) -> Camera:
+    def _place_camera(self, extent: Any, up: Vector, aspect: float) -> Camera:
         """Return the camera without its depth of field."""
         if self.eye is None or self.look_at is None:
             return frame_mesh(
                 extent,
                 aspect=aspect,
-                up=self.up,
+                up=up,
                 fov=self.fov,
                 eye=self.eye,
                 projection=self.projection,
                 side=self.view,
             )
         if self.projection is None:
-            return Camera(self.eye, self.look_at, self.up, self.fov)
-        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=self.up)
+            return Camera(self.eye, self.look_at, up, self.fov)
+        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=up)
 
     def with_view(self, view: str) -> Scene:
         """Return the scene seen from another side, see `view`; it has no eye of its own.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from .view_bounds import LocalSpace, Reaches
+from .view_bounds import Reaches
 
 if TYPE_CHECKING:
     from ..geometry.shape import Shape
@@ -87,10 +87,6 @@ class SceneExtent:
         self.local_box = np.stack(((lower - self.origin) * self.scale, (upper - self.origin) * self.scale))
         self._offsets = (self._centres - self.origin) * self.scale
         self._linear = self.transforms[:, :3, :3] * self.scale
-
-    def box_in(self, space: LocalSpace) -> NDArray[np.float64]:
-        """Return (2, 3) float64: the box in the local coordinates of another space."""
-        return ((self.origin - space.origin) + self.local_box / self.scale) * space.scale
 
     def largest(self, reaches: Reaches) -> NDArray[np.float64]:
         """Return (k,) float64: the largest value of each function over all vertices and spheres, or a little more."""

@@ -1,0 +1,82 @@
+"""The direction that is up in a picture, where it is to be guessed from what the picture shows."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..geometry import Mesh
+from ..geometry.up import find_up, guess_up_of_points, sample_points
+from .scene_extent import SceneExtent
+from .vectors import Vector
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+AUTO = "auto"
+
+# Instances and points that a guess looks at, over a scene; spread evenly.
+_INSTANCES = 1000
+_POINTS = 60_000
+
+
+class FoundUp(NamedTuple):
+    """The direction that is up, and what the user should know of it; None where nothing was guessed."""
+
+    vector: Vector
+    note: str | None
+
+
+def find_upright(up: Vector | str, extent: Mesh | SceneExtent) -> FoundUp:
+    """Return the direction that is up in a picture of a mesh, or of all that a scene holds.
+
+    Parameters
+    ----------
+    up : (3,) float, or ``"auto"``
+        A direction is returned as it is; ``"auto"``: see `clbvh.geometry.up.find_up`.
+    extent : Mesh or SceneExtent
+        A mesh's name may end in the suffix of its file.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from clbvh.rendering.upright import find_upright
+    >>> find_upright("auto", clbvh.make_shape("terrain", triangles=2000)).note
+    'y is up: the mesh is flat along y, like a landscape; --up 0,0,1 turns it'
+    """
+    if not isinstance(up, str):
+        return FoundUp(up, None)
+    if isinstance(extent, Mesh):
+        found = find_up(PurePath(extent.name).suffix, extent)
+        is_rule = PurePath(extent.name).suffix.lower() in (".glb", ".gltf")
+    else:
+        found, is_rule = guess_up_of_points(_sample_scene(extent)), False
+    other = "0,0,1" if found.vector[1] else "0,1,0"
+    return FoundUp(found.vector, None if is_rule else f"{found.reason}; --up {other} turns it")
+
+
+def known_up(scene: Scene) -> Vector:
+    """Return the `up` of a scene that is a direction; raise `SceneError` where it is still to be guessed."""
+    if isinstance(scene.up, str):
+        raise SceneError('up is "auto" here, where a direction is needed: give three numbers')
+    return scene.up
+
+
+def _sample_scene(extent: SceneExtent) -> NDArray[np.float64]:
+    """Return points on the instances of a scene, (n, 3)."""
+    chosen = range(0, len(extent.geometry_ids), -(-len(extent.geometry_ids) // _INSTANCES))
+    points = []
+    for instance in chosen:
+        shape, transform = extent.shapes[extent.geometry_ids[instance]], extent.transforms[instance]
+        most = max(1, _POINTS // len(chosen))
+        local = (
+            sample_points(shape, most)
+            if isinstance(shape, Mesh)
+            else shape.local_centres[:: -(-shape.prim_count // most)].astype(np.float64)
+        )
+        points.append((shape.origin + local / shape.scale) @ transform[:3, :3].T + transform[:3, 3])
+    return np.concatenate(points)
