@@ -19,7 +19,7 @@ _NAMES = "xyz"
 _UPS = {_Y: Y_UP, _Z: Z_UP}
 
 # Formats whose rule is to have y up, and the habits of those without a rule: STL comes from CAD and goes to printers.
-_RULED = ("gltf", "glb")
+RULED_SUFFIXES = (".gltf", ".glb")
 _HABITS = {"stl": _Z, "off": _Z}
 
 # Triangles looked at; the result is the same for any number from about 1,000 of the bunny and the dragon of Stanford.
@@ -73,7 +73,7 @@ def find_up(source_format: str, mesh: Mesh) -> Up:
     'y is up: that is the rule of glTF files'
     """
     kind = source_format.lower().lstrip(".")
-    if kind in _RULED:
+    if f".{kind}" in RULED_SUFFIXES:
         return _say(_Y, "that is the rule of glTF files")
     return guess_up(mesh, kind)
 

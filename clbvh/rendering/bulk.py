@@ -113,7 +113,7 @@ def _bulk_of_scene(extent: SceneExtent) -> Bulk:
 def _describe(count: int, total: int, name: str) -> str:
     share = 100 * count / total
     verb = "is" if count == 1 else "are"
-    shown = f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"  # noqa: PLR2004 - one decimal, or two digits
+    shown = f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
     return (
         f"{count:,} of {total:,} {name}s ({shown} %) {verb} far away from the others and {verb} left out of the frame"
     )

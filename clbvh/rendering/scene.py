@@ -173,8 +173,8 @@ class Scene(SceneContents):
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh, or all objects, are visible.
     up : (3,) float, or "auto"
-        The direction that is up in the picture. ``"auto"``: y or z, guessed from the shape when it is loaded; `open_scene`
-        of a mesh file has it so, but glTF's rule is y. `Picture.notes` says what was guessed.
+        The direction that is up in the picture. ``"auto"``: y or z, guessed from the shape when it is loaded. That is
+        so for mesh files that `open_scene` opens, but for glTF, whose rule is y. `Picture.notes` says the guess.
     frame : str
         What a camera without an eye shows: ``"auto"``, all but a few small parts far away from everything else, or
         ``"all"``. `Picture.notes` says what was left out.

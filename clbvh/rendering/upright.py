@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..geometry.up import find_up, guess_up_of_points, sample_points
+from ..geometry.up import RULED_SUFFIXES, find_up, guess_up_of_points, sample_points
 from .scene_extent import SceneExtent
 from .vectors import Vector
 
 if TYPE_CHECKING:
     from .scene import Scene
 
-AUTO = "auto"
+AUTO: Literal["auto"] = "auto"
 
 # Instances and points that a guess looks at, over a scene; spread evenly.
 _INSTANCES = 1000
@@ -51,8 +51,8 @@ def find_upright(up: Vector | str, extent: Mesh | SceneExtent) -> FoundUp:
     if not isinstance(up, str):
         return FoundUp(up, None)
     if isinstance(extent, Mesh):
-        found = find_up(PurePath(extent.name).suffix, extent)
-        is_rule = PurePath(extent.name).suffix.lower() in (".glb", ".gltf")
+        suffix = PurePath(extent.name).suffix.lower()
+        found, is_rule = find_up(suffix, extent), suffix in RULED_SUFFIXES
     else:
         found, is_rule = guess_up_of_points(_sample_scene(extent)), False
     other = "0,0,1" if found.vector[1] else "0,1,0"
