@@ -130,7 +130,7 @@ class Renderer(ContextManager):
 
             on_phase("load")
             subject.load()
-            up, self._up_note = find_upright(self.scene.up, subject.extent)
+            up, self._up_note = find_upright(self.scene, subject.extent)
             self.scene = self.scene.with_changes(up=up)
             self._bulk: Bulk | None = None
             self._framed = self._frame(self.scene)

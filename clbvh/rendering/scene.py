@@ -363,7 +363,7 @@ class Scene(SceneContents):
         True
         """
         framed = find_bulk(extent).extent if self.frame == AUTO else extent
-        camera = self._place_camera(framed, find_upright(self.up, framed).vector, self.width / self.height)
+        camera = self._place_camera(framed, find_upright(self, framed).vector, self.width / self.height)
         if self.aperture == 0 and self.focus_distance is None:
             return camera
         return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..geometry.up import RULED_SUFFIXES, find_up, guess_up_of_points, sample_points
+from ..geometry.up import RULED_SUFFIXES, Y_UP, Z_UP, find_up, guess_up_of_points, sample_points
 from .scene_extent import SceneExtent
 from .vectors import Vector
 
@@ -31,13 +31,14 @@ class FoundUp(NamedTuple):
     note: str | None
 
 
-def find_upright(up: Vector | str, extent: Mesh | SceneExtent) -> FoundUp:
+def find_upright(scene: Scene, extent: Mesh | SceneExtent) -> FoundUp:
     """Return the direction that is up in a picture of a mesh, or of all that a scene holds.
 
     Parameters
     ----------
-    up : (3,) float, or ``"auto"``
-        A direction is returned as it is; ``"auto"``: see `clbvh.geometry.up.find_up`.
+    scene : Scene
+        Its `up` is returned as it is, unless it is ``"auto"``: see `clbvh.geometry.up.find_up`. A camera that looks
+        along the guess has the other axis.
     extent : Mesh or SceneExtent
         A mesh's name may end in the suffix of its file.
 
@@ -45,17 +46,21 @@ def find_upright(up: Vector | str, extent: Mesh | SceneExtent) -> FoundUp:
     --------
     >>> import clbvh
     >>> from clbvh.rendering.upright import find_upright
-    >>> find_upright("auto", clbvh.make_shape("terrain", triangles=2000)).note
+    >>> find_upright(clbvh.Scene(up="auto"), clbvh.make_shape("terrain", triangles=2000)).note
     'y is up: the mesh is flat along y, like a landscape; --up 0,0,1 turns it'
     """
-    if not isinstance(up, str):
-        return FoundUp(up, None)
+    if not isinstance(scene.up, str):
+        return FoundUp(scene.up, None)
     if isinstance(extent, Mesh):
         suffix = PurePath(extent.name).suffix.lower()
         found, is_rule = find_up(suffix, extent), suffix in RULED_SUFFIXES
     else:
         found, is_rule = guess_up_of_points(_sample_scene(extent)), False
-    other = "0,0,1" if found.vector[1] else "0,1,0"
+    if scene.eye is not None:
+        target = extent.origin if scene.look_at is None else np.asarray(scene.look_at, np.float64)
+        if not np.cross(target - np.asarray(scene.eye, np.float64), found.vector).any():
+            return FoundUp(Z_UP if found.vector == Y_UP else Y_UP, None)
+    other = "0,0,1" if found.vector == Y_UP else "0,1,0"
     return FoundUp(found.vector, None if is_rule else f"{found.reason}; --up {other} turns it")
 
 
