@@ -115,11 +115,13 @@ def images(
 
     begin = time.perf_counter()
     settings: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}
-    made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, **settings)
+    notes: list[str] = []
+    made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, on_note=notes.append, **settings)
     made_s = time.perf_counter() - begin
     for path in output:
         made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)
     _report(made, output, made_s, time.perf_counter() - begin - made_s, as_json)
+    options.print_notes(notes)
 
 
 def _make_with_status(
@@ -133,7 +135,7 @@ def _make_with_status(
     with Console(stderr=True).status("") as status:
         return render_images(
             scene, names, wanted, camera=camera, on_phase=lambda phase: status.update(f"{phase} ..."),
-            on_note=options.print_note, **settings,
+            **settings,
         )  # fmt: skip
 
 

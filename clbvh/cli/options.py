@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from ..builders.options import BuildOptions
     from ..rendering.scene import Scene
 
@@ -115,9 +117,10 @@ def open_sources(sources: list[str]) -> Scene:
     return open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
 
 
-def print_note(note: str) -> None:
-    """Print one line for the user on stderr."""
-    print(f"clbvh: {note}", file=sys.stderr)
+def print_notes(notes: Iterable[str]) -> None:
+    """Print what the user should know on stderr, each as one line."""
+    for note in notes:
+        print(f"clbvh: {note}", file=sys.stderr)
 
 
 def make_build_options(

@@ -183,8 +183,7 @@ def render(
         print(json.dumps(report, indent=2))
     else:
         print_render_report(report, picture)
-    for note in picture.notes:
-        options.print_note(note)
+    options.print_notes(picture.notes)
 
 
 def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:

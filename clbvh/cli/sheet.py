@@ -75,11 +75,12 @@ def sheet(
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
     scene = options.open_sources(sources).with_changes(**changes)
 
+    notes: list[str] = []
     begin = time.perf_counter()
     with Console(stderr=True).status("") as status:
         made = contact_sheet(
             scene, wanted, width=width, height=height, ground=ground,
-            on_phase=lambda phase: status.update(f"{phase} ..."), on_note=options.print_note,
+            on_phase=lambda phase: status.update(f"{phase} ..."), on_note=notes.append,
         )  # fmt: skip
     for path in output:
         made.save(path)
@@ -95,6 +96,7 @@ def sheet(
             "timings_ms": {"total": spent_s * 1e3},
         }
         print(json.dumps(report, indent=2))
-        return
-    for path in output:
-        print(f"{path}: {len(made.pictures)} views, {columns} x {rows}, made in {spent_s:,.1f} s")
+    else:
+        for path in output:
+            print(f"{path}: {len(made.pictures)} views, {columns} x {rows}, made in {spent_s:,.1f} s")
+    options.print_notes(notes)

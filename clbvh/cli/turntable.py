@@ -12,6 +12,8 @@ import typer
 from . import options, picture_options, view_options
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..rendering.render_options import RenderOptions
     from ..rendering.scene import Scene
 
@@ -76,11 +78,20 @@ def turntable(
     scene = view_options.with_view(options.open_sources(sources), changes, camera)
 
     begin = time.perf_counter()
-    _write_with_status(scene, output, wanted, frames, frame_rate)
+    notes: list[str] = []
+    _write_with_status(scene, output, wanted, frames, frame_rate, notes.append)
     _report(scene, output, frames, frame_rate, time.perf_counter() - begin, as_json)
+    options.print_notes(notes)
 
 
-def _write_with_status(scene: Scene, output: Path, wanted: RenderOptions, frames: int, frame_rate: float) -> None:
+def _write_with_status(
+    scene: Scene,
+    output: Path,
+    wanted: RenderOptions,
+    frames: int,
+    frame_rate: float,
+    on_note: Callable[[str], None],
+) -> None:
     """Write the animation, and show the phase and the time that is left if stderr is a terminal."""
     from rich.console import Console
 
@@ -106,7 +117,7 @@ def _write_with_status(scene: Scene, output: Path, wanted: RenderOptions, frames
             frames_per_s=frame_rate,
             on_frame=show,
             on_phase=enter,
-            on_note=options.print_note,
+            on_note=on_note,
         )
 
 

@@ -11,20 +11,19 @@ from numpy.typing import NDArray
 # Strays are at most this share of all things, by their number and by their area, all together.
 MOST_SHARE = 0.01
 
-# The empty space before them is at least this many diagonals of the box around the others: with all of them in the
-# picture, the others would be less than a third as wide as it. The outermost of 10,000 points of a normal, an
-# exponential or a Plummer distribution are well below, and so are a mast and an aerial, which nothing separates from
-# what they stand on.
-LEAST_GAP = 1.5
+# The empty space around the others is at least this many diagonals of the box around them: with a stray in the picture,
+# they would have less than a third of its width. The outermost points of normal and exponential distributions are well
+# below, and so are a mast and an aerial, which nothing separates from what they stand on.
+LEAST_GAP = 2.0
 
-# Rounds of the search; in each, all that is left is looked at along each axis.
-_MOST_ROUNDS = 16
+# Steps in which the box grows; a dozen are usual.
+_MOST_STEPS = 100
 
 
 def find_strays(
     lower: NDArray[np.floating], upper: NDArray[np.floating], counts: NDArray[np.floating], areas: NDArray[np.floating]
 ) -> NDArray[np.bool_]:
-    """Return which things are strays, (n,) bool: few, small, and far away from the others along x, y or z.
+    """Return which things are strays, (n,) bool: few, small, and far away from all others.
 
     Parameters
     ----------
@@ -35,7 +34,8 @@ def find_strays(
 
     Notes
     -----
-    O(n log n). The result does not depend on the order of the things.
+    A box grows from the middle of the things over all that is near it, in diagonals of the box, until nothing is. What
+    is left are strays if they are few. O(n log n). The result does not depend on the order of the things.
 
     Examples
     --------
@@ -47,38 +47,35 @@ def find_strays(
     array([7])
     """
     begins, ends = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
-    limits = MOST_SHARE * np.array([counts.sum(), areas.sum()])
-    weights = np.stack((counts, areas), axis=1).astype(np.float64)
-    kept = np.arange(len(lower))
-    for _ in range(_MOST_ROUNDS):
-        strays = _find_farthest(begins[kept], ends[kept], weights[kept], limits)
-        if strays is None:
+    none = np.zeros(len(begins), bool)
+    # All but the strays on either side of each axis: both ends are at things that are no strays.
+    middles = begins / 2 + ends / 2
+    box_lower = _find_end(middles, counts)
+    box_upper = -_find_end(-middles, counts)
+    rest = np.arange(len(begins))
+    for _ in range(_MOST_STEPS):
+        reach = LEAST_GAP * np.linalg.norm(box_upper - box_lower)
+        gaps = np.maximum(np.maximum(begins[rest] - box_upper, box_lower - ends[rest]), 0.0)
+        is_near = np.linalg.norm(gaps, axis=1) <= reach
+        if not is_near.any():
             break
-        limits = limits - weights[kept[strays]].sum(axis=0)
-        kept = np.delete(kept, strays)
-    is_stray = np.ones(len(lower), bool)
-    is_stray[kept] = False
-    return is_stray
+        near, rest = rest[is_near], rest[~is_near]
+        box_lower = np.minimum(box_lower, begins[near].min(axis=0))
+        box_upper = np.maximum(box_upper, ends[near].max(axis=0))
+    else:
+        return none
+    is_few = all(weights[rest].sum() <= MOST_SHARE * weights.sum() for weights in (counts, areas))
+    if not is_few or not (box_upper > box_lower).any():
+        return none
+    none[rest] = True
+    return none
 
 
-def _find_farthest(
-    lower: NDArray[np.float64], upper: NDArray[np.float64], weights: NDArray[np.float64], limits: NDArray[np.float64]
-) -> NDArray[np.integer] | None:
-    """Return the things behind the empty space that is the largest beside the rest; None if it is not large enough."""
-    best, strays = LEAST_GAP, None
+def _find_end(points: NDArray[np.float64], counts: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return (3,) float64: along each axis the first point with more than the share of strays up to it."""
+    end = np.empty(3)
     for axis in range(3):
-        # Towards +axis, then towards -axis: the same search in a mirror.
-        for low, high in ((lower, upper), (-upper, -lower)):
-            order = np.argsort(low[:, axis], kind="stable")
-            box_lower = np.minimum.accumulate(low[order], axis=0)[:-1]
-            box_upper = np.maximum.accumulate(high[order], axis=0)[:-1]
-            gaps = low[order[1:], axis] - box_upper[:, axis]
-            behind = weights.sum(axis=0) - np.cumsum(weights[order], axis=0)[:-1]
-            is_few = (behind <= limits).all(axis=1)
-            diagonals = np.sqrt(((box_upper - box_lower) ** 2).sum(axis=1))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratios = np.where(is_few & (gaps > 0) & (diagonals > 0), gaps / diagonals, 0.0)
-            if len(ratios) and ratios.max() >= best:
-                first = int(np.argmax(ratios))
-                best, strays = float(ratios[first]), order[first + 1 :]
-    return strays
+        order = np.argsort(points[:, axis], kind="stable")
+        so_far = np.cumsum(counts[order])
+        end[axis] = points[order[np.searchsorted(so_far, MOST_SHARE * so_far[-1], side="right")], axis]
+    return end

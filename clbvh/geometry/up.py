@@ -39,10 +39,14 @@ _FLAT = 0.2
 
 
 class Up(NamedTuple):
-    """The direction that is up, and why, as a sentence without its full stop."""
+    """The direction that is up, and why, as a sentence without its full stop.
+
+    It is a guess where something speaks for it; neither the rule of a format nor y for lack of a reason is one.
+    """
 
     vector: tuple[float, float, float]
     reason: str
+    is_guess: bool
 
 
 def find_up(source_format: str, mesh: Mesh) -> Up:
@@ -60,6 +64,8 @@ def find_up(source_format: str, mesh: Mesh) -> Up:
         (0, 1, 0) or (0, 0, 1).
     reason : str
         For the user.
+    is_guess : bool
+        False for the rule of a format, and for y where nothing speaks for either.
 
     Examples
     --------
@@ -68,13 +74,13 @@ def find_up(source_format: str, mesh: Mesh) -> Up:
     >>> from clbvh.geometry.up import find_up
     >>> cone = trimesh.creation.cone(radius=1, height=2)
     >>> find_up("obj", clbvh.Mesh.from_arrays(cone.vertices, cone.faces))
-    Up(vector=(0.0, 0.0, 1.0), reason='z is up: the mesh stands on a wide base along z, but not along y')
+    Up(vector=(0.0, 0.0, 1.0), reason='z is up: the mesh stands on a wide base along z, but not along y', is_guess=True)
     >>> find_up("glb", clbvh.make_shape("icosphere", triangles=320)).reason
     'y is up: that is the rule of glTF files'
     """
     kind = source_format.lower().lstrip(".")
     if f".{kind}" in RULED_SUFFIXES:
-        return _say(_Y, "that is the rule of glTF files")
+        return _say(_Y, "that is the rule of glTF files", is_guess=False)
     return guess_up(mesh, kind)
 
 
@@ -97,12 +103,12 @@ def guess_up_of_points(points: NDArray[np.float64], source_format: str = "") -> 
             return _say(axis, f"the mesh stands on a wide base {names}")
     kind = source_format.lower().lstrip(".")
     if kind not in _HABITS:
-        return _say(_Y, "nothing in its shape says otherwise")
+        return _say(_Y, "nothing in its shape says otherwise", is_guess=False)
     return _say(_HABITS[kind], f"most {kind.upper()} files have it so, and nothing in its shape says otherwise")
 
 
-def _say(axis: int, reason: str) -> Up:
-    return Up(_UPS[axis], f"{_NAMES[axis]} is up: {reason}")
+def _say(axis: int, reason: str, *, is_guess: bool = True) -> Up:
+    return Up(_UPS[axis], f"{_NAMES[axis]} is up: {reason}", is_guess)
 
 
 def sample_points(mesh: Mesh, most: int = _MAX_TRIANGLES) -> NDArray[np.float64]:

@@ -121,7 +121,7 @@ def _describe(count: int, total: int, name: str) -> str:
 
 def _find_stray_prims(shape: Shape) -> NDArray[np.bool_] | None:
     """Return which primitives are strays; None if there are neither strays nor vertices without faces far away."""
-    whole = np.ptp(shape.local_box.astype(np.float64), axis=0).max()
+    whole = np.linalg.norm(np.ptp(shape.local_box.astype(np.float64), axis=0))
     step = -(-shape.prim_count // _SAMPLE)
     lower, upper, _ = _measure_prims(shape, slice(None, None, step))
     begin, end = np.quantile(np.concatenate((lower, upper)), [_ENDS, 1 - _ENDS], axis=0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..geometry.up import RULED_SUFFIXES, Y_UP, Z_UP, find_up, guess_up_of_points, sample_points
+from ..geometry.up import Y_UP, Z_UP, find_up, guess_up_of_points, sample_points
 from .scene_extent import SceneExtent
 from .vectors import Vector
 
@@ -52,16 +52,15 @@ def find_upright(scene: Scene, extent: Mesh | SceneExtent) -> FoundUp:
     if not isinstance(scene.up, str):
         return FoundUp(scene.up, None)
     if isinstance(extent, Mesh):
-        suffix = PurePath(extent.name).suffix.lower()
-        found, is_rule = find_up(suffix, extent), suffix in RULED_SUFFIXES
+        found = find_up(PurePath(extent.name).suffix, extent)
     else:
-        found, is_rule = guess_up_of_points(_sample_scene(extent)), False
+        found = guess_up_of_points(_sample_scene(extent))
     if scene.eye is not None:
         target = extent.origin if scene.look_at is None else np.asarray(scene.look_at, np.float64)
         if not np.cross(target - np.asarray(scene.eye, np.float64), found.vector).any():
             return FoundUp(Z_UP if found.vector == Y_UP else Y_UP, None)
     other = "0,0,1" if found.vector == Y_UP else "0,1,0"
-    return FoundUp(found.vector, None if is_rule else f"{found.reason}; --up {other} turns it")
+    return FoundUp(found.vector, f"{found.reason}; --up {other} turns it" if found.is_guess else None)
 
 
 def known_up(scene: Scene) -> Vector:
