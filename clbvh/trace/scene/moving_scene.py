@@ -148,7 +148,8 @@ class MovingScene:
         """Return a caster at the scene with another shape of a geometry: refitted, or built anew."""
         tree: object = caster.tree
         state = self.state(caster).with_shape(geometry_id, moved_shape)
-        if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
+        is_in_tree = isinstance(tree, DeviceTree) and geometry_id == self._opened.geometry_ids[0]
+        if is_in_tree and isinstance(moved_shape, Mesh):
             moved = self._copies_of(caster).move(caster, moved_shape, session)
             if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
                 return moved
