@@ -126,13 +126,14 @@ class Renderer(ContextManager):
         watch = Stopwatch()
         with ExitStack() as stack:
             self.scene = as_scene(source)
-            self._subject = subject = _find_subject(self.scene, source, options, stack)
+            subject = _find_subject(self.scene, source, options, stack)
 
             on_phase("load")
             subject.load()
-            up, self._up_note = find_upright(self.scene, subject.extent)
-            self.scene = self.scene.with_changes(up=up)
+            self._subject = subject
             self._bulk: Bulk | None = None
+            up, self._up_note = find_upright(self.scene, self._find_extent(self.scene))
+            self.scene = self.scene.with_changes(up=up)
             self._framed = self._frame(self.scene)
             self._ground: tuple[Mesh | SceneExtent, NDArray[np.float64], Ground] | None = None
             watch.lap("load")
