@@ -114,7 +114,8 @@ def test_a_triangle_without_area_draws_nothing():
 def two_balls():
     scene = clbvh.Scene()
     scene.place(scene.add(clbvh.make_shape("icosphere", triangles=80)), clbvh.Transform((-1, 1.2, 0.7), (10, 20, 30)))
-    scene.place(scene.add(clbvh.Spheres([[2.2, 0, 0]], 1.0)))
+    centres = np.random.default_rng(85).uniform((1.6, -0.6, -0.6), (2.8, 0.6, 0.6), (200, 3))
+    scene.place(scene.add(clbvh.Spheres(centres, 0.3)))
     return scene
 
 
