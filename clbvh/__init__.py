@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from .rendering.scene_file import open_scene
     from .rendering.turntable import render_turntable
     from .rendering.vectors import Vector
+    from .rendering.wireframe import Wireframe
     from .scene.geometry import Geometry
     from .scene.instance import Instance
     from .scene.state import SceneState
@@ -120,6 +121,7 @@ _HOME_OF = {
     "SceneLike": "rendering.as_scene",
     "Transform": "rendering.scene",
     "Vector": "rendering.vectors",
+    "Wireframe": "rendering.wireframe",
     "open_scene": "rendering.scene_file",
     "render": "rendering.render",
     "render_images": "rendering.images.make_images",
@@ -194,6 +196,7 @@ __all__ = [  # noqa: RUF022 - in the order of the pipeline
     "SceneLike",
     "Transform",
     "Vector",
+    "Wireframe",
     "open_scene",
     "render",
     "render_images",

@@ -368,6 +368,10 @@ VIEW = np.dtype(
         ("cut_height", np.float32),
         ("cut_lower", np.float32, 3),
         ("cut_upper", np.float32, 3),
+        # Lines along the edges of triangles: their width in pixels, and their colour, in the kind of numbers that the
+        # shading computes.
+        ("line_width", np.float32),
+        ("line_colour", np.float32, 3),
     ]
 )
 

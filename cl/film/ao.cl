@@ -4,10 +4,10 @@
 #include "film/openness.cl"
 
 INLINED float4 find_sample(
-    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, search_t *first)
+    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, ray_hits_t *hits)
 {
     shown_t shown;
-    if (!find_shown(stage, ray, true, sampler, &shown, first)) {
+    if (!find_shown(stage, ray, true, sampler, &shown, hits)) {
         return sample_of_background(stage->view, row, 0.0f);
     }
     position_t above = shown.surface.above;

@@ -43,7 +43,7 @@ INLINED float3 find_direct_light(
 
 INLINED float4 find_path_sample(
     const stage_t *stage, const lights_t *lights, const world_ray_t *primary, sobol_sampler_t *sampler,
-    search_t *first)
+    ray_hits_t *hits)
 {
     const global view_t *view = stage->view;
     world_ray_t ray = *primary;
@@ -53,12 +53,12 @@ INLINED float4 find_path_sample(
     float covered = 1.0f;
 
     for (int bounce = 0;; bounce++) {
-        search_t search;
+        ray_hits_t found = make_ray_hits();
         shown_t shown;
         const float3 direction = ray.direction;
-        const bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &search);
+        const bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &found);
         if (bounce == 0) {
-            *first = search;
+            *hits = found;
         }
         if (!is_hit) {
             if (bounce == 0) {

@@ -2,6 +2,7 @@
 // that a ray shows.
 //
 // HAS_CUTOUTS, if defined as 1: some surface has an alpha below 1, and rays may pass through it.
+// HAS_WIREFRAME: see film/wireframe.cl.
 
 #include "looks/looks.cl"
 #include "sampling/sampler.cl"
@@ -20,16 +21,34 @@ typedef struct {
     appearance_t appearance;
 } shown_t;
 
+// The hits of a ray: with no regard to alpha, and, for lines on it, that of the surface that it shows.
+typedef struct {
+    search_t first;
+#if HAS_WIREFRAME
+    search_t shown;
+#endif
+} ray_hits_t;
+
+INLINED ray_hits_t make_ray_hits(void)
+{
+#if HAS_WIREFRAME
+    const ray_hits_t hits = {make_search(1, 0), make_search(1, 0)};
+#else
+    const ray_hits_t hits = {make_search(1, 0)};
+#endif
+    return hits;
+}
+
 #if HAS_CUTOUTS
 
 // A ray passes through at most so many surfaces; the last one stops it.
 #define MOST_LAYERS 64
 
 // Finds the first surface along a ray that stops it. A share of the rays passes through a surface with an alpha of less
-// than 1. Returns whether there is one. *first becomes the hit that the ray has with no regard to alpha.
+// than 1. Returns whether there is one.
 INLINED bool find_shown(
     const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
-    search_t *first)
+    ray_hits_t *hits)
 {
     world_ray_t rest = *ray;
     const float3 direction = ray->direction;
@@ -41,7 +60,7 @@ INLINED bool find_shown(
             traverse_world(&stage->world, &rest, false, &search, QUERY_CLOSEST);
         }
         if (layer == 0) {
-            *first = search;
+            hits->first = search;
         }
         if (!is_found(&search.nearest)) {
             return false;
@@ -50,6 +69,9 @@ INLINED bool find_shown(
         shown->appearance = appearance_at(&stage->looks, &stage->world, &search, &shown->surface, direction);
         const float alpha = shown->appearance.alpha;
         if (alpha >= 1.0f || layer == MOST_LAYERS - 1 || (alpha > 0.0f && sample_1d(sampler) < alpha)) {
+#if HAS_WIREFRAME
+            hits->shown = search;
+#endif
             return true;
         }
         // The way that is left is a little longer than it should be where t_max ends a ray between two surfaces; both
@@ -66,28 +88,32 @@ INLINED bool is_shaded(
 {
     const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), t_max);
     shown_t shown;
-    search_t first;
-    return find_shown(stage, &ray, false, sampler, &shown, &first);
+    ray_hits_t hits;
+    return find_shown(stage, &ray, false, sampler, &shown, &hits);
 }
 
 #else
 
 INLINED bool find_shown(
     const stage_t *stage, const world_ray_t *ray, const bool is_primary, sobol_sampler_t *sampler, shown_t *shown,
-    search_t *first)
+    ray_hits_t *hits)
 {
-    *first = make_search(1, 0);
+    search_t search = make_search(1, 0);
     if (is_primary) {
-        traverse_shown(&stage->world, stage->view, ray, true, first);
+        traverse_shown(&stage->world, stage->view, ray, true, &search);
     } else {
-        traverse_world(&stage->world, ray, false, first, QUERY_CLOSEST);
+        traverse_world(&stage->world, ray, false, &search, QUERY_CLOSEST);
     }
-    if (!is_found(&first->nearest)) {
+    hits->first = search;
+    if (!is_found(&search.nearest)) {
         return false;
     }
+#if HAS_WIREFRAME
+    hits->shown = search;
+#endif
     const float3 direction = ray->direction;
-    shown->surface = world_surface_at(&stage->world, ray, first);
-    shown->appearance = appearance_at(&stage->looks, &stage->world, first, &shown->surface, direction);
+    shown->surface = world_surface_at(&stage->world, ray, &search);
+    shown->appearance = appearance_at(&stage->looks, &stage->world, &search, &shown->surface, direction);
     return true;
 }
 

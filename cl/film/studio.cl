@@ -202,10 +202,10 @@ INLINED float find_ground_shadow(
 
 INLINED float4 find_studio_sample(
     const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, known_light_t *known,
-    search_t *first)
+    ray_hits_t *hits)
 {
     shown_t shown;
-    if (find_shown(stage, ray, true, sampler, &shown, first)) {
+    if (find_shown(stage, ray, true, sampler, &shown, hits)) {
         return (float4)(shade_studio(stage, &shown, ray->direction, sampler, known), 1.0f);
     }
     const ground_t ground = find_ground(stage->view, ray);

@@ -8,14 +8,18 @@
 // colours[row_count * width]             written: red, green, blue, and 255 where something is hit
 // hits[row_count * width]                written: t in local units
 //
-// HAS_CUT: see cl/world/cut.cl.
+// HAS_CUT: see cl/world/cut.cl. HAS_WIREFRAME: see cl/film/wireframe.cl.
 //
 // Work-items: (width, row_count), rounded up to tiles.
 
+#include "film/wireframe.cl"
 #include "shading/shade.cl"
 #include "shading/shadow.cl"
 #include "world/camera.cl"
 #include "world/cut.cl"
+
+// In pixels: a pixel shows a line as far as the line covers it.
+#define LINE_SMOOTHING 1.0f
 
 INLINED float3 find_colour(const global view_t *view, const global float *instance_colours, const int instance_id)
 {
@@ -56,6 +60,11 @@ kernel void render(
         const bool is_lit = sees_light(view, &world, &surface);
         const float3 own_colour = find_colour(view, instance_colours, surface.instance_id);
         colour = shade_surface(view, own_colour, surface.position, surface.normal, is_lit);
+#if HAS_WIREFRAME
+        const float2 film = pixel_centre(view, column, row);
+        const float share = find_line_share(view, &world, &ray, film, &search, surface.position, LINE_SMOOTHING);
+        colour = blend(colour, load3(view->line_colour), share);
+#endif
     } else {
         colour = is_seen ? shade_background(view, row) : (float3)(0.0f);
     }

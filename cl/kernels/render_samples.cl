@@ -9,7 +9,7 @@
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
 // SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
-// HAS_CUT: see world/cut.cl.
+// HAS_CUT: see world/cut.cl. HAS_WIREFRAME: see film/wireframe.cl.
 //
 // Work-items: (width, row_count), rounded up to tiles. The samples of a pixel are added one by one, in the order of
 // their numbers, so that the film does not depend on bands or on how many samples a launch takes.
@@ -22,6 +22,7 @@
 #include "film/ground.cl"
 #include "film/openness.cl"
 #include "film/pixel.cl"
+#include "film/wireframe.cl"
 #include "sampling/screen.cl"
 #include "traversal/entry_point.cl"
 #if SHADING == SHADE_PATH
@@ -30,6 +31,26 @@
 #include "film/ao.cl"
 #else
 #include "film/studio.cl"
+#endif
+
+#if HAS_WIREFRAME
+
+// Samples are spread over two pixels: the sides of lines need little more.
+#define LINE_SMOOTHING 0.5f
+
+// The light of a sample with the lines on the surface that it shows.
+INLINED float3 draw_lines(
+    const stage_t *stage, const world_ray_t *ray, const float2 film, const search_t *shown, const float3 light)
+{
+    if (!is_found(&shown->nearest)) {
+        return light;
+    }
+    const world_surface_t surface = world_surface_at(&stage->world, ray, shown);
+    const float share =
+        find_line_share(stage->view, &stage->world, ray, film, shown, surface.position, LINE_SMOOTHING);
+    return blend(light, load3(stage->view->line_colour), share);
+}
+
 #endif
 
 kernel void render_samples(
@@ -69,12 +90,13 @@ kernel void render_samples(
     float4 sum = first_sample == 0 ? (float4)(0.0f) : film[pixel];
     for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
         world_ray_t ray;
-        search_t first = make_search(1, 0);
+        float4 value = (float4)(0.0f);
+        ray_hits_t ray_hits = make_ray_hits();
         const bool is_seen = sample_pixel(view, column, row, sample, &ray);
 #if SHADING == SHADE_PATH
         sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
         if (is_seen) {
-            sum += find_path_sample(&stage, &light_tables, &ray, &sampler, &first);
+            value = find_path_sample(&stage, &light_tables, &ray, &sampler, &ray_hits);
         }
 #elif SHADING == SHADE_STUDIO
         // Two samples share what they know of the light, and one point for it.
@@ -83,16 +105,20 @@ kernel void render_samples(
         }
         sobol_sampler_t sampler = make_screen_sampler(column, row, sample >> 1, view->seed);
         if (is_seen) {
-            sum += find_studio_sample(&stage, &ray, row, &sampler, &light, &first);
+            value = find_studio_sample(&stage, &ray, row, &sampler, &light, &ray_hits);
         }
 #else
         sobol_sampler_t sampler = make_screen_sampler(column, row, sample, view->seed);
         if (is_seen) {
-            sum += find_sample(&stage, &ray, row, &sampler, &first);
+            value = find_sample(&stage, &ray, row, &sampler, &ray_hits);
         }
 #endif
+#if HAS_WIREFRAME
+        value.xyz = draw_lines(&stage, &ray, sample_film(view, column, row, sample), &ray_hits.shown, value.xyz);
+#endif
+        sum += value;
         if (sample == 0) {
-            hits[pixel] = as_kept_hit(&first, &first.nearest);
+            hits[pixel] = as_kept_hit(&ray_hits.first, &ray_hits.first.nearest);
         }
     }
     film[pixel] = sum;

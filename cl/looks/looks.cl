@@ -56,15 +56,6 @@ INLINED float3 decode_normal(const uint packed)
     return short_unit_vector((float3)(x < 0.0f ? x + fold : x - fold, y < 0.0f ? y + fold : y - fold, z));
 }
 
-INLINED bool is_sphere(const world_t *world, const search_t *search)
-{
-#if HAS_INSTANCES && HAS_SPHERES
-    return world->instances[search->instance_index].kind == KIND_SPHERES;
-#else
-    return false;
-#endif
-}
-
 // The shading normal of a triangle with normals at its corners, or the geometric one. It is kept on the side of the
 // ray's origin, where the geometric one is.
 INLINED float3 shading_normal(

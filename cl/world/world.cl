@@ -79,6 +79,15 @@ typedef struct {
 
 typedef scene_ray_pair_t world_ray_t;
 
+INLINED bool is_sphere(const world_t *world, const search_t *search)
+{
+#if HAS_SPHERES
+    return world->instances[search->instance_index].kind == KIND_SPHERES;
+#else
+    return false;
+#endif
+}
+
 INLINED world_start_t find_world_start(
     const global node_t *nodes, const global scene_tile_t *tiles, const global node_t *entry_points)
 {
@@ -118,6 +127,16 @@ INLINED float3 place_normal(const world_t *world, const search_t *search, const 
         + normal.z * load3(instance->to_object[2]);
 }
 
+// The edges from the first corner of the triangle that was hit to the others, in the world's local coordinates.
+INLINED void world_edges(const world_t *world, const search_t *search, float3 *ab, float3 *ac)
+{
+    const global instance_t *instance = world->instances + search->instance_index;
+    const global block_t *blocks = find_blocks(instance, world->blocks, world->spheres);
+    const corners_t corners = corners_at(blocks, search->nearest.triangle_index);
+    *ab = transform_vector(instance->to_scene, corners.b - corners.a);
+    *ac = transform_vector(instance->to_scene, corners.c - corners.a);
+}
+
 // The lift of the point that was hit, for unit normals at the corners of its triangle, in the geometry's coordinates.
 INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])
 {
@@ -130,6 +149,11 @@ INLINED float3 world_lift(const world_t *world, const search_t *search, const fl
 #else
 
 typedef ray_t world_ray_t;
+
+INLINED bool is_sphere(const world_t *world, const search_t *search)
+{
+    return false;
+}
 
 INLINED world_start_t find_world_start(
     const global node_t *nodes, const global scene_tile_t *tiles, const global node_t *entry_points)
@@ -164,6 +188,13 @@ INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t
 INLINED float3 place_normal(const world_t *world, const search_t *search, const float3 normal)
 {
     return normal;
+}
+
+INLINED void world_edges(const world_t *world, const search_t *search, float3 *ab, float3 *ac)
+{
+    const corners_t corners = corners_at(world->blocks, search->nearest.triangle_index);
+    *ab = corners.b - corners.a;
+    *ac = corners.c - corners.a;
 }
 
 INLINED float3 world_lift(const world_t *world, const search_t *search, const float3 normals[3])

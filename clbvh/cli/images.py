@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options, picture_options
+from . import options, picture_options, view_options
 
 if TYPE_CHECKING:
     from ..rendering.camera import Camera
@@ -48,20 +48,16 @@ def images(
             help="Pixel values for a unit of length in PNG files, such as 1000.", show_default="a round one that fits"
         ),
     ] = None,
-    width: Annotated[
-        int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=options.SCENE_PANEL)
-    ] = None,
-    height: Annotated[
-        int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=options.SCENE_PANEL)
-    ] = None,
-    camera: options.CameraKind = None,
+    width: view_options.Width = None,
+    height: view_options.Height = None,
+    camera: view_options.CameraKind = None,
     camera_file: Annotated[
         Path | None,
         typer.Option(
             "--camera-file",
             metavar="FILE.json",
             help="Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.",
-            rich_help_panel=options.SCENE_PANEL,
+            rich_help_panel=view_options.SCENE_PANEL,
         ),
     ] = None,
     next_camera_file: Annotated[
@@ -70,45 +66,25 @@ def images(
             "--next-camera-file",
             metavar="FILE.json",
             help="Camera of the second pose, for motion.",
-            rich_help_panel=options.SCENE_PANEL,
+            rich_help_panel=view_options.SCENE_PANEL,
         ),
     ] = None,
-    eye: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Position of the camera.",
-            show_default="sees the whole mesh",
-            rich_help_panel=options.SCENE_PANEL,
-        ),
-    ] = None,
-    look_at: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,Z", help="Point that the camera looks at.", rich_help_panel=options.SCENE_PANEL),
-    ] = None,
-    up: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Direction that is up in the picture.",
-            show_default="0,1,0",
-            rich_help_panel=options.SCENE_PANEL,
-        ),
-    ] = None,
-    fov: Annotated[
-        float | None,
-        typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=options.SCENE_PANEL),
-    ] = None,
+    eye: view_options.Eye = None,
+    look_at: view_options.LookAt = None,
+    up: view_options.Up = None,
+    fov: view_options.Fov = None,
+    view: view_options.View = None,
+    frame: view_options.Frame = None,
+    cut: view_options.CutPlane = None,
+    cut_box: view_options.CutBox = None,
     shading: picture_options.Shading = None,
     samples: picture_options.Samples = None,
+    wireframe: picture_options.ShowWireframe = False,
+    wireframe_width: picture_options.WireframeWidth = None,
+    wireframe_colour: picture_options.WireframeColour = None,
     cache: options.UseCache = False,
     cache_dir: options.CacheFolder = None,
-    device: Annotated[
-        str | None,
-        typer.Option(
-            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
-        ),
-    ] = None,
+    device: options.Device = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
@@ -122,34 +98,34 @@ def images(
     names = check_channels([name.strip() for name in channels.split(",") if name.strip()])
     for path in output:
         check_images_path(path, names)
-    if camera_file is not None and any(value is not None for value in (camera, eye, look_at, up, fov)):
-        raise ConfigError("--camera-file says all of the view: give it without --camera, --eye, --look-at, --up, --fov")
+    if camera_file is not None and any(value is not None for value in (camera, eye, look_at, up, fov, view, frame)):
+        raise ConfigError(
+            "--camera-file says all of the view: give it without --camera, --eye, --look-at, --up, --fov, --view and "
+            "--frame"
+        )
     if "motion" in names and next_camera_file is None:
         raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
     first, second = (None if path is None else read_camera(path) for path in (camera_file, next_camera_file))
-    changes: dict[str, Any] = {
-        "eye": options.parse_vector("--eye", eye),
-        "look_at": options.parse_vector("--look-at", look_at),
-        "up": options.parse_vector("--up", up),
-        "fov": fov,
-    }
+    changes = view_options.parse_view(
+        eye=eye, look_at=look_at, up=up, fov=fov, frame=frame, cut=cut, cut_box=cut_box,
+        wireframe=picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
+    )  # fmt: skip
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
-    scene = options.open_sources(sources)
-    if camera is not None:
-        scene = options.with_camera(scene, camera, fov)
-    scene = scene.with_changes(**changes)
+    scene = view_options.with_view(options.open_sources(sources), changes, camera, view)
 
     begin = time.perf_counter()
-    view: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}
-    made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, **view)
+    settings: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}
+    notes: list[str] = []
+    made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, on_note=notes.append, **settings)
     made_s = time.perf_counter() - begin
     for path in output:
         made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)
     _report(made, output, made_s, time.perf_counter() - begin - made_s, as_json)
+    options.print_notes(notes)
 
 
 def _make_with_status(
-    scene: Scene, wanted: RenderOptions, names: tuple[str, ...], camera: Camera | None, **view: Any
+    scene: Scene, wanted: RenderOptions, names: tuple[str, ...], camera: Camera | None, **settings: Any
 ) -> Images:
     """Make the images, and show the current phase if stderr is a terminal."""
     from rich.console import Console
@@ -158,8 +134,9 @@ def _make_with_status(
 
     with Console(stderr=True).status("") as status:
         return render_images(
-            scene, names, wanted, camera=camera, on_phase=lambda phase: status.update(f"{phase} ..."), **view
-        )
+            scene, names, wanted, camera=camera, on_phase=lambda phase: status.update(f"{phase} ..."),
+            **settings,
+        )  # fmt: skip
 
 
 def _report(made: Images, output: list[Path], made_s: float, write_s: float, as_json: bool) -> None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from ..builders.options import BuildOptions
-    from ..rendering.cut import Cut
     from ..rendering.scene import Scene
 
-SCENE_PANEL = "Scene"
 TREE_PANEL = "Tree"
+DEVICE_PANEL = "Device"
 
 # The defaults of `clbvh.BuildOptions`, repeated because importing them would make `clbvh --help` slow. A test compares
 # them.
@@ -96,75 +98,15 @@ CacheFolder = Annotated[
         rich_help_panel=TREE_PANEL,
     ),
 ]
-CameraKind = Annotated[
-    str | None,
-    typer.Option(
-        metavar="KIND",
-        help="perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the "
-        "degrees of a fisheye as in fisheye:220.",
-        show_default="perspective",
-        rich_help_panel=SCENE_PANEL,
-    ),
-]
-Width = Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=SCENE_PANEL)]
-Height = Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=SCENE_PANEL)]
-Up = Annotated[
-    str | None,
-    typer.Option(
-        metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=SCENE_PANEL
-    ),
-]
-View = Annotated[
-    str | None,
-    typer.Option(
-        help="front, right, back, left, top, bottom or iso: the whole mesh from this side.",
-        show_default="a little from the right and above",
-        rich_help_panel=SCENE_PANEL,
-    ),
-]
-CutPlane = Annotated[
-    str | None,
-    typer.Option(
-        "--cut",
-        metavar='"X,Y,Z;NX,NY,NZ"',
-        help="Do not show what lies on the normal's side of a plane through a point; light comes as if it were there.",
-        rich_help_panel=SCENE_PANEL,
-    ),
-]
-CutBox = Annotated[
-    str | None,
-    typer.Option(
-        "--cut-box",
-        metavar='"X,Y,Z;X,Y,Z"',
-        help="Do not show what lies inside a box, by its lower and its upper corner.",
-        rich_help_panel=SCENE_PANEL,
-    ),
-]
-Background = Annotated[
-    str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=SCENE_PANEL)
-]
 Device = Annotated[
     str | None,
     typer.Option(
-        help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
+        help="A number, a part of a name, gpu or cpu; see `clbvh devices`.",
+        show_default="a GPU, if there is one",
+        rich_help_panel=DEVICE_PANEL,
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
-
-
-def parse_vector(option: str, text: str | None) -> tuple[float, float, float] | None:
-    """Return the three numbers of an option such as ``--eye 1,2,3``."""
-    from ..errors import ConfigError
-
-    if text is None:
-        return None
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise ConfigError(
-            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
-        ) from error
-    return x, y, z
 
 
 def open_sources(sources: list[str]) -> Scene:
@@ -175,29 +117,10 @@ def open_sources(sources: list[str]) -> Scene:
     return open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
 
 
-def with_camera(scene: Scene, camera: str, fov: float | None) -> Scene:
-    """Return the scene with a camera of another kind, which may be perspective."""
-    from dataclasses import replace
-
-    from ..errors import ConfigError
-    from ..rendering.projection import parse_projection
-
-    projection = parse_projection(camera)
-    if projection is not None and fov is not None:
-        raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
-    return replace(scene, projection=projection)
-
-
-def parse_cut(plane: str | None, box: str | None) -> Cut | None:
-    """Return the cut of ``--cut`` or ``--cut-box``."""
-    from ..errors import ConfigError
-    from ..rendering.cut import parse_cut as parse
-
-    if plane is not None and box is not None:
-        raise ConfigError("--cut and --cut-box were given: a picture has one cut")
-    if plane is not None:
-        return parse("plane", plane)
-    return None if box is None else parse("box", box)
+def print_notes(notes: Iterable[str]) -> None:
+    """Print what the user should know on stderr, each as one line."""
+    for note in notes:
+        print(f"clbvh: {note}", file=sys.stderr)
 
 
 def make_build_options(

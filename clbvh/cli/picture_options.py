@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-SCENE_PANEL = "Scene"
+from .view_options import SCENE_PANEL, parse_vector
+
+if TYPE_CHECKING:
+    from ..rendering.wireframe import Wireframe
+
 SAMPLES_PANEL = "Samples and colours"
 
 Shading = Annotated[
@@ -64,6 +68,22 @@ Transparent = Annotated[
     bool | None,
     typer.Option("--transparent", help="Leave the background out, in a PNG with alpha.", rich_help_panel=SAMPLES_PANEL),
 ]
+ShowWireframe = Annotated[
+    bool, typer.Option("--wireframe", help="Draw the edges of triangles.", rich_help_panel=SAMPLES_PANEL)
+]
+WireframeWidth = Annotated[
+    float | None,
+    typer.Option(metavar="PIXELS", help="Of their lines.", show_default="1", rich_help_panel=SAMPLES_PANEL),
+]
+WireframeColour = Annotated[
+    str | None,
+    typer.Option(
+        metavar="R,G,B",
+        help="Of their lines, linear, each 0 to 1.",
+        show_default="0,0,0",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
+]
 Exposure = Annotated[
     float | None,
     typer.Option(
@@ -104,3 +124,12 @@ MaxBounces = Annotated[
     int | None,
     typer.Option(help="Reflections after which a path ends.", show_default="12", rich_help_panel=SAMPLES_PANEL),
 ]
+
+
+def parse_wireframe(is_shown: bool, width: float | None, colour: str | None) -> Wireframe | None:
+    """Return the lines of ``--wireframe``; its width and its colour ask for them, too."""
+    from ..rendering.wireframe import Wireframe
+
+    values: dict[str, Any] = {"width": width, "colour": parse_vector("--wireframe-colour", colour)}
+    given = {name: value for name, value in values.items() if value is not None}
+    return Wireframe(**given) if is_shown or given else None

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options, picture_options
+from . import options, picture_options, view_options
 from .render_progress import render_with_status
 from .render_report import print_render_report
 
@@ -20,8 +19,7 @@ if TYPE_CHECKING:
     from ..rendering.picture import Picture
     from ..rendering.scene import Scene
 
-_SCENE = picture_options.SCENE_PANEL
-_DEVICE = "Device"
+_SCENE = view_options.SCENE_PANEL
 
 
 def render(
@@ -38,30 +36,16 @@ def render(
             help="Write t, u, v, prim_id, geometry_id and instance_id of every pixel, each (H, W), and the names.",
         ),
     ] = None,
-    width: Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=_SCENE)] = None,
-    height: Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=_SCENE)] = None,
+    width: view_options.Width = None,
+    height: view_options.Height = None,
     shading: picture_options.Shading = None,
-    eye: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z", help="Position of the camera.", show_default="sees the whole mesh", rich_help_panel=_SCENE
-        ),
-    ] = None,
-    look_at: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Point that the camera looks at.", rich_help_panel=_SCENE)
-    ] = None,
-    up: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z", help="Direction that is up in the picture.", show_default="0,1,0", rich_help_panel=_SCENE
-        ),
-    ] = None,
-    fov: Annotated[
-        float | None,
-        typer.Option(help="Vertical field of view in degrees.", show_default="35", rich_help_panel=_SCENE),
-    ] = None,
-    view: options.View = None,
-    camera: options.CameraKind = None,
+    eye: view_options.Eye = None,
+    look_at: view_options.LookAt = None,
+    up: view_options.Up = None,
+    fov: view_options.Fov = None,
+    view: view_options.View = None,
+    frame: view_options.Frame = None,
+    camera: view_options.CameraKind = None,
     aperture: Annotated[
         float | None,
         typer.Option(
@@ -83,11 +67,9 @@ def render(
             metavar="X,Y,Z", help="Direction to the light.", show_default="above, to the left", rich_help_panel=_SCENE
         ),
     ] = None,
-    cut: options.CutPlane = None,
-    cut_box: options.CutBox = None,
-    background: Annotated[
-        str | None, typer.Option(metavar="R,G,B", help="Linear colour, each 0 to 1.", rich_help_panel=_SCENE)
-    ] = None,
+    cut: view_options.CutPlane = None,
+    cut_box: view_options.CutBox = None,
+    background: view_options.Background = None,
     samples: picture_options.Samples = None,
     time_limit: picture_options.TimeLimit = None,
     keep: picture_options.Keep = False,
@@ -95,6 +77,9 @@ def render(
     smooth: picture_options.Smooth = None,
     ground: picture_options.Ground = None,
     transparent: picture_options.Transparent = None,
+    wireframe: picture_options.ShowWireframe = False,
+    wireframe_width: picture_options.WireframeWidth = None,
+    wireframe_colour: picture_options.WireframeColour = None,
     exposure: picture_options.Exposure = None,
     tone_curve: picture_options.ToneCurve = None,
     max_bounces: picture_options.MaxBounces = None,
@@ -111,16 +96,12 @@ def render(
     quality: options.Quality = options.DEFAULT_QUALITY,
     cache: options.UseCache = False,
     cache_dir: options.CacheFolder = None,
-    device: Annotated[
-        str | None,
-        typer.Option(
-            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.",
-            show_default="a GPU, if there is one",
-            rich_help_panel=_DEVICE,
-        ),
-    ] = None,
+    device: options.Device = None,
     layout: Annotated[
-        str, typer.Option(help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8.", rich_help_panel=_DEVICE)
+        str,
+        typer.Option(
+            help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8.", rich_help_panel=options.DEVICE_PANEL
+        ),
     ] = "auto",
     heatmap: Annotated[
         str | None,
@@ -146,8 +127,18 @@ def render(
     if heatmap is not None:
         _check_heat_map(heatmap, builder)
     changes: dict[str, Any] = {
-        "width": width,
-        "height": height,
+        **view_options.parse_view(
+            width=width,
+            height=height,
+            eye=eye,
+            look_at=look_at,
+            up=up,
+            fov=fov,
+            frame=frame,
+            cut=cut,
+            cut_box=cut_box,
+            background=background,
+        ),
         # Only paths see an environment.
         "shading": "path" if shading is None and environment is not None else shading,
         "samples": samples,
@@ -156,22 +147,16 @@ def render(
         "ground": ground,
         "transparent": transparent,
         "exposure": exposure,
-        "cut": options.parse_cut(cut, cut_box),
+        "wireframe": picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
         "tone_curve": tone_curve,
         "max_bounces": max_bounces,
         "environment": environment,
         "environment_rotation": environment_rotation,
         "environment_strength": environment_strength,
-        "eye": options.parse_vector("--eye", eye),
-        "look_at": options.parse_vector("--look-at", look_at),
-        "up": options.parse_vector("--up", up),
-        "fov": fov,
         "aperture": aperture,
         "focus_distance": focus,
-        # One colour stands for top and bottom.
-        "background": options.parse_vector("--background", background),
     }
-    light_direction = options.parse_vector("--light", light)
+    light_direction = view_options.parse_vector("--light", light)
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
@@ -183,11 +168,7 @@ def render(
     )
 
     scene, load_timings_ms = _open(sources)
-    if camera is not None:
-        scene = options.with_camera(scene, camera, fov)
-    if view is not None:
-        scene = scene.with_view(view)
-    scene = scene.with_changes(**changes)
+    scene = view_options.with_view(scene, changes, camera, view)
     if scene.transparent and heatmap is None:
         for path in output:
             check_has_alpha(path)
@@ -202,8 +183,7 @@ def render(
         print(json.dumps(report, indent=2))
     else:
         print_render_report(report, picture)
-    for note in picture.notes:
-        print(f"clbvh: {note}", file=sys.stderr)
+    options.print_notes(picture.notes)
 
 
 def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from . import options, picture_options
+from . import options, picture_options, view_options
 
 # Those of `clbvh.contact_sheet`, repeated because importing them would make `clbvh --help` slow. A test compares them.
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300
@@ -22,16 +22,17 @@ def sheet(
         typer.Option("-o", "--output", help="File of the picture, .png or .ppm; may be given several times."),
     ],
     width: Annotated[
-        int, typer.Option(help="Pixels of each view.", rich_help_panel=options.SCENE_PANEL)
+        int, typer.Option(help="Pixels of each view.", rich_help_panel=view_options.SCENE_PANEL)
     ] = DEFAULT_WIDTH,
     height: Annotated[
-        int, typer.Option(help="Pixels of each view.", rich_help_panel=options.SCENE_PANEL)
+        int, typer.Option(help="Pixels of each view.", rich_help_panel=view_options.SCENE_PANEL)
     ] = DEFAULT_HEIGHT,
     shading: picture_options.Shading = None,
-    up: options.Up = None,
-    cut: options.CutPlane = None,
-    cut_box: options.CutBox = None,
-    background: options.Background = None,
+    up: view_options.Up = None,
+    frame: view_options.Frame = None,
+    cut: view_options.CutPlane = None,
+    cut_box: view_options.CutBox = None,
+    background: view_options.Background = None,
     samples: picture_options.Samples = None,
     seed: picture_options.Seed = None,
     smooth: picture_options.Smooth = None,
@@ -41,6 +42,9 @@ def sheet(
             "--ground", help="Show shadows on a ground (studio).", rich_help_panel=picture_options.SAMPLES_PANEL
         ),
     ] = False,
+    wireframe: picture_options.ShowWireframe = False,
+    wireframe_width: picture_options.WireframeWidth = None,
+    wireframe_colour: picture_options.WireframeColour = None,
     exposure: picture_options.Exposure = None,
     tone_curve: picture_options.ToneCurve = None,
     cache: options.UseCache = False,
@@ -59,24 +63,24 @@ def sheet(
     for path in output:
         check_picture_path(path)
     changes = {
+        **view_options.parse_view(up=up, frame=frame, cut=cut, cut_box=cut_box, background=background),
         "shading": shading,
         "samples": samples,
         "seed": seed,
         "smooth": smooth,
         "exposure": exposure,
-        "cut": options.parse_cut(cut, cut_box),
+        "wireframe": picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
         "tone_curve": tone_curve,
-        "up": options.parse_vector("--up", up),
-        "background": options.parse_vector("--background", background),
     }
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
     scene = options.open_sources(sources).with_changes(**changes)
 
+    notes: list[str] = []
     begin = time.perf_counter()
     with Console(stderr=True).status("") as status:
         made = contact_sheet(
             scene, wanted, width=width, height=height, ground=ground,
-            on_phase=lambda phase: status.update(f"{phase} ..."),
+            on_phase=lambda phase: status.update(f"{phase} ..."), on_note=notes.append,
         )  # fmt: skip
     for path in output:
         made.save(path)
@@ -92,6 +96,7 @@ def sheet(
             "timings_ms": {"total": spent_s * 1e3},
         }
         print(json.dumps(report, indent=2))
-        return
-    for path in output:
-        print(f"{path}: {len(made.pictures)} views, {columns} x {rows}, made in {spent_s:,.1f} s")
+    else:
+        for path in output:
+            print(f"{path}: {len(made.pictures)} views, {columns} x {rows}, made in {spent_s:,.1f} s")
+    options.print_notes(notes)

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options, picture_options
+from . import options, picture_options, view_options
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..rendering.render_options import RenderOptions
     from ..rendering.scene import Scene
 
@@ -28,18 +30,22 @@ def turntable(
     ],
     frames: Annotated[int, typer.Option(help="Pictures of a full turn.")] = DEFAULT_FRAMES,
     frame_rate: Annotated[float, typer.Option("--fps", help="Pictures shown in a second.")] = DEFAULT_FRAME_RATE,
-    width: options.Width = None,
-    height: options.Height = None,
+    width: view_options.Width = None,
+    height: view_options.Height = None,
     shading: picture_options.Shading = None,
-    up: options.Up = None,
-    cut: options.CutPlane = None,
-    cut_box: options.CutBox = None,
-    background: options.Background = None,
-    camera: options.CameraKind = None,
+    up: view_options.Up = None,
+    frame: view_options.Frame = None,
+    cut: view_options.CutPlane = None,
+    cut_box: view_options.CutBox = None,
+    background: view_options.Background = None,
+    camera: view_options.CameraKind = None,
     samples: picture_options.Samples = None,
     seed: picture_options.Seed = None,
     smooth: picture_options.Smooth = None,
     ground: picture_options.Ground = None,
+    wireframe: picture_options.ShowWireframe = False,
+    wireframe_width: picture_options.WireframeWidth = None,
+    wireframe_colour: picture_options.WireframeColour = None,
     exposure: picture_options.Exposure = None,
     tone_curve: picture_options.ToneCurve = None,
     cache: options.UseCache = False,
@@ -56,31 +62,36 @@ def turntable(
     check_animation(output, frame_rate)
     check_frame_count(frames)
     changes: dict[str, Any] = {
-        "width": width,
-        "height": height,
+        **view_options.parse_view(
+            width=width, height=height, up=up, frame=frame, cut=cut, cut_box=cut_box, background=background
+        ),
         "shading": shading,
         "samples": samples,
         "seed": seed,
         "smooth": smooth,
         "ground": ground,
         "exposure": exposure,
-        "cut": options.parse_cut(cut, cut_box),
+        "wireframe": picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
         "tone_curve": tone_curve,
-        "up": options.parse_vector("--up", up),
-        "background": options.parse_vector("--background", background),
     }
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
-    scene = options.open_sources(sources)
-    if camera is not None:
-        scene = options.with_camera(scene, camera, None)
-    scene = scene.with_changes(**changes)
+    scene = view_options.with_view(options.open_sources(sources), changes, camera)
 
     begin = time.perf_counter()
-    _write_with_status(scene, output, wanted, frames, frame_rate)
+    notes: list[str] = []
+    _write_with_status(scene, output, wanted, frames, frame_rate, notes.append)
     _report(scene, output, frames, frame_rate, time.perf_counter() - begin, as_json)
+    options.print_notes(notes)
 
 
-def _write_with_status(scene: Scene, output: Path, wanted: RenderOptions, frames: int, frame_rate: float) -> None:
+def _write_with_status(
+    scene: Scene,
+    output: Path,
+    wanted: RenderOptions,
+    frames: int,
+    frame_rate: float,
+    on_note: Callable[[str], None],
+) -> None:
     """Write the animation, and show the phase and the time that is left if stderr is a terminal."""
     from rich.console import Console
 
@@ -98,7 +109,16 @@ def _write_with_status(scene: Scene, output: Path, wanted: RenderOptions, frames
             left = (time.perf_counter() - begin) * (total - done) / done
             status.update(f"render: frame {done} of {total}, about {left:.0f} s left ...")
 
-        render_turntable(scene, output, wanted, frames=frames, frames_per_s=frame_rate, on_frame=show, on_phase=enter)
+        render_turntable(
+            scene,
+            output,
+            wanted,
+            frames=frames,
+            frames_per_s=frame_rate,
+            on_frame=show,
+            on_phase=enter,
+            on_note=on_note,
+        )
 
 
 def _report(scene: Scene, output: Path, frames: int, frame_rate: float, spent_s: float, as_json: bool) -> None:

@@ -19,7 +19,7 @@ _NAMES = "xyz"
 _UPS = {_Y: Y_UP, _Z: Z_UP}
 
 # Formats whose rule is to have y up, and the habits of those without a rule: STL comes from CAD and goes to printers.
-_RULED = ("gltf", "glb")
+RULED_SUFFIXES = (".gltf", ".glb")
 _HABITS = {"stl": _Z, "off": _Z}
 
 # Triangles looked at; the result is the same for any number from about 1,000 of the bunny and the dragon of Stanford.
@@ -39,10 +39,14 @@ _FLAT = 0.2
 
 
 class Up(NamedTuple):
-    """The direction that is up, and why, as a sentence without its full stop."""
+    """The direction that is up, and why, as a sentence without its full stop.
+
+    It is a guess where something speaks for it; neither the rule of a format nor y for lack of a reason is one.
+    """
 
     vector: tuple[float, float, float]
     reason: str
+    is_guess: bool
 
 
 def find_up(source_format: str, mesh: Mesh) -> Up:
@@ -60,6 +64,8 @@ def find_up(source_format: str, mesh: Mesh) -> Up:
         (0, 1, 0) or (0, 0, 1).
     reason : str
         For the user.
+    is_guess : bool
+        False for the rule of a format, and for y where nothing speaks for either.
 
     Examples
     --------
@@ -68,19 +74,23 @@ def find_up(source_format: str, mesh: Mesh) -> Up:
     >>> from clbvh.geometry.up import find_up
     >>> cone = trimesh.creation.cone(radius=1, height=2)
     >>> find_up("obj", clbvh.Mesh.from_arrays(cone.vertices, cone.faces))
-    Up(vector=(0.0, 0.0, 1.0), reason='z is up: the mesh stands on a wide base along z, but not along y')
+    Up(vector=(0.0, 0.0, 1.0), reason='z is up: the mesh stands on a wide base along z, but not along y', is_guess=True)
     >>> find_up("glb", clbvh.make_shape("icosphere", triangles=320)).reason
     'y is up: that is the rule of glTF files'
     """
     kind = source_format.lower().lstrip(".")
-    if kind in _RULED:
-        return _say(_Y, "that is the rule of glTF files")
+    if f".{kind}" in RULED_SUFFIXES:
+        return _say(_Y, "that is the rule of glTF files", is_guess=False)
     return guess_up(mesh, kind)
 
 
 def guess_up(mesh: Mesh, source_format: str = "") -> Up:
     """Return the direction that is probably up in a mesh whose format has no rule; see `find_up`."""
-    points = _sample(mesh)
+    return guess_up_of_points(sample_points(mesh), source_format)
+
+
+def guess_up_of_points(points: NDArray[np.float64], source_format: str = "") -> Up:
+    """Return the direction that is probably up in points on a surface, (n, 3)."""
     lower, upper = np.quantile(points, [_STRAYS, 1 - _STRAYS], axis=0)
     sides = upper - lower
     for axis in (_Z, _Y):
@@ -93,17 +103,17 @@ def guess_up(mesh: Mesh, source_format: str = "") -> Up:
             return _say(axis, f"the mesh stands on a wide base {names}")
     kind = source_format.lower().lstrip(".")
     if kind not in _HABITS:
-        return _say(_Y, "nothing in its shape says otherwise")
+        return _say(_Y, "nothing in its shape says otherwise", is_guess=False)
     return _say(_HABITS[kind], f"most {kind.upper()} files have it so, and nothing in its shape says otherwise")
 
 
-def _say(axis: int, reason: str) -> Up:
-    return Up(_UPS[axis], f"{_NAMES[axis]} is up: {reason}")
+def _say(axis: int, reason: str, *, is_guess: bool = True) -> Up:
+    return Up(_UPS[axis], f"{_NAMES[axis]} is up: {reason}", is_guess)
 
 
-def _sample(mesh: Mesh) -> NDArray[np.float64]:
-    """Return the corners of some faces, (n, 3), spread evenly over the list of faces."""
-    step = -(-mesh.face_count // _MAX_TRIANGLES)
+def sample_points(mesh: Mesh, most: int = _MAX_TRIANGLES) -> NDArray[np.float64]:
+    """Return the corners of at most so many faces, (n, 3) in local units, spread evenly over the list of faces."""
+    step = -(-mesh.face_count // most)
     return mesh.local_vertices[mesh.faces[::step].ravel()].astype(np.float64)
 
 

@@ -93,6 +93,7 @@ def contact_sheet(
     up: Vector | None = None,
     ground: bool = False,
     on_phase: Callable[[str], None] = lambda phase: None,
+    on_note: Callable[[str], None] = lambda note: None,
 ) -> ContactSheet:
     """Return the standard views of a scene in one picture: front, right, back, left, top, bottom and isometric.
 
@@ -114,6 +115,8 @@ def contact_sheet(
         Whether there are shadows on a ground, which only the views from above show.
     on_phase : function, optional
         Called with the name of each phase and of each view as it begins.
+    on_note : function, optional
+        Called with each fact that a user should know, as in `Picture.notes`.
 
     Raises
     ------
@@ -131,6 +134,8 @@ def contact_sheet(
         # Seen from a side, so that up in the world is the scene's, and not that of a view from the top.
         scene = renderer.scene.with_view(STANDARD_VIEWS[0])
         scene = scene.with_changes(width=width, height=height, up=up, ground=ground, transparent=False)
+        for note in renderer.list_notes(scene):
+            on_note(note)
         renderer.scene = scene
         pictures = {}
         for view, camera in renderer.orthographic_views().items():

@@ -17,6 +17,7 @@ from ..scene.names import UniqueNames
 from .repeat import Scatter
 from .scene import Scene
 from .scene_object import SceneObject
+from .upright import known_up
 
 
 def load_objects(scene: Scene, objects: Sequence[SceneObject]) -> None:
@@ -80,4 +81,4 @@ def _place(found: SceneObject, geometries: list[tuple[SceneObject, Geometry]], s
     # A mirrored triangle is seen from its other side, unless its corners are turned round.
     if np.linalg.slogdet(target.matrix[:3, :3])[0] < 0:
         faces = faces[:, ::-1]
-    return found.repeat.matrices(found.matrix, vertices, faces, scene.up)
+    return found.repeat.matrices(found.matrix, vertices, faces, known_up(scene))

@@ -8,29 +8,32 @@ from pathlib import Path
 
 from ..errors import SceneError
 from ..geometry.loading.several_parts import may_have_parts
+from ..geometry.up import RULED_SUFFIXES
+from .camera import DEFAULT_UP
 from .mesh_source import MeshSource
 from .scene import Scene
+from .upright import AUTO
 
 
 def open_mesh_file(path: str | os.PathLike[str]) -> Scene:
     """Return the scene of one mesh file.
 
     The parts of an OBJ, GLB or glTF file with several of them are geometries and instances with the file's names, and
-    are loaded now. Any other file is one mesh, which is loaded when it is needed.
+    are loaded now. Any other file is one mesh, which is loaded when it is needed. The scene's `up` is y for glTF files,
+    and otherwise guessed.
 
     Raises
     ------
     MeshError
         The parts cannot be loaded.
     """
+    one_mesh = Scene(MeshSource(path=os.fspath(path)), up=AUTO)
     if not may_have_parts(path):
-        return Scene(MeshSource(path=os.fspath(path)))
-    scene = Scene()
+        return one_mesh
+    scene = _empty_scene([path])
     instances = scene.add_scene(path)
-    if len(instances) > 1:
-        return scene
     # Names without faces are no parts.
-    return Scene(MeshSource(path=os.fspath(path)))
+    return scene if len(instances) > 1 else one_mesh
 
 
 def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
@@ -50,7 +53,13 @@ def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
             raise SceneError(f"{path}: several files make a scene if all of them are meshes: draw a scene file alone")
     if len(paths) == 1:
         return open_mesh_file(paths[0])
-    scene = Scene()
+    scene = _empty_scene(paths)
     for path in paths:
         scene.add_scene(path)
     return scene
+
+
+def _empty_scene(paths: Sequence[str | os.PathLike[str]]) -> Scene:
+    """Return a scene whose `up` is that of files: by the rule of their format, or to be guessed."""
+    has_rule = all(Path(path).suffix.lower() in RULED_SUFFIXES for path in paths)
+    return Scene(up=DEFAULT_UP if has_rule else AUTO)

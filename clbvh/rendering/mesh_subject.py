@@ -21,7 +21,9 @@ from .film.ground import Ground
 from .film.light_tables import local_maps
 from .render_options import RenderOptions
 from .scene import Scene
+from .scene_extent import SceneExtent
 from .view import make_view
+from .view_bounds import box_in
 
 
 class MeshSubject:
@@ -97,9 +99,12 @@ class MeshSubject:
         """Return (1, 4, 4) float64: the map from the mesh's coordinates to the local ones of pictures."""
         return local_maps(np.eye(4)[None], self.mesh.origin, self.mesh.scale)
 
-    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
-        """Return the view, (1,) `structs.VIEW`."""
-        return make_view(scene, camera, self.mesh, ground=ground)
+    def make_view(
+        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneExtent
+    ) -> NDArray[np.void]:
+        """Return the view, (1,) `structs.VIEW`; `framed` is what counts, see `make_view`."""
+        box = None if framed is self.mesh else box_in(framed, self.mesh)
+        return make_view(scene, camera, self.mesh, ground=ground, framed_box=box)
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""

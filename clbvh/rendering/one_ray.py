@@ -26,6 +26,8 @@ class OneRayPainter:
         Linear colours of the instances; NaN, and by default: that of the view.
     has_cut : bool
         Whether the views have a cut.
+    has_wireframe : bool
+        Whether they have lines.
 
     Raises
     ------
@@ -41,13 +43,16 @@ class OneRayPainter:
         colours: NDArray[np.floating] | None = None,
         *,
         has_cut: bool = False,
+        has_wireframe: bool = False,
     ) -> None:
         own = np.full((1, 3), np.nan) if colours is None else colours
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
         self._arguments = world_arguments(tree) | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
-        self._kernel = build_kernel(session, "render", {**tree.defines, "HAS_CUT": int(has_cut)})
+        self._kernel = build_kernel(
+            session, "render", {**tree.defines, "HAS_CUT": int(has_cut), "HAS_WIREFRAME": int(has_wireframe)}
+        )
         self._entry_points = ViewEntryPoints(session, tree, self._tile, 0.0)
 
     def paint(self, band: Band) -> None:

@@ -40,10 +40,10 @@ class Painters:
     def __init__(self, session: DeviceSession, tree: TracedTree, subject: MeshSubject | SceneSubject) -> None:
         self._session, self._tree, self._subject = session, tree, subject
         self._lock = threading.Lock()
-        self._one_ray: dict[bool, OneRayPainter] = {}  # by whether there is a cut
+        self._one_ray: dict[tuple[bool, bool], OneRayPainter] = {}  # by `_parts_of`
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[str, float, bool], tuple[SampleShading, dict[str, Any]]] = {}
+        self._shadings: dict[tuple[str, float, bool, bool], tuple[SampleShading, dict[str, Any]]] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
@@ -60,12 +60,14 @@ class Painters:
         """
         with self._lock:
             if scene.shading in REPORT_SHADINGS:
-                has_cut = scene.cut is not None
-                if has_cut not in self._one_ray:
+                key = has_cut, has_wireframe = _parts_of(scene)
+                if key not in self._one_ray:
                     *_, colours = self._subject.looks()
-                    self._one_ray[has_cut] = OneRayPainter(self._session, self._tree, colours=colours, has_cut=has_cut)
+                    self._one_ray[key] = OneRayPainter(
+                        self._session, self._tree, colours=colours, has_cut=has_cut, has_wireframe=has_wireframe
+                    )
                 progress.taken = 1
-                return self._one_ray[has_cut]
+                return self._one_ray[key]
             if scene.shading == "path":
                 self._find_lights(scene).describe(view)
             shading, buffers = self._find_shading(scene)
@@ -75,8 +77,8 @@ class Painters:
 
     def _find_shading(self, scene: Scene) -> tuple[SampleShading, dict[str, Any]]:
         """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
-        has_cut = scene.cut is not None
-        key = scene.shading, float(scene.smooth), has_cut
+        has_cut, has_wireframe = _parts_of(scene)
+        key = scene.shading, float(scene.smooth), has_cut, has_wireframe
         if key not in self._shadings:
             shapes, *_ = self._subject.looks()
             compile_kernels = partial(
@@ -86,6 +88,7 @@ class Painters:
                 scene.shading,
                 has_cutouts=has_cutouts(shapes),
                 has_cut=has_cut,
+                has_wireframe=has_wireframe,
             )
             # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
             with HostThreads(2) as threads:
@@ -131,3 +134,8 @@ class Painters:
 
 def _call(step: Callable[[], Any]) -> Any:
     return step()
+
+
+def _parts_of(scene: Scene) -> tuple[bool, bool]:
+    """Return which parts of kernels a picture needs: whether there is a cut, and whether there are lines."""
+    return scene.cut is not None, scene.wireframe is not None

@@ -13,6 +13,7 @@ from .render_options import RenderOptions
 from .renderer import Renderer
 from .scene import Light
 from .vectors import Vector
+from .wireframe import Wireframe
 
 __all__ = ["RenderOptions", "render"]
 
@@ -30,6 +31,7 @@ def render(
     surface: Vector | None = None,
     background: Vector | tuple[Vector, Vector] | None = None,
     cut: Cut | None = None,
+    wireframe: Wireframe | None = None,
     samples: int | None = None,
     time_limit_s: float | None = None,
     on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -43,7 +45,7 @@ def render(
     source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
         A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh.
     options : RenderOptions, optional
-    camera, view, width, height, shading, light, surface, background, cut, samples : optional
+    camera, view, width, height, shading, light, surface, background, cut, wireframe, samples : optional
         See `Renderer.render`; by default the scene's.
     time_limit_s, on_samples, is_stopped : optional
         See `Renderer.render`.
@@ -75,8 +77,8 @@ def render(
     with Renderer(source, options, on_phase=on_phase) as renderer:
         picture = renderer.render(
             camera=camera, view=view, width=width, height=height, shading=shading, light=light, surface=surface,
-            background=background, cut=cut, samples=samples, time_limit_s=time_limit_s, on_samples=on_samples,
-            is_stopped=is_stopped, on_phase=on_phase,
+            background=background, cut=cut, wireframe=wireframe, samples=samples, time_limit_s=time_limit_s,
+            on_samples=on_samples, is_stopped=is_stopped, on_phase=on_phase,
         )  # fmt: skip
     timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}
     return replace(picture, timings=timings)

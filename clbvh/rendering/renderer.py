@@ -26,6 +26,7 @@ from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
+from .bulk import Bulk, find_bulk
 from .camera import Camera
 from .cut import Cut
 from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
@@ -39,14 +40,17 @@ from .images.make_images import make_images
 from .mesh_subject import MeshSubject
 from .painters import Painters
 from .picture import Picture
-from .projection import Orthographic, Projection
+from .projection import Orthographic, Panorama, Projection
 from .render_options import RenderOptions
 from .scene import Light, Scene
+from .scene_extent import SceneExtent
 from .scene_subject import SceneSubject
 from .standard_views import STANDARD_VIEWS
 from .timings import list_picture_ms, list_setup_ms
+from .upright import AUTO, find_upright, known_up
 from .vectors import Vector
 from .view import sky_direction
+from .wireframe import Wireframe
 
 # Four channels of float32.
 _FILM_BYTES = 16
@@ -121,12 +125,16 @@ class Renderer(ContextManager):
         watch = Stopwatch()
         with ExitStack() as stack:
             self.scene = as_scene(source)
-            self._subject = subject = _find_subject(self.scene, source, options, stack)
+            subject = _find_subject(self.scene, source, options, stack)
 
             on_phase("load")
             subject.load()
+            self._subject = subject
+            self._bulk: Bulk | None = None
+            up, self._up_note = find_upright(self.scene, self._find_extent(self.scene))
+            self.scene = self.scene.with_changes(up=up)
             self._framed = self._frame(self.scene)
-            self._ground: tuple[NDArray[np.float64], Ground] | None = None
+            self._ground: tuple[Mesh | SceneExtent, NDArray[np.float64], Ground] | None = None
             watch.lap("load")
 
             on_phase("build")
@@ -168,6 +176,7 @@ class Renderer(ContextManager):
         surface: Vector | None = None,
         background: Vector | tuple[Vector, Vector] | None = None,
         cut: Cut | None = None,
+        wireframe: Wireframe | None = None,
         samples: int | None = None,
         time_limit_s: float | None = None,
         on_samples: Callable[[int, int], None] = lambda done, total: None,
@@ -195,6 +204,8 @@ class Renderer(ContextManager):
             Linear colour, or the colours at the top and at the bottom.
         cut : Cut, optional
             A part of the world that the camera does not see.
+        wireframe : Wireframe, optional
+            Lines along the edges of triangles.
         samples : int, optional
             Of each pixel; see `Scene.samples`.
         time_limit_s : float, optional
@@ -250,17 +261,22 @@ class Renderer(ContextManager):
             surface=surface,
             background=background,
             cut=cut,
+            wireframe=wireframe,
             samples=samples,
         )
         progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
         if keeps_film and scene.shading not in REPORT_SHADINGS:
             progress.film = _make_film(scene)
-        camera = camera or self._find_camera(scene)
+        made = self._subject.made
+        notes = [] if made is None else [*made.notes]
+        if camera is None:
+            notes += self.list_notes(scene)
+            camera = self._find_camera(scene)
         times = EventTimes()
-        device_view = self._subject.make_view(scene, camera, self._find_ground(scene, camera))
+        framed = self._find_extent(scene)
+        device_view = self._subject.make_view(scene, camera, self._find_ground(scene, camera), framed)
         colours, found = self._frames.render(device_view, self._painters.painter(scene, device_view, progress), times)
         rgb = _take_rgb(colours)
-        made = self._subject.made
         picture = Picture(
             rgb=rgb,
             alpha=colours[..., 3].copy(),
@@ -276,7 +292,7 @@ class Renderer(ContextManager):
             workers=made.workers if made is not None else int(self._subject.bvh is None),
             timings=list_picture_ms(self.timings, times, watch),
             tree_from_cache=made is not None and made.from_cache,
-            notes=() if made is None else made.notes,
+            notes=tuple(notes),
         )
         if not self._options.validate:
             return picture
@@ -362,9 +378,9 @@ class Renderer(ContextManager):
             raise SceneError(f"a turn has at least one camera, not {count!r}")
         scene = self.scene.with_changes(width=width, height=height, up=up)
         first = frame_turn(
-            self._subject.extent,
+            self._find_extent(scene),
             aspect=scene.width / scene.height,
-            up=scene.up,
+            up=known_up(scene),
             fov=scene.fov,
             projection=scene.projection,
         )
@@ -405,9 +421,9 @@ class Renderer(ContextManager):
         (0.0, 1.0, 0.0)
         """
         scene = self.scene.with_changes(width=width, height=height, up=up)
-        aspect = scene.width / scene.height
+        aspect, extent = scene.width / scene.height, self._find_extent(scene)
         cameras = {
-            view: frame_mesh(self._subject.extent, aspect=aspect, up=scene.up, projection=Orthographic(), side=view)
+            view: frame_mesh(extent, aspect=aspect, up=known_up(scene), projection=Orthographic(), side=view)
             for view in views
         }
         tallest = max((camera.projection for camera in cameras.values()), key=_height_of, default=None)
@@ -432,8 +448,31 @@ class Renderer(ContextManager):
         ...     renderer.measure_views(["front", "right"])
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
-        up = self.scene.up if up is None else up
-        return {view: measure_side(self._subject.extent, view, up) for view in views}
+        up = known_up(self.scene) if up is None else up
+        extent = self._find_extent(self.scene)
+        return {view: measure_side(extent, view, up) for view in views}
+
+    def list_notes(self, scene: Scene | None = None) -> tuple[str, ...]:
+        """Return what the user of a picture without a camera of its own should know: the guessed `up`, strays.
+
+        Parameters
+        ----------
+        scene : Scene, optional
+            The settings of the picture; by default the renderer's.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     renderer.list_notes()
+        ()
+        """
+        scene = self.scene if scene is None else scene
+        notes = [self._up_note] if self._up_note is not None and scene.up == self.scene.up else []
+        is_framed = scene.look_at is None and not isinstance(scene.projection, Panorama)
+        if is_framed and scene.frame == AUTO and (left_out := self._find_bulk().note) is not None:
+            notes.append(f"{left_out}; --frame all shows everything")
+        return tuple(notes)
 
     @property
     def device(self) -> DeviceInfo:
@@ -486,12 +525,22 @@ class Renderer(ContextManager):
         if not scene.ground or scene.shading not in SHADINGS_WITH_GROUND:
             return None
         up = sky_direction(scene, camera)
-        if self._ground is None or not np.array_equal(self._ground[0], up):
-            self._ground = up, find_ground(self._subject.extent, up)
-        return self._ground[1]
+        extent = self._find_extent(scene)
+        if self._ground is None or self._ground[0] is not extent or not np.array_equal(self._ground[1], up):
+            self._ground = extent, up, find_ground(extent, up)
+        return self._ground[2]
+
+    def _find_bulk(self) -> Bulk:
+        if self._bulk is None:
+            self._bulk = find_bulk(self._subject.extent)
+        return self._bulk
+
+    def _find_extent(self, scene: Scene) -> Mesh | SceneExtent:
+        """Return what a camera that shows the whole has to show."""
+        return self._find_bulk().extent if scene.frame == AUTO else self._subject.extent
 
     def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
-        return scene, scene.find_camera(self._subject.extent)
+        return scene, scene.with_changes(frame="all").find_camera(self._find_extent(scene))
 
 
 def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -538,7 +587,7 @@ def _find_subject(
 def _framing_of(scene: Scene) -> tuple[object, ...]:
     """Return the values of a scene that its camera depends on, beside the mesh."""
     lens = scene.fov, scene.projection, scene.aperture, scene.focus_distance
-    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.view, *lens
+    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.view, scene.frame, *lens
 
 
 def _height_of(projection: Projection | None) -> float:

@@ -10,7 +10,7 @@ import math
 import os
 from dataclasses import dataclass, field
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore
 from ..structs import SHADINGS
+from .bulk import find_bulk
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
 from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
@@ -34,16 +35,20 @@ from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .standard_views import check_view
+from .upright import AUTO, find_upright
 from .vectors import Vector, check_vector, is_vector
 from .wide_framing import look_from
+from .wireframe import Wireframe
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
 DEFAULT_SHADING = "studio"
 
+FRAMES = (AUTO, "all")
+
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
-_Settings = TypeVar("_Settings", Cut, "Light", "Transform", "Scene")
+_Settings = TypeVar("_Settings", Cut, Wireframe, "Light", "Transform", "Scene")
 
 
 @dataclass(frozen=True)
@@ -167,8 +172,12 @@ class Scene(SceneContents):
         Of `mesh`.
     eye, look_at : (3,) float, or None
         None: chosen so that the whole mesh, or all objects, are visible.
-    up : (3,) float
-        The direction that is up in the picture.
+    up : (3,) float, or "auto"
+        The direction that is up in the picture. ``"auto"``: y or z, guessed from the shape when it is loaded. That is
+        so for mesh files that `open_scene` opens, but for glTF, whose rule is y. `Picture.notes` says the guess.
+    frame : str
+        What a camera without an eye shows: ``"auto"``, all but a few small parts far away from everything else, or
+        ``"all"``. `Picture.notes` says what was left out.
     view : str, or None
         Of a scene without an eye: ``"front"``, ``"right"``, ``"back"``, ``"left"``, ``"top"``, ``"bottom"`` or
         ``"iso"``. None: from the front, a little from the right and from above.
@@ -210,6 +219,8 @@ class Scene(SceneContents):
         Linear colour of the mesh, and of objects without one of their own.
     cut : Cut, or None
         A part of the world that the camera does not see.
+    wireframe : Wireframe, or None
+        Lines along the edges of triangles.
     background : pair of (3,) float
         Linear colours at the top and at the bottom of the picture. One colour may be given for both.
     width, height : int
@@ -246,7 +257,8 @@ class Scene(SceneContents):
     transform: Transform = Transform()
     eye: Vector | None = None
     look_at: Vector | None = None
-    up: Vector = DEFAULT_UP
+    up: Vector | Literal["auto"] = DEFAULT_UP
+    frame: Literal["auto", "all"] = "auto"
     view: str | None = None
     fov: float = DEFAULT_FOV
     projection: Orthographic | Fisheye | Panorama | None = None
@@ -266,6 +278,7 @@ class Scene(SceneContents):
     environment_rotation: float = 0.0
     environment_strength: float = 1.0
     cut: Cut | None = None
+    wireframe: Wireframe | None = None
     surface: Vector = (0.80, 0.72, 0.60)
     background: tuple[Vector, Vector] = ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90))
     width: int = DEFAULT_WIDTH
@@ -292,11 +305,15 @@ class Scene(SceneContents):
             check_view(self.view)
             if self.eye is not None:
                 raise SceneError(f"a camera with an eye has no view '{self.view}': take one of them out")
+        if self.frame not in FRAMES:
+            raise SceneError(f"the frame must be one of {', '.join(FRAMES)}, not {self.frame!r}")
         for name in ("eye", "look_at", "up"):
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None and not (name == "up" and self.up == AUTO):
                 check_vector(f"the camera's {name}", getattr(self, name))
         if self.cut is not None and not isinstance(self.cut, Cut):
             raise SceneError(f"the cut must be a clbvh.Cut, not {self.cut!r}")
+        if self.wireframe is not None and not isinstance(self.wireframe, Wireframe):
+            raise SceneError(f"the wireframe must be a clbvh.Wireframe, not {self.wireframe!r}")
         check_vector("the surface colour", self.surface)
         if is_vector(self.background):
             object.__setattr__(self, "background", (self.background, self.background))
@@ -345,26 +362,27 @@ class Scene(SceneContents):
         >>> scene.find_camera(scene.mesh.load()).fov == scene.fov
         True
         """
-        camera = self._place_camera(extent, self.width / self.height)
+        framed = find_bulk(extent).extent if self.frame == AUTO else extent
+        camera = self._place_camera(framed, find_upright(self, framed).vector, self.width / self.height)
         if self.aperture == 0 and self.focus_distance is None:
             return camera
         return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)
 
-    def _place_camera(self, extent: Any, aspect: float) -> Camera:
+    def _place_camera(self, extent: Any, up: Vector, aspect: float) -> Camera:
         """Return the camera without its depth of field."""
         if self.eye is None or self.look_at is None:
             return frame_mesh(
                 extent,
                 aspect=aspect,
-                up=self.up,
+                up=up,
                 fov=self.fov,
                 eye=self.eye,
                 projection=self.projection,
                 side=self.view,
             )
         if self.projection is None:
-            return Camera(self.eye, self.look_at, self.up, self.fov)
-        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=self.up)
+            return Camera(self.eye, self.look_at, up, self.fov)
+        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=up)
 
     def with_view(self, view: str) -> Scene:
         """Return the scene seen from another side, see `view`; it has no eye of its own.
@@ -464,6 +482,8 @@ class Scene(SceneContents):
             values["environment"] = EnvironmentMap.from_plain(values["environment"])
         if values.get("cut") is not None:
             values["cut"] = _make(Cut, get_item(values, "cut", dict))
+        if values.get("wireframe") is not None:
+            values["wireframe"] = _make(Wireframe, get_item(values, "wireframe", dict))
         values["light"] = _make(Light, get_item(values, "light", dict))
         values["transform"] = _make(Transform, get_item(values, "transform", dict))
         first = None

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from .view_bounds import LocalSpace, Reaches
+from .view_bounds import Reaches
 
 if TYPE_CHECKING:
     from ..geometry.shape import Shape
@@ -52,6 +52,8 @@ class SceneExtent:
 
     Attributes
     ----------
+    shapes, geometry_ids, transforms
+        As given.
     origin : (3,) float64, the scene's coordinates
         Centre of the box around all vertices and spheres.
     scale : float
@@ -64,15 +66,15 @@ class SceneExtent:
     def __init__(
         self, shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], transforms: NDArray[np.float64]
     ) -> None:
-        self._shapes = shapes
-        self._geometry_ids = np.asarray(geometry_ids)
-        self._place = np.asarray(transforms, np.float64)
+        self.shapes = shapes
+        self.geometry_ids = np.asarray(geometry_ids)
+        self.transforms = np.asarray(transforms, np.float64)
         self._half_sizes = np.stack([_half_size(shape) for shape in shapes])
-        self._centres = self._place[:, :3, 3] + np.einsum(
-            "nij,nj->ni", self._place[:, :3, :3], np.stack([shape.origin for shape in shapes])[self._geometry_ids]
+        self._centres = self.transforms[:, :3, 3] + np.einsum(
+            "nij,nj->ni", self.transforms[:, :3, :3], np.stack([shape.origin for shape in shapes])[self.geometry_ids]
         )
         # First the box of all boxes, then, in its coordinates, that of all vertices.
-        reach = np.einsum("nij,nj->ni", np.abs(self._place[:, :3, :3]), self._half_sizes[self._geometry_ids])
+        reach = np.einsum("nij,nj->ni", np.abs(self.transforms[:, :3, :3]), self._half_sizes[self.geometry_ids])
         self._use_box((self._centres - reach).min(axis=0), (self._centres + reach).max(axis=0))
         largest = self.largest(_ALONG_AXES)
         self._use_box(self.origin - largest[3:] / self.scale, self.origin + largest[:3] / self.scale)
@@ -84,17 +86,13 @@ class SceneExtent:
         self.scale = math.ldexp(1.0, -math.frexp(float(half.max()))[1])
         self.local_box = np.stack(((lower - self.origin) * self.scale, (upper - self.origin) * self.scale))
         self._offsets = (self._centres - self.origin) * self.scale
-        self._linear = self._place[:, :3, :3] * self.scale
-
-    def box_in(self, space: LocalSpace) -> NDArray[np.float64]:
-        """Return (2, 3) float64: the box in the local coordinates of another space."""
-        return ((self.origin - space.origin) + self.local_box / self.scale) * space.scale
+        self._linear = self.transforms[:, :3, :3] * self.scale
 
     def largest(self, reaches: Reaches) -> NDArray[np.float64]:
         """Return (k,) float64: the largest value of each function over all vertices and spheres, or a little more."""
         bounds = self._bound_boxes(reaches)
         best = np.full(bounds.shape[1], -np.inf)
-        budget = _MOST_POINTS + sum(_count_points(shape) for shape in self._shapes)
+        budget = _MOST_POINTS + sum(_count_points(shape) for shape in self.shapes)
         for function in range(bounds.shape[1]):
             while True:
                 instance = int(np.argmax(bounds[:, function]))
@@ -106,7 +104,7 @@ class SceneExtent:
                 best = np.maximum(best, self._reach_of(instance, reaches))
                 # Its box has said all that it can.
                 bounds[instance] = -np.inf
-                shape = self._shapes[self._geometry_ids[instance]]
+                shape = self.shapes[self.geometry_ids[instance]]
                 budget -= _count_points(shape) + _POINTS_PER_VISIT + len(bounds)
         return best
 
@@ -116,7 +114,7 @@ class SceneExtent:
         step = _CHUNK_POINTS // len(_CORNERS)
         for begin in range(0, len(bounds), step):
             part = slice(begin, begin + step)
-            sides = self._linear[part] * self._half_sizes[self._geometry_ids[part], None, :]
+            sides = self._linear[part] * self._half_sizes[self.geometry_ids[part], None, :]
             corners = self._offsets[part, None, :] + _CORNERS @ sides.transpose(0, 2, 1)
             values = reaches.of_points(corners.reshape(-1, 3), np.eye(3), np.zeros(3))
             bounds[part] = values.reshape(len(values), -1, len(_CORNERS)).max(axis=2).T
@@ -124,7 +122,7 @@ class SceneExtent:
 
     def _reach_of(self, instance: int, reaches: Reaches) -> NDArray[np.float64]:
         """Return (k,) float64: the largest value of each function over one instance."""
-        shape, linear = self._shapes[self._geometry_ids[instance]], self._linear[instance]
+        shape, linear = self.shapes[self.geometry_ids[instance]], self._linear[instance]
         points = shape.vertices if isinstance(shape, Mesh) else shape.centres
         largest = np.full(len(reaches.slopes), -np.inf)
         for begin in range(0, len(points), _CHUNK_POINTS):

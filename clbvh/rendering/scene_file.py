@@ -21,7 +21,9 @@ from .projection import Projection, from_named
 from .scene import Light, Scene
 from .scene_object import SceneObject
 from .toml_table import TomlTable, refuse_unknown
+from .upright import AUTO
 from .vectors import Vector
+from .wireframe import Wireframe
 
 SCENE_SUFFIX = ".toml"
 
@@ -174,10 +176,12 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         ),
         "eye": camera.vector("eye"),
         "look_at": camera.vector("look_at"),
-        "up": camera.vector("up"),
+        "up": camera.vector_or_text("up", AUTO),
+        "frame": camera.text("frame"),
         "view": camera.text("view"),
         "fov": camera.number("fov"),
         "cut": _read_cut(camera),
+        "wireframe": _read_wireframe(image),
         "projection": _read_projection(camera),
         "aperture": camera.number("aperture"),
         "focus_distance": camera.number("focus_distance"),
@@ -221,6 +225,12 @@ def _read_cut(camera: TomlTable) -> Cut | None:
     if plane is not None:
         return Cut("plane", *map(_as_vector, plane))
     return None if box is None else Cut("box", *map(_as_vector, box))
+
+
+def _read_wireframe(image: TomlTable) -> Wireframe | None:
+    """Return the lines of a picture: there are some if their width or their colour is given."""
+    values = given(width=image.number("wireframe_width"), colour=image.vector("wireframe_colour"))
+    return Wireframe(**values) if values else None
 
 
 def _as_vector(row: list[float]) -> Vector:

@@ -33,6 +33,7 @@ from .scene import Scene
 from .scene_extent import SceneExtent
 from .scene_objects import SceneObjects
 from .view import make_view
+from .view_bounds import box_in
 
 _CHANNELS = 3
 
@@ -122,10 +123,12 @@ class SceneSubject:
         boxes = self._scene.top.bvh.mesh
         return local_maps(self._state.transforms, boxes.origin, boxes.scale)
 
-    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None) -> NDArray[np.void]:
-        """Return the view, (1,) `structs.VIEW`."""
+    def make_view(
+        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneExtent
+    ) -> NDArray[np.void]:
+        """Return the view, (1,) `structs.VIEW`; `framed` is what counts, see `make_view`."""
         boxes = self._scene.top.bvh.mesh
-        return make_view(scene, camera, boxes, self.extent.box_in(boxes), ground)
+        return make_view(scene, camera, boxes, box_in(self.extent, boxes), ground, box_in(framed, boxes))
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""

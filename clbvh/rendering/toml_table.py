@@ -62,6 +62,11 @@ class TomlTable:
         value = self._take(key, "three finite numbers", _is_vector)
         return None if value is None else tuple(map(float, value))  # type: ignore[return-value]
 
+    def vector_or_text(self, key: str, text: str) -> Vector | str | None:
+        """Take three finite numbers, or one text."""
+        value = self._take(key, f'three finite numbers, or "{text}"', lambda value: _is_vector(value) or value == text)
+        return tuple(map(float, value)) if isinstance(value, list) else value  # type: ignore[return-value]
+
     def number_or_vector(self, key: str) -> float | Vector | None:
         """Take a finite number, or three."""
         value = self._take(key, "a finite number, or three", lambda value: _is_number(value) or _is_vector(value))

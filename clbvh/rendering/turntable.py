@@ -16,6 +16,7 @@ from .as_scene import SceneLike, as_scene
 from .formats.animation import DEFAULT_FRAME_RATE, check_animation, write_animation
 from .render_options import RenderOptions
 from .renderer import Renderer
+from .standard_views import STANDARD_VIEWS
 from .vectors import Vector
 
 DEFAULT_FRAMES = 72
@@ -38,6 +39,7 @@ def render_turntable(
     up: Vector | None = None,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
     on_phase: Callable[[str], None] = lambda phase: None,
+    on_note: Callable[[str], None] = lambda note: None,
 ) -> None:
     """Write an animation of a full turn, as GIF, which repeats for ever, or MP4, by the suffix of the name.
 
@@ -65,6 +67,8 @@ def render_turntable(
         Called with the frames that are done, and with all, after each.
     on_phase : function, optional
         Called with the name of each phase as it begins.
+    on_note : function, optional
+        Called with each fact that a user should know, as in `Picture.notes`.
 
     Raises
     ------
@@ -97,6 +101,8 @@ def render_turntable(
     with Renderer(opaque, options, on_phase=on_phase) as renderer:
         size: dict[str, Any] = {"width": width, "height": height}
         cameras = renderer.turntable(frames, up=up, **size)
+        for note in renderer.list_notes(renderer.scene.with_view(STANDARD_VIEWS[0]).with_changes(up=up)):
+            on_note(note)
         on_phase("render")
 
         def draw_frames() -> Iterator[NDArray[np.uint8]]:

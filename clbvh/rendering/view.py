@@ -14,7 +14,9 @@ from .film.ground import Ground
 from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
 from .scene import Scene
+from .upright import known_up
 from .view_projection import set_projection
+from .wireframe import set_wireframe
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
@@ -42,6 +44,7 @@ def make_view(
     mesh: Mesh,
     local_box: NDArray[np.floating] | None = None,
     ground: Ground | None = None,
+    framed_box: NDArray[np.floating] | None = None,
 ) -> NDArray[np.void]:
     """Return the view of a mesh, (1,) `structs.VIEW`.
 
@@ -52,10 +55,12 @@ def make_view(
         In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
     local_box : (2, 3) float, local coordinates, optional
-        The box whose depths a depth picture shows; by default the mesh's. For a fisheye and a panorama, distances from
-        the eye.
+        The box around all objects; by default the mesh's.
     ground : Ground, optional
         In the scene's coordinates.
+    framed_box : (2, 3) float, local coordinates, optional
+        The box around what counts, see `Scene.frame`; by default `local_box`. A depth picture shows its depths, which
+        are distances from the eye for a fisheye and a panorama.
 
     Raises
     ------
@@ -80,7 +85,8 @@ def make_view(
 
     box = (mesh.local_box if local_box is None else local_box).astype(np.float64)
     is_round = isinstance(camera.projection, Fisheye | Panorama)
-    nearest, farthest = _range_around(box, eye) if is_round else _range_along(box, eye, forward)
+    framed = box if framed_box is None else framed_box.astype(np.float64)
+    nearest, farthest = _range_around(framed, eye) if is_round else _range_along(framed, eye, forward)
     # A mesh without depth is drawn white.
     view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
     view["width"], view["height"] = scene.width, scene.height
@@ -91,13 +97,15 @@ def make_view(
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
     view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
     view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
-    view["occlusion_reach"] = _OCCLUSION_REACH * half_diagonal
+    view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
     view["has_sun"] = any(scene.light.colour)
-    view["is_headlight"] = scene.light.direction is None and bool(((box[0] < eye) & (eye < box[1])).all())
+    view["is_headlight"] = scene.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
     if scene.cut is not None:
         set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
+    if scene.wireframe is not None:
+        set_wireframe(view, scene.wireframe, scene)
     view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
     return view
 
@@ -106,7 +114,7 @@ def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return (3,) float64: the unit vector upwards in the scene."""
     # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
     is_of_world = camera.lens is None and scene.view is None
-    to_sky = np.asarray(camera.up if is_of_world else scene.up, np.float64)
+    to_sky = np.asarray(camera.up if is_of_world else known_up(scene), np.float64)
     return to_sky / np.linalg.norm(to_sky)
 
 

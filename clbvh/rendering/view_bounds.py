@@ -32,6 +32,19 @@ class LocalSpace(Protocol):
         """A power of two."""
 
 
+class Boxed(LocalSpace, Protocol):
+    """A local space with a box around all that is in it."""
+
+    @property
+    def local_box(self) -> NDArray[np.floating]:
+        """(2, 3) float, local coordinates."""
+
+
+def box_in(boxed: Boxed, space: LocalSpace) -> NDArray[np.float64]:
+    """Return (2, 3) float64: the box in the local coordinates of another space."""
+    return ((boxed.origin - space.origin) + boxed.local_box / np.float64(boxed.scale)) * space.scale
+
+
 class Reaches(NamedTuple):
     """Functions of a point in local coordinates, of each of which the largest value over all points is wanted.
 

@@ -76,6 +76,8 @@ class SampleShading:
         Whether rays may pass through surfaces.
     has_cut : bool
         Whether the views have a cut.
+    has_wireframe : bool
+        Whether they have lines.
 
     Raises
     ------
@@ -91,6 +93,7 @@ class SampleShading:
         *,
         has_cutouts: bool,
         has_cut: bool = False,
+        has_wireframe: bool = False,
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
@@ -100,6 +103,7 @@ class SampleShading:
             "SHADING": SHADINGS[shading],
             "HAS_CUTOUTS": int(has_cutouts),
             "HAS_CUT": int(has_cut),
+            "HAS_WIREFRAME": int(has_wireframe),
         }
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")

@@ -38,6 +38,7 @@ def render_images(
     next_camera: Camera | None = None,
     next_transforms: Mapping[Any, ArrayLike] | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
+    on_note: Callable[[str], None] = lambda note: None,
 ) -> Images:
     """Return what each pixel of a view sees, as arrays; `Renderer.images` is faster for several views of one scene.
 
@@ -62,6 +63,8 @@ def render_images(
         For the channel `motion`: the transforms of instances in the second pose, as `Scene.place` takes them.
     on_phase : function, optional
         Called with the name of each phase as it begins.
+    on_note : function, optional
+        Called with each fact that a user should know, as in `Picture.notes`.
 
     Returns
     -------
@@ -94,6 +97,8 @@ def render_images(
 
     check_channels(channels)
     with Renderer(source, options, on_phase=on_phase) as renderer:
+        for note in renderer.list_notes() if camera is None else ():
+            on_note(note)
         return renderer.images(
             channels, camera=camera, width=width, height=height, shading=shading, samples=samples,
             next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase,

@@ -9,7 +9,7 @@ from clbvh import Mesh, Spheres, make_shape
 from clbvh.rendering import scene_extent
 from clbvh.rendering.framing import frame_mesh, frame_turn
 from clbvh.rendering.scene_extent import SceneExtent
-from clbvh.rendering.view_bounds import Reaches
+from clbvh.rendering.view_bounds import Reaches, box_in
 
 from .test_camera import project
 
@@ -137,7 +137,7 @@ def test_a_point_has_an_extent_of_nothing():
 def test_the_box_in_another_space():
     extent = SceneExtent([KNOT], np.array([0]), np.diag([2.0, 2, 2, 1])[None])
     other = Mesh.from_arrays([[-40, 0, 0], [40, 3, 0], [0, 9, 9]], [[0, 1, 2]])
-    np.testing.assert_allclose(extent.box_in(other), other.to_local(box_of(extent)), atol=1e-15)
+    np.testing.assert_allclose(box_in(extent, other), other.to_local(box_of(extent)), atol=1e-15)
 
 
 def test_a_ball_reaches_at_most_as_far_as_is_said():

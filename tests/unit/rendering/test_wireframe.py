@@ -1,0 +1,212 @@
+"""Wireframes: lines against the projected edges, in all projections, shadings, bands and scenes; refused values."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import clbvh
+from clbvh import Wireframe
+from clbvh.errors import SceneError
+from clbvh.geometry.appearance.srgb import linear_to_srgb
+from clbvh.rendering import frame as frame_module
+from clbvh.rendering.film import sample_painter
+
+WIDTH, HEIGHT = 96, 64
+FRAME = {"eye": (0.5, 0.4, 3), "look_at": (0, 0, 0), "up": (0.1, 1, 0.2)}
+K = [[82.0, 1.5, 47.0], [0, 80.0, 33.0], [0, 0, 1]]
+POSE = np.linalg.inv(np.array([[1, 0, 0, 0.1], [0, -1, 0, 0.05], [0, 0, -1, 2.6], [0, 0, 0, 1]]))
+CAMERAS = {
+    "perspective": clbvh.Camera(**FRAME, fov=50),
+    "grazing": clbvh.Camera((2.2, 0.3, 1.4), (0, 0, 0), fov=40),
+    "narrow": clbvh.Camera((300, 200, 3000), (0, 0, 0), fov=0.05),
+    "lens": clbvh.Camera.from_intrinsics(K, POSE, (WIDTH, HEIGHT)),
+    "distorted": clbvh.Camera.from_intrinsics(K, POSE, (WIDTH, HEIGHT), distortion=(-0.25, 0.06, 0.004, -0.003)),
+    "orthographic": clbvh.Camera(**FRAME, projection=clbvh.Orthographic(2.6)),
+    "fisheye": clbvh.Camera((0.2, 0.1, 0.9), (0, 0, 0), projection=clbvh.Fisheye(190)),
+    "panorama": clbvh.Camera((0.2, 0.1, 0.6), (0, 0, 0.1), projection=clbvh.Panorama()),
+}
+
+CORNERS = np.array([[-1, -0.9, 0.1], [1.1, -0.7, -0.2], [0.9, 1, 0.2], [-0.8, 0.8, -0.1]])
+SQUARE = clbvh.Mesh.from_arrays(CORNERS, [[0, 1, 2], [0, 2, 3]])
+EDGES = [(0, 1), (1, 2), (2, 0), (2, 3), (3, 0)]
+
+# Of the share of a pixel: two colours of 8 bits, and the curvature of edges within a pixel of a round picture.
+ROUNDING = 2 / 255
+SMALL = ("fisheye", "panorama", "grazing")  # the triangles are too small there for wide lines
+CURVATURE = {"distorted": 0.02, "fisheye": 0.03, "panorama": 0.05}
+
+
+def draw_share(source, wireframe=None, **view):
+    """The share of each pixel that lines cover, (h, w), and the picture of white lines."""
+    view = {"width": WIDTH, "height": HEIGHT, "shading": "normal"} | view
+    wireframe = wireframe or Wireframe()
+    with clbvh.Renderer(source) as renderer:
+        black, white = (
+            renderer.render(wireframe=dataclasses.replace(wireframe, colour=(grey,) * 3), **view) for grey in (0, 1)
+        )
+    return (white.rgb.astype(int) - black.rgb).mean(axis=2) / 255, white
+
+
+def find_distance(camera, edges, pixels):
+    """The distance of pixels, (n, 2), to the nearest of the projected edges, each a chain of many straight pieces."""
+    least = np.full(len(pixels), np.inf)
+    steps = np.linspace(0, 1, 400)[:, None]
+    for begin, end in edges:
+        places, _ = camera.project(CORNERS[begin] + steps * (CORNERS[end] - CORNERS[begin]), WIDTH, HEIGHT)
+        places = places[np.isfinite(places).all(axis=1)]
+        first, way = places[:-1], np.diff(places, axis=0)
+        # Over the edge of a panorama there is no piece.
+        near = np.abs(way).max(axis=1) < WIDTH / 2
+        first, way = first[near], way[near]
+        towards = pixels[:, None] - first
+        along = np.clip((towards * way).sum(axis=2) / (way**2).sum(axis=1), 0, 1)
+        least = np.minimum(least, np.linalg.norm(towards - along[..., None] * way, axis=2).min(axis=1))
+    return least
+
+
+@pytest.mark.parametrize(
+    ("name", "width"), [(name, width) for name in CAMERAS for width in (0.4, 1, 3) if width < 3 or name not in SMALL]
+)
+def test_lines_have_their_width_around_the_projected_edges(name, width):
+    camera = CAMERAS[name]
+    obtained, picture = draw_share(SQUARE, Wireframe(width), camera=camera)
+    rows, columns = np.nonzero(picture.hits.is_hit)
+    assert len(rows) > 200
+    distance = find_distance(camera, EDGES, np.stack((columns + 0.5, rows + 0.5), axis=1))
+    expected = np.clip(0.5 * (width + 1) - distance, 0, min(width, 1))
+    assert (expected > 0).sum() > 20
+    slack = ROUNDING + CURVATURE.get(name, 0.005)
+    np.testing.assert_allclose(obtained[rows, columns], expected, rtol=0, atol=slack)
+    assert not obtained[~picture.hits.is_hit].any()
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e30])
+def test_lines_do_not_depend_on_the_size_of_the_mesh(scale):
+    camera = CAMERAS["perspective"]
+    moved = dataclasses.replace(camera, eye=tuple(np.array(camera.eye) * scale))
+    expected, _ = draw_share(SQUARE, camera=camera)
+    obtained, _ = draw_share(clbvh.Mesh.from_arrays(CORNERS * scale, SQUARE.faces), camera=moved)
+    np.testing.assert_allclose(obtained, expected, rtol=0, atol=2 * ROUNDING)
+
+
+def test_triangles_as_small_as_pixels_have_no_lines():
+    ball = clbvh.make_shape("icosphere", triangles=20_480)
+    means = []
+    for height in (20, 80, 160, 320, 640):
+        share, picture = draw_share(ball, width=height, height=height)
+        means.append(share[picture.hits.is_hit].mean())
+    assert means[0] == 0
+    assert 0 < means[1] < 0.1
+    # Between no lines and lines of a pixel around large triangles, which are few again, nothing turns black.
+    assert 0.2 < max(means[2:]) < 0.4
+
+
+def test_a_triangle_without_area_draws_nothing():
+    faces = [[0, 1, 2], [0, 0, 1], [0, 2, 3], [1, 2, 2]]
+    obtained, _ = draw_share(clbvh.Mesh.from_arrays(CORNERS, faces))
+    expected, _ = draw_share(SQUARE)
+    np.testing.assert_array_equal(obtained, expected)
+
+
+def two_balls():
+    scene = clbvh.Scene()
+    scene.place(scene.add(clbvh.make_shape("icosphere", triangles=80)), clbvh.Transform((-1, 1.2, 0.7), (10, 20, 30)))
+    centres = np.random.default_rng(85).uniform((1.6, -0.6, -0.6), (2.8, 0.6, 0.6), (200, 3))
+    scene.place(scene.add(clbvh.Spheres(centres, 0.3)))
+    return scene
+
+
+def test_instances_have_lines_and_spheres_have_none():
+    share, picture = draw_share(two_balls(), camera=clbvh.Camera((1, 0.5, 6), (1, 0, 0)))
+    assert not share[picture.hits.instance_id == 1].any()
+    matrix = clbvh.Transform((-1, 1.2, 0.7), (10, 20, 30)).matrix
+    ball = clbvh.make_shape("icosphere", triangles=80)
+    placed = clbvh.Mesh.from_arrays(ball.vertices @ matrix[:3, :3].T, ball.faces)
+    expected, _ = draw_share(placed, camera=clbvh.Camera((1, 0.5, 6), (1, 0, 0)))
+    is_mesh = picture.hits.instance_id == 0
+    assert expected[is_mesh].max() > 0.9
+    np.testing.assert_allclose(share[is_mesh], expected[is_mesh], rtol=0, atol=2 * ROUNDING)
+
+
+SHADINGS = {"lambert": {}, "lambert+shadow": {}, "depth": {}, "studio": {"samples": 5}, "path": {"samples": 3}}
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_the_same_bytes_for_any_band_and_launch(shading, monkeypatch):
+    view = {"width": WIDTH, "height": HEIGHT, "shading": shading, "wireframe": Wireframe(1.5, (1, 0.2, 0))}
+    view |= SHADINGS[shading]
+    expected = clbvh.render(two_balls(), **view)
+    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(frame_module, "BAND_PIXELS", 7 * WIDTH)
+    np.testing.assert_array_equal(clbvh.render(two_balls(), **view).rgb, expected.rgb)
+    bare = clbvh.render(two_balls(), **view | {"wireframe": None})
+    assert (bare.rgb != expected.rgb).any(axis=2).mean() > 0.02
+    np.testing.assert_array_equal(bare.found, expected.found)
+
+
+@pytest.mark.parametrize("shading", ["lambert", "normal", "studio", "ao", "path"])
+def test_neither_light_nor_exposure_changes_the_colour(shading):
+    scene = clbvh.Scene(SQUARE, exposure=-1.5, shading=shading)
+    # The middle of the diagonal, across the picture.
+    camera = clbvh.Camera((0.05, 0.05, 0.4), (-0.05, 0.05, 0.15))
+    wide = Wireframe(8, (1.0, 0.214, 0.05))
+    rgb = clbvh.render(scene, camera=camera, wireframe=wide, width=64, height=64).rgb
+    np.testing.assert_allclose(rgb[32, 32], linear_to_srgb(wide.colour) * 255, atol=1)
+
+
+@pytest.mark.parametrize("shading", ["studio", "path"])
+def test_lines_are_those_of_the_surface_that_shows_through_a_hole(shading):
+    glass = clbvh.Material("hole", alpha=0.0)
+    scene = clbvh.Scene(shading=shading, samples=4)
+    back = scene.add(SQUARE)
+    scene.place(back)
+    view = {"camera": CAMERAS["perspective"], "shading": shading}
+    expected, _ = draw_share(scene, **view)
+    # A dense sheet with other edges, through which everything is seen.
+    sheet = clbvh.make_shape("terrain", triangles=200)
+    scene.place(scene.add(sheet), clbvh.Transform(2, (90, 0, 0), (0, 0, 0.8)), material=glass)
+    obtained, picture = draw_share(scene, **view)
+    assert (picture.hits.instance_id == 1).mean() > 0.3
+    # Light that is drawn with other numbers, in 8 bits of sRGB.
+    np.testing.assert_allclose(obtained, expected, rtol=0, atol=0.1)
+
+
+@pytest.mark.parametrize("colour", [(0, 0, -0.1), (0, 0, 1.1), (0, 0), (0, 0, np.nan), "black"])
+def test_wrong_colours_are_refused(colour):
+    with pytest.raises(SceneError, match="colour of a wireframe"):
+        Wireframe(colour=colour)
+
+
+@pytest.mark.parametrize("width", [0, -1, 1001, np.nan, np.inf, "1", True])
+def test_wrong_widths_are_refused(width):
+    with pytest.raises(SceneError, match="width of a wireframe"):
+        Wireframe(width)
+
+
+def test_a_scene_refuses_other_things():
+    with pytest.raises(SceneError, match=r"must be a clbvh\.Wireframe"):
+        clbvh.Scene(SQUARE, wireframe=2.0)
+
+
+def test_scenes_keep_their_lines(tmp_path):
+    scene = clbvh.Scene(SQUARE, wireframe=Wireframe(2.5, (0, 0.5, 1)), frame="all", up="auto")
+    scene.save(tmp_path / "square.scene")
+    loaded = clbvh.Scene.load(tmp_path / "square.scene")
+    assert (loaded.wireframe, loaded.frame, loaded.up) == (scene.wireframe, "all", "auto")
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ("", None),
+        ("wireframe_width = 2", Wireframe(2)),
+        ("wireframe_colour = [1, 0, 0]", Wireframe(colour=(1, 0, 0))),
+        ("wireframe_width = 0.5\nwireframe_colour = [1, 0, 0]", Wireframe(0.5, (1, 0, 0))),
+    ],
+)
+def test_scene_files_may_have_lines(tmp_path, keys, expected):
+    (tmp_path / "a.toml").write_text(f'[mesh]\nshape = "knot"\n[image]\n{keys}\n')
+    assert clbvh.open_scene(tmp_path / "a.toml").wireframe == expected
