@@ -11,10 +11,11 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_PEERS := $(VENV)/.installed-peers
 INSTALLED_DOCS := $(VENV)/.installed-docs
 INSTALLED_STUDY := $(VENV)/.installed-study
+INSTALLED_PTXAS := $(VENV)/.installed-ptxas
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo gallery test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs study \
-  results clean
+  results gpu-report clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -81,6 +82,10 @@ docs: $(INSTALLED_DOCS) ## run every example, and build the documentation site i
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "out/site/index.html"
 
+# Clang and libclc come from the system: apt-get install clang-15 libclc-15.
+gpu-report: $(INSTALLED_PTXAS) ## compile every kernel for GPUs that are not here, and write docs/internals/gpu.md
+	$(BIN)/python .ci/gpu_report.py $(if $(ONLY),--only $(ONLY))
+
 clean: ## remove what make made, but not downloads
 	rm -rf $(VENV) $(OUT) dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
@@ -96,6 +101,11 @@ $(INSTALLED): pyproject.toml | $(BIN)/python
 $(INSTALLED_DEV): pyproject.toml | $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(INSTALLED)
+
+# NVIDIA's assembler: a wheel of 40 MB. Another version may use other registers.
+$(INSTALLED_PTXAS): $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check nvidia-cuda-nvcc-cu12==12.9.86
+	@touch $@
 
 $(INSTALLED_DOCS): $(INSTALLED_DEV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,docs]'

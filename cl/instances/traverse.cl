@@ -69,8 +69,9 @@ INLINED void visit_instance(
 }
 
 // A function for each query keeps the query a constant. On CPUs it is called, not inlined: what the way from instance
-// to instance keeps in registers would leave too few for the tree of an instance, which is nearly all of the work.
-#if HAS_ENTRY_POINTS && !defined(PORTABLE)
+// to instance keeps in registers would leave too few for the tree of an instance, which is nearly all of the work. GPUs
+// have registers for both, and keep what a function is given by its address in slow memory.
+#if HAS_ENTRY_POINTS && !IS_GPU && !defined(PORTABLE)
 #define CALLED static __attribute__((noinline))
 #else
 #define CALLED INLINED

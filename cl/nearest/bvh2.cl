@@ -12,7 +12,7 @@ INLINED bool may_child_be_nearer(
 {
     const global node_t *node = nodes + (child_slot >> 1);
     return may_be_nearer(
-        nearest, vload3(0, node->aabb_min[child_slot & 1]), vload3(0, node->aabb_max[child_slot & 1]),
+        nearest, load3(node->aabb_min[child_slot & 1]), load3(node->aabb_max[child_slot & 1]),
         distance_squared);
 }
 
@@ -28,32 +28,29 @@ INLINED void find_nearest(
         const bool take_left = may_child_be_nearer(nodes, 2 * node, nearest, &left_squared);
         const bool take_right = may_child_be_nearer(nodes, 2 * node + 1, nearest, &right_squared);
 
-        int next = -1;
-        if (take_left && take_right) {
-            const int first = right_squared < left_squared;
-            stack[stack_count++] = 2 * node + 1 - first;
-            next = 2 * node + first;
-        } else if (take_left || take_right) {
-            next = 2 * node + (take_right ? 1 : 0);
+        child_t next = {0, 0};
+        bool is_found = take_left || take_right;
+        if (is_found) {
+            const bool is_right_nearer = right_squared < left_squared;
+            next = push_farther(nodes, node, take_left, take_right, is_right_nearer, stack, &stack_count);
         }
 
         // Leaves are tested at once, until an interior node is next.
-        while (next < 0 || nodes[next >> 1].count[next & 1] > 0) {
-            if (next >= 0) {
-                const int first = nodes[next >> 1].first[next & 1];
-                const int end = first + nodes[next >> 1].count[next & 1];
-                for (int prim_index = first; prim_index < end; prim_index++) {
-                    test_single(nearest, blocks, prim_index);
-                }
+        while (!is_found || next.count > 0) {
+            for (int prim_index = next.first; prim_index < next.first + next.count; prim_index++) {
+                test_single(nearest, blocks, prim_index);
             }
+            int slot;
             float distance_squared;
             do {
                 if (stack_count == 0) {
                     return;
                 }
-                next = stack[--stack_count];
-            } while (!may_child_be_nearer(nodes, next, nearest, &distance_squared));
+                slot = stack[--stack_count];
+            } while (!may_child_be_nearer(nodes, slot, nearest, &distance_squared));
+            next = child_at(nodes, slot);
+            is_found = true;
         }
-        node = nodes[next >> 1].first[next & 1];
+        node = next.first;
     }
 }

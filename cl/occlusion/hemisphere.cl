@@ -6,8 +6,13 @@
 #include "sampling/warps.cl"
 
 // Directions that are drawn at a time: a processor draws several at once if nothing comes between them. A kernel with
-// 64 takes a tenth less than one that casts each ray when it is drawn; on a 2-core x86-64 server, dragon.
+// 64 takes a tenth less than one that casts each ray when it is drawn; on a 2-core x86-64 server, dragon. On a GPU
+// (IS_GPU, see triangles/block.cl) they would lie in slow memory.
+#if IS_GPU
+#define DRAWN_AT_ONCE 1
+#else
 #define DRAWN_AT_ONCE 64
+#endif
 
 typedef struct {
     float x[DRAWN_AT_ONCE];

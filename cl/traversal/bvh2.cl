@@ -14,6 +14,35 @@ INLINED bool meets_child(
     return meets_aabb(load3(node->aabb_min[child]), load3(node->aabb_max[child]), ray, t_max, t_near);
 }
 
+// A child as its parent has it: the node `first`, or a leaf of `count` primitives from `first` on.
+typedef struct {
+    int first;
+    int count;
+} child_t;
+
+INLINED child_t child_at(const global node_t *nodes, const int slot)
+{
+    const global node_t *parent = nodes + (slot >> 1);
+    const child_t child = {parent->first[slot & 1], parent->count[slot & 1]};
+    return child;
+}
+
+// Returns the nearer child that is met, and pushes the other one if it is met, too. Assumes that at least one is.
+INLINED child_t push_farther(
+    const global node_t *nodes, const int node, const bool meets_left, const bool meets_right,
+    const bool is_right_nearer, int *stack, int *stack_count)
+{
+    // Both are loaded with the boxes: the next node waits for no second load.
+    const child_t left = child_at(nodes, 2 * node);
+    const child_t right = child_at(nodes, 2 * node + 1);
+    const bool is_right = meets_right && (!meets_left || is_right_nearer);
+    if (meets_left && meets_right) {
+        stack[(*stack_count)++] = 2 * node + (is_right ? 0 : 1);
+    }
+    const child_t nearer = {is_right ? right.first : left.first, is_right ? right.count : left.count};
+    return nearer;
+}
+
 INLINED void traverse(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const int block_count,
     const ray_t *ray, search_t *search, const int query)
@@ -29,31 +58,26 @@ INLINED void traverse(
         const bool meets_left = meets_child(nodes + node, 0, &padded, limit, &t_near_left);
         const bool meets_right = meets_child(nodes + node, 1, &padded, limit, &t_near_right);
 
-        int next;
-        if (meets_left && meets_right) {
-            const int first = t_near_right < t_near_left;
-            stack[stack_count++] = 2 * node + 1 - first;
-            next = 2 * node + first;
-        } else if (meets_left || meets_right) {
-            next = 2 * node + (meets_right ? 1 : 0);
+        child_t next;
+        if (meets_left || meets_right) {
+            const bool is_right_nearer = t_near_right < t_near_left;
+            next = push_farther(nodes, node, meets_left, meets_right, is_right_nearer, stack, &stack_count);
         } else if (stack_count > 0) {
-            next = stack[--stack_count];
+            next = child_at(nodes, stack[--stack_count]);
         } else {
             return;
         }
 
         // Leaves are tested at once, until an interior node is next.
-        while (nodes[next >> 1].count[next & 1] > 0) {
-            const int first = nodes[next >> 1].first[next & 1];
-            const int end = first + nodes[next >> 1].count[next & 1];
-            for (int prim_index = first; prim_index < end; prim_index++) {
+        while (next.count > 0) {
+            for (int prim_index = next.first; prim_index < next.first + next.count; prim_index++) {
                 intersect_single(blocks, prim_index, ray, search, query);
             }
             if (is_complete(search, query) || stack_count == 0) {
                 return;
             }
-            next = stack[--stack_count];
+            next = child_at(nodes, stack[--stack_count]);
         }
-        node = nodes[next >> 1].first[next & 1];
+        node = next.first;
     }
 }

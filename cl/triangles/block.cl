@@ -1,5 +1,8 @@
 // Triangle blocks of WIDTH triangles, one per lane: plain edge functions reject most of them together, and the exact
 // test takes the others one by one.
+//
+// IS_GPU, if defined as 1: the vector unit of the device works across work-items. Vectors of corners would only take
+// registers, and the choice of one lane would put them into slow memory, so that triangles are loaded one by one.
 
 #include "math/lanes.cl"
 #include "triangles/triangle.cl"
@@ -32,6 +35,22 @@ INLINED axis_permutation_t make_axis_permutation(const ray_t *ray)
     permutation.origin = permute_axes(ray->origin, ray->axis);
     return permutation;
 }
+
+#if IS_GPU
+
+INLINED void intersect_block(
+    const global block_t *blocks, const int block, const ray_t *ray, const axis_permutation_t *permutation,
+    search_t *search, const int query)
+{
+    // Lanes without a triangle are NaN, which no ray hits.
+    for (int lane = 0; lane < WIDTH; lane++) {
+        const int triangle_index = WIDTH * block + lane;
+        const corners_t corners = corners_at(blocks, triangle_index);
+        intersect_corners(&corners, blocks[block].prim_id[lane], triangle_index, ray, search, query);
+    }
+}
+
+#else
 
 // Sheared vertices as of shear_vertex, one per lane; z is not yet scaled to units of t.
 typedef struct {
@@ -87,3 +106,5 @@ INLINED void intersect_block(
             search, query);
     } while (left != 0);
 }
+
+#endif

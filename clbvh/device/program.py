@@ -36,7 +36,10 @@ _OPTIONS = "-cl-std=CL1.2"
 
 # OpenCL allows errors of 2.5 units in the last place in quotients and 3 in square roots, which GPUs use; with this they
 # have the bits of every other device. The drivers for CPUs round correctly with and without it.
-_CORRECT_ROUNDING = "-cl-fp32-correctly-rounded-divide-sqrt"
+CORRECT_ROUNDING = "-cl-fp32-correctly-rounded-divide-sqrt"
+
+# Kernels of wide layouts spare the registers of a GPU, see cl/triangles/block.cl.
+GPU_OPTION = "-DIS_GPU=1"
 
 # Oclgrind 21.10 has no instruction for popcount, which its compiler (clang 14) makes of other expressions, and takes
 # the negation of a true lane in a mask for true. Neither occurs without the optimizer; and then every access that is
@@ -125,8 +128,13 @@ def build_kernels(
     check_process()
     path = f"kernels/{name}.cl"
     source = _expand_shipped(path) if folder is None else expand_source(path, folder)
-    options = (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items())))
+    options = make_options(defines or {})
     return session.shared.kernels((source, options), lambda: _compile(session, source, options))
+
+
+def make_options(defines: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the compiler's options on every device."""
+    return (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted(defines.items())))
 
 
 def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dict[str, Kernel]:
@@ -134,8 +142,10 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
 
     if session.info.is_simulator:
         options = (*options, *_SIMULATOR_OPTIONS)
+    if session.info.kind == "gpu":
+        options = (*options, GPU_OPTION)
     if session.info.cl_device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
-        options = (*options, _CORRECT_ROUNDING)
+        options = (*options, CORRECT_ROUNDING)
     program = cl.Program(session.context, source)
     try:
         with warnings.catch_warnings():

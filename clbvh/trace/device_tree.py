@@ -91,7 +91,7 @@ class DeviceTree:
         stack_size = pad_stack(self.layout, arrays.stack_size, 0 if bvh is None else bvh.depth)
         self.buffers = TreeBuffers(session, arrays)
         self.arguments: dict[str, Any] = {**self.buffers.arguments, "block_count": np.int32(len(arrays.blocks))}
-        self.defines = {"LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size}
+        self.defines = make_defines(self.layout, stack_size)
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.node_bytes = arrays.nodes.itemsize
         self.memory_bytes = self.buffers.byte_count
@@ -123,6 +123,11 @@ def resolve_layout(layout: str, session: DeviceSession) -> str:
     """Return the layout of a tree: the one of that name or, for ``"auto"``, what suits the device."""
     check_layout(layout)
     return session.settings.layout if layout == "auto" else layout
+
+
+def make_defines(layout: str, stack_size: int) -> dict[str, int]:
+    """Return the macros of every traversal kernel of a tree."""
+    return {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": stack_size}
 
 
 def pad_stack(layout: str, needed: int, depth: int) -> int:

@@ -17,7 +17,7 @@ C_SIZES = {"float": 4, "int": 4, "uint": 4}
 def read_declarations():
     """Return {struct: [(type, field, shape)]} as a C compiler would see it."""
     structs = {}
-    for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", c_declarations(), flags=re.DOTALL):
+    for body, name in re.findall(r"typedef struct [^{]*\{(.*?)\} (\w+);", c_declarations(), flags=re.DOTALL):
         fields = re.findall(r"^\s*(\w+) (\w+)((?:\[\d+\])*);$", body, flags=re.MULTILINE)
         assert len(fields) == body.count(";")
         structs[name] = [(kind, field, tuple(map(int, re.findall(r"\d+", shape)))) for kind, field, shape in fields]
@@ -41,6 +41,16 @@ def test_c_text_declares_every_field_in_order_without_padding(name):
         assert {"f": "float", "i": "int", "u": "uint"}[dtype[field].base.kind] == kind
         offset += C_SIZES[kind] * int(np.prod(shape, dtype=int))
     assert offset == dtype.itemsize
+
+
+def test_c_text_aligns_structs_by_what_divides_their_size():
+    declared = re.findall(
+        r"typedef struct (?:__attribute__\(\(aligned\((\d+)\)\)\) )?\{.*?\} (\w+);", c_declarations(), re.DOTALL
+    )
+    alignments = {name: int(alignment or C_SIZES["float"]) for alignment, name in declared}
+    assert alignments.keys() == DEVICE_STRUCTS.keys()
+    assert all(DEVICE_STRUCTS[name].itemsize % alignment == 0 for name, alignment in alignments.items())
+    assert (alignments["bvh2_node_t"], alignments["triangle_t"], alignments["sphere_t"]) == (16, 8, 4)
 
 
 def test_c_text_defines_every_constant_once():

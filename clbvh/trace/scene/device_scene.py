@@ -16,9 +16,9 @@ from ...errors import SceneError
 from ...geometry.shape import Shape
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, LAYOUTS, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
 from ...support.host_threads import HostThreads
-from ..device_tree import BRUTE, pad_stack, resolve_layout
+from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
 from ..hits.scene_arrays import make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
@@ -32,6 +32,15 @@ _TOP_STACK_SIZE = 64
 
 # Room for the rounding of the distance that is compared with the radius.
 _ROUNDING_ROOM = 1 - 2.0**-10
+
+
+def make_scene_defines(layout: str, stack_size: int, *, has_spheres: bool) -> dict[str, int]:
+    """Return the macros of every traversal kernel of a scene."""
+    return make_defines(layout, stack_size) | {
+        "HAS_INSTANCES": 1,
+        "HAS_SPHERES": int(has_spheres),
+        "TOP_STACK_SIZE": _TOP_STACK_SIZE,
+    }
 
 
 class DeviceScene:
@@ -109,10 +118,7 @@ class DeviceScene:
             self.layout, max(part.stack_size for part in arrays), max((bvh.depth for bvh in self.trees), default=0)
         )
         has_spheres = bool((self._parts[:, 3] == PRIM_KINDS["spheres"]).any())
-        self.defines = {
-            "LAYOUT": LAYOUTS[self.layout], "STACK_SIZE": stack_size, "HAS_INSTANCES": 1,
-            "HAS_SPHERES": int(has_spheres), "TOP_STACK_SIZE": _TOP_STACK_SIZE,
-        }  # fmt: skip
+        self.defines = make_scene_defines(self.layout, stack_size, has_spheres=has_spheres)
         self.node_bytes = arrays[0].nodes.itemsize
         self._node_counts = [len(part.nodes) for part in arrays]
         triangle_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["triangles"]]
