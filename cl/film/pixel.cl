@@ -35,14 +35,19 @@ INLINED float2 sample_lens(const global view_t *view, const int pixel, const uin
     return centre_on(sample_2d(&sampler), sample_2d(&first));
 }
 
+// The point of the picture at an offset from the centre of a pixel, as cameras take it, see rays/camera.cl.
+INLINED float2 film_point(const global view_t *view, const int column, const int row, const float2 offset)
+{
+    return (float2)(
+        (2.0f * (column + offset.x) + 1.0f) / view->width - 1.0f,
+        1.0f - (2.0f * (row + offset.y) + 1.0f) / view->height);
+}
+
 // Returns whether the camera sees anything there.
 INLINED bool sample_pixel(
     const global view_t *view, const int column, const int row, const uint sample, world_ray_t *ray)
 {
     const float2 offset = sample_tent_2d(pattern_point(sample));
     const float2 lens = view->has_lens ? sample_lens(view, row * view->width + column, sample) : LENS_CENTRE;
-    const float2 film = (float2)(
-        (2.0f * (column + offset.x) + 1.0f) / view->width - 1.0f,
-        1.0f - (2.0f * (row + offset.y) + 1.0f) / view->height);
-    return world_camera_ray(view, film, lens, ray);
+    return world_camera_ray(view, film_point(view, column, row, offset), lens, ray);
 }
