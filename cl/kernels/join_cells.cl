@@ -8,6 +8,8 @@
 // Work-items: (width, row_count), rounded up to tiles.
 
 #include "structs.cl"
+// keep: forbids contraction
+#include "math/numeric.cl"
 
 kernel void join_cells(
     const global float4 *restrict cells, const int width, const int row_count, global float4 *restrict film)
