@@ -501,7 +501,11 @@ ENTRY_POINT_LAYOUTS = ("bvh4", "bvh8")
 # The primitives of a geometry.
 PRIM_KINDS = {"triangles": 0, "spheres": 1}
 
+# The pixels for which the samples of a film's cell count: 3 x 3, see cl/film/cells.cl.
+CELL_PIXELS = 9
+
 DEVICE_CONSTANTS = {
+    "CELL_PIXELS": CELL_PIXELS,
     "NO_PRIM": NO_PRIM,
     "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,

@@ -23,6 +23,8 @@ typedef struct {
     float ior_ratio;   // index of refraction behind the surface, divided by that before it
     float diffuse_share;
     float specular_share;  // probabilities of the lobes; transmission has the rest
+    float eye_reflectance; // of the boundary, towards the eye
+    bool is_matte;         // the diffuse base alone: no coat, no metal, no glass
 } bsdf_t;
 
 typedef struct {
@@ -44,20 +46,25 @@ INLINED float dielectric_reflectance(const float cosine, const float ior_ratio)
     if (!(refracted_squared > 0.0f)) {
         return ior_ratio == 1.0f ? 0.0f : 1.0f;
     }
-    const float refracted = sqrt(refracted_squared);
+    const float refracted = square_root(refracted_squared);
     const float parallel = (ior_ratio * cosine - refracted) / (ior_ratio * cosine + refracted);
     const float perpendicular = (cosine - ior_ratio * refracted) / (cosine + ior_ratio * refracted);
     return 0.5f * (parallel * parallel + perpendicular * perpendicular);
 }
 
-INLINED float3 find_reflectance(const bsdf_t *bsdf, const float cosine)
+// The reflectance of a facet at a cosine, of which that of a dielectric is known.
+INLINED float3 blend_reflectance(const bsdf_t *bsdf, const float cosine, const float dielectric)
 {
-    const float dielectric = dielectric_reflectance(cosine, bsdf->ior_ratio);
     // Schlick, "An inexpensive BRDF model for physically-based rendering", 1994.
     const float rest = 1.0f - cosine;
     const float fifth = rest * rest * rest * rest * rest;
     const float3 metal = bsdf->base_colour + (1.0f - bsdf->base_colour) * fifth;
     return blend((float3)(dielectric), metal, bsdf->metallic);
+}
+
+INLINED float3 find_reflectance(const bsdf_t *bsdf, const float cosine)
+{
+    return blend_reflectance(bsdf, cosine, dielectric_reflectance(cosine, bsdf->ior_ratio));
 }
 
 INLINED bool is_mirror(const bsdf_t *bsdf)
@@ -73,8 +80,15 @@ INLINED bsdf_t make_bsdf(const appearance_t *look, const bool is_back, const flo
     bsdf.transmission = look->transmission;
     bsdf.alpha = look->roughness * look->roughness;
     bsdf.ior_ratio = is_back && look->transmission > 0.0f ? 1.0f / look->ior : look->ior;
-    const float specular = luminance(find_reflectance(&bsdf, to_eye.z));
-    const float rest = (1.0f - bsdf.metallic) * (1.0f - dielectric_reflectance(to_eye.z, bsdf.ior_ratio));
+    bsdf.is_matte = look->metallic == 0.0f && look->transmission == 0.0f && look->ior == 1.0f;
+    if (bsdf.is_matte) {
+        bsdf.diffuse_share = 1.0f;
+        bsdf.specular_share = bsdf.eye_reflectance = 0.0f;
+        return bsdf;
+    }
+    bsdf.eye_reflectance = dielectric_reflectance(to_eye.z, bsdf.ior_ratio);
+    const float specular = luminance(blend_reflectance(&bsdf, to_eye.z, bsdf.eye_reflectance));
+    const float rest = (1.0f - bsdf.metallic) * (1.0f - bsdf.eye_reflectance);
     const float diffuse = rest * (1.0f - bsdf.transmission) * luminance(bsdf.base_colour);
     const float through = rest * bsdf.transmission;
     const float sum = specular + diffuse + through;
@@ -88,7 +102,7 @@ INLINED float hidden_facets(const float alpha, const float3 direction)
 {
     const float slope_squared =
         alpha * alpha * (direction.x * direction.x + direction.y * direction.y) / (direction.z * direction.z);
-    return 0.5f * (sqrt(1.0f + slope_squared) - 1.0f);
+    return 0.5f * (square_root(1.0f + slope_squared) - 1.0f);
 }
 
 // A normal of a facet that is seen from a direction (Heitz, "Sampling the GGX distribution of visible normals", 2018).
@@ -97,14 +111,14 @@ INLINED float3 sample_facet(const float alpha, const float3 to_eye, const float2
     const float3 stretched = unit_vector((float3)(alpha * to_eye.x, alpha * to_eye.y, to_eye.z));
     const float level = stretched.x * stretched.x + stretched.y * stretched.y;
     const float3 across =
-        level > 0.0f ? (float3)(-stretched.y, stretched.x, 0.0f) / sqrt(level) : (float3)(1.0f, 0.0f, 0.0f);
+        level > 0.0f ? (float3)(-stretched.y, stretched.x, 0.0f) / square_root(level) : (float3)(1.0f, 0.0f, 0.0f);
     const float3 along = cross_product(stretched, across);
-    const float radius = sqrt(sample.x);
+    const float radius = square_root(sample.x);
     const float2 turned = sin_cos_turns(sample.y);
     const float x = radius * turned.y;
     const float share = 0.5f * (1.0f + stretched.z);
-    const float y = (1.0f - share) * sqrt(larger(1.0f - x * x, 0.0f)) + share * radius * turned.x;
-    const float z = sqrt(larger(1.0f - x * x - y * y, 0.0f));
+    const float y = (1.0f - share) * square_root(larger(1.0f - x * x, 0.0f)) + share * radius * turned.x;
+    const float z = square_root(larger(1.0f - x * x - y * y, 0.0f));
     const float3 normal = x * across + y * along + z * stretched;
     return unit_vector((float3)(alpha * normal.x, alpha * normal.y, larger(normal.z, LEAST_COSINE)));
 }
@@ -126,16 +140,19 @@ INLINED float3 evaluate_bsdf(const bsdf_t *bsdf, const float3 to_eye, const floa
     if (!(to_light.z > LEAST_COSINE && to_eye.z > LEAST_COSINE)) {
         return (float3)(0.0f);
     }
-    const float kept = (1.0f - bsdf->metallic) * (1.0f - bsdf->transmission)
-        * (1.0f - dielectric_reflectance(to_eye.z, bsdf->ior_ratio));
+    if (bsdf->is_matte) {
+        *density = to_light.z / PI;
+        return *density * bsdf->base_colour;
+    }
+    const float kept = (1.0f - bsdf->metallic) * (1.0f - bsdf->transmission) * (1.0f - bsdf->eye_reflectance);
     float3 scattered = kept * to_light.z / PI * bsdf->base_colour;
     *density = bsdf->diffuse_share * to_light.z / PI;
     if (!is_mirror(bsdf)) {
-        const float3 facet = unit_vector(to_eye + to_light);
+        const float3 facet = short_unit_vector(to_eye + to_light);
         const float facets = facet_density(bsdf->alpha, facet);
         const float of_eye = hidden_facets(bsdf->alpha, to_eye);
         const float of_light = hidden_facets(bsdf->alpha, to_light);
-        const float3 reflectance = find_reflectance(bsdf, clamp(dot_product(to_eye, facet), 0.0f, 1.0f));
+        const float3 reflectance = find_reflectance(bsdf, limit_share(dot_product(to_eye, facet)));
         scattered += reflectance * (facets / (4.0f * to_eye.z * (1.0f + of_eye + of_light)));
         *density += bsdf->specular_share * facets / (4.0f * to_eye.z * (1.0f + of_eye));
     }
@@ -156,12 +173,18 @@ INLINED bool sample_bsdf(
     if (!(to_eye.z > LEAST_COSINE)) {
         return false;
     }
+    if (bsdf->is_matte) {
+        scattered->direction = sample_hemisphere(sample);
+        scattered->weight = bsdf->base_colour;
+        scattered->density = scattered->direction.z / PI;
+        return scattered->direction.z > LEAST_COSINE;
+    }
     if (lobe < bsdf->diffuse_share) {
         scattered->direction = sample_hemisphere(sample);
     } else {
         const float3 facet =
             is_mirror(bsdf) ? (float3)(0.0f, 0.0f, 1.0f) : sample_facet(bsdf->alpha, to_eye, sample);
-        const float cosine = clamp(dot_product(to_eye, facet), 0.0f, 1.0f);
+        const float cosine = limit_share(dot_product(to_eye, facet));
         if (lobe < bsdf->diffuse_share + bsdf->specular_share) {
             scattered->direction = mirror_direction(to_eye, facet);
             if (is_mirror(bsdf)) {
@@ -173,7 +196,7 @@ INLINED bool sample_bsdf(
             if (!(refracted_squared > 0.0f)) {
                 return false;
             }
-            const float3 direction = (cosine / bsdf->ior_ratio - sqrt(refracted_squared)) * facet
+            const float3 direction = (cosine / bsdf->ior_ratio - square_root(refracted_squared)) * facet
                 - to_eye / bsdf->ior_ratio;
             const float through_share = 1.0f - bsdf->diffuse_share - bsdf->specular_share;
             if (!(bsdf->transmission > 0.0f && through_share > 0.0f)) {

@@ -66,7 +66,7 @@ INLINED float2 place_in_environment(const global view_t *view, const float3 dire
     const float x = dot_product(direction, load3(view->environment_right));
     const float y = dot_product(direction, load3(view->to_sky));
     const float z = dot_product(direction, load3(view->environment_front));
-    *level = sqrt(x * x + z * z);
+    *level = square_root(x * x + z * z);
     return (float2)(0.5f + arctangent2(x, z) / (2.0f * PI), arctangent2(*level, y) / PI);
 }
 
@@ -88,8 +88,8 @@ INLINED float3 environment_light(const lights_t *lights, const global view_t *vi
     const float2 place = place_in_environment(view, direction, &level);
     const float x = place.x * width - 0.5f;
     const float y = place.y * height - 0.5f;
-    const int left = (int)floor(x);
-    const int top = (int)floor(y);
+    const int left = (int)round_down(x);
+    const int top = (int)round_down(y);
     float3 sum = (float3)(0.0f);
     for (int corner = 0; corner < 4; corner++) {
         const int column = (left + (corner & 1) + width) % width;
@@ -149,21 +149,21 @@ INLINED bool sample_emitter(
         normal = sample_sphere(sample);
         point = load3(light->a) + light->radius * normal;
     } else {
-        const float root = sqrt(sample.x);
+        const float root = square_root(sample.x);
         const float3 ab = load3(light->ab);
         const float3 ac = load3(light->ac);
         point = load3(light->a) + (1.0f - root) * ab + root * sample.y * ac;
-        normal = unit_vector(cross_product(unit_vector(ab), unit_vector(ac)));
+        normal = normal_of_edges(ab, ac);
     }
     const float3 way = point - from;
     const float distance_squared = dot_product(way, way);
     if (!(distance_squared > 0.0f)) {
         return false;
     }
-    found->distance = sqrt(distance_squared);
+    found->distance = square_root(distance_squared);
     found->direction = way / found->distance;
     const float facing = dot_product(normal, found->direction);
-    const float cosine = is_two_sided ? fabs(facing) : -facing;
+    const float cosine = is_two_sided ? absolute(facing) : -facing;
     if (!(cosine > 0.0f)) {
         return false;
     }
@@ -189,8 +189,8 @@ INLINED bool sample_environment(
         return false;
     }
     const float longitude =
-        (column + clamp((sample.x - column_begin) / column_share, 0.0f, 1.0f)) / width - 0.5f;
-    const float latitude = (row + clamp((sample.y - row_begin) / row_share, 0.0f, 1.0f)) / height;
+        (column + limit_share((sample.x - column_begin) / column_share)) / width - 0.5f;
+    const float latitude = (row + limit_share((sample.y - row_begin) / row_share)) / height;
     const float2 around = sin_cos_turns(longitude);
     const float2 down = sin_cos_turns(0.5f * latitude);
     found->direction = down.x * around.x * load3(view->environment_right) + down.y * load3(view->to_sky)
@@ -227,7 +227,7 @@ INLINED bool sample_light(
     }
     if (view->light_count > 0) {
         if (choice < share || view->environment_width == 0) {
-            return sample_emitter(lights, view, from, clamp(choice / share, 0.0f, 1.0f), sample, found);
+            return sample_emitter(lights, view, from, limit_share(choice / share), sample, found);
         }
     }
     return sample_environment(lights, view, sample, found);

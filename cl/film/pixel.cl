@@ -35,13 +35,18 @@ INLINED float2 sample_lens(const global view_t *view, const int pixel, const uin
     return centre_on(sample_2d(&sampler), sample_2d(&first));
 }
 
-// The point of the picture.
-INLINED float2 sample_film(const global view_t *view, const int column, const int row, const uint sample)
+// The point of the picture at an offset from the centre of a pixel, as cameras take it, see rays/camera.cl.
+INLINED float2 film_point(const global view_t *view, const int column, const int row, const float2 offset)
 {
-    const float2 offset = sample_tent_2d(pattern_point(sample));
     return (float2)(
         (2.0f * (column + offset.x) + 1.0f) / view->width - 1.0f,
         1.0f - (2.0f * (row + offset.y) + 1.0f) / view->height);
+}
+
+// The point of the picture of one sample of a pixel.
+INLINED float2 sample_film(const global view_t *view, const int column, const int row, const uint sample)
+{
+    return film_point(view, column, row, sample_tent_2d(pattern_point(sample)));
 }
 
 // Returns whether the camera sees anything there.

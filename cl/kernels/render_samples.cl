@@ -1,18 +1,19 @@
-// Samples of a band of rows of a picture, added to its film.
+// Samples of a band of rows of a picture, added to its film: by pixels, or for SHADE_PATH by cells, see film/cells.cl.
 //
 // Shared arguments: see cl/world/world.cl, cl/looks/looks.cl and cl/traversal/entry_point.cl.
 // lights[] and so on          see cl/film/lights.cl; NULL but for SHADE_PATH
 // view[1]                     view_t: camera, light and colours, see clbvh/structs.py
 // first_row, row_count        rows of the picture in this band; row 0 is the top
 // first_sample, sample_count  samples to take of each pixel, by their numbers
-// film[row_count * width]     float4, added to: linear red, green, blue, and the share that is covered
+// film[row_count * width]     float4, added to: linear red, green, blue, and the share that is covered. For SHADE_PATH,
+//                             it has CELL_PIXELS of them for each of (row_count + 2) * (width + 2) cells
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
 // SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
 // HAS_CUT: see world/cut.cl. HAS_WIREFRAME: see film/wireframe.cl.
 //
-// Work-items: (width, row_count), rounded up to tiles. The samples of a pixel are added one by one, in the order of
-// their numbers, so that the film does not depend on bands or on how many samples a launch takes.
+// Work-items: (width, row_count), or cells, rounded up to tiles. The samples of a pixel are added one by one, in the
+// order of their numbers, so that the film does not depend on bands or on how many samples a launch takes.
 
 #ifndef SHADING
 #define SHADING SHADE_STUDIO
@@ -26,6 +27,7 @@
 #include "sampling/screen.cl"
 #include "traversal/entry_point.cl"
 #if SHADING == SHADE_PATH
+#include "film/cells.cl"
 #include "film/path.cl"
 #elif SHADING == SHADE_AO
 #include "film/ao.cl"
@@ -71,10 +73,18 @@ kernel void render_samples(
 {
     const int column = get_global_id(0);
     const int band_row = get_global_id(1);
-    if (column >= view->width || band_row >= row_count) {
+#if SHADING == SHADE_PATH
+    const int width = view->width + 2;
+    if (column >= width || band_row >= row_count + 2) {
         return;
     }
-    const int pixel = band_row * view->width + column;
+#else
+    const int width = view->width;
+    if (column >= width || band_row >= row_count) {
+        return;
+    }
+#endif
+    const int pixel = band_row * width + column;
     const int row = first_row + band_row;
     const stage_t stage = {
         {find_world_start(nodes, tiles, entry_points), nodes, blocks, block_count, top_nodes, instances, spheres},
@@ -84,7 +94,28 @@ kernel void render_samples(
 
 #if SHADING == SHADE_PATH
     const lights_t light_tables = {lights, light_shares, environment, environment_rows, environment_columns};
-#elif SHADING == SHADE_STUDIO
+    cell_t cell = load_cell(film, pixel, first_sample == 0);
+    for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
+        const float2 offset = find_offset(sample);
+        world_ray_t ray;
+        ray_hits_t ray_hits = make_ray_hits();
+        sobol_sampler_t sampler = make_sampler(row * width + column, sample, view->seed);
+        if (sample_cell(view, column, row, offset, sample, &ray)) {
+            float4 value = find_path_sample(&stage, &light_tables, &ray, &sampler, &ray_hits);
+#if HAS_WIREFRAME
+            const float2 point = film_point(view, column - 1, row - 1, offset);
+            value.xyz = draw_lines(&stage, &ray, point, &ray_hits.shown, value.xyz);
+#endif
+            add_to_cell(&cell, offset, value);
+        }
+        const bool is_inside = column > 0 && column <= view->width && band_row > 0 && band_row <= row_count;
+        if (sample == 0 && is_inside) {
+            hits[(band_row - 1) * view->width + column - 1] = as_kept_hit(&ray_hits.first, &ray_hits.first.nearest);
+        }
+    }
+    store_cell(&cell, film, pixel);
+#else
+#if SHADING == SHADE_STUDIO
     known_light_t light;
 #endif
     float4 sum = first_sample == 0 ? (float4)(0.0f) : film[pixel];
@@ -93,12 +124,7 @@ kernel void render_samples(
         float4 value = (float4)(0.0f);
         ray_hits_t ray_hits = make_ray_hits();
         const bool is_seen = sample_pixel(view, column, row, sample, &ray);
-#if SHADING == SHADE_PATH
-        sobol_sampler_t sampler = make_sampler(row * view->width + column, sample, view->seed);
-        if (is_seen) {
-            value = find_path_sample(&stage, &light_tables, &ray, &sampler, &ray_hits);
-        }
-#elif SHADING == SHADE_STUDIO
+#if SHADING == SHADE_STUDIO
         // Two samples share what they know of the light, and one point for it.
         if ((sample & 1) == 0 || sample == first_sample) {
             light.is_known = false;
@@ -122,4 +148,5 @@ kernel void render_samples(
         }
     }
     film[pixel] = sum;
+#endif
 }

@@ -50,7 +50,7 @@ INLINED float3 decode_normal(const uint packed)
 {
     const float x = (float)(int)(packed & 0xffffu) * (2.0f / 65534.0f) - 1.0f;
     const float y = (float)(int)(packed >> 16) * (2.0f / 65534.0f) - 1.0f;
-    const float z = 1.0f - fabs(x) - fabs(y);
+    const float z = 1.0f - absolute(x) - absolute(y);
     // The lower half is folded outwards over the edges of the upper one.
     const float fold = larger(-z, 0.0f);
     return short_unit_vector((float3)(x < 0.0f ? x + fold : x - fold, y < 0.0f ? y + fold : y - fold, z));

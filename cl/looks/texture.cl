@@ -37,7 +37,7 @@ INLINED int wrap_index(const int index, const int size, const int wrap)
 INLINED int split_position(const float position, float *fraction)
 {
     const float safe = position > -1e6f && position < 1e6f ? position : 0.0f;
-    const float begin = floor(safe);
+    const float begin = round_down(safe);
     *fraction = safe - begin;
     return (int)begin;
 }

@@ -42,6 +42,12 @@ INLINED float nearest_integer(const float x)
 {
     return __builtin_rintf(x);
 }
+
+// The greatest integer that is not above x.
+INLINED float round_down(const float x)
+{
+    return __builtin_floorf(x);
+}
 #else
 INLINED float square_root(const float x)
 {
@@ -52,7 +58,18 @@ INLINED float nearest_integer(const float x)
 {
     return rint(x);
 }
+
+INLINED float round_down(const float x)
+{
+    return floor(x);
+}
 #endif
+
+// A number limited to 0..1; NaN becomes 0.
+INLINED float limit_share(const float x)
+{
+    return smaller(larger(x, 0.0f), 1.0f);
+}
 
 INLINED float absolute(const float x)
 {

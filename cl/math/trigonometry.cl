@@ -13,6 +13,15 @@
 // tan(pi / 8)
 #define TANGENT_OF_EIGHTH 0.414213562f
 
+// Returns the sine in x and the cosine in y of an angle from -1/8 to 1/8 turns.
+INLINED float2 sin_cos_of_eighth(const float turns)
+{
+    const float t = turns * turns;
+    return (float2)(
+        turns * (6.28318529f + t * (-41.3416615f + t * (81.5923536f + t * -75.3935627f))),
+        1.0f + t * (-19.7392086f + t * (64.9393107f + t * (-85.4422980f + t * 59.2027960f))));
+}
+
 // Returns the sine in x and the cosine in y of an angle in turns: 1 is 360 degrees. Absolute errors are at most 1e-7,
 // and the relative one of the sine is as small near 0. Quarter turns are exact.
 INLINED float2 sin_cos_turns(const float turns)
@@ -22,10 +31,9 @@ INLINED float2 sin_cos_turns(const float turns)
     const float quarters = nearest_integer(4.0f * whole);
     const float r = whole - 0.25f * quarters;
 
-    // From -1/8 to 1/8 turns.
-    const float t = r * r;
-    const float sine = r * (6.28318529f + t * (-41.3416615f + t * (81.5923536f + t * -75.3935627f)));
-    const float cosine = 1.0f + t * (-19.7392086f + t * (64.9393107f + t * (-85.4422980f + t * 59.2027960f)));
+    const float2 part = sin_cos_of_eighth(r);
+    const float sine = part.x;
+    const float cosine = part.y;
 
     const int quadrant = (int)quarters;
     const float of_sine = quadrant & 1 ? cosine : sine;

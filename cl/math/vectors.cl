@@ -25,7 +25,8 @@ INLINED float unit_scale(const float3 v)
 {
     const float3 size = magnitude(v);
     const int exponent = as_int(larger(size.x, larger(size.y, size.z))) & 0x7f800000;
-    return as_float(max(0x7f000000 - exponent, 0x00800000));
+    const int inverse = 0x7f000000 - exponent;
+    return as_float(inverse > 0x00800000 ? inverse : 0x00800000);
 }
 
 // The vector of length 1 in the same direction, from any length; zero stays zero.
@@ -33,11 +34,18 @@ INLINED float3 unit_vector(const float3 v)
 {
     const float3 scaled = unit_scale(v) * v;
     const float length_squared = dot_product(scaled, scaled);
-    return length_squared > 0.0f ? scaled / sqrt(length_squared) : v;
+    return length_squared > 0.0f ? scaled / square_root(length_squared) : v;
 }
 
-// The same for a vector of moderate length, 1e-15 to 1e15, which needs no scaling.
+// The normal of a triangle by two of its edges, of any length; zero if they are parallel. Edges are scaled first: the
+// product of two edges of a tiny or huge triangle would leave float32.
+INLINED float3 normal_of_edges(const float3 ab, const float3 ac)
+{
+    return unit_vector(cross_product(unit_scale(ab) * ab, unit_scale(ac) * ac));
+}
+
+// The same as unit_vector for a vector of moderate length, 1e-15 to 1e15, which needs no scaling.
 INLINED float3 short_unit_vector(const float3 v)
 {
-    return v * (1.0f / sqrt(dot_product(v, v)));
+    return v * (1.0f / square_root(dot_product(v, v)));
 }

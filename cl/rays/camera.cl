@@ -45,7 +45,7 @@ INLINED float3 unit_pair(const float3 direction, const float3 low, float3 *unit_
 {
     const float scale = unit_scale(direction);
     const float3 scaled = scale * direction;
-    const float to_unit = scale / sqrt(dot_product(scaled, scaled));
+    const float to_unit = scale / square_root(dot_product(scaled, scaled));
     float3 product_low;
     const float3 unit = multiply_exactly(to_unit, direction, &product_low);
     *unit_low = product_low + to_unit * low;

@@ -41,6 +41,13 @@ INLINED float sample_1d(sobol_sampler_t *sampler)
     return as_unit_float(reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u))));
 }
 
+// Passes by a dimension that is not needed, so that those after it stay as they are; returns 0.
+INLINED float skip_1d(sobol_sampler_t *sampler)
+{
+    sampler->dimension++;
+    return 0.0f;
+}
+
 // The next two dimensions, in [0, 1) each.
 INLINED float2 sample_2d(sobol_sampler_t *sampler)
 {

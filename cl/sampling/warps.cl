@@ -16,7 +16,7 @@ INLINED float2 map_to_disk(const float2 sample, float *rest)
     const float other = is_wide ? y : x;
     *rest = (1.0f - radius) * (1.0f + radius);
     // From -1/8 to 1/8 turns around the nearer axis.
-    const float2 turned = sin_cos_turns(radius == 0.0f ? 0.0f : 0.125f * (other / radius));
+    const float2 turned = sin_cos_of_eighth(radius == 0.0f ? 0.0f : 0.125f * (other / radius));
     return (float2)(radius * (is_wide ? turned.y : turned.x), radius * (is_wide ? turned.x : turned.y));
 }
 

@@ -21,10 +21,7 @@ INLINED surface_t surface_at(const corners_t *corners, const crossing_t *crossin
     // At most seven roundings from a corner to the sum (Pharr, Jakob and Humphreys, "Physically based
     // rendering", section 6.8, 2023).
     surface.error = ERROR_BOUND(7) * (magnitude(from_a) + magnitude(from_b) + magnitude(from_c));
-    // Edges are normalized first: the product of two edges of a tiny or huge triangle would leave float32.
-    const float3 ab = corners->b - corners->a;
-    const float3 ac = corners->c - corners->a;
-    const float3 normal = unit_vector(cross_product(unit_vector(ab), unit_vector(ac)));
+    const float3 normal = normal_of_edges(corners->b - corners->a, corners->c - corners->a);
     surface.is_back = dot_product(normal, direction) > 0.0f;
     surface.normal = surface.is_back ? -normal : normal;
     return surface;

@@ -16,8 +16,13 @@ from ..support.memory import check_memory
 from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
 from ..trace.traced_tree import TracedTree
 
-# Pixels per band: 320 MiB of colours and hits on the device. A 4K picture is one band.
+# Pixels per band: 320 MiB of colours and hits on the device. A 4K picture is one band, unless its painter needs more
+# than 512 MiB for that.
 BAND_PIXELS = 2**24
+_PAINTER_BYTES = 2**29
+
+# Columns and rows that painters may have beside those of a band.
+_BORDER = 2
 
 _CHANNELS = 4
 
@@ -61,6 +66,10 @@ class Band(NamedTuple):
 
 class Painter(Protocol):
     """Fills the colours and the hits of a band."""
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of the largest buffer for each pixel, beside those of the band."""
 
     def paint(self, band: Band) -> None:
         """Run the kernels; the buffers of the band are complete afterwards."""
@@ -123,7 +132,9 @@ class FrameRenderer(ContextManager):
                 check_memory(f"a picture of {width} x {height}", width * height * pixel_bytes, SceneError)
                 colours = np.empty((height, width, _CHANNELS), np.uint8)
                 hits = np.empty((height, width), self._hit_dtype)
-                band_rows = min(height, max(1, self._band_pixels // width))
+                row_bytes = max(1, painter.pixel_bytes) * (width + _BORDER)
+                fitting = memory.session.fit_items(row_bytes, _PAINTER_BYTES // row_bytes) - _BORDER
+                band_rows = min(height, max(1, min(self._band_pixels // width, fitting)))
                 while True:
                     try:
                         self._render_bands(memory, view, painter, band_rows, colours, hits)

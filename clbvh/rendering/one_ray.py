@@ -55,6 +55,11 @@ class OneRayPainter:
         )
         self._entry_points = ViewEntryPoints(session, tree, self._tile, 0.0)
 
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of the largest buffer for each pixel, beside those of the band."""
+        return 0
+
     def paint(self, band: Band) -> None:
         """Fill the colours and the hits of a band."""
         band.session.run(

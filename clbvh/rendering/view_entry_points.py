@@ -14,7 +14,8 @@ from .frame import Band
 
 _KERNEL = "view_entry_points"
 
-_AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
+# The arguments of rays that begin at the root.
+AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
 
 
 class ViewEntryPoints:
@@ -37,7 +38,7 @@ class ViewEntryPoints:
     def find(self, band: Band) -> dict[str, Any]:
         """Return the arguments of kernels that say where the rays of a band begin, by their names."""
         if self._kernel is None:
-            return _AT_THE_ROOT
+            return AT_THE_ROOT
         has_instances = self._tree.has_instances
         others = {} if has_instances else {"top_nodes": None, "instances": None, "tiles": None}
         starts = find_entry_points(
@@ -46,4 +47,4 @@ class ViewEntryPoints:
             tile_buffer=band.memory.buffer("tiles", for_mapping=False) if has_instances else None,
             **others, **band.rows,
         )  # fmt: skip
-        return _AT_THE_ROOT | starts
+        return AT_THE_ROOT | starts

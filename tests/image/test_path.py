@@ -260,6 +260,44 @@ class TestSamples:
             np.testing.assert_array_equal(renderer.render(samples=5, keeps_film=True).film, expected)
 
 
+def tent_share(edge):
+    """The share of the tent filter of two pixels' width below an edge, in pixels from its centre."""
+    edge = np.clip(edge, -1, 1)
+    return np.where(edge < 0, (1 + edge) ** 2 / 2, 1 - (1 - edge) ** 2 / 2)
+
+
+class TestFilm:
+    """Each sample counts for the pixels around it: a lamp alone, seen without perspective."""
+
+    LAMP = Material(base_colour=BLACK, ior=1.0, emission=WHITE)
+
+    def scene(self, right, top, **changes):
+        """A lamp on the left of x = right and below y = top; pixels have a side of 1, the middle is 0."""
+        corners = [[-50, -50, 0], [right, -50, 0], [right, top, 0], [-50, top, 0]]
+        settings = {"projection": clbvh.Orthographic(height=8), "width": 10, "height": 8, "max_bounces": 0}
+        return make_scene(quad(corners, self.LAMP), **(settings | changes))
+
+    @pytest.mark.parametrize("samples", [1, 2, 3, 7, 64])
+    def test_weights_add_up_to_the_samples(self, samples):
+        film = render_film(self.scene(50, 50), samples=samples)
+        np.testing.assert_allclose(film, 1, rtol=0, atol=1e-6)
+
+    @pytest.mark.parametrize(("right", "top"), [(0.3, 50), (50, -1.25), (-4.9, 50), (1.5, 0.25)])
+    def test_edges_are_filtered(self, right, top):
+        film = render_film(self.scene(right, top), samples=4096)[..., 0]
+        columns, rows = np.arange(10) - 4.5, 3.5 - np.arange(8)
+        expected = tent_share(right - columns) * tent_share(top - rows)[:, None]
+        np.testing.assert_allclose(film, expected, rtol=0, atol=2e-3)
+
+    @pytest.mark.parametrize("samples", [1, 5])
+    def test_hits_are_those_of_the_centres(self, samples):
+        with Renderer(self.scene(0.3, 1.2)) as renderer:
+            hits = renderer.render(samples=samples).hits
+            expected = renderer.render(shading="lambert", samples=1).hits
+        np.testing.assert_array_equal(hits.prim_id, expected.prim_id)
+        np.testing.assert_array_equal(hits.t, expected.t)
+
+
 HOSTILE = {
     "mirror": Material(metallic=1, roughness=0),
     "nearly-mirror": Material(metallic=1, roughness=0.0317),

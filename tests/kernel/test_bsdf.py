@@ -65,6 +65,20 @@ def test_weight_times_density_is_the_value(scatter, samples, metallic, roughness
 
 
 @pytest.mark.parametrize("cosine", COSINES)
+@pytest.mark.parametrize("roughness", [0, 1])
+def test_without_a_coat_all_is_diffuse(scatter, samples, roughness, cosine):
+    drawn, at_drawn, _ = scatter(samples, cosine, ior=1, roughness=roughness, base_colour=(0.9, 0.5, 0.1))
+    density = drawn[:, 2] / np.pi
+    np.testing.assert_allclose(drawn[:, 6], density, rtol=1e-6)
+    np.testing.assert_allclose(drawn[:, 3:6], np.tile([0.9, 0.5, 0.1], (len(drawn), 1)), rtol=1e-6)
+    np.testing.assert_allclose(at_drawn[:, :3], density[:, None] * [0.9, 0.5, 0.1], rtol=1e-6)
+    # A cosine and a turn that are independent, and evenly spread.
+    turns = np.arctan2(drawn[:, 1], drawn[:, 0]) / (2 * np.pi) % 1
+    counts = np.histogram2d(drawn[:, 2] ** 2, turns, bins=4, range=[[0, 1], [0, 1]])[0]
+    assert np.abs(counts / len(drawn) * 16 - 1).max() < 0.05
+
+
+@pytest.mark.parametrize("cosine", COSINES)
 @pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
 @pytest.mark.parametrize("metallic", [0, 1])
 def test_density_and_energy(scatter, samples, metallic, roughness, cosine):

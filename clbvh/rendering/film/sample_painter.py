@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ...device.program import build_kernel
 from ...device.session import DeviceSession
-from ...structs import SHADINGS
+from ...structs import CELL_PIXELS, SHADINGS
 from ...trace.traced_tree import TracedTree
 from ..frame import Band
-from ..view_entry_points import ViewEntryPoints
+from ..view_entry_points import AT_THE_ROOT, ViewEntryPoints
 from ..world_arguments import world_arguments
 
 _FILM_DTYPE = np.dtype((np.float32, 4))
@@ -79,6 +79,11 @@ class SampleShading:
     has_wireframe : bool
         Whether they have lines.
 
+    Attributes
+    ----------
+    join_cells : Kernel or None
+        Makes pixels of the film's cells; None where the film is one by pixels.
+
     Raises
     ------
     KernelBuildError
@@ -107,6 +112,7 @@ class SampleShading:
         }
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, "develop")
+        self.join_cells = build_kernel(session, "join_cells") if shading == "path" else None
         self.entry_points = ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
 
 
@@ -125,13 +131,28 @@ class SamplePainter:
         self._shading, self._progress, self._arguments = shading, progress, arguments
         self._begin = time.perf_counter()
 
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of the largest buffer for each pixel, beside those of the band."""
+        return _FILM_DTYPE.itemsize * (CELL_PIXELS if self._shading.join_cells else 1)
+
     def paint(self, band: Band) -> None:
         """Fill the colours and the hits of a band."""
         shading, session = self._shading, band.session
-        pixel_count = band.width * band.row_count
-        film = band.memory.buffer("film", for_mapping=False).take(pixel_count * _FILM_DTYPE.itemsize)
-        arguments = {**shading.arguments, **self._arguments, **band.rows, **shading.entry_points.find(band)}
-        taken = self._take_samples(band, film, arguments)
+        film = _take_film(band, "film", band.width, band.row_count)
+        arguments = {**shading.arguments, **self._arguments, **band.rows}
+        if shading.join_cells:
+            # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
+            size = band.width + 2, band.row_count + 2
+            cells = _take_film(band, "cells", CELL_PIXELS * size[0], size[1])
+            taken = self._take_samples(band, size, {**arguments, **AT_THE_ROOT, "film": cells})
+            session.run(
+                shading.join_cells, (band.width, band.row_count), shading.tile,
+                cells=cells, width=np.int32(band.width), row_count=np.int32(band.row_count), film=film,
+            )  # fmt: skip
+        else:
+            size = band.width, band.row_count
+            taken = self._take_samples(band, size, {**arguments, **shading.entry_points.find(band), "film": film})
         session.run(
             shading.develop, (band.width, band.row_count), shading.tile,
             film=film, row_count=np.int32(band.row_count), sample_count=np.int32(taken), view=band.view,
@@ -143,8 +164,8 @@ class SamplePainter:
             session.download(film, rows)
             rows /= np.float32(taken)
 
-    def _take_samples(self, band: Band, film: Any, arguments: dict[str, Any]) -> int:
-        """Add samples to the film; return how many of each pixel."""
+    def _take_samples(self, band: Band, size: tuple[int, int], arguments: dict[str, Any]) -> int:
+        """Add samples to the film, with this many work-items; return how many of each pixel."""
         progress = self._progress
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         pixels, done = band.width * band.height, band.width * band.first_row
@@ -152,8 +173,8 @@ class SamplePainter:
         while True:
             begin = time.perf_counter()
             band.session.run(
-                self._shading.kernel, (band.width, band.row_count), self._shading.tile, **arguments,
-                first_sample=np.int32(first), sample_count=np.int32(count), film=film, hits=band.hits,
+                self._shading.kernel, size, self._shading.tile, **arguments,
+                first_sample=np.int32(first), sample_count=np.int32(count), hits=band.hits,
             )  # fmt: skip
             band.session.finish()
             now = time.perf_counter()
@@ -165,3 +186,8 @@ class SamplePainter:
                 return first
             fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
             count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))
+
+
+def _take_film(band: Band, name: str, width: int, row_count: int) -> Any:
+    """Return a buffer of float4 for a band."""
+    return band.memory.buffer(name, for_mapping=False).take(width * row_count * _FILM_DTYPE.itemsize)
