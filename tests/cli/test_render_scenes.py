@@ -65,7 +65,7 @@ def meshes(tmp_path):
 def render(*arguments, folder):
     """Return the report of a picture and its hits file."""
     hits = folder / "hits.npz"
-    result = run_clbvh("render", *arguments, "-o", folder / "out.ppm", "--hits", hits, "--json", *SIZE)
+    result = run_clbvh("render", *arguments, "-o", folder / "out.ppm", "--hits", hits, "--json", "--up", "0,1,0", *SIZE)
     assert (result.returncode, result.stderr) == (0, "")
     with np.load(hits) as arrays:
         return json.loads(result.stdout), dict(arrays)
