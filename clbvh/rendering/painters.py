@@ -81,6 +81,7 @@ class Painters:
                 scene.shading,
                 buffers,
                 has_cutouts=tables.has_cutouts,
+                has_normal_maps=tables.has_normal_maps,
                 has_cut=scene.cut is not None,
             )
         return self._shadings[key]

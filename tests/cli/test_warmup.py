@@ -101,8 +101,9 @@ def folder(tmp_path):
     return tmp_path
 
 
-# Kernels of pictures that are compiled when they are first asked for, by their options: paths, cuts and holes.
-ASKED_FOR = (f"-DSHADING={SHADINGS['path']}'", "-DHAS_CUT=1'", "-DHAS_CUTOUTS=1'")
+# Kernels of pictures that are compiled when they are first asked for, by their options: paths, cuts, holes and bent
+# normals.
+ASKED_FOR = (f"-DSHADING={SHADINGS['path']}'", "-DHAS_CUT=1'", "-DHAS_CUTOUTS=1'", "-DHAS_NORMAL_MAPS=1'")
 
 
 def check(warmed, folder, tasks):

@@ -77,6 +77,8 @@ class SampleShading:
         The tables of cl/looks/, and those of the light of ``"path"``.
     has_cutouts : bool
         Whether rays may pass through surfaces.
+    has_normal_maps : bool
+        Whether textures bend normals.
     has_cut : bool
         Whether the views have a cut.
 
@@ -94,6 +96,7 @@ class SampleShading:
         arguments: Mapping[str, Any],
         *,
         has_cutouts: bool,
+        has_normal_maps: bool = False,
         has_cut: bool = False,
     ) -> None:
         self.tree = tree
@@ -103,6 +106,7 @@ class SampleShading:
             **tree.defines,
             "SHADING": SHADINGS[shading],
             "HAS_CUTOUTS": int(has_cutouts),
+            "HAS_NORMAL_MAPS": int(has_normal_maps),
             "HAS_CUT": int(has_cut),
         }
         self.kernel = build_kernel(session, "render_samples", defines)
