@@ -385,6 +385,8 @@ LOOK = np.dtype(
         ("colour", np.float32, 3),
         ("has_colour", np.int32),
         ("first_normal", np.int32),
+        # In the same table; -1 also where no material has a texture of normals.
+        ("first_tangent", np.int32),
         ("first_colour", np.int32),
         ("first_uv", np.int32),
         ("first_material_id", np.int32),
@@ -412,6 +414,8 @@ MATERIAL = np.dtype(
         ("base_colour_texture", np.int32),
         ("metallic_roughness_texture", np.int32),
         ("emission_texture", np.int32),
+        ("normal_texture", np.int32),
+        ("normal_scale", np.float32),
         # Whether paths may draw its light: neither textures nor alpha change it.
         ("is_light", np.int32),
     ]

@@ -12,6 +12,6 @@ INLINED float4 find_sample(
     }
     position_t above = shown.surface.above;
     above.high += shown.appearance.lift;
-    const bool is_exposed = is_open(stage, above, shown.appearance.normal, sampler);
+    const bool is_exposed = is_open(stage, above, shown.appearance.smooth_normal, sampler);
     return (float4)((float3)(is_exposed ? 1.0f : 0.0f), 1.0f);
 }

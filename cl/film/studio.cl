@@ -16,10 +16,14 @@
 // The ambient light is stronger than in the shading `lambert`, because nearby surfaces keep off much of it.
 #define AMBIENT_FACTOR 1.6f
 
+// The directed light is weaker than in the shading `lambert`: with the stronger ambient light and the highlights,
+// bright surfaces that face it would be white without shape.
+#define KEY_FACTOR 0.9f
+
 // What smooth surfaces reflect is brighter than the mean of the sky, as the lamps of a studio are.
 #define REFLECTION_FACTOR 2.0f
 
-// The light at the eye is weaker than the directed one: no surface is turned away from it.
+// The light at the eye is weaker still: no surface is turned away from it.
 #define HEADLIGHT_FACTOR 0.6f
 
 // The light of a surface that reflects all is the albedo of a diffuse one, and pi times the value of a highlight.
@@ -54,6 +58,16 @@ INLINED float3 fresnel(const float3 reflectance, const float cosine)
     const float rest = 1.0f - clamp(cosine, 0.0f, 1.0f);
     const float squared = rest * rest;
     return reflectance + (1.0f - reflectance) * (squared * squared * rest);
+}
+
+// The same for the reflection of all around by a rough surface, whose facets are not all seen at the angle of the whole
+// (Lagarde, "Adopting a physically based shading model", 2011).
+INLINED float3 fresnel_of_rough(const float3 reflectance, const float cosine, const float roughness)
+{
+    const float rest = 1.0f - clamp(cosine, 0.0f, 1.0f);
+    const float squared = rest * rest;
+    const float3 most = fmax((float3)(1.0f - roughness), reflectance);
+    return reflectance + (most - reflectance) * (squared * squared * rest);
 }
 
 // The distribution of microfacets of GGX and its visibility, for light that is reflected to the eye (Walter et al.,
@@ -141,7 +155,7 @@ INLINED float3 shade_studio(
     position_t above = surface->above;
     above.high += look->lift;
     find_light(
-        stage, surface->instance_id, surface->position, above, look->normal, true, true, sampler, known);
+        stage, surface->instance_id, surface->position, above, look->smooth_normal, true, true, sampler, known);
     const float3 reflectance =
         blend((float3)(DIELECTRIC_REFLECTANCE), look->base_colour, look->metallic);
     const float3 diffuse = (1.0f - look->metallic) * look->base_colour;
@@ -151,7 +165,8 @@ INLINED float3 shade_studio(
     const float facing = -dot_product(look->normal, direction);
     const float3 mirrored = direction + 2.0f * facing * look->normal;
     const float3 glossy = blend(mirrored, look->normal, look->roughness * look->roughness);
-    const float3 shine = fresnel(reflectance, facing) * (1.0f - 0.5f * look->roughness);
+    const float3 shine =
+        fresnel_of_rough(reflectance, facing, look->roughness) * (1.0f - 0.5f * look->roughness);
     float3 light = diffuse * find_ambient_light(view, look->normal)
         + REFLECTION_FACTOR * shine * find_ambient_light(view, glossy);
     light *= openness;
@@ -162,7 +177,7 @@ INLINED float3 shade_studio(
         const float3 halfway = unit_vector(to_light - direction);
         const float3 gloss = fresnel(reflectance, dot_product(to_light, halfway))
             * (HIGHLIGHT_FACTOR * highlight(look->roughness, look->normal, to_light, -direction, halfway));
-        const float strength = view->is_headlight ? HEADLIGHT_FACTOR : 1.0f;
+        const float strength = view->is_headlight ? HEADLIGHT_FACTOR : KEY_FACTOR;
         light += strength * load3(view->light_colour) * (diffuse * cosine + gloss);
     }
     return light + look->emission;
@@ -192,7 +207,7 @@ INLINED float find_ground_shadow(
 
     const float3 ambient = find_ambient_light(view, normal);
     const float cosine = larger(dot_product(normal, to_light), 0.0f);
-    const float key = cosine * (view->light_colour[0] + view->light_colour[1] + view->light_colour[2]);
+    const float key = KEY_FACTOR * cosine * (view->light_colour[0] + view->light_colour[1] + view->light_colour[2]);
     const float all = ambient.x + ambient.y + ambient.z + key;
     find_light(
         stage, GROUND_ID, ground->above.high, ground->above, normal, may_be_occluded, may_be_shaded, sampler, known);
@@ -200,12 +215,13 @@ INLINED float find_ground_shadow(
     return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * ground->strength * missing / all : 0.0f;
 }
 
+// The sample of a ray, by one sampler of the surfaces that it passes through and one of light.
 INLINED float4 find_studio_sample(
-    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *sampler, known_light_t *known,
-    ray_hits_t *hits)
+    const stage_t *stage, const world_ray_t *ray, const int row, sobol_sampler_t *layers, sobol_sampler_t *sampler,
+    known_light_t *known, ray_hits_t *hits)
 {
     shown_t shown;
-    if (find_shown(stage, ray, true, sampler, &shown, hits)) {
+    if (find_shown(stage, ray, true, layers, &shown, hits)) {
         return (float4)(shade_studio(stage, &shown, ray->direction, sampler, known), 1.0f);
     }
     const ground_t ground = find_ground(stage->view, ray);

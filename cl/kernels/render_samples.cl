@@ -130,8 +130,10 @@ kernel void render_samples(
             light.is_known = false;
         }
         sobol_sampler_t sampler = make_screen_sampler(column, row, sample >> 1, view->seed);
+        // But each has its own chance to pass through a surface.
+        sobol_sampler_t layers = make_screen_sampler(column, row, sample, ~view->seed);
         if (is_seen) {
-            value = find_studio_sample(&stage, &ray, row, &sampler, &light, &ray_hits);
+            value = find_studio_sample(&stage, &ray, row, &layers, &sampler, &light, &ray_hits);
         }
 #else
         sobol_sampler_t sampler = make_screen_sampler(column, row, sample, view->seed);

@@ -3,12 +3,15 @@
 //
 // looks[instance_count]          look_t by instance_id; a mesh without a scene has one
 // corner_normals[], corner_colours[]      uint for each corner: a unit vector, see decode_normal; red, green, blue and
-//                                alpha, 8 bits each, sRGB
+//                                alpha, 8 bits each, sRGB. Among the normals are tangents, the direction in which u
+//                                grows, with 1 in the lowest bit where the texture is mirrored
 // corner_uvs[]                   float2 for each corner
 // material_ids[]                 int for each primitive
 // materials[], textures[]        material_t, texture_t
 // texels[]                       uint: red, green, blue and alpha, 8 bits each, red the lowest
 // decoded_srgb[256]              float: the linear value of each 8-bit sRGB value
+//
+// HAS_NORMAL_MAPS, if defined as 1: some material has a texture of normals.
 
 #include "looks/texture.cl"
 #include "world/world.cl"
@@ -32,16 +35,17 @@ typedef struct {
 
 // A point of a surface as light sees it.
 typedef struct {
-    float3 normal;       // shading normal: unit vector on the side of the ray's origin
-    float3 lift;         // from the triangle to the smooth surface that it stands for, see world_lift
-    float3 base_colour;  // linear
-    float alpha;         // the share of light that the surface stops, after the cut-off
+    float3 normal;         // shading normal: unit vector on the side of the ray's origin
+    float3 smooth_normal;  // the same before a texture bends it: rays to light start around it
+    float3 lift;           // from the triangle to the smooth surface that it stands for, see world_lift
+    float3 base_colour;    // linear
+    float alpha;           // the share of light that the surface stops, after the cut-off
     float metallic;
     float roughness;
     float ior;
     float transmission;
     float3 emission;
-    bool is_light;       // whether paths draw the emitting surface as a light
+    bool is_light;         // whether paths draw the emitting surface as a light
 } appearance_t;
 
 // A unit vector from two 16-bit numbers: an octahedron unfolded to a square (Cigolle et al., "A survey of efficient
@@ -56,24 +60,43 @@ INLINED float3 decode_normal(const uint packed)
     return short_unit_vector((float3)(x < 0.0f ? x + fold : x - fold, y < 0.0f ? y + fold : y - fold, z));
 }
 
-// The shading normal of a triangle with normals at its corners, or the geometric one. It is kept on the side of the
-// ray's origin, where the geometric one is.
-INLINED float3 shading_normal(
-    const looks_t *looks, const global look_t *look, const world_t *world, const search_t *search,
-    const world_surface_t *surface, const float3 direction, float3 *lift)
+// The texture coordinates where a ray meets a surface.
+INLINED float2 uv_at(const looks_t *looks, const global look_t *look, const world_surface_t *surface)
 {
-    *lift = (float3)(0.0f);
-    if (look->first_normal < 0) {
-        return surface->normal;
-    }
-    const global uint *corners = looks->corner_normals + look->first_normal + 3 * surface->prim_id;
-    const float sign = surface->is_back ? -1.0f : 1.0f;
-    const float3 at_corner[3] = {
-        sign * decode_normal(corners[0]), sign * decode_normal(corners[1]), sign * decode_normal(corners[2])};
-    *lift = world_lift(world, search, at_corner);
-    const float3 own = (1.0f - surface->u - surface->v) * at_corner[0] + surface->u * at_corner[1]
-        + surface->v * at_corner[2];
-    float3 normal = unit_vector(place_normal(world, search, own));
+    const global float *corners = looks->corner_uvs + look->first_uv + 6 * surface->prim_id;
+    return (1.0f - surface->u - surface->v) * (float2)(corners[0], corners[1])
+        + surface->u * (float2)(corners[2], corners[3]) + surface->v * (float2)(corners[4], corners[5]);
+}
+
+#if HAS_NORMAL_MAPS
+
+// A normal that the material's texture bends, in the coordinates of the mesh. On the back, where the normal is turned
+// round, the tangents are as well: there the bent surface is the same one, seen from behind.
+INLINED float3 bend_normal(
+    const looks_t *looks, const global look_t *look, const global material_t *material,
+    const world_surface_t *surface, const float3 normal)
+{
+    const global uint *corners = looks->corner_normals + look->first_tangent + 3 * surface->prim_id;
+    const float3 smooth = unit_vector(normal);
+    const float3 mean = (1.0f - surface->u - surface->v) * decode_normal(corners[0])
+        + surface->u * decode_normal(corners[1]) + surface->v * decode_normal(corners[2]);
+    const float3 along_u = unit_vector(mean - dot_product(mean, smooth) * smooth);
+    const float3 along_v = cross_product(smooth, along_u);
+    const float3 texel =
+        sample_texture(&looks->textures, material->normal_texture, uv_at(looks, look, surface)).xyz;
+    const float3 bend = 2.0f * texel - 1.0f;
+    const float side = surface->is_back ? -material->normal_scale : material->normal_scale;
+    // The cross product of a normal that is turned round has turned by itself.
+    const float side_of_v = corners[0] & 1u ? -material->normal_scale : material->normal_scale;
+    return side * bend.x * along_u + side_of_v * bend.y * along_v + bend.z * smooth;
+}
+
+#endif
+
+// A shading normal on the side of the ray's origin, where the geometric one is.
+INLINED float3 turn_to_eye(const float3 shading_normal, const world_surface_t *surface, const float3 direction)
+{
+    float3 normal = shading_normal;
     // A normal that faces away, as near a silhouette, is moved to just on this side (Keller et al., "The iray light
     // transport simulation and rendering system", 2017, has the same idea for reflections).
     const float facing = dot_product(normal, direction);
@@ -81,6 +104,34 @@ INLINED float3 shading_normal(
         normal = unit_vector(normal - (facing + GRAZING) * direction);
     }
     return dot_product(normal, surface->normal) > 0.0f ? normal : surface->normal;
+}
+
+// Finds the shading normals of a triangle with normals at its corners, or the geometric one, and the lift.
+INLINED void find_normals(
+    const looks_t *looks, const global look_t *look, const global material_t *material, const world_t *world,
+    const search_t *search, const world_surface_t *surface, const float3 direction, appearance_t *found)
+{
+    found->normal = surface->normal;
+    found->smooth_normal = surface->normal;
+    found->lift = (float3)(0.0f);
+    if (look->first_normal < 0) {
+        return;
+    }
+    const global uint *corners = looks->corner_normals + look->first_normal + 3 * surface->prim_id;
+    const float sign = surface->is_back ? -1.0f : 1.0f;
+    const float3 at_corner[3] = {
+        sign * decode_normal(corners[0]), sign * decode_normal(corners[1]), sign * decode_normal(corners[2])};
+    found->lift = world_lift(world, search, at_corner);
+    const float3 own = (1.0f - surface->u - surface->v) * at_corner[0] + surface->u * at_corner[1]
+        + surface->v * at_corner[2];
+    found->smooth_normal = turn_to_eye(unit_vector(place_normal(world, search, own)), surface, direction);
+    found->normal = found->smooth_normal;
+#if HAS_NORMAL_MAPS
+    if (look->first_tangent >= 0 && material->normal_texture >= 0) {
+        const float3 bent = bend_normal(looks, look, material, surface, own);
+        found->normal = turn_to_eye(unit_vector(place_normal(world, search, bent)), surface, direction);
+    }
+#endif
 }
 
 // The appearance of the surface that a ray has met.
@@ -95,7 +146,7 @@ INLINED appearance_t appearance_at(
     const float w = 1.0f - surface->u - surface->v;
 
     appearance_t found;
-    found.normal = shading_normal(looks, look, world, search, surface, direction, &found.lift);
+    find_normals(looks, look, material, world, search, surface, direction, &found);
     found.base_colour = load3(
         look->has_colour                    ? look->colour
         : material_id == DEFAULT_MATERIAL ? looks->default_colour : material->base_colour);
@@ -116,9 +167,7 @@ INLINED appearance_t appearance_at(
         found.alpha *= tint.w;
     }
     if (look->first_uv >= 0) {
-        const global float *corners = looks->corner_uvs + look->first_uv + 6 * surface->prim_id;
-        const float2 uv = w * (float2)(corners[0], corners[1]) + surface->u * (float2)(corners[2], corners[3])
-            + surface->v * (float2)(corners[4], corners[5]);
+        const float2 uv = uv_at(looks, look, surface);
         if (material->base_colour_texture >= 0 && !look->has_colour) {
             const float4 texel = sample_texture(&looks->textures, material->base_colour_texture, uv);
             found.base_colour *= texel.xyz;

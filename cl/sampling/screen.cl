@@ -5,7 +5,7 @@
 #include "sampling/sampler.cl"
 
 // A power of two of samples is taken of each pixel from one sequence; further ones are from other sequences.
-#define SEQUENCE_SAMPLE_BITS 2
+#define SEQUENCE_SAMPLE_BITS 3
 #define SEQUENCE_SAMPLE_MASK ((1u << SEQUENCE_SAMPLE_BITS) - 1)
 
 // Bits of a column and of a row that tell pixels apart: points repeat after 16,384 pixels.

@@ -27,7 +27,7 @@ DEFAULT_QUALITY = "default"
 
 _SOURCE_HELP = (
     "A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
-    "demo, bunny, cornell, dragon, drill, galaxy, knot, meadow, palace, still-life, terrain, weekend."
+    "demo, bunny, cornell, dragon, drill, galaxy, hall, knot, meadow, palace, still-life, terrain, weekend."
 )
 
 Source = Annotated[str, typer.Argument(metavar="MESH|SCENE", help=_SOURCE_HELP, show_default=False)]

@@ -25,7 +25,7 @@ Samples = Annotated[
     int | None,
     typer.Option(
         help="Rays through each pixel, for studio, ao and path.",
-        show_default="8, 16 and 64",
+        show_default="16, 16 and 64",
         rich_help_panel=SAMPLES_PANEL,
     ),
 ]

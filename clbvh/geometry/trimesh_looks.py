@@ -119,6 +119,7 @@ def _make_material(material: Any, textures: dict[tuple[int, bool, bool], Texture
         base_colour_texture=texture(getattr(material, "baseColorTexture", None), is_opaque=mode == "OPAQUE"),
         metallic_roughness_texture=texture(getattr(material, "metallicRoughnessTexture", None), is_srgb=False),
         emission_texture=texture(getattr(material, "emissiveTexture", None)),
+        normal_texture=texture(getattr(material, "normalTexture", None), is_srgb=False),
     )
 
 

@@ -22,6 +22,15 @@ def pack_normals(normals: NDArray[np.float32]) -> NDArray[np.uint32]:
     return packed
 
 
+def pack_tangents(tangents: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Return (n,) uint32 for (n, 4) float32: a vector as above, and its fourth number's sign in the lowest bit.
+
+    The bit was one of the x coordinate, so that the error may be twice as large.
+    """
+    is_negative = (tangents[:, 3] < 0).astype(np.uint32)
+    return pack_normals(np.ascontiguousarray(tangents[:, :3])) & np.uint32(0xFFFFFFFE) | is_negative
+
+
 @compiled
 def _pack(normals, packed):
     for i in range(len(normals)):

@@ -19,10 +19,15 @@ Materials: TypeAlias = Mapping[str, Material]
 
 NO_MATERIALS: Materials = MappingProxyType({})
 
-_NUMBERS = ("alpha", "alpha_cutoff", "metallic", "roughness", "ior", "transmission")
+_NUMBERS = ("alpha", "alpha_cutoff", "metallic", "roughness", "ior", "transmission", "normal_scale")
 _COLOURS = ("base_colour", "emission")
 # Whether their pixels are colours, which are sRGB, or numbers.
-_TEXTURES = {"base_colour_texture": True, "metallic_roughness_texture": False, "emission_texture": True}
+_TEXTURES = {
+    "base_colour_texture": True,
+    "metallic_roughness_texture": False,
+    "emission_texture": True,
+    "normal_texture": False,
+}
 
 
 def read_materials(tables: Any, folder: Path) -> Materials:

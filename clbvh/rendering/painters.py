@@ -17,7 +17,7 @@ from ..trace.traced_tree import TracedTree
 from .film.environment_map import EnvironmentMap
 from .film.environment_tables import EnvironmentTables, make_environment_tables
 from .film.light_tables import LightTables, find_lights, make_light_tables
-from .film.look_tables import LookTables, has_cutouts, make_look_tables
+from .film.look_tables import LookTables, has_cutouts, has_normal_maps, make_look_tables
 from .film.sample_painter import Progress, SamplePainter, SampleShading
 from .frame import Painter
 from .mesh_subject import MeshSubject
@@ -87,6 +87,7 @@ class Painters:
                 self._tree,
                 scene.shading,
                 has_cutouts=has_cutouts(shapes),
+                has_normal_maps=has_normal_maps(shapes),
                 has_cut=has_cut,
                 has_wireframe=has_wireframe,
             )

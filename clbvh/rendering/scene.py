@@ -192,7 +192,7 @@ class Scene(SceneContents):
         One of `structs.SHADINGS`: ``studio``, ``ao`` and ``path`` take samples; ``lambert``, ``lambert+shadow``,
         ``normal`` and ``depth`` cast one ray through the centre of each pixel.
     samples : int, or None
-        Of each pixel, for the shadings with samples. None: 8, for ``path`` 64.
+        Of each pixel, for the shadings with samples. None: 16, for ``path`` 64.
     seed : int
         Of the sample points. Equal seeds give equal pictures.
     smooth : float

@@ -12,27 +12,28 @@ def draw(run_shell, columns, rows, samples, seed=0):
     return run_shell("draw_screen_samples", [begins], [FLOAT2, FLOAT2], "look_shells")
 
 
-def count_in_cells(points, side):
-    cells = np.floor(points.astype(np.float64) * side).astype(int)
-    return np.bincount(cells[:, 0] * side + cells[:, 1], minlength=side * side)
+def count_in_cells(points, columns, rows):
+    cells = np.floor(points.astype(np.float64) * (columns, rows)).astype(int)
+    return np.bincount(cells[:, 0] * rows + cells[:, 1], minlength=columns * rows)
 
 
 @pytest.mark.parametrize("seed", [0, 5])
 @pytest.mark.parametrize("corner", [(0, 0), (SIDE, 3 * SIDE), (16384 - SIDE, 0)])
 def test_the_pixels_of_a_square_share_out_the_points(run_shell, corner, seed):
     columns, rows, samples = np.meshgrid(
-        corner[0] + np.arange(SIDE), corner[1] + np.arange(SIDE), np.arange(4), indexing="ij"
+        corner[0] + np.arange(SIDE), corner[1] + np.arange(SIDE), np.arange(8), indexing="ij"
     )
     points, _ = draw(run_shell, columns, rows, samples, seed)
-    # 256 points, one in each cell of a grid of 16 x 16.
-    assert (count_in_cells(points, 16) == 1).all()
+    # 512 points, one in each cell of a grid of 16 x 32, and of one of 32 x 16.
+    assert (count_in_cells(points, 16, 32) == 1).all()
+    assert (count_in_cells(points, 32, 16) == 1).all()
 
 
 @pytest.mark.parametrize("pixel", [(0, 0), (5, 9)])
 def test_the_samples_of_a_pixel_are_evenly_spread(run_shell, pixel):
-    for begin in (0, 4, 8):
-        points, _ = draw(run_shell, *pixel, np.arange(begin, begin + 4))
-        assert (count_in_cells(points, 2) == 1).all()
+    for begin, columns, rows in ((0, 2, 2), (4, 2, 2), (0, 2, 4), (8, 4, 2), (16, 4, 2)):
+        points, _ = draw(run_shell, *pixel, np.arange(begin, begin + columns * rows))
+        assert (count_in_cells(points, columns, rows) == 1).all()
 
 
 def test_further_samples_are_other_points(run_shell):
@@ -47,6 +48,6 @@ def test_the_pattern_begins_at_the_centre_and_is_evenly_spread(run_shell):
     expected = (0.5 + np.arange(4096)[:, None] * golden) % 1
     distance = np.abs(pattern - expected)
     assert np.minimum(distance, 1 - distance).max() < 2e-6
-    counts = count_in_cells(pattern, 16)
+    counts = count_in_cells(pattern, 16, 16)
     assert counts.min() >= 13
     assert counts.max() <= 19

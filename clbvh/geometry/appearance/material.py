@@ -14,11 +14,11 @@ from typing import Any
 from ...errors import MeshError
 from .texture import Texture
 
-_TEXTURES = ("base_colour_texture", "metallic_roughness_texture", "emission_texture")
+_TEXTURES = ("base_colour_texture", "metallic_roughness_texture", "emission_texture", "normal_texture")
 _SHARES = ("alpha", "metallic", "roughness", "transmission")
 
 # The strongest light and refraction that float32 arithmetic on a device bears well.
-_MAX_EMISSION, _MAX_IOR = 1e12, 100.0
+_MAX_EMISSION, _MAX_IOR, _MAX_NORMAL_SCALE = 1e12, 100.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,11 @@ class Material:
         Its green multiplies `roughness`, and its blue `metallic`.
     emission_texture : Texture, optional
         Multiplies `emission`.
+    normal_texture : Texture, optional
+        Bends the normals of a mesh: red, green and blue from 0 to 1 are -1 to 1 along the growth of u, along that of v,
+        and along the normal. Not sRGB.
+    normal_scale : float from -100 to 100
+        Of how far `normal_texture` bends them.
 
     Raises
     ------
@@ -82,6 +87,8 @@ class Material:
     base_colour_texture: Texture | None = None
     metallic_roughness_texture: Texture | None = None
     emission_texture: Texture | None = None
+    normal_texture: Texture | None = None
+    normal_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -90,6 +97,7 @@ class Material:
             self._set(name, self._check_number(name, 0.0, 1.0))
         if self.alpha_cutoff is not None:
             self._set("alpha_cutoff", self._check_number("alpha_cutoff", 0.0, math.inf))
+        self._set("normal_scale", self._check_number("normal_scale", -_MAX_NORMAL_SCALE, _MAX_NORMAL_SCALE))
         self._set("ior", self._check_number("ior", 1.0, _MAX_IOR))
         self._set("base_colour", self._check_colour("base_colour", 1.0))
         self._set("emission", self._check_colour("emission", _MAX_EMISSION))

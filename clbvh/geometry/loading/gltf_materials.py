@@ -31,7 +31,7 @@ _DEFAULT_CUTOFF = 0.5
 _OPAQUE_MODE, _MASK_MODE, _BLEND_MODE = "OPAQUE", "MASK", "BLEND"
 # Sources of a texture that an extension names instead; those of basisu cannot be decoded.
 _OTHER_SOURCES = ("EXT_texture_webp", "MSFT_texture_dds")
-_MOST_LIGHT = 1e12
+_MOST_LIGHT, _MOST_SCALE = 1e12, 100.0
 
 
 class Placement(NamedTuple):
@@ -102,6 +102,8 @@ class GltfMaterials:
             base_colour_texture=self._read_texture(base_info, is_srgb=True, is_opaque=mode == _OPAQUE_MODE),
             metallic_roughness_texture=self._read_texture(metal_info, is_srgb=False),
             emission_texture=self._read_texture(table.get("emissiveTexture"), is_srgb=True),
+            normal_texture=self._read_texture(table.get("normalTexture"), is_srgb=False),
+            normal_scale=_read_normal_scale(table.get("normalTexture")),
         )
 
     def _read_texture(self, info: Any, *, is_srgb: bool, is_opaque: bool = True) -> Texture | None:
@@ -172,6 +174,7 @@ def _list_texture_infos(material: dict[str, Any]) -> list[dict[str, Any]]:
         old.get("diffuseTexture") if old else pbr.get("baseColorTexture"),
         None if old else pbr.get("metallicRoughnessTexture"),
         material.get("emissiveTexture"),
+        material.get("normalTexture"),
     ]
     return [info for info in infos if isinstance(info, dict)]
 
@@ -206,6 +209,11 @@ def _without_alpha(texture: Texture) -> Texture:
     pixels = texture.pixels.copy()
     pixels[..., 3] = OPAQUE
     return dataclasses.replace(texture, pixels=pixels)
+
+
+def _read_normal_scale(info: Any) -> float:
+    scale = _read_number(info, "scale", 1.0) if isinstance(info, dict) else 1.0
+    return min(_MOST_SCALE, max(-_MOST_SCALE, scale))
 
 
 def _read_share(table: dict[str, Any], key: str, default: float) -> float:

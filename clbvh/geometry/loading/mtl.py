@@ -26,7 +26,8 @@ from .texture_files import TextureFiles, find_file
 
 _MAX_BYTES = 1 << 26
 _NEW = b"newmtl"
-_TEXTURE_KEYS = (b"map_kd", b"map_d", b"map_ke")
+_BUMP_KEYS = (b"map_bump", b"bump")
+_TEXTURE_KEYS = (b"map_kd", b"map_d", b"map_ke", b"norm", *_BUMP_KEYS)
 # Options of a texture and the words behind each, at most; the last word is the file.
 _OPTIONS = {
     **{b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-boost": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1},
@@ -68,6 +69,8 @@ def read_materials(names: bytes, folder: Path, textures: TextureFiles, problems:
         for key, words in _split(data).items():
             with problems.drop(f"the material '{key.decode('utf-8', 'replace')[:40]}'"):
                 materials.setdefault(key, _make_material(key, words, textures, path.parent))
+            if any(words.get(bump) for bump in _BUMP_KEYS):
+                problems.add(f"the heights of map_Bump in {path} are not drawn; norm is")
     return materials
 
 
@@ -123,6 +126,7 @@ def _make_material(name: bytes, words: _Words, textures: TextureFiles, folder: P
         transmission=transmission,
         base_colour_texture=_join_alpha(texture, mask),
         emission_texture=light,
+        normal_texture=_read_texture(words, b"norm", textures, folder, is_srgb=False),
     )
 
 

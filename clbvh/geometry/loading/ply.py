@@ -20,6 +20,7 @@ from .parts import FileMesh
 from .ply_looks import PlyColumn, PlyTriangles, has_looks, read_ply_looks
 from .polygons import cut_fans
 from .problems import Problems
+from .strips import cut_strips
 
 _MAX_HEADER_BYTES = 1 << 20
 _HEADER = re.compile(rb"ply[ \t]*[\r\n](.*?[\r\n])end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
@@ -29,6 +30,8 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
     **{"double": "f8", "float64": "f8"},
 }
+_STRIPS = "tristrips"
+_FACE_KINDS = ("face", _STRIPS)
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _NEWLINE = ord("\n")
 _CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
@@ -78,17 +81,21 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     if not {"x", "y", "z"} <= columns.get("vertex", {}).keys():
         raise MeshError("the mesh has no vertices with x, y and z")
     vertices = np.column_stack([columns["vertex"][axis].values for axis in "xyz"])
-    if "face" not in columns:
+    if not (kinds := [kind for kind in _FACE_KINDS if kind in columns]):
         return FileMesh("", vertices, np.empty((0, 3), dtype=np.int64))
-    if not (names := [name for name in _FACE_LISTS if name in columns["face"]]):
+    of_faces = columns[kinds[0]]
+    if not (names := [name for name in _FACE_LISTS if name in of_faces]):
         raise MeshError(f"the faces have no list '{_FACE_LISTS[0]}'")
-    corners, sizes = columns["face"][names[0]]
+    corners, sizes = of_faces[names[0]]
     with np.errstate(invalid="ignore"):
         ids = corners.astype(np.int64)
     if (ids != corners).any():
         corner = int(np.argmax(ids != corners))
         face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
         raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
+    if kinds[0] == _STRIPS:
+        triangles = PlyTriangles(vertices, cut_strips(ids, sizes), None)
+        return _add_looks(triangles, header, elements, {"vertex": columns["vertex"]}, file, problems)
     faces = cut_fans(ids, sizes)
     triangles = PlyTriangles(vertices, faces, None if len(faces) == len(sizes) else sizes)
     return _add_looks(triangles, header, elements, columns, file, problems)

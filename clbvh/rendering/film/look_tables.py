@@ -14,8 +14,9 @@ from ...geometry import Mesh
 from ...geometry.appearance.appearance import Appearance
 from ...geometry.appearance.material import Material
 from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
+from ...geometry.appearance.tangents import find_tangents
 from ...geometry.shape import Shape
-from ...layouts.pack_normals import pack_normals
+from ...layouts.pack_normals import pack_normals, pack_tangents
 from ...structs import LOOK, MATERIAL
 from .light_tables import is_drawable_light
 from .texture_tables import TextureTables
@@ -115,15 +116,10 @@ class _Tables:
     def add(self, shape: Shape, row: NDArray[np.void], crease_angle: float) -> None:
         """Append a geometry's values, and fill its row of `structs.LOOK`."""
         appearance: Appearance | None = shape.appearance
-        row["first_normal"] = row["first_colour"] = row["first_uv"] = row["first_material_id"] = -1
+        for name in ("first_normal", "first_tangent", "first_colour", "first_uv", "first_material_id"):
+            row[name] = -1
         if isinstance(shape, Mesh):
-            normals = appearance.normals if appearance is not None else None
-            if normals is not None:
-                row["first_normal"] = self._share("corner_normals", normals, lambda: _pack(normals))
-            elif crease_angle > 0.0:
-                row["first_normal"] = self._share(
-                    "corner_normals", shape.local_vertices, lambda: _pack(smooth_normals_by_angle(shape, crease_angle))
-                )
+            self._add_normals(shape, row, crease_angle)
         if appearance is None:
             return
         if appearance.colours is not None:
@@ -139,6 +135,23 @@ class _Tables:
             row["material_id"] = numbers[0]
             if appearance.material_ids is not None and len(numbers) > 1:
                 row["first_material_id"] = self._append("material_ids", numbers[appearance.material_ids])
+
+    def _add_normals(self, mesh: Mesh, row: NDArray[np.void], crease_angle: float) -> None:
+        """Append the normals of a mesh, and its tangents if a texture bends the normals."""
+        appearance = mesh.appearance
+        given = appearance.normals if appearance is not None else None
+        uvs = _find_bent_uvs(appearance)
+        if given is None and uvs is None and crease_angle == 0.0:
+            return
+
+        def find() -> NDArray[np.float32]:
+            return smooth_normals_by_angle(mesh, crease_angle) if given is None else given
+
+        source = mesh.local_vertices if given is None else given
+        row["first_normal"] = self._share("corner_normals", source, lambda: _pack(find()))
+        if uvs is not None:
+            tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
+            row["first_tangent"] = self._append("corner_normals", pack_tangents(tangents))
 
     def finish(self, looks: NDArray[np.void]) -> LookTables:
         """Return the tables."""
@@ -172,15 +185,27 @@ class _Tables:
         return number
 
 
+def has_normal_maps(shapes: Sequence[Shape]) -> bool:
+    """Return whether a texture bends the normals of any mesh."""
+    return any(isinstance(shape, Mesh) and _find_bent_uvs(shape.appearance) is not None for shape in shapes)
+
+
+def _find_bent_uvs(appearance: Appearance | None) -> NDArray[np.float32] | None:
+    """Return texture coordinates by which a texture bends normals, None if none does."""
+    if appearance is None or all(material.normal_texture is None for material in appearance.materials):
+        return None
+    return appearance.uvs
+
+
 def _pack(normals: NDArray[np.float32]) -> NDArray[np.uint32]:
     return pack_normals(normals.reshape(-1, _CORNERS))
 
 
 def _fill_material(row: NDArray[np.void], material: Material, textures: TextureTables) -> None:
     row["base_colour"], row["emission"] = material.base_colour, material.emission
-    for name in ("alpha", "metallic", "roughness", "ior", "transmission"):
+    for name in ("alpha", "metallic", "roughness", "ior", "transmission", "normal_scale"):
         row[name] = getattr(material, name)
     row["is_light"] = is_drawable_light(material)
     row["alpha_cutoff"] = -1.0 if material.alpha_cutoff is None else material.alpha_cutoff
-    for name in ("base_colour_texture", "metallic_roughness_texture", "emission_texture"):
+    for name in ("base_colour_texture", "metallic_roughness_texture", "emission_texture", "normal_texture"):
         row[name] = textures.number(getattr(material, name))

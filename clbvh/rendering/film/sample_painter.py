@@ -74,6 +74,8 @@ class SampleShading:
         ``"studio"``, ``"ao"`` or ``"path"``.
     has_cutouts : bool
         Whether rays may pass through surfaces.
+    has_normal_maps : bool
+        Whether textures bend normals.
     has_cut : bool
         Whether the views have a cut.
     has_wireframe : bool
@@ -97,6 +99,7 @@ class SampleShading:
         shading: str,
         *,
         has_cutouts: bool,
+        has_normal_maps: bool = False,
         has_cut: bool = False,
         has_wireframe: bool = False,
     ) -> None:
@@ -107,6 +110,7 @@ class SampleShading:
             **tree.defines,
             "SHADING": SHADINGS[shading],
             "HAS_CUTOUTS": int(has_cutouts),
+            "HAS_NORMAL_MAPS": int(has_normal_maps),
             "HAS_CUT": int(has_cut),
             "HAS_WIREFRAME": int(has_wireframe),
         }

@@ -159,6 +159,7 @@ def test_spheres_refuse_other_looks(looks, message):
         ({"metallic": np.nan}, "metallic must be"),
         ({"alpha": "1"}, "alpha must be"),
         ({"alpha_cutoff": -1}, "alpha_cutoff must be a number of at least 0"),
+        ({"normal_scale": 101}, "normal_scale must be a number from -100 to 100"),
         ({"ior": 0.9}, "ior must be a number from 1 to 100"),
         ({"transmission": True}, "transmission must be"),
         ({"base_colour": (1, 1)}, "base_colour must be three numbers from 0 to 1"),

@@ -151,6 +151,22 @@ def test_textures_from_everywhere(tmp_path, place):
     assert read.base_colour_texture.wrap == ("clamp", "mirror")
 
 
+@pytest.mark.parametrize(("scale", "read_scale"), [(None, 1), (0.25, 0.25), (-2, -2), (1e9, 100)])
+def test_textures_of_normals(tmp_path, scale, read_scale):
+    info = {"index": 0} | ({} if scale is None else {"scale": scale})
+    (read,) = looks_of(with_image(make({"normalTexture": info})), tmp_path).materials
+    np.testing.assert_array_equal(read.normal_texture.pixels[..., :3], PIXELS[..., :3])
+    assert not read.normal_texture.is_srgb
+    assert read.normal_scale == read_scale
+
+
+def test_coordinates_of_normals_alone_are_placed_by_their_transform(tmp_path):
+    info = {"index": 0, "texCoord": 1}
+    gltf = make({"normalTexture": info}, attributes={"TEXCOORD_1": (UVS, "f4")})
+    looks = looks_of(with_image(gltf), tmp_path)
+    np.testing.assert_allclose(looks.uvs, (UVS * [1, -1] + [0, 1])[FACES], atol=1e-6)
+
+
 def test_coordinates_are_placed_by_the_transform_of_the_texture(tmp_path):
     transform = {"offset": [0.5, 0.25], "rotation": np.pi / 2, "scale": [2, 3], "texCoord": 1}
     info = {"index": 0, "texCoord": 0, "extensions": {"KHR_texture_transform": transform}}

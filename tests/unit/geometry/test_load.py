@@ -128,6 +128,30 @@ def test_ply_polygons_of_any_size(tmp_path, index):
     ]
 
 
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian"])
+@pytest.mark.parametrize(
+    ("strips", "faces"),
+    [
+        ([[0, 1, 2, 3]], [[0, 1, 2], [1, 3, 2]]),
+        # A strip ends at -1, and at the end of a list; each begins with its own winding.
+        ([[0, 1, 2, 3, -1, 4, 5, 6, 7], [1, 2, 3]], [[0, 1, 2], [1, 3, 2], [4, 5, 6], [5, 7, 6], [1, 2, 3]]),
+        # Triangles with a vertex twice lead round a corner.
+        ([[0, 1, 2, 2, 3, 4]], [[0, 1, 2], [2, 4, 3]]),
+        ([[-1, 0, 1, -1, 5, 6, 7, -1]], [[5, 6, 7]]),
+    ],
+)
+def test_ply_strips_are_cut_into_triangles(tmp_path, kind, strips, faces):
+    content = make_ply(strips, kind=kind).replace(b"element face", b"element tristrips")
+    assert load(tmp_path, "a.ply", content).faces.tolist() == faces
+
+
+@pytest.mark.parametrize("strips", [[[0, 1], [2, -1, 3]], [[0]], [[1, 1, 1, 1]]])
+def test_ply_strips_without_a_triangle_are_no_surface(tmp_path, strips):
+    content = make_ply(strips).replace(b"element face", b"element tristrips")
+    with pytest.raises(MeshError, match="no faces"):
+        load(tmp_path, "a.ply", content)
+
+
 @pytest.mark.parametrize(
     "text", [("\n3 ", "\n 3 "), ("\n3 ", "\n3\t"), ("\n3 ", "\n\n3 "), ("\n", "\r\n"), ("\n", "\r")]
 )

@@ -128,6 +128,19 @@ def test_textures_of_colour_alpha_and_light(tmp_path):
     np.testing.assert_array_equal(two.base_colour_texture.pixels, [[[255, 255, 255, 0], [255, 255, 255, 255]]])
 
 
+def test_normals_of_a_texture_are_read_and_heights_are_not(tmp_path):
+    Image.fromarray(np.full((1, 2, 3), (128, 128, 255), np.uint8)).save(tmp_path / "bent normals.png")
+    mtl = "newmtl a\nnorm bent normals.png\nnewmtl b\nmap_Bump -bm 0.3 lost.png\nnewmtl c\nbump lost.png\n"
+    text = "mtllib a.mtl\n" + SQUARE + UVS + "usemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1/1 3/3 4/4\n"
+    with pytest.warns(clbvh.AppearanceWarning, match=r"the heights of map_Bump in .*a\.mtl are not drawn") as caught:
+        one, two = load(tmp_path, text, a_mtl=mtl).appearance.materials
+    assert len(caught) == 1
+    assert str(caught[0].message).count("map_Bump") == 1
+    assert (one.normal_texture.pixels == (128, 128, 255, 255)).all()
+    assert not one.normal_texture.is_srgb
+    assert two.normal_texture is None
+
+
 def test_a_mask_may_be_larger_than_the_colours(tmp_path):
     Image.fromarray(np.array([[[9, 8, 7]], [[1, 2, 3]]], np.uint8)).save(tmp_path / "a.png")
     Image.fromarray(np.array([[0, 50], [100, 150]], np.uint8)).save(tmp_path / "m.png")

@@ -52,6 +52,7 @@ def test_a_physical_material():
     material = PBRMaterial(
         name="paint", baseColorFactor=[0, 51, 255, 102], metallicFactor=0.25, roughnessFactor=0.75, alphaMode="MASK",
         alphaCutoff=0.3, emissiveFactor=[1, 0.5, 0], baseColorTexture=image, metallicRoughnessTexture=image,
+        normalTexture=image,
     )  # fmt: skip
     (read,) = as_mesh(make_box(TextureVisuals(uv=np.zeros((8, 2)), material=material))).appearance.materials
     assert read.base_colour == pytest.approx((0, 0.2, 1))
@@ -61,6 +62,7 @@ def test_a_physical_material():
     np.testing.assert_array_equal(read.base_colour_texture.pixels, PIXELS)
     assert read.base_colour_texture.is_srgb
     assert not read.metallic_roughness_texture.is_srgb
+    assert not read.normal_texture.is_srgb
 
 
 def test_several_materials():

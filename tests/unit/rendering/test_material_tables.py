@@ -27,6 +27,8 @@ transmission = 0.5
 base_colour_texture = "tiles.png"
 metallic_roughness_texture = "tiles.png"
 emission_texture = "tiles.png"
+normal_texture = "tiles.png"
+normal_scale = -0.5
 
 [[material]]
 label = "plain"
@@ -54,9 +56,10 @@ def test_a_material_has_the_values_of_its_table(write):
         "all", (0.1, 0.2, 0.3), 0.9, 0.5, 1.0, 0.25, (4.0, 5.0, 6.0), 1.33,
     )  # fmt: skip
     assert full.transmission == 0.5
+    assert full.normal_scale == -0.5
     assert (full.base_colour_texture.pixels == PIXELS).all()
     # Colours are sRGB, numbers are not.
-    assert [texture.is_srgb for texture in full.textures] == [True, False, True]
+    assert [texture.is_srgb for texture in full.textures] == [True, False, True, False]
     # A file is read once.
     assert full.base_colour_texture is full.emission_texture is plain.base_colour_texture
     assert none is None

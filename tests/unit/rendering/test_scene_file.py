@@ -13,8 +13,8 @@ from clbvh.rendering.scene_file import open_scene, read_scene
 from clbvh.support.resources import find_folder
 
 SHIPPED = (
-    "bunny", "cornell", "demo", "dragon", "drill", "galaxy", "knot", "meadow", "palace", "still-life", "terrain",
-    "weekend",
+    "bunny", "cornell", "demo", "dragon", "drill", "galaxy", "hall", "knot", "meadow", "palace", "still-life",
+    "terrain", "weekend",
 )  # fmt: skip
 
 WHOLE = """
@@ -185,7 +185,7 @@ def test_the_still_life_has_meshes_and_spheres():
     assert {type(geometry.shape) for geometry in scene.geometries} == {Mesh, Spheres}
 
 
-@pytest.mark.parametrize("name", ["meadow", "galaxy", "still-life", "cornell", "weekend"])
+@pytest.mark.parametrize("name", ["meadow", "galaxy", "hall", "still-life", "cornell", "weekend"])
 def test_a_shipped_scene_of_objects_is_the_same_every_time(name):
     first, second = (open_scene(name).snapshot() for _ in range(2))
     assert first.transforms.tobytes() == second.transforms.tobytes()
