@@ -20,6 +20,9 @@
 
 #include "rays/ray.cl"
 
+// Prefetch distance in rays of a row.
+#define PREFETCH_RAYS 24
+
 // The ray_id of work-items beyond the edges of the batch.
 #define NO_RAY -1
 
@@ -39,6 +42,7 @@ INLINED int load_ray(
     if (ray_index == NO_RAY) {
         return NO_RAY;
     }
+    WILL_READ(rays + ray_index + PREFETCH_RAYS);
     *ray = unpack_ray(rays + ray_index);
     return order ? order[ray_index] : ray_index;
 }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...support.host_threads import HostThreads
 from .batch import RayBatch, TreeBox
-from .coherence import is_scattered
+from .coherence import is_pencil, is_scattered
 from .picture_rows import find_row_length, is_picture_size
 from .sort import sort_rays
 
@@ -116,15 +116,17 @@ def cut_rays(
         is_many = end - begin >= max(LEAST_RAYS, 2)
         # The rows that were found in the rays themselves are coherent; those of a shape are the user's word.
         is_found = row_length is not None and not _row_length_of_shape(shape)
-        order = None
+        order, is_coherent = None, is_many
         if is_many and not is_found and is_scattered(batch, begin, end, box):
-            order = sort_rays(batch, begin, end, box, threads)
+            # Sorted, the rays of a pencil are as good as those of a picture.
+            is_coherent = is_pencil(batch, begin, end, box)
+            order = sort_rays(batch, begin, end, box, threads, is_pencil=is_coherent)
         for first in range(begin, end, piece_rays):
             last = min(first + piece_rays, end)
             if order is not None:
-                yield RayPiece(begin, end, order[first - begin : last - begin])
+                yield RayPiece(begin, end, order[first - begin : last - begin], None, is_coherent)
             else:
-                yield RayPiece(first, last, None, row_length, is_many)
+                yield RayPiece(first, last, None, row_length, is_coherent)
             if progress is not None:
                 progress(last, ray_count)
 
