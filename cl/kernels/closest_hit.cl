@@ -15,20 +15,17 @@ kernel void closest_hit(
     if (ray_index == NO_RAY) {
         return;
     }
-    const int ray_id = order ? order[ray_index] : ray_index;
+    const int ray_id = find_ray_id(ray_index, order);
     const global node_t *start = find_start_node(nodes, entry_points);
-#if HAS_ENTRY_POINTS
-    if (!has_children(start)) {
-        const crossing_t none = no_crossing();
-        hits[ray_id] = as_hit(&none);
+    // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
+    if (meets_nothing(start)) {
+        hits[ray_id] = no_hit();
         return;
     }
-#endif
     if (order) {
         WILL_WRITE(hits + ray_id);
     }
-    ray_t ray;
-    load_ray(rays, ray_count, row_length, order, &ray);
+    const ray_t ray = load_ray(rays, ray_index);
     search_t search = make_search(1, 0);
     traverse(nodes, start, blocks, block_count, &ray, &search, QUERY_CLOSEST);
     hits[ray_id] = as_kept_hit(&search, &search.nearest);

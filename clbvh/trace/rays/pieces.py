@@ -1,8 +1,8 @@
 """A batch of rays is cut into pieces, each of which is cast in one launch, in an order that suits the device.
 
 Three facts are looked up here, and nowhere else: whether the rays are a picture (then they are cast tile by tile),
-whether they are scattered (then they are sorted), and whether they are coherent (then the rays of a tile begin at an
-entry point of their own).
+whether they are scattered (then they are sorted), and whether they are coherent, in their own order or sorted (then the
+rays of a tile begin at an entry point of their own).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .picture_rows import find_row_length, is_picture_size
 from .sort import sort_rays
 
 # Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
-# rays are sorted, or 7 MiB where they have entry points. Rays are sorted among this many.
+# rays are sorted, and 7 MiB where they have entry points. Rays are sorted among this many.
 CHUNK_RAYS = 2**20
 
 # Smaller batches earn back neither the sort nor the search for entry points: that search takes as long as it saves at

@@ -46,7 +46,7 @@ def _write_keys(rays, grid, keys):
             entry = find_cell(origin, direction, t_near, grid, axis)
             key |= _spread_by_six(entry) << axis
             key |= _spread_by_six(find_cell(origin, direction, t_far, grid, axis)) << axis + 3
-        keys[ray] = _LAST_KEY if t_near > t_far else key
+        keys[ray] = _key_or_last(key, t_near, t_far)
 
 
 @compiled(error_model="numpy")
@@ -57,7 +57,12 @@ def _write_exit_keys(rays, grid, keys):
         key = np.int32(0)
         for axis in range(3):
             key |= _spread_by_three(find_cell(origin, direction, t_far, grid, axis)) << axis
-        keys[ray] = _LAST_KEY if t_near > t_far else key
+        keys[ray] = _key_or_last(key, t_near, t_far)
+
+
+@compiled
+def _key_or_last(key, t_near, t_far):
+    return _LAST_KEY if t_near > t_far else key
 
 
 @compiled
