@@ -7,10 +7,8 @@ from collections.abc import Callable
 from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
-from .hlbvh import build_hlbvh
-from .ladder import LADDER, VARIANTS
+from .ladder.variants import VARIANTS
 from .options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions
-from .reinsertion.build_high import build_high
 from .sah.build_sah import build_sah
 from .subtree_pool import SubtreePool
 
@@ -18,20 +16,26 @@ DEFAULT_BUILDER = "sah"
 
 Builder = Callable[[Mesh, SubtreePool | None, BuildOptions], Bvh]
 
-# The default builder for each of `options.QUALITIES`.
-_QUALITIES: dict[str, Builder] = {
-    FAST_QUALITY: build_hlbvh,
-    DEFAULT_QUALITY: build_sah,
-    HIGH_QUALITY: build_high,
-}
-
-BUILDERS = (DEFAULT_BUILDER, *LADDER)
+BUILDERS = (DEFAULT_BUILDER, *VARIANTS)
 
 
 def find_builder(name: str, options: BuildOptions) -> Builder:
     """Return the function behind a builder's name; raise `ConfigError` as `check_builder` does."""
     check_builder(name, options)
-    return LADDER[name] if name in LADDER else _QUALITIES[options.quality]
+    # A program needs one of them; the others are imported when they are asked for.
+    if name in VARIANTS:
+        from .ladder.build_variant import LADDER
+
+        return LADDER[name]
+    if options.quality == FAST_QUALITY:
+        from .hlbvh import build_hlbvh
+
+        return build_hlbvh
+    if options.quality == HIGH_QUALITY:
+        from .reinsertion.build_high import build_high
+
+        return build_high
+    return build_sah
 
 
 def check_builder(builder: str, options: BuildOptions, allowed: tuple[str, ...] = BUILDERS) -> None:

@@ -12,6 +12,9 @@ def main() -> None:
     from .streams import prepare_streams
 
     prepare_streams()
+    from .garbage import collect_rarely
+
+    collect_rarely()
     # Everything that follows can be interrupted.
     from .signals import end_on_signals
 

@@ -230,12 +230,13 @@ def _check_heat_map(quantity: str, builder: str) -> None:
 
 def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
     """Write all files and return the time in milliseconds."""
-    from ..rendering.heat_map import draw_heat_map_of
     from ..rendering.image_files import write_hits, write_picture
 
     begin = time.perf_counter()
     rgb = picture.pixels
     if heatmap is not None:
+        from ..rendering.heat_map import draw_heat_map_of
+
         subject = picture.objects if picture.bvh is None else picture.bvh
         rgb = draw_heat_map_of(subject, picture.camera, rgb.shape[1], rgb.shape[0], heatmap)
     for path in output:

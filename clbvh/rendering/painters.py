@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,12 @@ from numpy.typing import NDArray
 
 from ..device.session import DeviceSession
 from ..structs import REPORT_SHADINGS
+from ..support.host_threads import HostThreads
 from ..trace.traced_tree import TracedTree
 from .film.environment_map import EnvironmentMap
 from .film.environment_tables import EnvironmentTables, make_environment_tables
 from .film.light_tables import LightTables, find_lights, make_light_tables
-from .film.look_tables import LookTables, make_look_tables
+from .film.look_tables import LookTables, has_cutouts, make_look_tables
 from .film.sample_painter import Progress, SamplePainter, SampleShading
 from .frame import Painter
 from .mesh_subject import MeshSubject
@@ -40,7 +43,7 @@ class Painters:
         self._one_ray: dict[bool, OneRayPainter] = {}  # by whether there is a cut
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[str, float, bool], SampleShading] = {}
+        self._shadings: dict[tuple[str, float, bool], tuple[SampleShading, dict[str, Any]]] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
@@ -65,25 +68,39 @@ class Painters:
                 return self._one_ray[has_cut]
             if scene.shading == "path":
                 self._find_lights(scene).describe(view)
-                return SamplePainter(self._find_shading(scene), progress, self._find_environment(scene, view))
-            return SamplePainter(self._find_shading(scene), progress)
-
-    def _find_shading(self, scene: Scene) -> SampleShading:
-        key = scene.shading, float(scene.smooth), scene.cut is not None
-        if key not in self._shadings:
-            tables, buffers = self._find_looks(scene)
+            shading, buffers = self._find_shading(scene)
             if scene.shading == "path":
-                lights = self._find_lights(scene)
-                buffers = buffers | {name: self._session.upload(array) for name, array in lights.arrays.items()}
-            self._shadings[key] = SampleShading(
+                buffers = buffers | self._find_environment(scene, view)
+            return SamplePainter(shading, progress, buffers)
+
+    def _find_shading(self, scene: Scene) -> tuple[SampleShading, dict[str, Any]]:
+        """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
+        has_cut = scene.cut is not None
+        key = scene.shading, float(scene.smooth), has_cut
+        if key not in self._shadings:
+            shapes, *_ = self._subject.looks()
+            compile_kernels = partial(
+                SampleShading,
                 self._session,
                 self._tree,
                 scene.shading,
-                buffers,
-                has_cutouts=tables.has_cutouts,
-                has_cut=scene.cut is not None,
+                has_cutouts=has_cutouts(shapes),
+                has_cut=has_cut,
             )
+            # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
+            with HostThreads(2) as threads:
+                steps = [(compile_kernels,), (partial(self._find_tables, scene),)]
+                shading, buffers = threads.run(_call, steps)
+            self._shadings[key] = shading, buffers
         return self._shadings[key]
+
+    def _find_tables(self, scene: Scene) -> dict[str, Any]:
+        """Return the tables that the kernels of a shading read, on the device."""
+        _, buffers = self._find_looks(scene)
+        if scene.shading == "path":
+            lights = self._find_lights(scene)
+            buffers = buffers | {name: self._session.upload(array) for name, array in lights.arrays.items()}
+        return buffers
 
     def _find_lights(self, scene: Scene) -> LightTables:
         if self._lights is None:
@@ -110,3 +127,7 @@ class Painters:
             tables = make_look_tables(*looks, find_lights(*looks[:2], self._subject.to_local()), angle)
             self._looks[angle] = tables, tables.upload(self._session)
         return self._looks[angle]
+
+
+def _call(step: Callable[[], Any]) -> Any:
+    return step()

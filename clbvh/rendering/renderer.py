@@ -27,7 +27,6 @@ from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
 from .as_scene import SceneLike, as_scene
 from .camera import Camera
-from .check_pixels import check_pixels
 from .cut import Cut
 from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
 from .film.sample_painter import Progress
@@ -281,6 +280,9 @@ class Renderer(ContextManager):
         )
         if not self._options.validate:
             return picture
+        # The reference is large, and few ask for it.
+        from .check_pixels import check_pixels
+
         on_phase("validate")
         return check_pixels(picture)
 

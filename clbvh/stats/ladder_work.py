@@ -14,7 +14,8 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from ..builders.ladder.divide import BINS, Rule, Scratch, Task
+from ..builders.ladder.divide import Rule, Scratch, Task
+from ..builders.ladder.halves import BINS
 from ..builders.ladder.prims import BOX, Cached, Recomputed, bound_prim, centroid_of, fill_cache
 from ..builders.ladder.rows import build_rows
 from ..builders.ladder.variants import VARIANTS, Nodes

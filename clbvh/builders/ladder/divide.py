@@ -11,13 +11,9 @@ from ...support.compiled import compiled
 from ..halving import middle_of, needs_halving
 from ..leaf_prims import insert_prim
 from ..options import MAX_BINS
+from .halves import SELECT, SORT
 from .order import select, sort_range
 from .prims import BOX, bound_prim, centroid_of
-
-# The ways to find the two halves.
-SORT = 0  # sort the whole range, cut in the middle
-SELECT = 1  # find the median, cut there
-BINS = 2  # count the range in bins, cut at the boundary next to the median
 
 
 class Rule(NamedTuple):
@@ -26,7 +22,7 @@ class Rule(NamedTuple):
     Attributes
     ----------
     how : int
-        SORT, SELECT or BINS.
+        SORT, SELECT or BINS, of `halves`.
     bins : int
         Number of bins, for BINS.
     leaf_size : int

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from ..options import BuildOptions
-from .divide import BINS, SELECT, SORT
+from .halves import BINS, SELECT, SORT
 
 
 class Nodes(Enum):
@@ -36,7 +36,7 @@ class Variant:
     cached : bool
         Boxes and centroids are computed once, in parallel, instead of in every comparison.
     how : int
-        SORT, SELECT or BINS, of `divide`.
+        SORT, SELECT or BINS, of `halves`.
     nodes : Nodes
     flattens : bool
         The pass that flattens linked nodes is a part of the build. The other variants with linked nodes need it only

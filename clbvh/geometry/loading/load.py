@@ -20,20 +20,55 @@ from ...errors import MeshError
 from ...support.regular_file import read_regular
 from ..appearance.flat_faces import flatten
 from ..mesh import Mesh
-from .gltf import read_gltf, read_gltf_parts
-from .obj import read_obj, read_obj_parts
 from .off import OFF_KEYWORD, read_off
 from .parts import FileMesh, FileNode, FileParts
 from .ply import read_ply
 from .problems import Problems
 from .stl import is_binary_stl, read_stl
 
-_READERS = {"ply": read_ply, "obj": read_obj, "off": read_off, "stl": read_stl, "glb": read_gltf, "gltf": read_gltf}
-_PART_READERS: dict[str, Callable[[bytes, Path, Problems], Any]] = {
+_Reader = Callable[[bytes, Path, Problems], Any]
+
+
+# The readers of several files each are imported by the first file of their kind.
+
+
+def _read_obj(data: bytes, path: Path, problems: Problems) -> FileMesh:
+    from .obj import read_obj
+
+    return read_obj(data, path, problems)
+
+
+def _read_obj_parts(data: bytes, path: Path, problems: Problems) -> FileParts:
+    from .obj import read_obj_parts
+
+    return read_obj_parts(data, path, problems)
+
+
+def _read_gltf(data: bytes, path: Path, problems: Problems) -> FileMesh:
+    from .gltf import read_gltf
+
+    return read_gltf(data, path, problems)
+
+
+def _read_gltf_parts(data: bytes, path: Path, problems: Problems) -> FileParts:
+    from .gltf import read_gltf_parts
+
+    return read_gltf_parts(data, path, problems)
+
+
+_READERS: dict[str, _Reader] = {
+    "ply": read_ply,
+    "obj": _read_obj,
+    "off": read_off,
+    "stl": read_stl,
+    "glb": _read_gltf,
+    "gltf": _read_gltf,
+}
+_PART_READERS: dict[str, _Reader] = {
     **_READERS,
-    "obj": read_obj_parts,
-    "glb": read_gltf_parts,
-    "gltf": read_gltf_parts,
+    "obj": _read_obj_parts,
+    "glb": _read_gltf_parts,
+    "gltf": _read_gltf_parts,
 }
 # The first bytes of a file of each format.
 _BEGINNINGS = {
@@ -165,7 +200,7 @@ def _check_path(path: str | os.PathLike[str]) -> tuple[Path, str]:
         raise MeshError(f"a mesh file is named by a str or a path, not by {path!r}") from error
 
 
-def _read(file: Path, source: str, readers: Mapping[str, Callable[[bytes, Path, Problems], Any]]) -> Any:
+def _read(file: Path, source: str, readers: Mapping[str, _Reader]) -> Any:
     """Return the result of the reader of the file's format; every error becomes a `MeshError` that names the file.
 
     Looks that cannot be used become one `AppearanceWarning`.

@@ -25,6 +25,9 @@ _EMPTY_ROWS = 1
 
 _CORNERS = 3
 
+# The alpha of 8-bit colours that nothing shows through.
+_OPAQUE = 255
+
 
 @dataclass(frozen=True, eq=False)
 class LookTables:
@@ -33,19 +36,32 @@ class LookTables:
     Attributes
     ----------
     arrays : dict of str to array
-    has_cutouts : bool
-        Whether any surface has an alpha below 1.
     materials : tuple of Material
         By the numbers in the tables.
     """
 
     arrays: dict[str, NDArray[Any]]
-    has_cutouts: bool
     materials: tuple[Material, ...]
 
     def upload(self, session: DeviceSession) -> dict[str, Any]:
         """Put the tables on the device; return the buffers by the names of the arguments."""
         return {name: session.upload(array) for name, array in self.arrays.items()}
+
+
+def has_cutouts(shapes: Sequence[Shape]) -> bool:
+    """Return whether any surface has an alpha below 1."""
+    appearances = [shape.appearance for shape in shapes if shape.appearance is not None]
+    # Shapes share materials.
+    materials = {material for appearance in appearances for material in appearance.materials}
+    return any(map(_is_cut_out, materials)) or any(
+        appearance.colours is not None and bool((appearance.colours[..., 3] < _OPAQUE).any())
+        for appearance in appearances
+    )
+
+
+def _is_cut_out(material: Material) -> bool:
+    texture = material.base_colour_texture
+    return material.alpha < 1.0 or (texture is not None and bool((texture.pixels[..., 3] < _OPAQUE).any()))
 
 
 def make_look_tables(
@@ -95,7 +111,6 @@ class _Tables:
         # Number 0 is that of shapes that have none; pictures give it the surface colour of their scene.
         self._materials = [Material()]
         self._numbers: dict[Material, int] = {}
-        self._has_cutouts = False
 
     def add(self, shape: Shape, row: NDArray[np.void], crease_angle: float) -> None:
         """Append a geometry's values, and fill its row of `structs.LOOK`."""
@@ -116,7 +131,6 @@ class _Tables:
             if not isinstance(shape, Mesh):
                 packed = np.repeat(packed, _CORNERS)
             row["first_colour"] = self._append("corner_colours", packed)
-            self._has_cutouts |= bool((appearance.colours[..., 3] < 255).any())
         if appearance.uvs is not None:
             uvs = appearance.uvs
             row["first_uv"] = self._share("corner_uvs", uvs, lambda: uvs.reshape(-1).astype(np.float32))
@@ -136,7 +150,7 @@ class _Tables:
         for name, parts in self._parts.items():
             dtype = np.float32 if name == "corner_uvs" else np.int32 if name == "material_ids" else np.uint32
             arrays[name] = np.concatenate(parts) if parts else np.zeros(_EMPTY_ROWS, dtype)
-        return LookTables(arrays, self._has_cutouts, tuple(self._materials))
+        return LookTables(arrays, tuple(self._materials))
 
     def _share(self, name: str, source: NDArray[Any], make: Callable[[], NDArray[Any]]) -> int:
         key = name, id(source)
@@ -155,9 +169,6 @@ class _Tables:
         number = self._numbers.setdefault(material, len(self._materials))
         if number == len(self._materials):
             self._materials.append(material)
-            texture = material.base_colour_texture
-            has_holes = texture is not None and bool((texture.pixels[..., 3] < 255).any())
-            self._has_cutouts |= material.alpha < 1.0 or has_holes
         return number
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -73,8 +72,6 @@ class SampleShading:
     tree : DeviceTree or DeviceScene
     shading : str
         ``"studio"``, ``"ao"`` or ``"path"``.
-    arguments : mapping of str to argument
-        The tables of cl/looks/, and those of the light of ``"path"``.
     has_cutouts : bool
         Whether rays may pass through surfaces.
     has_cut : bool
@@ -91,14 +88,13 @@ class SampleShading:
         session: DeviceSession,
         tree: TracedTree,
         shading: str,
-        arguments: Mapping[str, Any],
         *,
         has_cutouts: bool,
         has_cut: bool = False,
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
-        self.arguments = {**world_arguments(tree), **_NO_LIGHTS, **arguments}
+        self.arguments = {**world_arguments(tree), **_NO_LIGHTS}
         defines = {
             **tree.defines,
             "SHADING": SHADINGS[shading],
@@ -118,12 +114,10 @@ class SamplePainter:
     shading : SampleShading
     progress : Progress
     arguments : mapping of str to argument
-        Of this picture alone: the environment.
+        The tables of cl/looks/, and those of the light and the environment of ``"path"``.
     """
 
-    def __init__(
-        self, shading: SampleShading, progress: Progress, arguments: Mapping[str, Any] = MappingProxyType({})
-    ) -> None:
+    def __init__(self, shading: SampleShading, progress: Progress, arguments: Mapping[str, Any]) -> None:
         self._shading, self._progress, self._arguments = shading, progress, arguments
         self._begin = time.perf_counter()
 

@@ -14,7 +14,8 @@ from numba import njit
 from clbvh import BuildOptions, Mesh, SubtreePool, make_shape, sah_cost, validate_tree
 from clbvh.builders.ladder import DEFAULT_BINS, LADDER, VARIANTS, order, steps
 from clbvh.builders.ladder import build_variant as build_variant
-from clbvh.builders.ladder.divide import BINS, SELECT, SORT, Rule, Task
+from clbvh.builders.ladder.divide import Rule, Task
+from clbvh.builders.ladder.halves import BINS, SELECT, SORT
 from clbvh.builders.ladder.heap import COUNTER_WORDS, NODE_BYTES, WORDS, Heap, allocate_node
 from clbvh.builders.ladder.linked import build_linked
 from clbvh.builders.ladder.order import select, sort_range

@@ -9,7 +9,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, build
 from clbvh.builders.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER, QUALITIES
-from clbvh.builders.registry import _QUALITIES
+from clbvh.builders.registry import find_builder
 from clbvh.errors import ConfigError
 from clbvh.rendering.render import RenderOptions
 
@@ -92,9 +92,10 @@ def test_numpy_numbers_become_plain_ones():
 
 
 def test_every_quality_has_its_build():
-    assert tuple(_QUALITIES) == QUALITIES
-    for quality in QUALITIES:
-        assert BuildOptions(quality=quality).quality == quality
+    options = [BuildOptions(quality=quality) for quality in QUALITIES]
+    assert [one.quality for one in options] == list(QUALITIES)
+    builds = [find_builder("sah", one) for one in options]
+    assert [build.__name__ for build in builds] == ["build_hlbvh", "build_sah", "build_high"]
 
 
 @pytest.mark.parametrize("value", ["best", "Default", "", None, 1, ["default"]])

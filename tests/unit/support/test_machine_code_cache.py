@@ -30,6 +30,34 @@ print(twice(3), twice(0.25), twice(np.float32(1.5)))
 """
 ANSWER = "6 0.5 3.0\n"
 
+# Its machine code contains functions of numba's own, from a module that numba imports to compile.
+SUMMING = """
+import sys
+import numpy as np
+from clbvh.support.code_times import read_code_times
+from clbvh.support.compiled import compiled
+
+@compiled
+def sum_to(count):
+    if count > 9:
+        raise ValueError("too many", count)
+    numbers = np.empty(count)
+    for index in range(count):
+        numbers[index] = index
+    return numbers, numbers.sum()
+
+for number in [4, np.uint8(4)] if "bytes" in sys.argv else [4]:
+    numbers, answer = sum_to(number)
+    assert numbers.tolist() == [0, 1, 2, 3]
+    assert answer == 6
+    try:
+        sum_to(10)
+    except ValueError as error:
+        assert error.args == ("too many", 10)
+times = read_code_times()
+print(times.compiled_count, times.loaded_count, "numba.np.arrayobj" in sys.modules)
+"""
+
 
 @pytest.fixture
 def run(tmp_path):
@@ -50,6 +78,20 @@ def run(tmp_path):
     run.start = start
     run.files = lambda suffix: sorted((tmp_path / "cache").rglob(f"*twice*{suffix}"))
     return run
+
+
+def test_loading_does_not_prepare_to_compile_and_compiling_after_it_does(tmp_path):
+    script = tmp_path / "summing.py"
+    script.write_text(SUMMING)
+
+    def run(*words):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+        return subprocess.check_output([sys.executable, script, *words], env=environment, text=True).split()
+
+    assert run() == ["1", "0", "True"]
+    assert run() == ["0", "1", "False"]
+    assert run("bytes") == ["1", "1", "True"]
+    assert run("bytes") == ["0", "2", "False"]
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])

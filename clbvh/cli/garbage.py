@@ -1,0 +1,27 @@
+"""Python's collector of reference cycles, in a process that lasts for one command.
+
+Owns its settings, which a library must leave to its user's program. Nearly all objects of a command are those of the
+imported modules, half a million of them, and none is garbage. The collector would look at them several times while
+they are imported, and again when the process ends: that was a quarter of the processor time of a small picture (0.5 of
+2.0 s on a 2-core x86-64 server, Python 3.11).
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+
+# Collections of the middle generation, of about 7,000 new objects each, before one of all objects; Python's own is 10.
+# So modules are imported without one. From Python 3.14 on, this number has no meaning.
+_MIDDLE_COLLECTIONS = 100
+
+
+def collect_rarely() -> None:
+    """Let the collector look at old objects rarely, and not at all when the process ends.
+
+    Call it before other functions are registered with `atexit`, so that its own runs after them.
+    """
+    young, middle, _ = gc.get_threshold()
+    gc.set_threshold(young, middle, _MIDDLE_COLLECTIONS)
+    # Whatever must happen at the end happens in functions at exit and in `with` blocks, never in finalizers of cycles.
+    atexit.register(gc.freeze)
