@@ -26,3 +26,9 @@ INLINED hit_t as_hit(const crossing_t *crossing)
     const hit_t hit = {crossing->t, crossing->u, crossing->v, crossing->prim_id};
     return hit;
 }
+
+INLINED hit_t no_hit(void)
+{
+    const crossing_t none = no_crossing();
+    return as_hit(&none);
+}

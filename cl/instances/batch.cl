@@ -16,5 +16,5 @@ INLINED int load_scene_ray(
         return NO_RAY;
     }
     *ray = unpack_scene_ray(rays + ray_index, lows + low_step * ray_index);
-    return order ? order[ray_index] : ray_index;
+    return find_ray_id(ray_index, order);
 }

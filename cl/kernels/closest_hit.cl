@@ -11,12 +11,22 @@ kernel void closest_hit(
     const global packed_ray_t *restrict rays, global kept_hit_t *restrict hits, const int ray_count,
     const int row_length, const global int *restrict order, const global node_t *restrict entry_points)
 {
-    ray_t ray;
-    const int ray_id = load_ray(rays, ray_count, row_length, order, &ray);
-    if (ray_id == NO_RAY) {
+    const int ray_index = find_ray_index(ray_count, row_length);
+    if (ray_index == NO_RAY) {
         return;
     }
+    const int ray_id = find_ray_id(ray_index, order);
+    const global node_t *start = find_start_node(nodes, entry_points);
+    // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
+    if (meets_nothing(start)) {
+        hits[ray_id] = no_hit();
+        return;
+    }
+    if (order) {
+        WILL_WRITE(hits + ray_id);
+    }
+    const ray_t ray = load_ray(rays, ray_index);
     search_t search = make_search(1, 0);
-    traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_CLOSEST);
+    traverse(nodes, start, blocks, block_count, &ray, &search, QUERY_CLOSEST);
     hits[ray_id] = as_kept_hit(&search, &search.nearest);
 }

@@ -16,11 +16,12 @@ kernel void first_hits(
     const int row_length, const global int *restrict order, const global node_t *restrict entry_points,
     const int slots)
 {
-    ray_t ray;
-    const int ray_id = load_ray(rays, ray_count, row_length, order, &ray);
-    if (ray_id == NO_RAY) {
+    const int ray_index = find_ray_index(ray_count, row_length);
+    if (ray_index == NO_RAY) {
         return;
     }
+    const int ray_id = find_ray_id(ray_index, order);
+    const ray_t ray = load_ray(rays, ray_index);
     global kept_hit_t *hits_of_ray = hits + (size_t)ray_id * slots;
     search_t search = make_search(slots, hits_of_ray);
     traverse(nodes, find_start_node(nodes, entry_points), blocks, block_count, &ray, &search, QUERY_FIRST);

@@ -27,6 +27,8 @@ kernel void tile_entry_points(
     ray_bounds_t bounds = empty_bounds();
     for (int row = first_row; row < first_row + row_count; row++) {
         for (int column = first_column; column < first_column + column_count; column++) {
+            // That of the tile after the next one.
+            WILL_READ(rays + row * row_length + column + 2 * tile_width);
             if (row * row_length + column < ray_count) {
                 include_ray(&bounds, ((const global float8 *)rays)[row * row_length + column]);
             }

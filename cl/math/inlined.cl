@@ -8,3 +8,12 @@
 #else
 #define INLINED static inline __attribute__((always_inline))
 #endif
+
+// Asks for memory before it is read or written; any address is allowed.
+#if defined(__clang__) && (defined(__x86_64__) || defined(__aarch64__)) && !defined(PORTABLE)
+#define WILL_READ(address) __builtin_prefetch(address, 0, 3)
+#define WILL_WRITE(address) __builtin_prefetch(address, 1, 3)
+#else
+#define WILL_READ(address)
+#define WILL_WRITE(address)
+#endif

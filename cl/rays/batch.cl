@@ -20,6 +20,9 @@
 
 #include "rays/ray.cl"
 
+// Prefetch distance in rays: in the same row of a picture, three tiles on.
+#define PREFETCH_RAYS 24
+
 // The ray_id of work-items beyond the edges of the batch.
 #define NO_RAY -1
 
@@ -31,16 +34,17 @@ INLINED int find_ray_index(const int ray_count, const int row_length)
     return column >= row_length || ray_index >= ray_count ? NO_RAY : ray_index;
 }
 
-// Loads the ray of this work-item. Returns its ray_id, or NO_RAY, with `ray` untouched, beyond the edges of the batch.
-INLINED int load_ray(
-    const global packed_ray_t *rays, const int ray_count, const int row_length, const global int *order, ray_t *ray)
+// The ray_id of a ray of the batch.
+INLINED int find_ray_id(const int ray_index, const global int *order)
 {
-    const int ray_index = find_ray_index(ray_count, row_length);
-    if (ray_index == NO_RAY) {
-        return NO_RAY;
-    }
-    *ray = unpack_ray(rays + ray_index);
     return order ? order[ray_index] : ray_index;
+}
+
+// Loads a ray of the batch, and asks for a later one.
+INLINED ray_t load_ray(const global packed_ray_t *rays, const int ray_index)
+{
+    WILL_READ(rays + ray_index + PREFETCH_RAYS);
+    return unpack_ray(rays + ray_index);
 }
 
 INLINED int find_tile_index(void)

@@ -24,6 +24,16 @@ INLINED const global node_t *find_start_node(const global node_t *nodes, const g
     return nodes;
 }
 
+// Whether no ray that begins at a node can hit anything.
+INLINED bool meets_nothing(const global node_t *start)
+{
+#if HAS_ENTRY_POINTS
+    return !has_children(start);
+#else
+    return false;
+#endif
+}
+
 #if HAS_ENTRY_POINTS
 
 #include "boxes/beam.cl"

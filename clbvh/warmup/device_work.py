@@ -63,6 +63,8 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
         rows = towards.reshape(-1, 3).astype(dtype)
         for query in (tracer.closest_hit, tracer.any_hit, tracer.count_hits, tracer.all_hits):
             query(make(), rows, t_min=np.zeros(len(rows)), t_max=np.full(len(rows), size))
+        # In any order they are sorted in another way than rays of several origins.
+        tracer.closest_hit(make(), random.permutation(rows))
         tracer.update(bvh.mesh.vertices)
         tracer.closest_hit(make(), make())
 

@@ -1,7 +1,13 @@
-"""The grid cells where rays enter and leave the tree's box: coherence and order of rays are judged by them."""
+"""The grid cells where rays enter and leave the tree's box: coherence and order of rays are judged by them.
+
+Cells are found in float32: those of rays from very far, or with directions of a length beyond float32, are wrong, which
+costs locality and nothing else. There are no branches, so that loops over rays become vector instructions. Comparisons
+are written so that NaN, of a ray in a face of the box, changes nothing and falls into the first cell.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,22 +15,21 @@ from numpy.typing import NDArray
 
 from ...support.compiled import compiled
 from .batch import TreeBox
-from .ray_rows import row_step
+from .ray_rows import RayRows
 
-# Cells along each axis of the box: 4 bits of a key.
+# Cells along each axis of the box where six numbers make a key, those of the entry and of the exit: 4 bits of it.
 CELLS_PER_AXIS = 16
 
-# Cells of a ray: of its entry along x, y and z, then of its exit.
-CELLS_PER_RAY = 6
-
-# Cells are found for this many rays at a time, in vector instructions.
-BLOCK = 64
-
-# Lanes of a block: three for the origin, three for the direction, then the interval in the box.
-_ORIGIN, _DIRECTION, _T_NEAR, _T_FAR, _LANES = 0, 3, 6, 7, 8
+# Where the three numbers of the exit make a key: 8 bits of it.
+FINE_CELLS_PER_AXIS = 256
 
 # A box that is thinner along an axis has one cell there: the number of cells to a unit has to fit float32.
 _THINNEST = np.float32(2.0**-100)
+
+# Rays of a part: few enough that what is repeated for each stays in the cache.
+_PART_RAYS = 1 << 14
+
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
 class Grid(NamedTuple):
@@ -32,102 +37,94 @@ class Grid(NamedTuple):
 
     Attributes
     ----------
-    centre : (3,) float64, the file's coordinates
+    centre : 3 float, the file's coordinates
     scale : float
         Local units in one unit of the file.
-    half, cells_per_unit : (3,) float32, local units
+    half, cells_per_unit : 3 float32, local units
+    last_cell : float32
+        Cells along each axis, less 1.
     """
 
-    centre: NDArray[np.float64]
+    # No arrays: keys that are written might change them, and compiled loops would read them again for each ray.
+    centre: tuple[float, float, float]
     scale: float
-    half: NDArray[np.float32]
-    cells_per_unit: NDArray[Any]
+    half: tuple[np.float32, np.float32, np.float32]
+    cells_per_unit: tuple[np.float32, np.float32, np.float32]
+    last_cell: np.float32
 
 
-class Block(NamedTuple):
-    """Working memory for the cells of a block of rays.
+class FlatRays(NamedTuple):
+    """Rays in arrays without a second dimension: loops over them know the distance from ray to ray.
 
     Attributes
     ----------
-    lanes : (8, BLOCK) float32
-    cells : (6, BLOCK) int32
-        See `CELLS_PER_RAY`.
+    origins, directions : (3 n,), both float32 or both float64, the file's coordinates
+    t_min, t_max : (n,) float64, lengths of the direction
     """
 
-    lanes: NDArray[np.float32]
-    cells: NDArray[np.int32]
+    origins: NDArray[Any]
+    directions: NDArray[Any]
+    t_min: NDArray[np.float64]
+    t_max: NDArray[np.float64]
 
 
-def make_grid(box: TreeBox) -> Grid:
+def make_grid(box: TreeBox, cells_per_axis: int = CELLS_PER_AXIS) -> Grid:
     """Return the grid over a box."""
     half = box.half.astype(np.float32)
-    return Grid(box.centre, box.scale, half, np.float32(0.5 * CELLS_PER_AXIS) / np.maximum(half, _THINNEST))
+    cells_per_unit = np.float32(0.5 * cells_per_axis) / np.maximum(half, _THINNEST)
+    last_cell = np.float32(cells_per_axis - 1)
+    return Grid(tuple(box.centre.tolist()), box.scale, tuple(half), tuple(cells_per_unit), last_cell)
 
 
-def make_block() -> Block:
-    """Return working memory for `find_cells`."""
-    return Block(np.zeros((_LANES, BLOCK), np.float32), np.empty((CELLS_PER_RAY, BLOCK), np.int32))
+def flatten_rays(rays: RayRows, ray_count: int) -> Iterator[tuple[int, FlatRays]]:
+    """Yield parts of rays, each with the index of its first ray; what one row holds for all rays is repeated."""
+    part_count = min(ray_count, _PART_RAYS)
+    arrays = [_repeat(values, part_count) if len(values) == 1 else values for values in rays]
+    for begin in range(0, ray_count, _PART_RAYS):
+        end = min(begin + _PART_RAYS, ray_count)
+        parts = (
+            array[: end - begin] if len(values) == 1 else array[begin:end]
+            for array, values in zip(arrays, rays, strict=True)
+        )  # fmt: skip
+        yield begin, FlatRays(*(part.reshape(-1) for part in parts))
 
 
-@compiled
-def meets_box(block, ray):
-    """Say whether a ray of a block meets the box."""
-    return not block.lanes[_T_NEAR, ray] > block.lanes[_T_FAR, ray]
+def _repeat(values: NDArray[Any], count: int) -> NDArray[Any]:
+    repeated = np.repeat(values, count, axis=0)
+    # As the other arrays of rays are: numba would compile another version of each function.
+    repeated.flags.writeable = False
+    return repeated
 
 
 @compiled(error_model="numpy")
-def find_cells(rays, grid, first, count, block):
-    """Write the cells where the interval of each ray in the box begins and ends, for rays `first` to `first + count`.
+def find_interval(rays, grid, ray):
+    """Return origin and direction of a ray in local coordinates, and begin and end of its interval in the box."""
+    origins, directions, centre, scale, half = rays.origins, rays.directions, grid.centre, grid.scale, grid.half
+    x = np.float32((origins[3 * ray] - centre[0]) * scale)
+    y = np.float32((origins[3 * ray + 1] - centre[1]) * scale)
+    z = np.float32((origins[3 * ray + 2] - centre[2]) * scale)
+    dx, dy = np.float32(directions[3 * ray]), np.float32(directions[3 * ray + 1])
+    dz = np.float32(directions[3 * ray + 2])
+    t_near, t_far = np.float32(rays.t_min[ray] * scale), np.float32(rays.t_max[ray] * scale)
+    t_near, t_far = _clip(x, dx, half[0], t_near, t_far)
+    t_near, t_far = _clip(y, dy, half[1], t_near, t_far)
+    t_near, t_far = _clip(z, dz, half[2], t_near, t_far)
+    return (x, y, z), (dx, dy, dz), t_near, t_far
 
-    In float32: cells of rays from very far, or with directions of a length beyond float32, are wrong, which costs
-    locality and nothing else. There are no branches.
-    Comparisons are written so that NaN, of a ray in a face of the box, changes nothing and falls into the first cell.
 
-    Parameters
-    ----------
-    rays : RayRows
-    grid : Grid
-    first, count : int
-        At most `BLOCK` rays.
-    block : Block, written
-    """
-    lanes, cells, half, cells_per_unit = block.lanes, block.cells, grid.half, grid.cells_per_unit
-    # Twice as fast as with the lanes in a loop.
-    origin_step, direction_step = row_step(rays.origins), row_step(rays.directions)
-    starts, along = rays.origins[first * origin_step :], rays.directions[first * direction_step :]
-    centre_x, centre_y, centre_z, scale = grid.centre[0], grid.centre[1], grid.centre[2], grid.scale
-    x, y, z = lanes[_ORIGIN], lanes[_ORIGIN + 1], lanes[_ORIGIN + 2]
-    dx, dy, dz = lanes[_DIRECTION], lanes[_DIRECTION + 1], lanes[_DIRECTION + 2]
-    for ray in range(count):
-        start = ray * origin_step
-        x[ray] = (starts[start, 0] - centre_x) * scale
-        y[ray] = (starts[start, 1] - centre_y) * scale
-        z[ray] = (starts[start, 2] - centre_z) * scale
-    for ray in range(count):
-        way = ray * direction_step
-        dx[ray], dy[ray], dz[ray] = along[way, 0], along[way, 1], along[way, 2]
-    for limits, lane in ((rays.t_min, lanes[_T_NEAR]), (rays.t_max, lanes[_T_FAR])):
-        limit_step = row_step(limits)
-        for ray in range(count):
-            lane[ray] = limits[(first + ray) * limit_step] * scale
+@compiled(error_model="numpy")
+def _clip(origin, direction, half, t_near, t_far):
+    """Narrow an interval of a ray to the part between -half and half on one axis."""
+    inverse = _ONE / direction
+    lower, upper = (-half - origin) * inverse, (half - origin) * inverse
+    near = upper if inverse < _ZERO else lower
+    far = lower if inverse < _ZERO else upper
+    return near if near > t_near else t_near, far if far < t_far else t_far
 
-    # The interval in the box.
-    zero, one, last_cell = np.float32(0.0), np.float32(1.0), np.float32(CELLS_PER_AXIS - 1)
-    for axis in range(3):
-        for ray in range(BLOCK):
-            origin, inverse = lanes[_ORIGIN + axis, ray], one / lanes[_DIRECTION + axis, ray]
-            lower, upper = (-half[axis] - origin) * inverse, (half[axis] - origin) * inverse
-            near, far = (upper, lower) if inverse < zero else (lower, upper)
-            t_near, t_far = lanes[_T_NEAR, ray], lanes[_T_FAR, ray]
-            lanes[_T_NEAR, ray] = near if near > t_near else t_near
-            lanes[_T_FAR, ray] = far if far < t_far else t_far
 
-    # The cells at its ends.
-    for axis in range(3):
-        for ray in range(BLOCK):
-            origin, direction = lanes[_ORIGIN + axis, ray] + half[axis], lanes[_DIRECTION + axis, ray]
-            begin = (origin + lanes[_T_NEAR, ray] * direction) * cells_per_unit[axis]
-            end = (origin + lanes[_T_FAR, ray] * direction) * cells_per_unit[axis]
-            begin, end = begin if begin > zero else zero, end if end > zero else zero
-            cells[axis, ray] = np.int32(begin if begin < last_cell else last_cell)
-            cells[3 + axis, ray] = np.int32(end if end < last_cell else last_cell)
+@compiled
+def find_cell(origin, direction, t, grid, axis):
+    """Return the number along an axis of the cell in which a ray is at t."""
+    cell = (origin[axis] + grid.half[axis] + t * direction[axis]) * grid.cells_per_unit[axis]
+    cell = cell if cell > _ZERO else _ZERO
+    return np.int32(cell if cell < grid.last_cell else grid.last_cell)

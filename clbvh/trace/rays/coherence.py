@@ -6,7 +6,11 @@ import numpy as np
 
 from ...support.compiled import compiled
 from .batch import RayBatch, TreeBox
-from .cells import BLOCK, CELLS_PER_RAY, find_cells, make_block, make_grid, meets_box
+from .cells import FINE_CELLS_PER_AXIS, find_cell, find_interval, flatten_rays, make_grid
+from .ray_rows import RayRows
+
+# Cells of a ray: of its entry along x, y and z, then of its exit.
+_CELLS_PER_RAY = 6
 
 # Pairs of neighbours in a sample. Their distance in the batch follows the golden ratio, so that it is no whole number
 # of a picture's rows.
@@ -17,30 +21,53 @@ _GOLDEN = (5**0.5 - 1) / 2
 # pairs of rays in random order.
 _SCATTERED_SHARE = 0.25
 
+# Rays of a pencil begin this close together, in half sizes of the box, or have directions that differ by no more: half
+# a cell of the keys by which they are sorted.
+_PENCIL_SHARE = 1 / FINE_CELLS_PER_AXIS
+
 
 def is_scattered(batch: RayBatch, begin: int, end: int, box: TreeBox) -> bool:
     """Say whether rays `begin` to `end` take different ways; the rays need not be valid."""
-    firsts = begin + (np.arange(_SAMPLES) * _GOLDEN % 1.0 * (end - begin - 1)).astype(np.int64)
-    pairs = batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).part(0, 2 * _SAMPLES)
-    entries, exits, far_entries = _measure_apart(pairs, 2 * _SAMPLES, make_grid(box), make_block())
+    ((_, flat),) = flatten_rays(_sample_pairs(batch, begin, end), 2 * _SAMPLES)
+    entries, exits, far_entries = _measure_apart(flat, 2 * _SAMPLES, make_grid(box))
     # Rays that leave a surface in all directions, point after point, share the nodes around it: sorting them gains
     # nothing. Rays from one eye inside the box all enter it in one cell, in any order.
     return bool(entries >= _SCATTERED_SHARE or (exits >= _SCATTERED_SHARE and far_entries < _SCATTERED_SHARE))
 
 
+def is_pencil(batch: RayBatch, begin: int, end: int, box: TreeBox) -> bool:
+    """Say whether rays `begin` to `end` have one origin or one direction, so that where they go tells all of them.
+
+    Shuffled rays of a camera are such a pencil. The rays need not be valid.
+    """
+    rays = _sample_pairs(batch, begin, end)
+    with np.errstate(all="ignore"):
+        directions = rays.directions / np.linalg.norm(rays.directions, axis=1, keepdims=True)
+        spread = np.ptp(rays.origins, axis=0).max() * box.scale
+        turn = np.ptp(directions, axis=0).max()
+    # Written so that NaN is none.
+    return bool(spread <= _PENCIL_SHARE * box.half.max() or turn <= _PENCIL_SHARE)
+
+
+def _sample_pairs(batch: RayBatch, begin: int, end: int) -> RayRows:
+    """Return neighbours among rays `begin` to `end`, a pair after the other."""
+    firsts = begin + (np.arange(_SAMPLES) * _GOLDEN % 1.0 * (end - begin - 1)).astype(np.int64)
+    return batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).part(0, 2 * _SAMPLES)
+
+
 @compiled(error_model="numpy")
-def _measure_apart(pairs, ray_count, grid, block):
+def _measure_apart(pairs, ray_count, grid):
     """Return shares of the pairs of rays that are more than a cell apart, of those that meet the box.
 
     Where the rays of a pair enter it, where they leave it, and where rays of different pairs enter it.
     """
-    cells, meets = np.empty((ray_count, CELLS_PER_RAY), np.int32), np.empty(ray_count, np.bool_)
-    for first in range(0, ray_count, BLOCK):
-        find_cells(pairs, grid, first, BLOCK, block)
-        for ray in range(BLOCK):
-            meets[first + ray] = meets_box(block, ray)
-            for axis in range(CELLS_PER_RAY):
-                cells[first + ray, axis] = block.cells[axis, ray]
+    cells, meets = np.empty((ray_count, _CELLS_PER_RAY), np.int32), np.empty(ray_count, np.bool_)
+    for ray in range(ray_count):
+        origin, direction, t_near, t_far = find_interval(pairs, grid, ray)
+        meets[ray] = not t_near > t_far
+        for axis in range(3):
+            cells[ray, axis] = find_cell(origin, direction, t_near, grid, axis)
+            cells[ray, 3 + axis] = find_cell(origin, direction, t_far, grid, axis)
     considered, entries, exits, far_entries = 0, 0, 0, 0
     for ray in range(0, ray_count, 2):
         if not (meets[ray] or meets[ray + 1]):

@@ -1,8 +1,8 @@
 """A batch of rays is cut into pieces, each of which is cast in one launch, in an order that suits the device.
 
 Three facts are looked up here, and nowhere else: whether the rays are a picture (then they are cast tile by tile),
-whether they are scattered (then they are sorted), and whether they are coherent (then the rays of a tile begin at an
-entry point of their own).
+whether they are scattered (then they are sorted), and whether they are coherent, in their own order or sorted (then the
+rays of a tile begin at an entry point of their own).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from ...support.host_threads import HostThreads
 from .batch import RayBatch, TreeBox
-from .coherence import is_scattered
+from .coherence import is_pencil, is_scattered
 from .picture_rows import find_row_length, is_picture_size
 from .sort import sort_rays
 
 # Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
-# rays are sorted, or 7 MiB where they have entry points. Rays are sorted among this many.
+# rays are sorted, and 7 MiB where they have entry points. Rays are sorted among this many.
 CHUNK_RAYS = 2**20
 
 # Smaller batches earn back neither the sort nor the search for entry points: that search takes as long as it saves at
@@ -116,15 +116,17 @@ def cut_rays(
         is_many = end - begin >= max(LEAST_RAYS, 2)
         # The rows that were found in the rays themselves are coherent; those of a shape are the user's word.
         is_found = row_length is not None and not _row_length_of_shape(shape)
-        order = None
+        order, is_coherent = None, is_many
         if is_many and not is_found and is_scattered(batch, begin, end, box):
-            order = sort_rays(batch, begin, end, box, threads)
+            # Sorted, the rays of a pencil are as good as those of a picture.
+            is_coherent = is_pencil(batch, begin, end, box)
+            order = sort_rays(batch, begin, end, box, threads, is_pencil=is_coherent)
         for first in range(begin, end, piece_rays):
             last = min(first + piece_rays, end)
             if order is not None:
-                yield RayPiece(begin, end, order[first - begin : last - begin])
+                yield RayPiece(begin, end, order[first - begin : last - begin], None, is_coherent)
             else:
-                yield RayPiece(first, last, None, row_length, is_many)
+                yield RayPiece(first, last, None, row_length, is_coherent)
             if progress is not None:
                 progress(last, ray_count)
 

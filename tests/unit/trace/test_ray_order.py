@@ -7,12 +7,14 @@ from clbvh.support.host_threads import HostThreads
 from clbvh.trace.hits import crossings as crossings_module
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import TreeBox, read_rays
+from clbvh.trace.rays.coherence import is_pencil
 from clbvh.trace.rays.sort import sort_rays
 
 from ...profiles import seeds
 from ...rays import aim, hard_rays
 
 COUNT = 3 * pieces.LEAST_RAYS
+CUBE = TreeBox(np.zeros(3), 1.0, np.ones(3))
 
 
 def order_of(half, origins, directions, t_min=0.0, t_max=np.inf, *, centre=(0, 0, 0), threads=None):
@@ -59,6 +61,44 @@ def test_a_shuffled_picture_is_sorted_and_a_picture_is_not():
     shuffle = np.random.default_rng(3).permutation(len(origins))
     order = order_of([1, 1, 1], origins[shuffle], directions[shuffle])
     assert steps((origins + directions)[shuffle], order) < 0.1
+
+
+def pencil(count, seed, kind):
+    """Rays in any order from one point, outside of the box from -1 to 1 or inside, or in one direction."""
+    generator = np.random.default_rng(seed)
+    targets = generator.uniform(-1, 1, (count, 3))
+    if kind == "parallel":
+        return targets - 4 * np.array([0.3, 0.5, 0.8]), np.broadcast_to([0.3, 0.5, 0.8], targets.shape)
+    origin = {"outside": [3.0, 1.0, 0.5], "inside": [0.1, 0.2, -0.3], "shared": [3.0, 1.0, 0.5]}[kind]
+    return np.array(origin) if kind == "shared" else np.tile(origin, (count, 1)), targets - origin
+
+
+@pytest.mark.parametrize("kind", ["outside", "inside", "shared", "parallel"])
+def test_rays_of_a_pencil_are_sorted_finely(kind):
+    origins, directions = pencil(COUNT, 12, kind)
+    assert is_pencil(read_rays(origins, directions, 0.0, np.inf)[0], 0, COUNT, CUBE)
+    order = order_of([1, 1, 1], origins, directions)
+    np.testing.assert_array_equal(np.sort(order), np.arange(COUNT))
+    # Where they leave the box: two dimensions, so about COUNT ** (1 / 2) = 440 rays lie along each of them.
+    with np.errstate(divide="ignore"):
+        t = ((np.sign(directions) - origins) / directions).min(axis=1)
+    assert steps(origins + t[:, None] * directions, order) < 0.02
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
+def test_a_pencil_is_one_at_every_size(scale):
+    box = TreeBox(np.zeros(3), 2.0 ** -np.floor(np.log2(scale)), np.ones(3))
+    for kind in ("outside", "parallel"):
+        origins, directions = pencil(1000, 13, kind)
+        assert is_pencil(read_rays(scale * origins, scale * directions, 0.0, np.inf)[0], 0, 1000, box)
+    origins, directions = scattered(1000, 13)
+    assert not is_pencil(read_rays(scale * origins, scale * directions, 0.0, np.inf)[0], 0, 1000, box)
+
+
+def test_rays_that_are_not_valid_are_no_pencil():
+    origins, directions = scattered(1000, 14)
+    origins[::7], directions[1::7] = np.nan, 0.0
+    assert not is_pencil(read_rays(origins, directions, 0.0, np.inf)[0], 0, 1000, CUBE)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

@@ -9,6 +9,8 @@ from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.rendering.framing import frame_mesh
 from clbvh.trace.rays import pieces
 
+from ...rays import random_rays
+
 WIDTH, HEIGHT = 150, 97  # no multiples of a tile's
 
 
@@ -89,17 +91,32 @@ def test_an_array_with_the_shape_of_a_picture_may_be_scattered(wide_tracer, pict
     origins, directions = (rays[order] for rays in picture[1:])
     hits = wide_tracer.closest_hit(origins.reshape(64, 128, 3), directions.reshape(64, 128, 3))
     assert hits.t.tobytes() == wide_tracer.closest_hit(origins, directions).t.tobytes()
-    assert [name for name, _, _ in launches] == ["closest_hit"] * 2
+    # Neither is cast in tiles of a picture.
+    assert [launched for launched in launches if launched[0] == "closest_hit"] == [
+        ("closest_hit", (len(order), 1), (32, 1))
+    ] * 2
 
 
-def test_rays_in_no_order_have_no_entries(wide_tracer, picture, expected, launches, monkeypatch):
+def test_shuffled_rays_of_one_camera_have_entries_again(wide_tracer, picture, expected, launches, monkeypatch):
     monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
     order = np.random.default_rng(40).permutation(len(picture[1]))
-    shuffled = wide_tracer.closest_hit(picture[1][order], picture[2][order])
-    back = np.empty_like(shuffled.t)
-    back[order] = shuffled.t
+    shuffled = ask(wide_tracer, picture[1][order], picture[2][order])
+    back = np.empty(len(order))
+    back[order] = np.frombuffer(shuffled[0])
     assert back.tobytes() == expected[0]
-    assert [name for name, _, _ in launches] == ["closest_hit"]
+    names = [name for name, _, _ in launches]
+    assert names[:2] == ["tile_entry_points", "closest_hit"]
+    monkeypatch.setattr(pieces, "is_scattered", lambda *arguments: False)
+    assert shuffled == ask(wide_tracer, picture[1][order], picture[2][order])
+
+
+def test_rays_in_no_order_have_no_entries(wide_tracer, picture, launches, monkeypatch):
+    rays = random_rays(picture[0], 5000, np.random.default_rng(42))
+    expected = ask(wide_tracer, *rays)
+    launches.clear()
+    monkeypatch.setattr(pieces, "LEAST_RAYS", 1)
+    assert ask(wide_tracer, *rays) == expected
+    assert {name for name, _, _ in launches} == {"closest_hit", "any_hit", "count_hits", "first_hits"}
 
 
 def test_few_rays_have_no_entries(wide_tracer, picture, expected, launches):
