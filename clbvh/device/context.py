@@ -30,6 +30,8 @@ class DeviceContext:
     Attributes
     ----------
     context : pyopencl.Context
+    has_shared_memory : bool
+        Whether the host may use memory while the device does: fine-grained shared virtual memory of a CPU.
     """
 
     def __init__(self, cl_device: Any) -> None:
@@ -38,6 +40,7 @@ class DeviceContext:
         self._queue_type: Any = cl.CommandQueue
         self._queue_properties = cl.command_queue_properties.PROFILING_ENABLE
         self.context = cl.Context([cl_device])
+        self.has_shared_memory = _has_shared_memory(cl, cl_device)
         self._kernels: dict[Hashable, Kernels] = {}
         self._compiling = threading.Lock()
         hold_handles(self)
@@ -54,6 +57,15 @@ class DeviceContext:
                 if key not in self._kernels:
                     self._kernels[key] = compile_them()
         return self._kernels[key]
+
+
+def _has_shared_memory(cl: Any, cl_device: Any) -> bool:
+    if not cl_device.type & cl.device_type.CPU:  # which may have it behind a bus
+        return False
+    try:
+        return bool(cl_device.svm_capabilities & cl.device_svm_capabilities.FINE_GRAIN_BUFFER)
+    except cl.Error:  # a driver for OpenCL 1.2
+        return False
 
 
 def open_context(info: DeviceInfo) -> DeviceContext:

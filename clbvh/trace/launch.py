@@ -24,6 +24,7 @@ from ..device.session import DeviceSession
 from ..structs import HIT, PACKED_RAY, SCENE_LOW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
+from .host.wide_arrays import WideArrays
 from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import find_shared_low, pack_rays
@@ -63,6 +64,9 @@ CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
 
 # A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
 MOST_HALVINGS = 10
+
+# Up to this many rays are cast by the calling thread, where it sees the device's tree.
+MOST_HOST_RAYS = 256
 
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
@@ -196,6 +200,10 @@ class Call(MemoryLoan):
     def hit_dtype(self) -> np.dtype:
         """Of hits on the device."""
         return self._tree.hit_dtype
+
+    def on_host(self, ray_count: int) -> WideArrays | None:
+        """Return the tree for `host/cast.py` if the rays are so few that the host casts them itself, or else None."""
+        return self._tree.on_host() if 0 < ray_count <= MOST_HOST_RAYS else None
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""

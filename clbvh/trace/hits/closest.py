@@ -85,6 +85,15 @@ def _cast_rays(
     Results are valid until the next ones are asked for.
     """
     with caster.open_call() as call:
+        if (tree := call.on_host(batch.ray_count)) is not None:
+            # Not above: pictures do without.
+            from ..host.cast import cast_on_host
+
+            most_crossings = 0 if query is CLOSEST_HIT else arguments.get("max_hits", 1)
+            yield 0, cast_on_host(call, tree, batch, most_crossings)
+            if progress is not None:
+                progress(batch.ray_count, batch.ray_count)
+            return
         for piece in call.cut_rays(batch, shape, progress=progress):
             with call.cast(query, call.pack_rays(batch, piece), **arguments) as found:
                 yield piece.begin, found

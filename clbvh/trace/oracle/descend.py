@@ -20,6 +20,7 @@ from ...structs import (
     TRIANGLE_PRIM_ID,
 )
 from ...support.compiled import compiled
+from ...support.fused import fused
 
 _ROUNDING = 2.0**-24
 
@@ -213,6 +214,12 @@ def intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation)
     ax, ay, az = _shear_vertex(triangles, triangle, 0, origin, z_axis, shear)
     bx, by, bz = _shear_vertex(triangles, triangle, 1, origin, z_axis, shear)
     cx, cy, cz = _shear_vertex(triangles, triangle, 2, origin, z_axis, shear)
+    return cross_corners(ax, ay, az, bx, by, bz, cx, cy, cz, perturbation)
+
+
+@compiled(error_model="numpy")
+def cross_corners(ax, ay, az, bx, by, bz, cx, cy, cz, perturbation):
+    """Return t where the ray crosses the triangle of three sheared vertices, NaN if it does not: the device's bits."""
     edge_a, edge_b, edge_c = _edge(cx, by, cy, bx), _edge(ax, cy, ay, cx), _edge(bx, ay, by, ax)
     area = edge_a + edge_b + edge_c
     side_a = _side_of_edge(edge_a, bx, by, cx, cy, perturbation)
@@ -248,8 +255,9 @@ def _shear_vertex(triangles, triangle, corner, origin, z_axis, shear):
 
 @compiled(error_model="numpy")
 def _edge(a, b, c, d):
-    """Return a * b - c * d: products of float32 are exact in float64, so the sign of the difference is right."""
-    return np.float32(np.float64(a) * np.float64(b) - np.float64(c) * np.float64(d))
+    """Return a * b - c * d as `difference_of_products` in cl/triangles/triangle.cl."""
+    rounded = c * d
+    return fused(a, b, -rounded) + fused(-c, d, rounded)
 
 
 @compiled(error_model="numpy")
