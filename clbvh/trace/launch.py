@@ -66,7 +66,7 @@ CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
 MOST_HALVINGS = 10
 
 # Up to this many rays are cast by the calling thread, where it sees the device's tree.
-MOST_HOST_RAYS = 256
+MOST_HOST_RAYS = 1024
 
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max

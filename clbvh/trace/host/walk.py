@@ -11,8 +11,10 @@ import numpy as np
 from ...structs import HIT_PRIM_ID, NO_PRIM, PACKED_RAY_DIRECTION, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
 from ...support.compiled import compiled
 from ..oracle.descend import cross_corners, make_shear, pad_ray
+from .lanes import lowest_bit, meet_boxes, pass_edges
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
+_NO_BITS, _LAST_BIT = np.uint32(0), np.uint32(1)
 
 # What is counted of each ray, and the answer, by index: the nearest primitive, where a device's hit has it, or the number
 # of crossings.
@@ -40,7 +42,6 @@ def walk(tree, packed, most_crossings, found):
     width = np.uint64(len(tree.slots))
     lanes_of_node, lanes_of_block = np.uint64(7) * width, np.uint64(10) * width
     first_child, first_prim = np.uint64(6) * width, np.uint64(9) * width
-    one, three = np.uint64(1), np.uint64(3)
     stack = np.empty(tree.stack_size, np.int32)
     keys = np.empty(tree.stack_size, np.float32)
     origin = np.empty(3, np.float32)
@@ -51,27 +52,24 @@ def walk(tree, packed, most_crossings, found):
     shear = np.empty(3, np.float32)
     perturbation = np.empty(2, np.float32)
     t_nears = np.empty(_MOST_SLOTS, np.float32)
-    t_fars = np.empty(_MOST_SLOTS, np.float32)
+    x_plane, y_plane, z_plane, apart = np.uint64(0), width, width + width, width + width + width
     for ray in range(len(packed)):
         for axis in range(3):
             origin[axis], direction[axis] = packed[ray, axis], packed[ray, PACKED_RAY_DIRECTION + axis]
         t_min, t_max = packed[ray, PACKED_RAY_T_MIN], packed[ray, PACKED_RAY_T_MAX]
         z_axis = make_shear(origin, direction, shear, perturbation)
         pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
-        near_x, near_y, near_z = near_origin[0], near_origin[1], near_origin[2]
-        far_x, far_y, far_z = far_origin[0], far_origin[1], far_origin[2]
-        inverse_x, inverse_y, inverse_z = inverse[0], inverse[1], inverse[2]
-        # Offsets of the near and the far planes in a node, per axis.
-        min_x, min_y, min_z = np.uint64(0), width, width + width
-        apart = three * width
-        x_near, x_far = (min_x + apart, min_x) if inverse_x < _ZERO else (min_x, min_x + apart)
-        y_near, y_far = (min_y + apart, min_y) if inverse_y < _ZERO else (min_y, min_y + apart)
-        z_near, z_far = (min_z + apart, min_z) if inverse_z < _ZERO else (min_z, min_z + apart)
-        shear_x, shear_y, shear_z = shear[0], shear[1], shear[2]
+        near_point = near_origin[0], near_origin[1], near_origin[2]
+        far_point = far_origin[0], far_origin[1], far_origin[2]
+        slopes = inverse[0], inverse[1], inverse[2]
+        # Offsets of the near planes and the far ones in a node: the minima come first, then the maxima.
+        near_x, far_x = (x_plane + apart, x_plane) if slopes[0] < _ZERO else (x_plane, x_plane + apart)
+        near_y, far_y = (y_plane + apart, y_plane) if slopes[1] < _ZERO else (y_plane, y_plane + apart)
+        near_z, far_z = (z_plane + apart, z_plane) if slopes[2] < _ZERO else (z_plane, z_plane + apart)
         x_axis, y_axis = (z_axis + 1) % 3, (z_axis + 2) % 3
-        # Offsets of the coordinates of the first corner in a block, after the axes have been permuted.
-        x_lane, y_lane, z_lane = np.uint64(x_axis) * width, np.uint64(y_axis) * width, np.uint64(z_axis) * width
-        origin_x, origin_y, origin_z = origin[x_axis], origin[y_axis], origin[z_axis]
+        axes = np.uint64(x_axis), np.uint64(y_axis), np.uint64(z_axis)
+        point = origin[x_axis], origin[y_axis], origin[z_axis]
+        slants = shear[0], shear[1]
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = triangle_tests = crossings = 0
         limit = t_max
@@ -88,37 +86,19 @@ def walk(tree, packed, most_crossings, found):
                 leaf_visits += 1
                 base = np.uint64(~child) * lanes_of_block
                 for slot in range(len(tree.slots)):
-                    lane = base + np.uint64(slot)
-                    prim = block_ints[lane + first_prim]
-                    if prim == NO_PRIM:
-                        continue
-                    triangle_tests += 1
-                    az = blocks[lane + z_lane] - origin_z
-                    ax = blocks[lane + x_lane] - origin_x - shear_x * az
-                    ay = blocks[lane + y_lane] - origin_y - shear_y * az
-                    lane += apart
-                    bz = blocks[lane + z_lane] - origin_z
-                    bx = blocks[lane + x_lane] - origin_x - shear_x * bz
-                    by = blocks[lane + y_lane] - origin_y - shear_y * bz
-                    lane += apart
-                    cz = blocks[lane + z_lane] - origin_z
-                    cx = blocks[lane + x_lane] - origin_x - shear_x * cz
-                    cy = blocks[lane + y_lane] - origin_y - shear_y * cz
-                    # Plain differences may vanish but never have the wrong sign. They reject most triangles.
-                    edge_a, edge_b, edge_c = cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax
-                    if not (
-                        (edge_a >= _ZERO and edge_b >= _ZERO and edge_c >= _ZERO)
-                        or (edge_a <= _ZERO and edge_b <= _ZERO and edge_c <= _ZERO)
-                    ):
-                        continue
-                    t = cross_corners(
-                        ax, ay, shear_z * az, bx, by, shear_z * bz, cx, cy, shear_z * cz, perturbation
-                    )
+                    triangle_tests += block_ints[base + first_prim + np.uint64(slot)] != NO_PRIM
+                passing = pass_edges(tree.slots, blocks, base, axes, point, slants)
+                while passing != _NO_BITS:
+                    lane = base + lowest_bit(passing)
+                    passing &= passing - _LAST_BIT
+                    t = _cross(blocks, lane, width, axes, point, shear, perturbation)
                     if t >= t_min and t <= t_max:
+                        prim = block_ints[lane + first_prim]
                         if most_crossings > 0:
                             crossings += crossings < most_crossings
                         elif t < nearest_t or (t == nearest_t and prim < nearest_prim):
-                            nearest_t, nearest_prim, limit = t, prim, t
+                            nearest_t, nearest_prim = t, prim
+                            limit = t
                 if most_crossings > 0 and crossings == most_crossings:
                     break
                 continue
@@ -126,29 +106,18 @@ def walk(tree, packed, most_crossings, found):
             # The children that the ray meets go on the stack in order, the nearest on top.
             node_steps += 1
             base = np.uint64(child) * lanes_of_node
-            for slot in range(len(tree.slots)):
-                lane = base + np.uint64(slot)
-                t_near, t_far = t_min, limit
-                near = (nodes[lane + z_near] - near_z) * inverse_z
-                far = (nodes[lane + z_far] - far_z) * inverse_z
-                t_near = near if near > t_near else t_near
-                t_far = far if far < t_far else t_far
-                near = (nodes[lane + y_near] - near_y) * inverse_y
-                far = (nodes[lane + y_far] - far_y) * inverse_y
-                t_near = near if near > t_near else t_near
-                t_far = far if far < t_far else t_far
-                near = (nodes[lane + x_near] - near_x) * inverse_x
-                far = (nodes[lane + x_far] - far_x) * inverse_x
-                t_nears[slot] = near if near > t_near else t_near
-                t_fars[slot] = far if far < t_far else t_far
+            met = meet_boxes(
+                tree.slots, nodes, (base + near_x, base + near_y, base + near_z),
+                (base + far_x, base + far_y, base + far_z), near_point, far_point, slopes, (t_min, limit), t_nears,
+            )  # fmt: skip
             bottom = stack_size
-            for slot in range(len(tree.slots)):
-                t_near = t_nears[slot]
-                if not t_near <= t_fars[slot]:
-                    continue
-                lane = base + np.uint64(slot)
+            while met != _NO_BITS:
+                slot = lowest_bit(met)
+                met &= met - _LAST_BIT
+                lane = base + slot
                 if nodes[lane] > nodes[lane + apart]:
                     continue  # a missing child
+                t_near = t_nears[slot]
                 index = stack_size
                 while index > bottom and keys[index - 1] < t_near:
                     stack[index], keys[index] = stack[index - 1], keys[index - 1]
@@ -159,3 +128,22 @@ def walk(tree, packed, most_crossings, found):
             node_steps, leaf_visits, triangle_tests,
         )  # fmt: skip
         found[ray, ANSWER] = nearest_prim if most_crossings == 0 else crossings
+
+
+@compiled(error_model="numpy")
+def _cross(blocks, lane, width, axes, origin, shear, perturbation):
+    """Return t where the ray crosses the triangle of a lane, NaN if it does not."""
+    ax, ay, az = _shear_corner(blocks, lane, width, axes, origin, shear)
+    lane += width + width + width
+    bx, by, bz = _shear_corner(blocks, lane, width, axes, origin, shear)
+    lane += width + width + width
+    cx, cy, cz = _shear_corner(blocks, lane, width, axes, origin, shear)
+    return cross_corners(ax, ay, az, bx, by, bz, cx, cy, cz, perturbation)
+
+
+@compiled(error_model="numpy")
+def _shear_corner(blocks, lane, width, axes, origin, shear):
+    x = blocks[lane + axes[0] * width] - origin[0]
+    y = blocks[lane + axes[1] * width] - origin[1]
+    z = blocks[lane + axes[2] * width] - origin[2]
+    return x - shear[0] * z, y - shear[1] * z, shear[2] * z
