@@ -154,9 +154,7 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
     argument_names, number_types = find_arguments(source), find_number_types(source)
     return {
-        kernel.function_name: Kernel(
-            kernel, argument_names[kernel.function_name], number_types[kernel.function_name]
-        )
+        kernel.function_name: Kernel(kernel, argument_names[kernel.function_name], number_types[kernel.function_name])
         for kernel in program.all_kernels()
     }
 

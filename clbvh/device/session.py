@@ -239,7 +239,7 @@ class DeviceSession(ContextManager):
                 self.queue, buffer, self._cl.map_flags.READ, 0, size, np.uint8, is_blocking=True
             )
         self._held[id(array)] = array
-        return array  # type: ignore[no-any-return]
+        return array
 
     def end_mapping(self, array: NDArray[np.uint8]) -> None:
         """Let an array of `hold_mapped` go, which nobody may use any more."""

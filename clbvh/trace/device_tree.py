@@ -15,9 +15,9 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..layouts.device_arrays import list_prims, make_device_arrays
 from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
-from .host.wide_arrays import WideArrays
 from .tree_buffers import TreeBuffers
 from .triangles import Triangles, triangles_of
+from .wide_arrays import WideArrays
 
 BRUTE = "brute"
 
@@ -117,7 +117,7 @@ class DeviceTree:
         return self.mesh.face_count
 
     def on_host(self) -> WideArrays | None:
-        """Return the tree as the host sees it, without a copy; None where it cannot, or where the layout is no wide one.
+        """Return the tree as the host sees it, without a copy; None if it does not, or if the layout is no wide one.
 
         For calls that are running: it is valid until the last caster at this tree is gone.
         """

@@ -8,6 +8,7 @@ know of each other.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
@@ -24,13 +25,13 @@ from ..device.session import DeviceSession
 from ..structs import HIT, PACKED_RAY, SCENE_LOW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
-from .host.wide_arrays import WideArrays
 from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
+from .wide_arrays import WideArrays
 
 
 class Query(NamedTuple):
@@ -64,6 +65,8 @@ CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
 
 # A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
 MOST_HALVINGS = 10
+
+_MS_PER_S = 1e3
 
 # Up to this many rays are cast by the calling thread, where it sees the device's tree.
 MOST_HOST_RAYS = 1024
@@ -202,7 +205,7 @@ class Call(MemoryLoan):
         return self._tree.hit_dtype
 
     def on_host(self, ray_count: int) -> WideArrays | None:
-        """Return the tree for `host/cast.py` if the rays are so few that the host casts them itself, or else None."""
+        """Return the tree for `cast_on_host` if the rays are so few that the host casts them itself, or else None."""
         return self._tree.on_host() if 0 < ray_count <= MOST_HOST_RAYS else None
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
@@ -350,6 +353,18 @@ class Call(MemoryLoan):
         )  # fmt: skip
         with self._session.mapped(results, count, query.dtype, write=False) as found:
             yield found
+
+    def cast_on_host(self, tree: WideArrays, query: Query, batch: RayBatch, **arguments: Any) -> NDArray[Any]:
+        """Return what the kernel of a query finds for each ray, of a tree from `on_host`; of hits, only `prim_id`."""
+        # Not above: pictures do without.
+        from .host.cast import cast_on_host
+
+        begin = time.perf_counter()
+        most_crossings = 0 if query is CLOSEST_HIT else arguments.get("max_hits", 1)
+        found = cast_on_host(tree, self.box, batch, most_crossings)
+        # The host has done the kernel's work.
+        self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
+        return found
 
     @property
     def _session(self) -> DeviceSession:

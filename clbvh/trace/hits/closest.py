@@ -86,11 +86,7 @@ def _cast_rays(
     """
     with caster.open_call() as call:
         if (tree := call.on_host(batch.ray_count)) is not None:
-            # Not above: pictures do without.
-            from ..host.cast import cast_on_host
-
-            most_crossings = 0 if query is CLOSEST_HIT else arguments.get("max_hits", 1)
-            yield 0, cast_on_host(call, tree, batch, most_crossings)
+            yield 0, call.cast_on_host(tree, query, batch, **arguments)
             if progress is not None:
                 progress(batch.ray_count, batch.ray_count)
             return

@@ -7,34 +7,28 @@ device finds, see `walk.py`, and hits are refined as ever.
 
 from __future__ import annotations
 
-import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...structs import HIT, PACKED_RAY_LANES
 from ...support.compiled import compiled
-from ..rays.batch import RayBatch
+from ..rays.batch import RayBatch, TreeBox
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
+from ..wide_arrays import WideArrays
 from .walk import ANSWER, FIELD_COUNT, walk
-from .wide_arrays import WideArrays
-
-if TYPE_CHECKING:
-    from ..launch import Call
-
-_MS_PER_S = 1e3
 
 
-def cast_on_host(call: Call, tree: WideArrays, batch: RayBatch, most_crossings: int) -> NDArray[Any]:
+def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int) -> NDArray[Any]:
     """Return what a kernel finds for each ray of a batch.
 
     Parameters
     ----------
-    call : Call
-        At a mesh; it is running.
     tree : WideArrays
-        Of the call's tree.
+        Of a mesh.
+    box : TreeBox
+        Around it.
     batch : RayBatch
     most_crossings : int
         0: the closest hit is wanted. Otherwise the number of crossings, up to this one.
@@ -49,13 +43,11 @@ def cast_on_host(call: Call, tree: WideArrays, batch: RayBatch, most_crossings: 
     QueryError
         A bad ray; see `pack_rays`.
     """
-    begin, count = time.perf_counter(), batch.ray_count
+    count = batch.ray_count
     packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
-    bad = _cast(batch.part(0, count), call.box, tree, most_crossings, packed, found, NO_LOWS)
+    bad = _cast(batch.part(0, count), box, tree, most_crossings, packed, found, NO_LOWS)
     if bad != ALL_GOOD:
         raise explain_bad_ray(batch, bad)
-    # The host has done the kernel's work.
-    call.memory.session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
     return found[:, ANSWER] if most_crossings else found.view(HIT).reshape(-1)
 
 

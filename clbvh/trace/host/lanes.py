@@ -20,7 +20,9 @@ _ALIGNMENT = 4
 
 
 @intrinsic
-def meet_boxes(typing_context, slots, nodes, near_indices, far_indices, near_origin, far_origin, inverse, limits, t_nears):
+def meet_boxes(
+    typing_context, slots, nodes, near_indices, far_indices, near_origin, far_origin, inverse, limits, t_nears
+):
     """Return the bits of the boxes that a ray meets, and write where it enters each, as `meets_aabb` in cl/boxes.
 
     Parameters

@@ -1,7 +1,7 @@
 """The way of rays through a wide tree on the host, as in `cl/traversal/wide.cl`, with the steps counted.
 
-Boxes are tested as in `descend.py`, with the padding of the device, and triangles to the last bit as on the device: so
-the crossings are those of the device, by the proof in docs/internals/padding.md, whatever nodes either of them visits.
+Boxes are tested as in `cl/boxes/aabb.cl`, with the padding of the device, and triangles to the last bit as on the
+device. So the crossings are those of the device, whatever nodes either visits: docs/internals/padding.md has the proof.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import numpy as np
 
 from ...structs import HIT_PRIM_ID, NO_PRIM, PACKED_RAY_DIRECTION, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
 from ...support.compiled import compiled
-from ..oracle.descend import cross_corners, make_shear, pad_ray
 from .lanes import lowest_bit, meet_boxes, pass_edges
+from .ray import cross_corners, make_shear, pad_ray
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
 _NO_BITS, _LAST_BIT = np.uint32(0), np.uint32(1)
 
-# What is counted of each ray, and the answer, by index: the nearest primitive, where a device's hit has it, or the number
-# of crossings.
+# What is counted of each ray, and the answer, by index: the nearest primitive, where a device's hit has it, or the
+# number of crossings.
 NODE_STEPS, LEAF_VISITS, TRIANGLE_TESTS, ANSWER = 0, 1, 2, HIT_PRIM_ID
 FIELD_COUNT = 4
 

@@ -204,7 +204,7 @@ def explain_bad_ray(batch: RayBatch, ray_id: int) -> QueryError:
 
 @compiled
 def write_packed(batch, box, order, packed, lows, shared):
-    """Write the rays, as `pack_rays`; return the index of the first bad one that is met, or ALL_GOOD, or _NOT_SHARED."""
+    """Write rays as `pack_rays`; return the index of the first bad one that is met, or ALL_GOOD, or _NOT_SHARED."""
     origins, directions, t_mins, t_maxs = batch.origins, batch.directions, batch.t_min, batch.t_max
     half, scale = box.half, box.scale
     size = max(half[0], half[1], half[2])
