@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from copy import copy
 from functools import partial
 from typing import Any, NamedTuple
@@ -71,8 +72,20 @@ _MS_PER_S = 1e3
 # Up to this many rays are cast by the calling thread, where it sees the device's tree.
 MOST_HOST_RAYS = 1024
 
+_device_casts_all: ContextVar[bool] = ContextVar("device_casts_all", default=False)
+
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
+
+
+@contextmanager
+def device_casts_all() -> Iterator[None]:
+    """Let the device cast all rays that this thread asks for in the block: those who compare devices want no others."""
+    before = _device_casts_all.set(True)
+    try:
+        yield
+    finally:
+        _device_casts_all.reset(before)
 
 
 class Batch(NamedTuple):
@@ -206,7 +219,9 @@ class Call(MemoryLoan):
 
     def on_host(self, ray_count: int) -> WideArrays | None:
         """Return the tree for `cast_on_host` if the rays are so few that the host casts them itself, or else None."""
-        return self._tree.on_host() if 0 < ray_count <= MOST_HOST_RAYS else None
+        if not 0 < ray_count <= MOST_HOST_RAYS or _device_casts_all.get():
+            return None
+        return self._tree.on_host()
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""

@@ -181,6 +181,13 @@ class TestWhere:
             assert hits.t.tobytes() == tracer.closest_hit(rays[0][:100], rays[1][:100]).t.tobytes()
         assert (hits.instance_id[hits.is_hit] == 0).all()
 
+    def test_not_for_those_who_compare_devices(self, session, mesh, rays, host_casts_few, launches):
+        with Tracer(build(mesh), device=session.info, layout="bvh8") as tracer:
+            with launch.device_casts_all():
+                tracer.any_hit(rays[0][:3], rays[1][:3])
+            tracer.any_hit(rays[0][:3], rays[1][:3])
+        assert launches == ["any_hit"]
+
     def test_not_where_the_device_has_memory_of_its_own(self, session, mesh, rays, host_casts_few, launches):
         with Tracer(build(mesh), device=session.info, layout="bvh8") as tracer:
             tracer._caster.tree._shares_memory = False
