@@ -375,7 +375,7 @@ class Call(MemoryLoan):
         from .host.cast import cast_on_host
 
         begin = time.perf_counter()
-        most_crossings = 0 if query is CLOSEST_HIT else arguments.get("max_hits", 1)
+        most_crossings = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
         found = cast_on_host(tree, self.box, batch, most_crossings)
         # The host has done the kernel's work.
         self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)

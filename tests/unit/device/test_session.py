@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clbvh.device.program import build_kernel
+from clbvh.device.program import build_kernel, find_arguments, find_number_types
 from clbvh.device.session import DeviceSession
 from clbvh.device.timing import EventTimes
 from clbvh.errors import DeviceError, InternalError
@@ -122,6 +122,69 @@ def test_arguments_are_bound_by_name(fresh, double):
     for wrong in ({"x": 1, "ran": 2}, {"x": 1, "ran": 2, "count": 3, "row_length": 4}):
         with pytest.raises(InternalError, match="the kernel 'double_it' takes x, ran, count: missing or unknown are"):
             double.bind(**wrong)
+
+
+def test_numbers_are_passed_by_the_type_of_the_source():
+    text = (
+        "kernel void one(const global node_t *restrict nodes, const int count, float scale,\n"
+        "    global int *x, const uint seed)\n{\n}\n"
+        "kernel void two(global float *x)\n{\n}\n"
+    )
+    assert find_arguments(text)["one"] == ["nodes", "count", "scale", "x", "seed"]
+    assert find_number_types(text) == {
+        "one": {"count": np.int32, "scale": np.float32, "seed": np.uint32},
+        "two": {},
+    }
+
+
+class TestMemoryForBoth:
+    @pytest.mark.parametrize("count", [1, 1000, 100_000], ids=["one", "few", "many"])
+    def test_what_the_host_writes_is_what_the_kernel_reads(self, fresh, double, count):
+        """In memory that is shared, and in buffers that are mapped."""
+        dtype = np.dtype(np.int32)
+        numbers = fresh.allocate(4 * count, for_mapping=True)
+        counter = fresh.upload(np.zeros(1, np.int32))
+        for begin in (0, 7):
+            with fresh.mapped(numbers, count, dtype, write=True) as items:
+                items[:] = np.arange(begin, begin + count)
+            fresh.run(double, (count,), (8,), **bind(double, numbers, counter, np.int32(count)))
+            with fresh.mapped(numbers, count, dtype, write=False) as items:
+                assert items.tolist() == (2 * np.arange(begin, begin + count)).tolist()
+            with fresh.mapped(numbers, 1, dtype, write=False, first=count - 1) as items:
+                assert items.tolist() == [2 * (begin + count - 1)]
+        fresh.release(numbers)
+
+    def test_it_is_written_again_only_when_the_kernel_has_ended(self, fresh, double):
+        count, dtype = 4000, np.dtype(np.int32)
+        numbers = fresh.allocate(4 * count, for_mapping=True)
+        work = fresh.upload(np.zeros(1 << 22, np.int32))
+        counter = fresh.upload(np.zeros(1, np.int32))
+        with fresh.mapped(numbers, count, dtype, write=True) as items:
+            items[:] = 1
+        # The short kernel waits behind the long one.
+        fresh.run(double, (1 << 22,), (64,), **bind(double, work, counter, np.int32(1 << 22)))
+        fresh.run(double, (count,), (8,), **bind(double, numbers, counter, np.int32(count)))
+        with fresh.mapped(numbers, count, dtype, write=True) as items:
+            assert items.tolist() == [2] * count
+
+    def test_it_is_released_after_the_kernels_that_use_it(self, session, fresh, double):
+        for _ in range(20):
+            opened = fresh.branch()
+            numbers = opened.allocate(4000, for_mapping=True)
+            counter = fresh.upload(np.zeros(1, np.int32))
+            opened.run(double, (1000,), (8,), **bind(double, numbers, counter, np.int32(1000)))
+            opened.close()
+
+    def test_a_buffer_that_the_host_keeps_seeing(self, fresh, double):
+        expected = np.arange(1000, dtype=np.int32)
+        numbers = fresh.upload(expected)
+        seen = fresh.hold_mapped(numbers, expected.nbytes)
+        assert seen.view(np.int32).tolist() == expected.tolist()
+        fresh.end_mapping(seen)
+        fresh.end_mapping(seen)
+        fresh.write(numbers, expected + 1)
+        seen = fresh.hold_mapped(numbers, expected.nbytes)
+        assert seen.view(np.int32).tolist() == (expected + 1).tolist()
 
 
 def test_closing_twice_is_allowed_and_releases_everything(session):
