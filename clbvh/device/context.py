@@ -30,8 +30,6 @@ class DeviceContext:
     Attributes
     ----------
     context : pyopencl.Context
-    has_shared_memory : bool
-        Whether the host may use memory while the device does: fine-grained shared virtual memory of a CPU.
     """
 
     def __init__(self, cl_device: Any) -> None:
@@ -40,10 +38,13 @@ class DeviceContext:
         self._queue_type: Any = cl.CommandQueue
         self._queue_properties = cl.command_queue_properties.PROFILING_ENABLE
         self.context = cl.Context([cl_device])
-        self.has_shared_memory = _has_shared_memory(cl, cl_device)
         self._kernels: dict[Hashable, Kernels] = {}
         self._compiling = threading.Lock()
         hold_handles(self)
+
+    def list_handles(self) -> list[Any]:
+        """Return all that must outlive a fork; see `hold_handles`."""
+        return list(vars(self).values())
 
     def open_queue(self) -> Any:
         """Return a new queue, which runs its commands one after the other."""
@@ -57,15 +58,6 @@ class DeviceContext:
                 if key not in self._kernels:
                     self._kernels[key] = compile_them()
         return self._kernels[key]
-
-
-def _has_shared_memory(cl: Any, cl_device: Any) -> bool:
-    if not cl_device.type & cl.device_type.CPU:  # which may have it behind a bus
-        return False
-    try:
-        return bool(cl_device.svm_capabilities & cl.device_svm_capabilities.FINE_GRAIN_BUFFER)
-    except cl.Error:  # a driver for OpenCL 1.2
-        return False
 
 
 def open_context(info: DeviceInfo) -> DeviceContext:

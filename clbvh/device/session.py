@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +23,6 @@ from .timing import EventTimes
 # A buffer of no bytes is an error in OpenCL; an empty array gets this many.
 _SMALLEST_BUFFER_BYTES = 16
 
-# A few rays are written to memory that host and device share, where the device has it, instead of to a buffer that is
-# mapped. So a call has one command, the kernel, instead of five. Each command of PoCL 3.0 goes through another thread:
-# on 2 cores, 1 ray takes 31 us instead of 68 besides Python. Such memory cannot be released while a kernel runs, so
-# there is no more of it than what a kernel has read after a few milliseconds.
-_SHARED_BYTES = 1 << 16
-
-# Of shared memory: a cache line.
-_ALIGNMENT = 64
-
 # After these errors no later command of a context need succeed: NVIDIA's driver gives up on a context in which a kernel
 # failed.
 _CONTEXT_IS_LOST = (
@@ -46,6 +38,8 @@ _OUT_OF_MEMORY = (-4, -5, -6)
 
 class DeviceSession(ContextManager):
     """One device, opened, for one thread at a time; a context manager.
+
+    A buffer is on the device until nothing refers to it, until `release`, or until the session is closed.
 
     All sessions of a device share its context and its compiled kernels, see `DeviceContext`. A session that is closed
     in a forked child leaves everything as it is: it belongs to the parent.
@@ -94,17 +88,19 @@ class DeviceSession(ContextManager):
     def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes, shared: DeviceContext | None) -> None:
         import pyopencl as cl
 
+        from .buffer import Buffer
+
         claim_opencl()
         self._cl: Any = cl
+        self._buffer_type = Buffer
         self.info = info
         self.settings = settings
         self.times = times
         self.is_closed = False
-        self._buffers: list[Any] = []
-        self._unfinished = ""  # the kernel whose errors the next wait may report
-        self._is_running = False  # whether a kernel may be running
-        self._last_event: Any = None  # of the last kernel
+        # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once.
+        self._buffers: set[ref[Buffer]] = set()
         self._held: dict[int, NDArray[np.uint8]] = {}  # arrays of `hold_mapped` by their identity
+        self._unfinished = ""  # the kernel whose errors the next wait may report
         with _DeviceErrors(cl, info, "be opened"):
             self.shared = shared or open_context(info)
             self.queue = self.shared.open_queue()
@@ -115,6 +111,11 @@ class DeviceSession(ContextManager):
         """The `pyopencl.Context` of the device."""
         return self.shared.context
 
+    @property
+    def buffer_count(self) -> int:
+        """Buffers that are on the device."""
+        return len(self._buffers)
+
     def upload(self, array: NDArray[Any]) -> Any:
         """Copy an array into a new read-only buffer."""
         buffer = self.allocate(array.nbytes, writable=False)
@@ -124,14 +125,14 @@ class DeviceSession(ContextManager):
 
     def write(self, buffer: Any, array: NDArray[Any]) -> None:
         """Copy an array into an existing buffer."""
-        with self._errors("take", array.nbytes):
+        with self._errors(f"take {array.nbytes / 1e6:,.1f} MB"):
             event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
         self.times.note("upload", event)
 
     def copy(self, source: Any, target: Any, begin: int, size: int) -> None:
         """Copy `size` bytes from byte `begin` of a buffer to the same place of another one."""
         if size > 0:
-            with self._errors("copy", size):
+            with self._errors(f"copy {size / 1e6:,.1f} MB"):
                 event = self._cl.enqueue_copy(
                     self.queue, target, source, byte_count=size, src_offset=begin, dst_offset=begin
                 )
@@ -139,9 +140,6 @@ class DeviceSession(ContextManager):
 
     def allocate(self, size: int, *, writable: bool = True, for_mapping: bool = False) -> Any:
         """Return a new buffer of `size` bytes; `for_mapping` where the host can reach it without a copy.
-
-        A small one for mapping is memory that host and device share, where the device has it: of use for `mapped` and
-        as an argument of kernels of this session alone.
 
         Raises
         ------
@@ -154,36 +152,27 @@ class DeviceSession(ContextManager):
         flags = self._cl.mem_flags.READ_WRITE if writable else self._cl.mem_flags.READ_ONLY
         if for_mapping:
             flags |= self._cl.mem_flags.ALLOC_HOST_PTR
-        with self._errors("hold a buffer of", size):
-            if for_mapping and size <= _SHARED_BYTES and self.shared.has_shared_memory:
-                buffer = self._allocate_shared(size)
-            else:
-                buffer = self._cl.Buffer(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
-        self._buffers.append(buffer)
+        with self._errors(f"hold a buffer of {size / 1e6:,.1f} MB"):
+            buffer = self._buffer_type(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
+        # The callback is no Python code, in which Ctrl-C would be lost.
+        self._buffers.add(ref(buffer, self._buffers.discard))
         return buffer
-
-    def _allocate_shared(self, size: int) -> Any:
-        """Return shared memory; PyOpenCL makes an array of what it allocates, which is a view of the allocation."""
-        cl = self._cl
-        flags = cl.svm_mem_flags.READ_WRITE | cl.svm_mem_flags.SVM_FINE_GRAIN_BUFFER
-        array = cl.svm_empty(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES), np.uint8, alignment=_ALIGNMENT)
-        return array.base
 
     def fit_items(self, item_bytes: int, wanted: int) -> int:
         """Return how many items of this size one buffer can hold, `wanted` at most and 1 at least."""
         return max(1, min(wanted, self.info.max_allocation_bytes // item_bytes))
 
     def release(self, buffer: Any) -> None:
-        """Give a buffer back before the session ends; in a forked child it stays."""
+        """Give a buffer back although something may refer to it; in a forked child it stays."""
         if is_inherited():
             return
-        self._buffers.remove(buffer)
-        self._release(buffer)
+        self._buffers.discard(ref(buffer))
+        buffer.release()
 
     def download(self, buffer: Any, into: NDArray[Any]) -> None:
         """Copy the beginning of a buffer into a contiguous array, filling it."""
         if into.nbytes:
-            with self._errors(f"{self._unfinished}give back", into.nbytes):
+            with self._errors(f"{self._unfinished}give back {into.nbytes / 1e6:,.1f} MB"):
                 event = self._cl.enqueue_copy(self.queue, into, buffer, is_blocking=True)
             self._unfinished = ""
             self.times.note("download", event)
@@ -205,18 +194,18 @@ class DeviceSession(ContextManager):
         first : int
             Items before the part.
         """
-        size = item_count * dtype.itemsize
-        if isinstance(buffer, self._cl.SVMAllocation):
-            self._wait_for_kernels()
-            begin = first * dtype.itemsize
-            yield np.asarray(buffer)[begin : begin + size].view(dtype)
-            return
         flags = self._cl.map_flags.WRITE_INVALIDATE_REGION if write else self._cl.map_flags.READ
         label = "upload" if write else "download"
-        with self._errors(f"{self._unfinished}share with the host", size):
+        with self._errors(f"{self._unfinished}share {item_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
             # As bytes: PyOpenCL takes no dtype that holds arrays.
             array, event = self._cl.enqueue_map_buffer(
-                self.queue, buffer, flags, first * dtype.itemsize, size, np.uint8, is_blocking=True
+                self.queue,
+                buffer,
+                flags,
+                first * dtype.itemsize,
+                item_count * dtype.itemsize,
+                np.uint8,
+                is_blocking=True,
             )
         self._unfinished = ""
         self.times.note(label, event)
@@ -234,7 +223,7 @@ class DeviceSession(ContextManager):
 
         Kernels may read the buffer meanwhile, but nothing may write to it.
         """
-        with self._errors("share with the host", size):
+        with self._errors(f"share {size / 1e6:,.1f} MB with the host"):
             array, _ = self._cl.enqueue_map_buffer(
                 self.queue, buffer, self._cl.map_flags.READ, 0, size, np.uint8, is_blocking=True
             )
@@ -251,14 +240,7 @@ class DeviceSession(ContextManager):
         """Wait for all commands of this session: sessions on other queues may use what they have written."""
         with self._errors(f"{self._unfinished}finish its work"):
             self.queue.finish()
-        self._unfinished, self._is_running = "", False
-
-    def _wait_for_kernels(self) -> None:
-        """Wait for the kernels of this session, and report their errors."""
-        with self._errors(f"{self._unfinished}give back its results"):
-            if self._is_running and self._last_event is not None:
-                self._last_event.wait()
-        self._unfinished, self._is_running = "", False
+        self._unfinished = ""
 
     def run(self, kernel: Kernel, work_size: tuple[int, ...], work_group: tuple[int, ...], **arguments: Any) -> None:
         """Start a kernel once per work-item, after all commands before it; reading its results waits for it.
@@ -276,43 +258,38 @@ class DeviceSession(ContextManager):
         rounded = tuple(-(-size // edge) * edge for size, edge in zip(work_size, work_group, strict=True))
         bound = kernel.bind(**arguments)
         with self._errors(f"run the kernel '{kernel.name}'"):
-            # Before it is so: Ctrl-C may strike between two steps.
-            self._is_running, self._last_event = True, None
-            event = self._last_event = kernel.enqueue(self.queue, rounded, work_group, bound)
+            event = kernel.enqueue(self.queue, rounded, work_group, bound)
         self._unfinished = f"finish the kernel '{kernel.name}' and "
         self.times.note("kernel", event)
 
     def close(self) -> None:
         """Give all buffers back. Closing twice is allowed."""
         self.is_closed = True
-        for array in list(self._held.values()):
-            self.end_mapping(array)
-        while self._buffers and not is_inherited():
-            self._release(self._buffers.pop())
+        if not is_inherited():
+            for array in list(self._held.values()):
+                self.end_mapping(array)
+            for buffer in self._list_buffers():
+                self.release(buffer)
 
-    def _release(self, buffer: Any) -> None:
-        """Give a buffer back; the driver keeps it for kernels that run, but not shared memory."""
-        if self._is_running and isinstance(buffer, self._cl.SVMAllocation):
-            with suppress(self._cl.Error):  # of a kernel, whose results nobody wants
-                self.queue.finish()
-        buffer.release()
+    def list_handles(self) -> list[Any]:
+        """Return all that must outlive a fork; see `hold_handles`."""
+        return [*vars(self).values(), *self._list_buffers()]
 
-    def _errors(self, action: str, size: int | None = None) -> _DeviceErrors:
-        """Return a context manager for errors of an action, or of an action with `size` bytes."""
-        return _DeviceErrors(self._cl, self.info, action, self.shared, size)
+    def _list_buffers(self) -> list[Any]:
+        return [buffer for reference in list(self._buffers) if (buffer := reference()) is not None]
+
+    def _errors(self, action: str) -> _DeviceErrors:
+        return _DeviceErrors(self._cl, self.info, action, self.shared)
 
 
 class _DeviceErrors:
     """Refuses an action in a forked child, and turns an OpenCL error into a `DeviceError` that names the action."""
 
-    def __init__(
-        self, cl: Any, info: DeviceInfo, action: str, shared: DeviceContext | None = None, size: int | None = None
-    ) -> None:
+    def __init__(self, cl: Any, info: DeviceInfo, action: str, shared: DeviceContext | None = None) -> None:
         self._cl = cl
         self._info = info
         self._action = action
         self._shared = shared
-        self._size = size
 
     def __enter__(self) -> None:
         check_process()
@@ -325,9 +302,7 @@ class _DeviceErrors:
             if self._shared is not None and code in lost:
                 forget_context(self._shared)
             kind = DeviceMemoryError if code in _OUT_OF_MEMORY else DeviceError
-            # Written out here, because nearly no action fails.
-            action = self._action if self._size is None else f"{self._action} {self._size / 1e6:,.1f} MB"
-            raise _explain(self._info, action, error, kind) from error
+            raise _explain(self._info, self._action, error, kind) from error
 
 
 def _explain(info: DeviceInfo, action: str, reason: object, kind: type[DeviceError] = DeviceError) -> DeviceError:

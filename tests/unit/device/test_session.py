@@ -137,54 +137,16 @@ def test_numbers_are_passed_by_the_type_of_the_source():
     }
 
 
-class TestMemoryForBoth:
-    @pytest.mark.parametrize("count", [1, 1000, 100_000], ids=["one", "few", "many"])
-    def test_what_the_host_writes_is_what_the_kernel_reads(self, fresh, double, count):
-        """In memory that is shared, and in buffers that are mapped."""
-        dtype = np.dtype(np.int32)
-        numbers = fresh.allocate(4 * count, for_mapping=True)
-        counter = fresh.upload(np.zeros(1, np.int32))
-        for begin in (0, 7):
-            with fresh.mapped(numbers, count, dtype, write=True) as items:
-                items[:] = np.arange(begin, begin + count)
-            fresh.run(double, (count,), (8,), **bind(double, numbers, counter, np.int32(count)))
-            with fresh.mapped(numbers, count, dtype, write=False) as items:
-                assert items.tolist() == (2 * np.arange(begin, begin + count)).tolist()
-            with fresh.mapped(numbers, 1, dtype, write=False, first=count - 1) as items:
-                assert items.tolist() == [2 * (begin + count - 1)]
-        fresh.release(numbers)
-
-    def test_it_is_written_again_only_when_the_kernel_has_ended(self, fresh, double):
-        count, dtype = 4000, np.dtype(np.int32)
-        numbers = fresh.allocate(4 * count, for_mapping=True)
-        work = fresh.upload(np.zeros(1 << 22, np.int32))
-        counter = fresh.upload(np.zeros(1, np.int32))
-        with fresh.mapped(numbers, count, dtype, write=True) as items:
-            items[:] = 1
-        # The short kernel waits behind the long one.
-        fresh.run(double, (1 << 22,), (64,), **bind(double, work, counter, np.int32(1 << 22)))
-        fresh.run(double, (count,), (8,), **bind(double, numbers, counter, np.int32(count)))
-        with fresh.mapped(numbers, count, dtype, write=True) as items:
-            assert items.tolist() == [2] * count
-
-    def test_it_is_released_after_the_kernels_that_use_it(self, session, fresh, double):
-        for _ in range(20):
-            opened = fresh.branch()
-            numbers = opened.allocate(4000, for_mapping=True)
-            counter = fresh.upload(np.zeros(1, np.int32))
-            opened.run(double, (1000,), (8,), **bind(double, numbers, counter, np.int32(1000)))
-            opened.close()
-
-    def test_a_buffer_that_the_host_keeps_seeing(self, fresh, double):
-        expected = np.arange(1000, dtype=np.int32)
-        numbers = fresh.upload(expected)
-        seen = fresh.hold_mapped(numbers, expected.nbytes)
-        assert seen.view(np.int32).tolist() == expected.tolist()
-        fresh.end_mapping(seen)
-        fresh.end_mapping(seen)
-        fresh.write(numbers, expected + 1)
-        seen = fresh.hold_mapped(numbers, expected.nbytes)
-        assert seen.view(np.int32).tolist() == (expected + 1).tolist()
+def test_a_buffer_that_the_host_keeps_seeing(self, fresh, double):
+    expected = np.arange(1000, dtype=np.int32)
+    numbers = fresh.upload(expected)
+    seen = fresh.hold_mapped(numbers, expected.nbytes)
+    assert seen.view(np.int32).tolist() == expected.tolist()
+    fresh.end_mapping(seen)
+    fresh.end_mapping(seen)
+    fresh.write(numbers, expected + 1)
+    seen = fresh.hold_mapped(numbers, expected.nbytes)
+    assert seen.view(np.int32).tolist() == (expected + 1).tolist()
 
 
 def test_closing_twice_is_allowed_and_releases_everything(session):
@@ -198,6 +160,27 @@ def test_closing_twice_is_allowed_and_releases_everything(session):
     for buffer in buffers:
         with pytest.raises(Exception, match=r"(?i)released|invalid|not valid"):
             buffer.release()
+
+
+def test_a_buffer_that_nothing_refers_to_is_gone(fresh):
+    held = fresh.allocate(100)
+    fresh.allocate(100)
+    assert fresh.buffer_count == 1
+    assert held in fresh.list_handles()
+    fresh.release(held)
+    assert fresh.buffer_count == 0
+    assert held not in fresh.list_handles()
+
+
+def test_ctrl_c_before_a_buffer_has_its_place_leaves_none(fresh, monkeypatch):
+    def strike(self, buffer, array):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DeviceSession, "write", strike)
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            fresh.upload(np.zeros(100))
+    assert fresh.buffer_count == 0
 
 
 def test_leaving_the_block_closes(session):
