@@ -137,7 +137,7 @@ def test_numbers_are_passed_by_the_type_of_the_source():
     }
 
 
-def test_a_buffer_that_the_host_keeps_seeing(self, fresh, double):
+def test_a_buffer_that_the_host_keeps_seeing(fresh):
     expected = np.arange(1000, dtype=np.int32)
     numbers = fresh.upload(expected)
     seen = fresh.hold_mapped(numbers, expected.nbytes)
