@@ -249,11 +249,15 @@ class TestCalls:
 
     def test_updates_are_followed(self, session):
         """In both copies of the tree, each written while the host has seen it before."""
-        vertices = np.array(TRIANGLE[0], np.float64)
-        with Tracer(TRIANGLE, device=session.info, layout="bvh8") as tracer:
+        # A triangle that stays: a mesh that moves as a whole keeps its tree.
+        vertices = np.array([*TRIANGLE[0], [5, 5, 0], [6, 5, 0], [5, 6, 0]], np.float64)
+        moves = np.array([[0, 0, 1]] * 3 + [[0, 0, 0]] * 3)
+        mesh = Mesh.from_arrays(vertices, [[0, 1, 2], [3, 4, 5]])
+        with Tracer(mesh, device=session.info, layout="bvh8") as tracer:
             for height in (0.0, 1.0, -1.0, 0.5, 0.0):
-                tracer.update(vertices + np.array([0, 0, height]))
+                tracer.update(vertices + height * moves)
                 assert tracer.closest_hit(*DOWN).t.tolist() == [2.0 - height]
+                assert tracer.closest_hit([[5.25, 5.25, 2]], DOWN[1]).t.tolist() == [2.0]
 
     def test_memory_is_given_back(self, session, mesh, rays):
         tracer = Tracer(build(mesh), device=session.info, layout="bvh8")
