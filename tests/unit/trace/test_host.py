@@ -251,12 +251,12 @@ class TestCalls:
         """In both copies of the tree, each written while the host has seen it before."""
         # A triangle that stays: a mesh that moves as a whole keeps its tree.
         vertices = np.array([*TRIANGLE[0], [5, 5, 0], [6, 5, 0], [5, 6, 0]], np.float64)
-        moves = np.array([[0, 0, 1]] * 3 + [[0, 0, 0]] * 3)
+        moves = np.array([[1, 0, 0]] * 3 + [[0, 0, 0]] * 3)
         mesh = Mesh.from_arrays(vertices, [[0, 1, 2], [3, 4, 5]])
         with Tracer(mesh, device=session.info, layout="bvh8") as tracer:
-            for height in (0.0, 1.0, -1.0, 0.5, 0.0):
-                tracer.update(vertices + height * moves)
-                assert tracer.closest_hit(*DOWN).t.tolist() == [2.0 - height]
+            for way in (0.0, 3.0, 0.0, 3.0, 3.0, 0.0):
+                tracer.update(vertices + way * moves)
+                assert tracer.any_hit(*DOWN).tolist() == [way == 0.0]
                 assert tracer.closest_hit([[5.25, 5.25, 2]], DOWN[1]).t.tolist() == [2.0]
 
     def test_memory_is_given_back(self, session, mesh, rays):
