@@ -68,6 +68,25 @@ def _empty_cache(tmp_path_factory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _most_host_rays() -> Iterator[int]:
+    """Cast few rays on the device, too: most tests have few, and are there for the device's kernels."""
+    from clbvh.trace import launch
+
+    shipped = launch.MOST_HOST_RAYS
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(launch, "MOST_HOST_RAYS", 0)
+        yield shipped
+
+
+@pytest.fixture
+def host_casts_few(_most_host_rays: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cast few rays on the host, as outside of tests."""
+    from clbvh.trace import launch
+
+    monkeypatch.setattr(launch, "MOST_HOST_RAYS", _most_host_rays)
+
+
 @pytest.fixture(scope="session")
 def _opened_device() -> Iterator[DeviceSession]:
     from clbvh.device.session import DeviceSession

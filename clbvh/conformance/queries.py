@@ -19,6 +19,7 @@ from ..rendering.view import make_view
 from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS
 from ..trace.device_tree import BRUTE, DeviceTree
 from ..trace.hits.hits import AllHits, Hits
+from ..trace.launch import device_casts_all
 from ..trace.tracer import Tracer
 from .cases import Case
 
@@ -52,7 +53,9 @@ def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterat
         if case.is_closed:
             queries["contains"] = lambda: {"is_inside": tracer.contains(case.points)}
         for name, ask in queries.items():
-            yield name, ask()
+            with device_casts_all():
+                answer = ask()
+            yield name, answer
 
 
 def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import InternalError
@@ -23,11 +23,17 @@ class Kernel:
     cl_kernel : pyopencl.Kernel
     argument_names : sequence of str
         In the order of the declaration.
+    number_types : mapping of str to type, optional
+        The numpy types of the arguments that are numbers. PyOpenCL takes 6 us for a number of which it knows no type.
     """
 
-    def __init__(self, cl_kernel: Any, argument_names: Sequence[str]) -> None:
+    def __init__(
+        self, cl_kernel: Any, argument_names: Sequence[str], number_types: Mapping[str, type[Any]] | None = None
+    ) -> None:
         self.name = str(cl_kernel.function_name)
         self.argument_names = tuple(argument_names)
+        if number_types is not None:
+            cl_kernel.set_scalar_arg_dtypes([number_types.get(name) for name in argument_names])
         self._cl_kernel = cl_kernel
         # The driver takes the arguments one by one, before the launch.
         self._one_launch = threading.Lock()

@@ -15,6 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
 from ..support.resources import find_folder
@@ -28,6 +30,10 @@ STRUCTS_INCLUDE = "structs.cl"
 
 # An entry point in the expanded text: its name, and its arguments.
 _ENTRY_POINT = re.compile(r"^kernel void (\w+)\(([^)]*)\)", re.MULTILINE)
+
+# An argument that is a number, and the types of these.
+_NUMBER = re.compile(r"(?:^|,)\s*(?:const )?(int|uint|float) (\w+)\s*(?=,|$)")
+_NUMBER_TYPES: dict[str, type[Any]] = {"int": np.int32, "uint": np.uint32, "float": np.float32}
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
@@ -156,9 +162,10 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
     except cl.Error as error:
         _never_release(program)
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
-    argument_names = find_arguments(source)
+    argument_names, number_types = find_arguments(source), find_number_types(source)
     return {
-        kernel.function_name: Kernel(kernel, argument_names[kernel.function_name]) for kernel in program.all_kernels()
+        kernel.function_name: Kernel(kernel, argument_names[kernel.function_name], number_types[kernel.function_name])
+        for kernel in program.all_kernels()
     }
 
 
@@ -178,5 +185,13 @@ def find_arguments(source: str) -> dict[str, list[str]]:
     """
     return {
         name: re.findall(r"(\w+)\s*(?:,|$)", " ".join(arguments.split()))
+        for name, arguments in _ENTRY_POINT.findall(source)
+    }
+
+
+def find_number_types(source: str) -> dict[str, dict[str, type[Any]]]:
+    """Return the numpy types of those arguments of each entry point of an expanded source that are numbers."""
+    return {
+        name: {argument: _NUMBER_TYPES[kind] for kind, argument in _NUMBER.findall(arguments)}
         for name, arguments in _ENTRY_POINT.findall(source)
     }

@@ -99,6 +99,7 @@ class DeviceSession(ContextManager):
         self.is_closed = False
         # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once.
         self._buffers: set[ref[Buffer]] = set()
+        self._held: dict[int, NDArray[np.uint8]] = {}  # arrays of `hold_mapped` by their identity
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with _DeviceErrors(cl, info, "be opened"):
             self.shared = shared or open_context(info)
@@ -217,6 +218,24 @@ class DeviceSession(ContextManager):
                 with self._errors("take back what it shared with the host"):
                     self.times.note(label, array.base.release(self.queue))
 
+    def hold_mapped(self, buffer: Any, size: int) -> NDArray[np.uint8]:
+        """Return the bytes of a buffer to read, until `end_mapping` or the end of the session.
+
+        Kernels may read the buffer meanwhile, but nothing may write to it.
+        """
+        with self._errors(f"share {size / 1e6:,.1f} MB with the host"):
+            array, _ = self._cl.enqueue_map_buffer(
+                self.queue, buffer, self._cl.map_flags.READ, 0, size, np.uint8, is_blocking=True
+            )
+        self._held[id(array)] = array
+        return array
+
+    def end_mapping(self, array: NDArray[np.uint8]) -> None:
+        """Let an array of `hold_mapped` go, which nobody may use any more."""
+        if not is_inherited() and self._held.pop(id(array), None) is not None:
+            with self._errors("take back what it shared with the host"):
+                array.base.release(self.queue)  # type: ignore[union-attr]
+
     def finish(self) -> None:
         """Wait for all commands of this session: sessions on other queues may use what they have written."""
         with self._errors(f"{self._unfinished}finish its work"):
@@ -247,6 +266,8 @@ class DeviceSession(ContextManager):
         """Give all buffers back. Closing twice is allowed."""
         self.is_closed = True
         if not is_inherited():
+            for array in list(self._held.values()):
+                self.end_mapping(array)
             for buffer in self._list_buffers():
                 self.release(buffer)
 

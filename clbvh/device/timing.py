@@ -29,6 +29,11 @@ class EventTimes:
         if len(self._events) >= _MOST_EVENTS:
             self._sum_up(_MOST_EVENTS // 2)
 
+    def add(self, label: str, duration_ms: float) -> None:
+        """Add a time that the host has measured."""
+        with self._lock:
+            self._sums_ms[label] = self._sums_ms.get(label, 0.0) + duration_ms
+
     def sums_ms(self) -> dict[str, float]:
         """Wait for all noted commands and return the milliseconds of each label since the start.
 
@@ -53,8 +58,8 @@ class EventTimes:
                 return
             try:
                 event.wait()
-                duration = (event.profile.end - event.profile.start) / _NS_PER_MS
+                profile = event.profile
+                duration = (profile.end - profile.start) / _NS_PER_MS
             except cl.Error:  # the command failed, which those who wait for its results learn
                 continue
-            with self._lock:
-                self._sums_ms[label] = self._sums_ms.get(label, 0.0) + duration
+            self.add(label, duration)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
+from threading import Lock
 from typing import Any, Self
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..layouts.device_arrays import list_prims, make_device_arrays
 from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
 from .tree_buffers import TreeBuffers
 from .triangles import Triangles, triangles_of
+from .wide_arrays import WideArrays
 
 BRUTE = "brute"
 
@@ -28,6 +30,14 @@ _STACK_STEP = 16
 # A tree that needs a longer stack is refused: it would not fit a work-item's private memory. The trees of our builders,
 # at most 64 levels deep, need less in any layout.
 _LONGEST_STACK = 1024
+
+
+class HostTree:
+    """The arrays of one copy of a tree on the host, once a query has asked for them."""
+
+    def __init__(self) -> None:
+        self.lock = Lock()
+        self.arrays: WideArrays | None = None
 
 
 class DeviceTree:
@@ -95,6 +105,8 @@ class DeviceTree:
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.node_bytes = arrays.nodes.itemsize
         self.memory_bytes = self.buffers.byte_count
+        self._shares_memory = session.info.kind == "cpu" and not session.info.is_simulator
+        self._on_host = HostTree()
 
     @property
     def surface(self) -> Triangles:  # noqa: D102
@@ -104,10 +116,26 @@ class DeviceTree:
     def most_crossings(self) -> int:  # noqa: D102
         return self.mesh.face_count
 
+    def on_host(self) -> WideArrays | None:
+        """Return the tree as the host sees it, without a copy; None if it does not, or if the layout is no wide one.
+
+        For calls that are running: it is valid until the last caster at this tree is gone.
+        """
+        if not (self._shares_memory and self.layout in ENTRY_POINT_LAYOUTS):
+            return None
+        held = self._on_host
+        if held.arrays is None:
+            with held.lock:
+                if held.arrays is None:
+                    nodes, blocks = self.buffers.hold()
+                    held.arrays = WideArrays.of(nodes, blocks, LAYOUT_WIDTHS[self.layout], self.defines["STACK_SIZE"])
+        return held.arrays
+
     def moved(self, mesh: Mesh, buffers: TreeBuffers, sah_growth: float) -> Self:
         """Return the tree over a moved mesh, whose arrays `buffers` already hold; this tree does not change."""
         moved = copy(self)
         moved.mesh, moved.buffers, moved.sah_growth = mesh, buffers, sah_growth
+        moved._on_host = HostTree()
         moved.arguments = self.arguments | buffers.arguments
         return moved
 

@@ -8,8 +8,10 @@ know of each other.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from copy import copy
 from functools import partial
 from typing import Any, NamedTuple
@@ -30,6 +32,7 @@ from .rays.pack import find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
+from .wide_arrays import WideArrays
 
 
 class Query(NamedTuple):
@@ -64,8 +67,25 @@ CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
 # A batch that does not fit the device is cut into halves again and again, down to 1,024 of `CHUNK_RAYS`.
 MOST_HALVINGS = 10
 
+_MS_PER_S = 1e3
+
+# Up to this many rays are cast by the calling thread, where it sees the device's tree.
+MOST_HOST_RAYS = 1024
+
+_device_casts_all: ContextVar[bool] = ContextVar("device_casts_all", default=False)
+
 # "All of them", for a kernel that stops at a number of hits.
 NO_LIMIT = np.iinfo(np.int32).max
+
+
+@contextmanager
+def device_casts_all() -> Iterator[None]:
+    """Let the device cast all rays that this thread asks for in the block: those who compare devices want no others."""
+    before = _device_casts_all.set(True)
+    try:
+        yield
+    finally:
+        _device_casts_all.reset(before)
 
 
 class Batch(NamedTuple):
@@ -196,6 +216,12 @@ class Call(MemoryLoan):
     def hit_dtype(self) -> np.dtype:
         """Of hits on the device."""
         return self._tree.hit_dtype
+
+    def on_host(self, ray_count: int) -> WideArrays | None:
+        """Return the tree for `cast_on_host` if the rays are so few that the host casts them itself, or else None."""
+        if not 0 < ray_count <= MOST_HOST_RAYS or _device_casts_all.get():
+            return None
+        return self._tree.on_host()
 
     def fit(self, dtype: np.dtype, wanted: int) -> int:
         """Return how many items of a dtype the device holds in one buffer, `wanted` at most; see `cut_smaller`."""
@@ -342,6 +368,18 @@ class Call(MemoryLoan):
         )  # fmt: skip
         with self._session.mapped(results, count, query.dtype, write=False) as found:
             yield found
+
+    def cast_on_host(self, tree: WideArrays, query: Query, batch: RayBatch, **arguments: Any) -> NDArray[Any]:
+        """Return what the kernel of a query finds for each ray, of a tree from `on_host`; of hits, only `prim_id`."""
+        # Not above: pictures do without.
+        from .host.cast import cast_on_host
+
+        begin = time.perf_counter()
+        most_crossings = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
+        found = cast_on_host(tree, self.box, batch, most_crossings)
+        # The host has done the kernel's work.
+        self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
+        return found
 
     @property
     def _session(self) -> DeviceSession:

@@ -73,3 +73,6 @@ class TracedTree(Protocol):
     @property
     def most_crossings(self) -> int:
         """Most crossings that a ray can have."""
+
+    def on_host(self) -> Any:
+        """Return the tree as the host sees it, a `WideArrays`, for calls that are running; None where it does not."""

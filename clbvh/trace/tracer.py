@@ -106,7 +106,10 @@ class Tracer(RayQueries, PointQueries, Moves):
 
     @property
     def timings_ms(self) -> dict[str, float]:
-        """Milliseconds on the device so far, in all threads: upload, kernel, download."""
+        """Milliseconds on the device so far, in all threads: upload, kernel, download.
+
+        Few rays that the host casts itself count as kernels.
+        """
         return self._caster.session.times.sums_ms()
 
     @property

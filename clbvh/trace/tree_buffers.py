@@ -36,12 +36,22 @@ class TreeBuffers:
         by_name: dict[str, NDArray[np.void]] = {name: getattr(arrays, name) for name in _NAMES}
         self._shapes = {name: (len(array), array.dtype) for name, array in by_name.items()}
         self.arguments: dict[str, Any] = {name: session.upload(array) for name, array in by_name.items()}
+        self._held: list[NDArray[np.uint8]] = []
 
     def twin(self) -> TreeBuffers:
         """Return buffers of the same sizes, which are not allocated yet."""
         twin = TreeBuffers.__new__(TreeBuffers)
-        twin._session, twin._shapes, twin.arguments = self._session, self._shapes, {}
+        twin._session, twin._shapes, twin.arguments, twin._held = self._session, self._shapes, {}, []
         return twin
+
+    def hold(self) -> list[NDArray[np.uint8]]:
+        """Return the bytes of nodes and blocks to read, until the buffers are written or released; neither is empty."""
+        self._held = [self._session.hold_mapped(self.arguments[name], self._byte_count(name)) for name in _NAMES]
+        return self._held
+
+    def _let_go(self) -> None:
+        while self._held:
+            self._session.end_mapping(self._held.pop())
 
     def allocate(self) -> None:
         """Allocate the buffers that are missing.
@@ -78,11 +88,14 @@ class TreeBuffers:
         write : bool
             True: the caller fills both arrays completely. False: the caller only reads them.
         """
+        if write:
+            self._let_go()
         nodes, blocks = (session.mapped(self.arguments[name], *self._shapes[name], write=write) for name in _NAMES)
         with nodes as node_array, blocks as block_array:
             yield node_array, block_array
 
     def release(self) -> None:
         """Give the buffers back before the session ends."""
+        self._let_go()
         while self.arguments:
             self._session.release(self.arguments.popitem()[1])

@@ -40,7 +40,8 @@ class Parent:
     def __init__(self):
         self.mesh = clbvh.make_shape("knot", triangles=1800)
         self.bvh = clbvh.build(self.mesh)
-        self.rays = np.random.default_rng(0).normal(size=(2, 1000, 3))
+        # More than the host casts itself.
+        self.rays = np.random.default_rng(0).normal(size=(2, 2000, 3))
         self.box = RayMeshIntersector(trimesh.creation.box())
         self.objects = clbvh.Scene()
         self.object = self.objects.add(self.mesh)
@@ -162,6 +163,7 @@ def main():
     parent.closed.close()
     works = {
         "query": parent.query,
+        "query of few rays": lambda: parent.tracer.any_hit(*parent.rays[:, :10]).tolist(),
         "query of a closed tracer": lambda: parent.closed.any_hit(*parent.rays).sum(),
         "points": lambda: parent.tracer.contains(parent.rays[0]),
         "update": lambda: parent.tracer.update(parent.mesh.vertices),

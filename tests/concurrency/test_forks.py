@@ -17,6 +17,7 @@ ENDS_ITSELF = [
     "query",
     "query of a closed tracer",
     "points",
+    "query of few rays",
     "update",
     "set_transforms",
     "set_vertices",

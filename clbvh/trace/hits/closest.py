@@ -85,6 +85,11 @@ def _cast_rays(
     Results are valid until the next ones are asked for.
     """
     with caster.open_call() as call:
+        if (tree := call.on_host(batch.ray_count)) is not None:
+            yield 0, call.cast_on_host(tree, query, batch, **arguments)
+            if progress is not None:
+                progress(batch.ray_count, batch.ray_count)
+            return
         for piece in call.cut_rays(batch, shape, progress=progress):
             with call.cast(query, call.pack_rays(batch, piece), **arguments) as found:
                 yield piece.begin, found

@@ -20,21 +20,9 @@ from ...structs import (
     TRIANGLE_PRIM_ID,
 )
 from ...support.compiled import compiled
+from ..host.ray import cross_corners, make_shear, pad_ray
 
-_ROUNDING = 2.0**-24
-
-
-def _error_bound(roundings: int) -> np.float32:
-    return np.float32(roundings * _ROUNDING / (1 - roundings * _ROUNDING))
-
-
-# The constants of cl/boxes/padding.cl.
-_AXIS_PADDING = _error_bound(14)
-_TIME_PADDING = _error_bound(28)
-_LARGEST_COORDINATE = np.float32(1.0)
-_MIN_SLOPE = np.float32(2.0**-30)
-
-_ZERO, _ONE, _TWO, _INFINITY = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(np.inf)
+_ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
 
 _SPHERE_LANES = SPHERE.itemsize // 4
 _RADIUS, _SPHERE_PRIM_ID = _SPHERE_LANES - 2, _SPHERE_LANES - 1
@@ -163,20 +151,6 @@ def descend(trees, start, rays, any_hit, counts, nearest):
 
 
 @compiled(error_model="numpy")
-def pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse):
-    """Write the origins from which planes are seen, and the inverse of the direction; see `pad_ray` in cl/boxes."""
-    longest_reach = abs(origin[z_axis]) + _LARGEST_COORDINATE
-    distance = _TWO * _MIN_SLOPE * longest_reach
-    time = _TIME_PADDING * longest_reach * abs(shear[2])
-    for axis in range(3):
-        inverse[axis] = _ONE / direction[axis]
-        reach = abs(origin[axis]) + _LARGEST_COORDINATE
-        width = _AXIS_PADDING * reach + distance + time * abs(direction[axis])
-        ahead = -width if inverse[axis] < _ZERO else width
-        near_origin[axis], far_origin[axis] = origin[axis] + ahead, origin[axis] - ahead
-
-
-@compiled(error_model="numpy")
 def meets_child(nodes, node, child, near_origin, far_origin, inverse, t_min, t_max):
     """Return whether the ray meets a child's box, and where it enters; see `meets_aabb` in cl/boxes/aabb.cl."""
     t_near, t_far = t_min, t_max
@@ -192,49 +166,12 @@ def meets_child(nodes, node, child, near_origin, far_origin, inverse, t_min, t_m
 
 
 @compiled(error_model="numpy")
-def make_shear(origin, direction, shear, perturbation):
-    """Write the shear that makes the ray the z axis, and the perturbation; return the axis that becomes z.
-
-    See `make_ray` in cl/rays/ray.cl.
-    """
-    x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])
-    z_axis = (0 if x > z else 2) if x > y else (1 if y > z else 2)
-    x_axis, y_axis = (z_axis + 1) % 3, (z_axis + 2) % 3
-    along = direction[z_axis]
-    shear[0], shear[1], shear[2] = direction[x_axis] / along, direction[y_axis] / along, _ONE / along
-    perturbation[0] = -origin[x_axis] - shear[0] * -origin[z_axis]
-    perturbation[1] = -origin[y_axis] - shear[1] * -origin[z_axis]
-    return z_axis
-
-
-@compiled(error_model="numpy")
 def intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation):
     """Return t where the ray crosses a triangle, NaN if it does not; see cl/triangles/triangle.cl."""
     ax, ay, az = _shear_vertex(triangles, triangle, 0, origin, z_axis, shear)
     bx, by, bz = _shear_vertex(triangles, triangle, 1, origin, z_axis, shear)
     cx, cy, cz = _shear_vertex(triangles, triangle, 2, origin, z_axis, shear)
-    edge_a, edge_b, edge_c = _edge(cx, by, cy, bx), _edge(ax, cy, ay, cx), _edge(bx, ay, by, ax)
-    area = edge_a + edge_b + edge_c
-    side_a = _side_of_edge(edge_a, bx, by, cx, cy, perturbation)
-    side_b = _side_of_edge(edge_b, cx, cy, ax, ay, perturbation)
-    side_c = _side_of_edge(edge_c, ax, ay, bx, by, perturbation)
-    is_left = side_a < _ZERO or side_b < _ZERO or side_c < _ZERO
-    is_right = side_a > _ZERO or side_b > _ZERO or side_c > _ZERO
-    if (is_left and is_right) or area == _ZERO:
-        return np.float32(np.nan)
-    return (edge_a * az + edge_b * bz + edge_c * cz) / area
-
-
-@compiled(error_model="numpy")
-def _side_of_edge(edge, begin_x, begin_y, end_x, end_y, perturbation):
-    """Return the edge function, and where it is zero, that of the perturbed ray."""
-    if edge != _ZERO:
-        return edge
-    along_x, along_y = end_x - begin_x, end_y - begin_y
-    perturbed = _edge(perturbation[0], along_y, perturbation[1], along_x)
-    if perturbed != _ZERO:
-        return perturbed
-    return along_y if along_y != _ZERO else -along_x
+    return cross_corners(ax, ay, az, bx, by, bz, cx, cy, cz, perturbation)
 
 
 @compiled(error_model="numpy")
@@ -244,12 +181,6 @@ def _shear_vertex(triangles, triangle, corner, origin, z_axis, shear):
     y = triangles[triangle, 3 * corner + y_axis] - origin[y_axis]
     z = triangles[triangle, 3 * corner + z_axis] - origin[z_axis]
     return x - shear[0] * z, y - shear[1] * z, shear[2] * z
-
-
-@compiled(error_model="numpy")
-def _edge(a, b, c, d):
-    """Return a * b - c * d: products of float32 are exact in float64, so the sign of the difference is right."""
-    return np.float32(np.float64(a) * np.float64(b) - np.float64(c) * np.float64(d))
 
 
 @compiled(error_model="numpy")

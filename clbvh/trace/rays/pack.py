@@ -58,10 +58,12 @@ _MOST_ADVANCES = 32
 # 24; 16 and 40 perform alike.
 _PREFETCH_RAYS = 40
 
-_ALL_GOOD = -1
+# What `write_packed` returns where no ray is bad.
+ALL_GOOD = -1
 _NOT_SHARED = -2
 
-_NO_LOWS = np.empty((0, SCENE_LOW_LANES), np.float32)
+# No `lows`.
+NO_LOWS = np.empty((0, SCENE_LOW_LANES), np.float32)
 
 # Origins that are compared before rays are packed as those of one camera.
 _SAMPLED_ORIGINS = 16
@@ -125,17 +127,17 @@ def pack_rays(
         A value is not finite, a direction has length zero, or an origin's distance in sizes of the mesh is beyond
         float64; the message names the first bad ray.
     """
-    low_lanes = _NO_LOWS if lows is None else _as_lanes(lows)
-    shared_lanes = _NO_LOWS if shared_low is None else _as_lanes(shared_low)
-    bad = _pack(rays, box, order, _as_lanes(packed), low_lanes, shared_lanes)
+    low_lanes = NO_LOWS if lows is None else _as_lanes(lows)
+    shared_lanes = NO_LOWS if shared_low is None else _as_lanes(shared_low)
+    bad = write_packed(rays, box, order, _as_lanes(packed), low_lanes, shared_lanes)
     if bad == _NOT_SHARED:
         return False
-    if bad != _ALL_GOOD and order is not None:
+    if bad != ALL_GOOD and order is not None:
         # In another order, it need not be the first bad ray.
         whole = np.empty((int(order.max()) + 1, PACKED_RAY_LANES), np.float32)
-        bad = _pack(rays, box, None, whole, _NO_LOWS, _NO_LOWS)
-    if bad != _ALL_GOOD:
-        raise _explain(batch, first_ray + bad)
+        bad = write_packed(rays, box, None, whole, NO_LOWS, NO_LOWS)
+    if bad != ALL_GOOD:
+        raise explain_bad_ray(batch, first_ray + bad)
     if lows is not None:
         lows["mask"] = _ALL_VISIBLE if batch.mask is None else _masks_of(batch.mask, first_ray, order, len(packed))
     return True
@@ -187,7 +189,7 @@ def _masks_of(masks: Broadcast, first_ray: int, order: NDArray[np.int32] | None,
     return masks.take(first_ray + order.astype(np.int64)).items
 
 
-def _explain(batch: RayBatch, ray_id: int) -> QueryError:
+def explain_bad_ray(batch: RayBatch, ray_id: int) -> QueryError:
     """Return the error for a bad ray."""
     rays = batch.part(ray_id, ray_id + 1)
     origin, direction = rays.origins[0], rays.directions[0]
@@ -201,8 +203,8 @@ def _explain(batch: RayBatch, ray_id: int) -> QueryError:
 
 
 @compiled
-def _pack(batch, box, order, packed, lows, shared):
-    """Write the rays; return the index of the first bad one that is met, or _ALL_GOOD, or _NOT_SHARED."""
+def write_packed(batch, box, order, packed, lows, shared):
+    """Write rays as `pack_rays`; return the index of the first bad one that is met, or ALL_GOOD, or _NOT_SHARED."""
     origins, directions, t_mins, t_maxs = batch.origins, batch.directions, batch.t_min, batch.t_max
     half, scale = box.half, box.scale
     size = max(half[0], half[1], half[2])
@@ -258,7 +260,7 @@ def _pack(batch, box, order, packed, lows, shared):
             # The rays of a camera that is far away begin in different points.
             return _NOT_SHARED
         _write_advanced(packed, lows, slot, _Ray(x, y, z, dx, dy, dz, t_min, t_max), exponent, box)
-    return _ALL_GOOD
+    return ALL_GOOD
 
 
 @compiled

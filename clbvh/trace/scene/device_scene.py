@@ -277,6 +277,9 @@ class DeviceScene:
         """Most crossings that a ray can have: one for each triangle, two for each sphere."""
         return 2 * self.prim_count
 
+    def on_host(self) -> None:
+        """Return None: the host casts at meshes alone."""
+
     @property
     def memory_bytes(self) -> int:
         """Bytes of all buffers."""

@@ -64,6 +64,9 @@ class LoneSpheres:
         half = np.abs(spheres.local_box).max(axis=0).astype(np.float64) + _MARGIN
         self.box = TreeBox(spheres.origin, spheres.scale, half)
 
+    def on_host(self) -> None:
+        """Return None: the host casts at meshes alone."""
+
     @property
     def scene_surface(self) -> Any:
         """What hits keep of the scene."""

@@ -21,7 +21,8 @@ from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.ranges import cut_range
 from ..hits.scene_arrays import make_scene_arrays
-from ..oracle.descend import HostTrees, PackedRays, TreeStart, descend, make_shear, meets_child, pad_ray
+from ..host.ray import make_shear, pad_ray
+from ..oracle.descend import HostTrees, PackedRays, TreeStart, descend, meets_child
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
 from .placed import make_records

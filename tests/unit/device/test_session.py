@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clbvh.device.program import build_kernel
+from clbvh.device.program import build_kernel, find_arguments, find_number_types
 from clbvh.device.session import DeviceSession
 from clbvh.device.timing import EventTimes
 from clbvh.errors import DeviceError, InternalError
@@ -122,6 +122,31 @@ def test_arguments_are_bound_by_name(fresh, double):
     for wrong in ({"x": 1, "ran": 2}, {"x": 1, "ran": 2, "count": 3, "row_length": 4}):
         with pytest.raises(InternalError, match="the kernel 'double_it' takes x, ran, count: missing or unknown are"):
             double.bind(**wrong)
+
+
+def test_numbers_are_passed_by_the_type_of_the_source():
+    text = (
+        "kernel void one(const global node_t *restrict nodes, const int count, float scale,\n"
+        "    global int *x, const uint seed)\n{\n}\n"
+        "kernel void two(global float *x)\n{\n}\n"
+    )
+    assert find_arguments(text)["one"] == ["nodes", "count", "scale", "x", "seed"]
+    assert find_number_types(text) == {
+        "one": {"count": np.int32, "scale": np.float32, "seed": np.uint32},
+        "two": {},
+    }
+
+
+def test_a_buffer_that_the_host_keeps_seeing(fresh):
+    expected = np.arange(1000, dtype=np.int32)
+    numbers = fresh.upload(expected)
+    seen = fresh.hold_mapped(numbers, expected.nbytes)
+    assert seen.view(np.int32).tolist() == expected.tolist()
+    fresh.end_mapping(seen)
+    fresh.end_mapping(seen)
+    fresh.write(numbers, expected + 1)
+    seen = fresh.hold_mapped(numbers, expected.nbytes)
+    assert seen.view(np.int32).tolist() == (expected + 1).tolist()
 
 
 def test_closing_twice_is_allowed_and_releases_everything(session):

@@ -1,0 +1,174 @@
+"""Steps of a traversal for all children of a node, or all triangles of a block, in vector instructions.
+
+As `cl/math/lanes.cl` does for the device. The compiler leaves loops over lanes that lie in arrays one by one, because
+the arrays might overlap. Comparisons with NaN are false, as on the device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+_FLOAT, _INT = ir.FloatType(), ir.IntType(32)
+
+# Lanes are aligned as single numbers.
+_ALIGNMENT = 4
+
+
+@intrinsic
+def meet_boxes(
+    typing_context, slots, nodes, near_indices, far_indices, near_origin, far_origin, inverse, limits, t_nears
+):
+    """Return the bits of the boxes that a ray meets, and write where it enters each, as `meets_aabb` in cl/boxes.
+
+    Parameters
+    ----------
+    slots : tuple of int
+        As many as there are lanes.
+    nodes : (n,) float32
+    near_indices, far_indices : 3 uint64
+        Of the first lane of the near and the far planes, per axis.
+    near_origin, far_origin, inverse : 3 float32
+        Per axis; see `pad_ray`.
+    limits : 2 float32
+        The ray's t_min, and the t beyond which nothing is looked for.
+    t_nears : (lanes,) float32, written
+    """
+    width = len(slots)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        lanes = _Lanes(context, builder, width)
+        data = lanes.data_of(signature.args[1], arguments[1])
+        near_indices, far_indices, near_origin, far_origin, inverse, limits = (
+            lanes.unpack(values) for values in arguments[2:8]
+        )
+        t_near, t_far = lanes.spread(limits[0]), lanes.spread(limits[1])
+        for axis in (2, 1, 0):
+            slope = lanes.spread(inverse[axis])
+            near = lanes.load(data, near_indices[axis])
+            near = builder.fmul(builder.fsub(near, lanes.spread(near_origin[axis])), slope)
+            far = lanes.load(data, far_indices[axis])
+            far = builder.fmul(builder.fsub(far, lanes.spread(far_origin[axis])), slope)
+            t_near = builder.select(builder.fcmp_ordered(">", near, t_near), near, t_near)
+            t_far = builder.select(builder.fcmp_ordered("<", far, t_far), far, t_far)
+        lanes.store(t_near, lanes.data_of(signature.args[8], arguments[8]))
+        return lanes.bits(builder.fcmp_ordered("<=", t_near, t_far))
+
+    triple, pair = types.UniTuple(types.float32, 3), types.UniTuple(types.float32, 2)
+    indices = types.UniTuple(types.uint64, 3)
+    return types.uint32(slots, nodes, indices, indices, triple, triple, triple, pair, t_nears), generate
+
+
+@intrinsic
+def pass_edges(typing_context, slots, blocks, first_index, axes, origin, shear):
+    """Return the bits of the triangles of a block that plain edge functions do not reject; see cl/triangles/block.cl.
+
+    Parameters
+    ----------
+    slots : tuple of int
+        As many as there are lanes.
+    blocks : (n,) float32
+    first_index : uint64
+        Of the block's first lane.
+    axes : 3 uint64
+        Those that become x, y and z.
+    origin : 3 float32
+        Permuted in the same way.
+    shear : 2 float32
+    """
+    width = len(slots)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        lanes = _Lanes(context, builder, width)
+        data = lanes.data_of(signature.args[1], arguments[1])
+        axes, origin, shear = (lanes.unpack(values) for values in arguments[3:6])
+        index_type = arguments[2].type
+        corners = []
+        for corner in range(3):
+            x, y, z = (
+                builder.fsub(
+                    lanes.load(
+                        data,
+                        builder.add(
+                            arguments[2],
+                            builder.mul(
+                                builder.add(axes[axis], ir.Constant(index_type, 3 * corner)),
+                                ir.Constant(index_type, width),
+                            ),
+                        ),
+                    ),
+                    lanes.spread(origin[axis]),
+                )
+                for axis in range(3)
+            )
+            corners.append(
+                (
+                    builder.fsub(x, builder.fmul(lanes.spread(shear[0]), z)),
+                    builder.fsub(y, builder.fmul(lanes.spread(shear[1]), z)),
+                )
+            )
+        (ax, ay), (bx, by), (cx, cy) = corners
+        edges = [
+            builder.fsub(builder.fmul(one_x, other_y), builder.fmul(one_y, other_x))
+            for one_x, one_y, other_x, other_y in ((cx, cy, bx, by), (ax, ay, cx, cy), (bx, by, ax, ay))
+        ]
+        zero = lanes.spread(ir.Constant(_FLOAT, 0.0))
+        left, right = (
+            lanes.all_of([builder.fcmp_ordered(sign, edge, zero) for edge in edges]) for sign in (">=", "<=")
+        )
+        return lanes.bits(builder.or_(left, right))
+
+    indices = types.UniTuple(types.uint64, 3)
+    triple, pair = types.UniTuple(types.float32, 3), types.UniTuple(types.float32, 2)
+    return types.uint32(slots, blocks, types.uint64, indices, triple, pair), generate
+
+
+@intrinsic
+def lowest_bit(typing_context, bits):
+    """Return the index of the lowest bit that is set, of a number that is not 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        index = builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+        return builder.zext(index, ir.IntType(64))
+
+    return types.uint64(types.uint32), generate
+
+
+class _Lanes:
+    """Writes the instructions for vectors of `width` numbers in float32."""
+
+    def __init__(self, context: Any, builder: Any, width: int) -> None:
+        self._context, self._builder, self._width = context, builder, width
+        self._vector = ir.VectorType(_FLOAT, width)
+
+    def data_of(self, array_type: Any, array: Any) -> Any:
+        return self._context.make_array(array_type)(self._context, self._builder, array).data
+
+    def unpack(self, values: Any) -> list[Any]:
+        return [self._builder.extract_value(values, index) for index in range(values.type.count)]
+
+    def load(self, data: Any, index: Any) -> Any:
+        pointer = self._builder.bitcast(self._builder.gep(data, [index]), self._vector.as_pointer())
+        return self._builder.load(pointer, align=_ALIGNMENT)
+
+    def store(self, vector: Any, data: Any) -> None:
+        self._builder.store(vector, self._builder.bitcast(data, self._vector.as_pointer()), align=_ALIGNMENT)
+
+    def spread(self, number: Any) -> Any:
+        """Return a vector of the same number."""
+        undefined, first = ir.Constant(self._vector, ir.Undefined), ir.Constant(_INT, 0)
+        one = self._builder.insert_element(undefined, number, first)
+        zeros = ir.Constant(ir.VectorType(_INT, self._width), [0] * self._width)
+        return self._builder.shuffle_vector(one, undefined, zeros)
+
+    def all_of(self, conditions: Sequence[Any]) -> Any:
+        one, other, third = conditions
+        return self._builder.and_(self._builder.and_(one, other), third)
+
+    def bits(self, condition: Any) -> Any:
+        """Return a condition of each lane as the bits of one number."""
+        return self._builder.zext(self._builder.bitcast(condition, ir.IntType(self._width)), _INT)
