@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,27 @@ from .texture_tables import TextureTables
 _EMPTY_ROWS = 1
 
 _CORNERS = 3
+
+
+class Looks(NamedTuple):
+    """The shapes of a picture and how they are placed, as far as their looks depend on it.
+
+    Attributes
+    ----------
+    shapes : sequence of Mesh or Spheres
+    shape_ids : (n,) int
+        The shape of each instance.
+    colours : (n, 3) float
+        Linear colours of instances, instead of those of their materials; NaN: none.
+    normal_maps : mapping of int to (3, 3) float64
+        By the number of a shape that the device has in other coordinates: the map of its normals, which gives them
+        any length.
+    """
+
+    shapes: Sequence[Shape]
+    shape_ids: NDArray[np.integer]
+    colours: NDArray[np.floating]
+    normal_maps: Mapping[int, NDArray[np.float64]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,37 +69,27 @@ class LookTables:
         return {name: session.upload(array) for name, array in self.arrays.items()}
 
 
-def make_look_tables(
-    shapes: Sequence[Shape],
-    geometry_ids: NDArray[np.integer],
-    colours: NDArray[np.floating],
-    is_light: NDArray[np.bool_],
-    crease_angle: float,
-) -> LookTables:
+def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: float) -> LookTables:
     """Return the tables of a scene.
 
     Parameters
     ----------
-    shapes : sequence of Mesh or Spheres
-    geometry_ids : (n,) int
-        The shape of each instance.
-    colours : (n, 3) float
-        Linear colours of instances, instead of those of their materials; NaN: none.
+    looks : Looks
     is_light : (n,) bool
         Instances whose emitting primitives paths draw, see `find_lights`.
     crease_angle : float
         Degrees. Meshes without normals are shaded smoothly over edges that turn by less; 0: over none.
     """
     tables = _Tables()
-    rows = np.zeros(len(shapes), LOOK)
-    for number, shape in enumerate(shapes):
-        tables.add(shape, rows[number : number + 1], crease_angle)
-    looks = rows[np.asarray(geometry_ids)]
-    has_colour = ~np.isnan(colours).any(axis=1)
-    looks["has_colour"] = has_colour
-    looks["is_light"] = is_light
-    looks["colour"][has_colour] = colours[has_colour]
-    return tables.finish(looks)
+    rows = np.zeros(len(looks.shapes), LOOK)
+    for number in np.unique(looks.shape_ids).tolist():
+        tables.add(looks.shapes[number], rows[number : number + 1], looks.normal_maps.get(number), crease_angle)
+    placed = rows[np.asarray(looks.shape_ids)]
+    has_colour = ~np.isnan(looks.colours).any(axis=1)
+    placed["has_colour"] = has_colour
+    placed["is_light"] = is_light
+    placed["colour"][has_colour] = looks.colours[has_colour]
+    return tables.finish(placed)
 
 
 class _Tables:
@@ -97,17 +108,19 @@ class _Tables:
         self._numbers: dict[Material, int] = {}
         self._has_cutouts = False
 
-    def add(self, shape: Shape, row: NDArray[np.void], crease_angle: float) -> None:
+    def add(
+        self, shape: Shape, row: NDArray[np.void], normal_map: NDArray[np.float64] | None, crease_angle: float
+    ) -> None:
         """Append a geometry's values, and fill its row of `structs.LOOK`."""
         appearance: Appearance | None = shape.appearance
         row["first_normal"] = row["first_colour"] = row["first_uv"] = row["first_material_id"] = -1
         if isinstance(shape, Mesh):
             normals = appearance.normals if appearance is not None else None
             if normals is not None:
-                row["first_normal"] = self._share("corner_normals", normals, lambda: _pack(normals))
+                row["first_normal"] = self._share_normals(normals, normal_map, lambda: normals)
             elif crease_angle > 0.0:
-                row["first_normal"] = self._share(
-                    "corner_normals", shape.local_vertices, lambda: _pack(smooth_normals_by_angle(shape, crease_angle))
+                row["first_normal"] = self._share_normals(
+                    shape.local_vertices, normal_map, lambda: smooth_normals_by_angle(shape, crease_angle)
                 )
         if appearance is None:
             return
@@ -144,6 +157,15 @@ class _Tables:
             self._begins[key] = self._append(name, make())
         return self._begins[key]
 
+    def _share_normals(
+        self, source: NDArray[Any], normal_map: NDArray[np.float64] | None, make: Callable[[], NDArray[np.float32]]
+    ) -> int:
+        if normal_map is None:
+            return self._share("corner_normals", source, lambda: pack_normals(make().reshape(-1, _CORNERS)))
+        # A shape with a map is placed once: no other one has the same normals.
+        mapped = (make().reshape(-1, _CORNERS) @ normal_map.T).astype(np.float32)
+        return self._append("corner_normals", pack_normals(mapped))
+
     def _append(self, name: str, values: NDArray[Any]) -> int:
         begin = self._counts[name]
         self._parts[name].append(values)
@@ -159,10 +181,6 @@ class _Tables:
             has_holes = texture is not None and bool((texture.pixels[..., 3] < 255).any())
             self._has_cutouts |= material.alpha < 1.0 or has_holes
         return number
-
-
-def _pack(normals: NDArray[np.float32]) -> NDArray[np.uint32]:
-    return pack_normals(normals.reshape(-1, _CORNERS))
 
 
 def _fill_material(row: NDArray[np.void], material: Material, textures: TextureTables) -> None:

@@ -1,0 +1,169 @@
+"""Instances merged on the device: meshes that are placed once become one mesh, with one tree, where the scene has them.
+
+Owns what is merged, and the numbers that tell the merged primitives apart. They are in the order of (instance_id,
+prim_id), so the tree decides between equally near primitives as the instances would. `merge_rule.py` chooses what is
+merged. Must not know of OpenCL.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh import Bvh
+from ...geometry import Mesh
+from ...layouts.leaf_blocks import FaceNumbers
+from ...scene.state import SceneState
+from ..hits.scene_arrays import SceneArrays
+from .merge_rule import find_groups
+from .place_parts import place_parts
+
+BuildTree = Callable[[Mesh], Bvh]
+
+# A tree from which more than this share of the triangles has left is built anew.
+_MOST_LEFT = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class MergedMesh:
+    """The meshes of some instances as one, with its tree.
+
+    Attributes
+    ----------
+    instance_ids : (n,) int64, ascending
+        At least two.
+    face_counts : (n,) int64
+        Of each instance.
+    bvh : Bvh
+        Its mesh has the faces of one instance after the other.
+    transform : (4, 4) float64
+        From the coordinates of that mesh to the scene's, see `place_parts`.
+    is_degenerate : (F,) bool
+        Triangles that no ray hits, in their own mesh or in the merged one.
+    has_left : (n,) bool
+        Instances that have changed since, and are traced by themselves.
+    """
+
+    instance_ids: NDArray[np.int64]
+    face_counts: NDArray[np.int64]
+    bvh: Bvh
+    transform: NDArray[np.float64]
+    is_degenerate: NDArray[np.bool_]
+    has_left: NDArray[np.bool_]
+
+    @classmethod
+    def build(
+        cls, state: SceneState, arrays: SceneArrays, instance_ids: NDArray[np.int64], build_tree: BuildTree
+    ) -> MergedMesh | None:
+        """Merge instances, without those that would lose triangles; None if fewer than two are left."""
+        while len(instance_ids) > 1:
+            face_counts = np.array([state.shapes[geometry].prim_count for geometry in state.geometry_ids[instance_ids]])
+            mesh, transform, was_degenerate = place_parts(state, arrays, instance_ids)
+            is_lost = mesh.degenerate_faces & ~was_degenerate
+            if not is_lost.any():
+                bvh = build_tree(mesh)
+                none_left = np.zeros(len(instance_ids), np.bool_)
+                is_degenerate = mesh.degenerate_faces | was_degenerate
+                return cls(instance_ids, face_counts, bvh, transform, is_degenerate, none_left)
+            first_faces = np.cumsum(face_counts) - face_counts
+            instance_ids = instance_ids[~np.logical_or.reduceat(is_lost, first_faces)]
+        return None
+
+    @property
+    def mesh(self) -> Mesh:
+        """The merged mesh."""
+        return self.bvh.mesh
+
+    @property
+    def first_id(self) -> int:
+        """The instance of the primitive with the number 0."""
+        return int(self.instance_ids[0])
+
+    @property
+    def prim_bits(self) -> int:
+        """The bits of a primitive's number that are its prim_id; those above count instances."""
+        return int(self.face_counts.max() - 1).bit_length()
+
+    @property
+    def merged_ids(self) -> NDArray[np.int64]:
+        """The instances that are still merged."""
+        return self.instance_ids[~self.has_left]
+
+    @property
+    def is_worn(self) -> bool:
+        """Whether enough triangles have left for a new tree to pay."""
+        return bool(self.face_counts[self.has_left].sum() > _MOST_LEFT * self.face_counts.sum())
+
+    def without(self, instance_ids: NDArray[np.integer]) -> MergedMesh:
+        """Return the mesh after instances have left it; itself if none of them is in it."""
+        has_left = self.has_left | np.isin(self.instance_ids, instance_ids)
+        return self if (has_left == self.has_left).all() else dataclasses.replace(self, has_left=has_left)
+
+    def face_numbers(self) -> FaceNumbers:
+        """Return the numbers of the triangles on the device, and those that no ray hits there."""
+        first_faces = np.cumsum(self.face_counts) - self.face_counts
+        prim_ids = np.arange(self.mesh.face_count) - np.repeat(first_faces, self.face_counts)
+        first_numbers = (self.instance_ids - self.first_id) << self.prim_bits
+        numbers = np.repeat(first_numbers, self.face_counts) + prim_ids
+        return FaceNumbers(numbers.astype(np.int32), self.is_degenerate | np.repeat(self.has_left, self.face_counts))
+
+
+@dataclass(frozen=True, eq=False)
+class Merging:
+    """The merged meshes of a scene.
+
+    Attributes
+    ----------
+    meshes : tuple of MergedMesh
+        No instance is in two of them.
+    """
+
+    meshes: tuple[MergedMesh, ...] = ()
+
+    @classmethod
+    def find(cls, state: SceneState, arrays: SceneArrays, build_tree: BuildTree) -> Merging:
+        """Merge the instances of a scene that gain by it."""
+        return cls._build(state, arrays, find_groups(state, arrays), build_tree)
+
+    @property
+    def instance_ids(self) -> NDArray[np.int64]:
+        """The instances that are merged."""
+        return np.concatenate([np.empty(0, np.int64), *(merged.merged_ids for merged in self.meshes)])
+
+    def list_trees(self, trees: Sequence[Bvh | None]) -> list[Bvh]:
+        """Return the trees that rays traverse: those of the geometries, where there are any, and the merged ones."""
+        return [bvh for bvh in trees if bvh is not None] + [merged.bvh for merged in self.meshes]
+
+    def without(
+        self, instance_ids: NDArray[np.integer], state: SceneState, arrays: SceneArrays, build_tree: BuildTree
+    ) -> Merging:
+        """Return the merging after instances have left; itself if none of them is merged.
+
+        Parameters
+        ----------
+        instance_ids : (k,) int
+        state, arrays : SceneState, SceneArrays
+            Before they leave.
+        build_tree : function
+            Builds the trees anew that are worn.
+        """
+        after = [merged.without(instance_ids) for merged in self.meshes]
+        if all(one is other for one, other in zip(after, self.meshes, strict=True)):
+            return self
+        worn = [merged.merged_ids for merged in after if merged.is_worn]
+        kept = tuple(merged for merged in after if not merged.is_worn and len(merged.merged_ids) > 1)
+        return Merging(kept + self._build(state, arrays, worn, build_tree).meshes)
+
+    @classmethod
+    def _build(
+        cls, state: SceneState, arrays: SceneArrays, groups: list[NDArray[np.int64]], build_tree: BuildTree
+    ) -> Merging:
+        built = (MergedMesh.build(state, arrays, instance_ids, build_tree) for instance_ids in groups)
+        return cls(tuple(merged for merged in built if merged is not None))
+
+
+NOTHING_MERGED = Merging()
