@@ -123,7 +123,8 @@ class DeviceScene:
         blocks = blocks_by_kind(self._parts, arrays)
         joined = {"nodes": [part.nodes for part in made], "blocks": blocks["triangles"], "spheres": blocks["spheres"]}
         self._dtypes = {name: parts[0].dtype for name, parts in joined.items() if parts}
-        self.surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        self.surface = merging.note_on(surface)
         self._items = TopItems.of(state, self.surface, merging)
         with self._releasing_on_error(session):
             for name, parts in joined.items():
@@ -142,7 +143,7 @@ class DeviceScene:
         state : SceneState
         """
         moved = self._copy(state)
-        moved.surface = move_instances(self.surface, state.transforms)
+        moved.surface = self.merging.note_on(move_instances(self.surface, state.transforms))
         moved._items = self._items.moved(state, moved.surface)
         with moved._releasing_on_error(owner, self):
             moved._put_top(owner, session)
@@ -161,7 +162,8 @@ class DeviceScene:
         moved = self._copy(state)
         with moved._releasing_on_error(owner, self):
             moved._refit(self, owner, session, geometry_id, refit, threads)
-            moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+            arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+            moved.surface = self.merging.note_on(arrays)
             moved._items = TopItems.of(state, moved.surface, self.merging)
             moved._put_top(owner, session)
         return moved

@@ -134,6 +134,15 @@ class Merging:
         """The instances that are merged."""
         return np.concatenate([np.empty(0, np.int64), *(merged.merged_ids for merged in self.meshes)])
 
+    def note_on(self, arrays: SceneArrays) -> SceneArrays:
+        """Return the arrays of a scene with the coordinates in which the device has the merged instances."""
+        origin, scale = np.zeros_like(arrays.merged_origin), np.zeros_like(arrays.merged_scale)
+        for merged in self.meshes:
+            ids, transform = merged.merged_ids, merged.transform
+            origin[ids] = transform[:3, :3] @ merged.mesh.origin + transform[:3, 3]
+            scale[ids] = merged.mesh.scale
+        return arrays._replace(merged_origin=origin, merged_scale=scale)
+
     def list_trees(self, trees: Sequence[Bvh | None]) -> list[Bvh]:
         """Return the trees that rays traverse: those of the geometries, where there are any, and the merged ones."""
         return [bvh for bvh in trees if bvh is not None] + [merged.bvh for merged in self.meshes]
