@@ -117,7 +117,9 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
         else:
             gain = turn_normal(arrays, instance, normal, way)
             if arrays.merged_scale[instance] > 0.0:
-                merged = gain * _bound_merged(arrays, instance, geometry, corners, local, way, locations, hit, scene_reach)
+                merged = gain * _bound_merged(
+                    arrays, instance, geometry, corners, local, way, locations, hit, scene_reach
+                )
             way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)

@@ -13,7 +13,6 @@ RAYS = 6000
 PARTS = 12
 
 
-
 def make_soup(generator, thickness):
     """Triangles so large that none vanishes in a merged mesh; their third corner is this far from their first edge."""
     a = generator.normal(size=(100, 3))
@@ -72,7 +71,7 @@ def make_hits(tracer, scene, size, generator):
 @pytest.fixture(autouse=True)
 def merge_thin_parts(monkeypatch):
     """Of flattened parts most would stay instances."""
-    monkeypatch.setattr(merge_rule, "_LEAST_THICKNESS", 0.0, raising=False)
+    monkeypatch.setattr(merge_rule, "_LEAST_THICKNESS", 1e-30)
 
 
 def open_merged(scene, session):

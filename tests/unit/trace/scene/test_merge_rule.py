@@ -86,6 +86,29 @@ def test_flattened_meshes_are_left_out():
     assert groups_of(make_single((flat,), (turned,), *((one,) for one in ONES))) == [[1, 2, 3, 4, 5]]
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_mesh_that_is_flattened_beside_its_group_is_left_out(axis):
+    """The group is 21 units long; a ball has a radius of 1."""
+    turn = np.linalg.qr(np.random.default_rng(axis).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    for thickness, expected in ((2.0**-11, range(8)), (2.0**-12.5, range(1, 8))):
+        scales = np.where(np.arange(3) == axis, thickness, 1.0)
+        for linear in (np.diag(scales), turn @ np.diag(scales), turn @ np.diag(scales) @ turn.T):
+            rows = [(affine(linear),), *((affine(offset=(3 * index, 0, 0)),) for index in range(1, 8))]
+            assert groups_of(make_single(*rows)) == [list(expected)]
+
+
+def test_flat_meshes_are_merged():
+    square = clbvh.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [1, 1, 1e-9], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    rows = [(index, affine(turn, (2 * index, 0, 0))) for index in range(LEAST_COUNT)]
+    assert groups_of(make_state([square] * LEAST_COUNT, *rows)) == [list(range(LEAST_COUNT))]
+
+
+def test_flattened_meshes_in_one_place_are_left_out():
+    assert groups_of(make_single(*((affine([1, 1, 1e-5]),) for _ in range(10)))) == []
+
+
 def test_numbers_fit_the_device(monkeypatch):
     """With few bits, a mesh of many triangles stays by itself."""
     large = clbvh.make_shape("icosphere", triangles=5120)
