@@ -111,7 +111,8 @@ def make_scene_arrays(
     Returns
     -------
     SceneArrays
-        Nothing is merged. In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32 for each sphere.
+        Nothing is merged. In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32
+        for each sphere.
 
     Raises
     ------

@@ -25,9 +25,10 @@ LEAST_COUNT = 4
 # 2^-5, 1.1 to 1.3 times (CPU time on a 2-core x86-64 server, PoCL).
 _LEAST_SHARE = 2.0**-7
 
-# A part that its map flattens is this thick beside the merged mesh. So that rounding moves a corner by 2^-10 of the
-# thickness at most, and a ray meets the side that it comes from: of balls of this thickness, 2 of 10^5 rays met the back
-# in place of the front; a tenth as thick, 22, and a hundredth, 709. An instance resolves its own axes, however flat.
+# A part that its map flattens is at least this thick beside the merged mesh. So rounding moves a corner by 2^-10 of the
+# thickness at most, and a ray meets the side from which it comes: of balls of this thickness, 2 of 10^5 rays met the
+# back in place of the front; a tenth as thick, 22, and a hundredth, 709. An instance resolves its own axes, however
+# flat.
 _LEAST_THICKNESS = 2.0**-15
 
 # A part is at least this share of the scene, and its matrix turns and flattens by this factor at most. Others would be
