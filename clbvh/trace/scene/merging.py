@@ -143,6 +143,14 @@ class Merging:
             scale[ids] = merged.mesh.scale
         return arrays._replace(merged_origin=origin, merged_scale=scale)
 
+    def measure_radii(self, instance_count: int) -> NDArray[np.float64]:
+        """Return (n,) float64, world units: the radius of the merged mesh that each instance is in, 0 for none."""
+        radii = np.zeros(instance_count)
+        for merged in self.meshes:
+            halves = np.abs(merged.mesh.local_box).max(axis=0).astype(np.float64)
+            radii[merged.merged_ids] = np.linalg.norm(halves) / merged.mesh.scale
+        return radii
+
     def list_trees(self, trees: Sequence[Bvh | None]) -> list[Bvh]:
         """Return the trees that rays traverse: those of the geometries, where there are any, and the merged ones."""
         return [bvh for bvh in trees if bvh is not None] + [merged.bvh for merged in self.meshes]
