@@ -93,7 +93,8 @@ INLINED bool may_instance_be_nearer(
     // The position is rounded, as are the distances of the instance's primitives.
     const float slack = ERROR_BOUND(32) * sum_of(farthest + magnitude(position));
     const float limit = best_distance + slack;
-    return *distance_squared <= limit * limit;
+    // The box of a child that is not there is infinitely far, which is not farther than no instance at all.
+    return *distance_squared <= limit * limit && *distance_squared < INFINITY;
 }
 
 INLINED scene_prim_t find_nearest_in_scene(

@@ -42,6 +42,10 @@ class DeviceContext:
         self._compiling = threading.Lock()
         hold_handles(self)
 
+    def list_handles(self) -> list[Any]:
+        """Return all that must outlive a fork; see `hold_handles`."""
+        return list(vars(self).values())
+
     def open_queue(self) -> Any:
         """Return a new queue, which runs its commands one after the other."""
         return self._queue_type(self.context, properties=self._queue_properties)

@@ -8,10 +8,17 @@ from __future__ import annotations
 
 import ctypes
 import os
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 from weakref import WeakSet
 
 from ..errors import DeviceError
+
+
+class HandleHolder(Protocol):
+    """An object that knows handles of the driver."""
+
+    def list_handles(self) -> list[Any]:
+        """Return the handles, or objects that refer to them."""
 
 
 class _OpenCL:
@@ -19,8 +26,8 @@ class _OpenCL:
 
     is_started: ClassVar[bool] = False
     is_inherited: ClassVar[bool] = False
-    # Objects whose attributes hold handles of the driver, and what must never be released.
-    holders: ClassVar[WeakSet[Any]] = WeakSet()
+    # Objects that know handles of the driver, and what must never be released.
+    holders: ClassVar[WeakSet[HandleHolder]] = WeakSet()
     kept: ClassVar[list[Any]] = []
 
 
@@ -54,8 +61,8 @@ def check_process() -> None:
         )
 
 
-def hold_handles(holder: Any) -> None:
-    """Note an object whose attributes hold handles of the driver."""
+def hold_handles(holder: HandleHolder) -> None:
+    """Note an object that knows handles of the driver."""
     _OpenCL.holders.add(holder)
 
 
@@ -70,4 +77,4 @@ def _notice_fork() -> None:
     """Keep all handles, in a child that has just been forked."""
     _OpenCL.is_inherited = True
     for holder in list(_OpenCL.holders):
-        keep_for_ever(vars(holder).copy())
+        keep_for_ever(holder.list_handles())

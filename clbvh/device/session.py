@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ _OUT_OF_MEMORY = (-4, -5, -6)
 
 class DeviceSession(ContextManager):
     """One device, opened, for one thread at a time; a context manager.
+
+    A buffer is on the device until nothing refers to it, until `release`, or until the session is closed.
 
     All sessions of a device share its context and its compiled kernels, see `DeviceContext`. A session that is closed
     in a forked child leaves everything as it is: it belongs to the parent.
@@ -85,13 +88,17 @@ class DeviceSession(ContextManager):
     def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes, shared: DeviceContext | None) -> None:
         import pyopencl as cl
 
+        from .buffer import Buffer
+
         claim_opencl()
         self._cl: Any = cl
+        self._buffer_type = Buffer
         self.info = info
         self.settings = settings
         self.times = times
         self.is_closed = False
-        self._buffers: list[Any] = []
+        # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once.
+        self._buffers: set[ref[Buffer]] = set()
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with _DeviceErrors(cl, info, "be opened"):
             self.shared = shared or open_context(info)
@@ -102,6 +109,11 @@ class DeviceSession(ContextManager):
     def context(self) -> Any:
         """The `pyopencl.Context` of the device."""
         return self.shared.context
+
+    @property
+    def buffer_count(self) -> int:
+        """Buffers that are on the device."""
+        return len(self._buffers)
 
     def upload(self, array: NDArray[Any]) -> Any:
         """Copy an array into a new read-only buffer."""
@@ -140,8 +152,9 @@ class DeviceSession(ContextManager):
         if for_mapping:
             flags |= self._cl.mem_flags.ALLOC_HOST_PTR
         with self._errors(f"hold a buffer of {size / 1e6:,.1f} MB"):
-            buffer = self._cl.Buffer(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
-        self._buffers.append(buffer)
+            buffer = self._buffer_type(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
+        # The callback is no Python code, in which Ctrl-C would be lost.
+        self._buffers.add(ref(buffer, self._buffers.discard))
         return buffer
 
     def fit_items(self, item_bytes: int, wanted: int) -> int:
@@ -149,10 +162,10 @@ class DeviceSession(ContextManager):
         return max(1, min(wanted, self.info.max_allocation_bytes // item_bytes))
 
     def release(self, buffer: Any) -> None:
-        """Give a buffer back before the session ends; in a forked child it stays."""
+        """Give a buffer back although something may refer to it; in a forked child it stays."""
         if is_inherited():
             return
-        self._buffers.remove(buffer)
+        self._buffers.discard(ref(buffer))
         buffer.release()
 
     def download(self, buffer: Any, into: NDArray[Any]) -> None:
@@ -233,8 +246,16 @@ class DeviceSession(ContextManager):
     def close(self) -> None:
         """Give all buffers back. Closing twice is allowed."""
         self.is_closed = True
-        while self._buffers and not is_inherited():
-            self._buffers.pop().release()
+        if not is_inherited():
+            for buffer in self._list_buffers():
+                self.release(buffer)
+
+    def list_handles(self) -> list[Any]:
+        """Return all that must outlive a fork; see `hold_handles`."""
+        return [*vars(self).values(), *self._list_buffers()]
+
+    def _list_buffers(self) -> list[Any]:
+        return [buffer for reference in list(self._buffers) if (buffer := reference()) is not None]
 
     def _errors(self, action: str) -> _DeviceErrors:
         return _DeviceErrors(self._cl, self.info, action, self.shared)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..support.compiled import compiled
+from .corners import measure_corner
 from .equal_points import find_points
 
 # The sum of unit vectors is no direction if it is shorter than this share of their weights: they cancel each other.
@@ -31,8 +32,8 @@ def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32],
     scale : float
         A power of two that brings the mesh to a size of about 1.
     """
-    point_ids, point_count = find_points(vertices)
-    sums = np.zeros((point_count, 4))
+    first, point_ids = find_points(vertices)
+    sums = np.zeros((len(first), 4))
     _add_normals(vertices, faces, scale, point_ids, sums)
     _normalize(sums)
     return sums[point_ids, :3]
@@ -43,26 +44,13 @@ def _add_normals(vertices, faces, scale, point_ids, sums):
     """Add each face's unit normal, times its angle, and the angle, to the points of its corners."""
     for face in range(len(faces)):
         for corner in range(3):
-            own, following, last = faces[face, corner], faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
-            ux = (vertices[following, 0] - vertices[own, 0]) * scale
-            uy = (vertices[following, 1] - vertices[own, 1]) * scale
-            uz = (vertices[following, 2] - vertices[own, 2]) * scale
-            vx = (vertices[last, 0] - vertices[own, 0]) * scale
-            vy = (vertices[last, 1] - vertices[own, 1]) * scale
-            vz = (vertices[last, 2] - vertices[own, 2]) * scale
-            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-            largest = max(abs(nx), abs(ny), abs(nz))
-            if largest == 0.0:
-                continue
-            # Divided by the largest component first: the squares of a small triangle's normal could underflow.
-            nx, ny, nz = nx / largest, ny / largest, nz / largest
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-            angle = math.atan2(length * largest, ux * vx + uy * vy + uz * vz)
-            point = point_ids[own]
-            sums[point, 0] += angle * nx / length
-            sums[point, 1] += angle * ny / length
-            sums[point, 2] += angle * nz / length
-            sums[point, 3] += angle
+            nx, ny, nz, length, angle = measure_corner(vertices, faces, scale, face, corner)
+            if length > 0.0:
+                point = point_ids[faces[face, corner]]
+                sums[point, 0] += angle * nx / length
+                sums[point, 1] += angle * ny / length
+                sums[point, 2] += angle * nz / length
+                sums[point, 3] += angle
 
 
 @compiled(error_model="numpy")

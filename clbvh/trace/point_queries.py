@@ -261,7 +261,7 @@ class PointQueries(TracerBase):
     def _separate(self, caster: Caster) -> Caster:
         """Return a caster at the same scene with no instances merged, for queries of one instance at a time."""
         tree: object = caster.tree
-        if self._scene is None or not isinstance(tree, DeviceScene) or not tree.merging.meshes:
+        if not isinstance(tree, DeviceScene) or not tree.merging.meshes or self._scene is None:
             return caster
         with caster.open_call() as call, self._updating:
             return self._scene.separate(caster, call.memory.session)

@@ -11,7 +11,7 @@ back, so nothing is lost when Ctrl-C strikes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 from weakref import ref
 
 from ..device.session import DeviceSession
@@ -89,12 +89,6 @@ class TreeCopies:
         moved = caster.over(copied, TreeBox(mesh.origin, mesh.scale, arrays.half))
         held.caster = ref(moved)
         return moved
-
-    def list_users(self) -> list[tuple[ref[Caster], list[Any]]]:
-        """Return the buffers of each copy, with the last caster that uses them."""
-        return [
-            (held.caster, list(held.buffers.arguments.values())) for held in self._copies if held.caster is not None
-        ]
 
     def _take_free(self, tree: DeviceTree) -> _Copy:
         """Return a copy that no query uses, a new one if there is none; release any other unused copies."""

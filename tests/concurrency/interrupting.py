@@ -57,7 +57,7 @@ def main(seed, count):
             interrupted += answer is None
             wrong += answer is not None and answer != expected[index]
         calls = tracer._caster.calls
-        idle_buffers = [len(memory.session._buffers) for memory in calls._idle]
+        idle_buffers = [memory.session.buffer_count for memory in calls._idle]
         left = {"loans": len(calls._loans), "idle": len(calls._idle), "most buffers": max(idle_buffers, default=0)}
         # Neither this thread nor another one finds a lock taken.
         again = run_in_threads(*(lambda index=index: ask(tracer, *queries[index]) for index in range(len(queries))))

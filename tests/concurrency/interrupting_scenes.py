@@ -67,7 +67,7 @@ def main(seed, count):
                 answers = [ask(tracer, *query) for query in queries]
                 wrong += answers not in (expected[tuple(now)], expected[tuple(after)])
                 now = after if answers == expected[tuple(after)] else now
-            most_buffers = max(most_buffers, len(tracer._caster.session._buffers))
+            most_buffers = max(most_buffers, tracer._caster.session.buffer_count)
         # Neither this thread nor another one finds a lock taken.
         run_in_threads(lambda: moving.move(tracer, 0), lambda: moving.deform(tracer, 0))
         right = [ask(tracer, *query) for query in queries] == expected[0, 0]

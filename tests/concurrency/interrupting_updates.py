@@ -58,7 +58,7 @@ def main(seed, count):
             now = frame if is_new else now
             wrong += (is_done and not is_new) or ask(tracer, *queries[index]) != expected[now][index]
             wrong += tracer.mesh.vertices.tobytes() != frames[now].tobytes()
-            most_buffers = max(most_buffers, len(tracer._caster.session._buffers))
+            most_buffers = max(most_buffers, tracer._caster.session.buffer_count)
         # Neither this thread nor another one finds a lock taken.
         run_in_threads(lambda: tracer.update(frames[0]))
         right = [ask(tracer, *query) for query in queries] == expected[0]

@@ -55,7 +55,7 @@ def tracer(moving):
 
 
 def buffer_count(tracer):
-    return len(tracer._caster.session._buffers)
+    return tracer._caster.session.buffer_count
 
 
 def test_states_differ(expected):
@@ -200,7 +200,7 @@ def test_closing_waits_for_a_change_and_refuses_later_ones(moving):
         run_in_threads(
             *[lambda change=change: until_closed(change)] * 2, *[lambda query=query: until_closed(query)] * 4, close
         )
-        assert tracer._caster.session._buffers == []
+        assert tracer._caster.session.buffer_count == 0
         assert tracer._caster.calls._loans == {}
 
 
@@ -224,8 +224,8 @@ class TestMemory:
         with clbvh.Tracer(scene) as tracer:
             for step in range(3):
                 tracer.set_transforms(ball, clbvh.Transform(translate=(step, 0, 0)).matrix[None])
-            # Nodes, blocks and no spheres, and the tree over the instances of this scene and of the one before.
-            assert buffer_count(tracer) == 3 + 2 * 2
+            # Nodes, blocks and no spheres, and the tree over the instances.
+            assert buffer_count(tracer) == 3 + 2
 
     @pytest.mark.parametrize("kind", ["transforms", "vertices", "built anew"])
     def test_a_change_that_fails_changes_nothing(self, kind):
@@ -261,6 +261,6 @@ def test_interrupted_changes_leave_the_state_before_or_after_them(seed):
     assert ran.returncode == 0, ran.stderr
     found = json.loads(ran.stdout)
     assert found.pop("interrupted") > count // 10
-    # Two scenes with a refitted mesh, and one that an interrupted call still holds.
-    assert found.pop("most buffers") <= 12
+    # Those of one scene: what an interrupted change has allocated goes with it.
+    assert found.pop("most buffers") == 5
     assert found == {"wrong": 0, "right afterwards": True, "loans": 0}

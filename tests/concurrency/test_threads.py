@@ -143,7 +143,7 @@ class TestClosing:
 
             run_in_threads(close, close, *[trace_until_closed] * THREADS)
             assert tracer.is_closed
-            assert tracer._caster.session._buffers == []
+            assert tracer._caster.session.buffer_count == 0
 
     def test_a_progress_function_may_close_its_tracer(self, bvh, session):
         tracer = Tracer(bvh, device=session.info)

@@ -121,5 +121,5 @@ def test_closing_waits_for_an_update_and_refuses_later_ones(bvh, frames):
             tracer.close()
 
         run_in_threads(move_until_closed, move_until_closed, close)
-        assert tracer._caster.session._buffers == []
+        assert tracer._caster.session.buffer_count == 0
         assert tracer._caster.calls._loans == {}

@@ -333,4 +333,4 @@ class TestClosing:
 
         run_in_threads(draw, draw, close)
         assert sum(isinstance(picture, QueryError) for picture in pictures) == 2
-        assert opened._session._buffers == []
+        assert opened._session.buffer_count == 0

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -52,6 +55,31 @@ def test_a_picture_that_is_stopped_has_the_samples_that_were_taken():
         stopped = renderer.render(samples=8, is_stopped=lambda: True)
         assert stopped.samples == 2
         assert np.array_equal(stopped.rgb, renderer.render(samples=2).rgb)
+
+
+def test_bands_have_shares_of_the_time(monkeypatch):
+    monkeypatch.setattr(frame_module, "BAND_PIXELS", KNOT.width * 7)
+    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
+    now = itertools.count()
+    # Each launch reads the clock twice.
+    monkeypatch.setattr(sample_painter, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))
+    with clbvh.Renderer(KNOT) as renderer:
+        picture = renderer.render(time_limit_s=8 * KNOT.height)
+    # Of the last band, which has one row.
+    assert picture.samples >= 6
+
+
+def test_the_samples_of_a_picture_in_bands_are_those_of_the_poorest(monkeypatch):
+    monkeypatch.setattr(frame_module, "BAND_PIXELS", KNOT.width * 7)
+    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
+    launches = []
+
+    def stops_in_the_middle():
+        launches.append(None)
+        return len(launches) in (6, 7)
+
+    with clbvh.Renderer(KNOT) as renderer:
+        assert renderer.render(samples=8, is_stopped=stops_in_the_middle).samples == 2
 
 
 def test_a_seed_changes_the_noise_alone():

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError
 from ...support.compiled import compiled
+from ...support.host_threads import HostThreads
+from ..corners import measure_corner
 from ..mesh import Mesh
 from ..vertex_faces import find_vertex_faces
 
@@ -56,8 +58,8 @@ def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_AN
 
     Notes
     -----
-    In O(V log V + F); about 0.6 s for 871,306 faces on one x86-64 core. Where more than 256 corners meet in one point,
-    differences of normals are measured between cells of about 5 degrees.
+    In O(V log V + F), mostly on all cores; about 0.3 s of processor time for 871,306 faces. Where more than 256 corners
+    meet in one point, differences of normals are measured between cells of about 5 degrees.
 
     Examples
     --------
@@ -73,49 +75,43 @@ def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_AN
         raise ConfigError(f"the crease angle must be 0 to 180 degrees, not {angle_degrees!r}")
     normals = np.empty((mesh.face_count, 3), np.float64)
     angles = np.empty((mesh.face_count, 3), np.float64)
-    _find_faces(mesh.vertices, mesh.faces, mesh.scale, normals, angles)
     point_ids, begin, around = find_vertex_faces(mesh)
     smooth = np.empty((mesh.face_count, 3, 3), np.float32)
     # At 180 degrees even opposite faces count.
     least_cosine = math.cos(math.radians(angle_degrees)) if angle_degrees < 180 else -2.0
     half_cosine = math.cos(math.radians(angle_degrees) / 2) + _ROUNDING
-    _smooth(mesh.faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, smooth)
+    tables = mesh.faces, normals, angles, point_ids, begin, around
+    with HostThreads() as threads:
+        threads.for_ranges(
+            mesh.face_count,
+            lambda first, end: _find_faces(mesh.vertices, mesh.faces, mesh.scale, first, end, normals, angles),
+        )
+        threads.for_ranges(
+            len(begin) - 1, lambda first, end: _smooth(*tables, least_cosine, half_cosine, first, end, smooth)
+        )
     return smooth
 
 
 @compiled(error_model="numpy")
-def _find_faces(vertices, faces, scale, normals, angles):
-    """Write the unit normal of each face, zero if it has no area, and the angles at its corners."""
-    for face in range(len(faces)):
+def _find_faces(vertices, faces, scale, begin, end, normals, angles):
+    """Write the unit normals of some faces, zero without an area, and the angles at their corners."""
+    for face in range(begin, end):
         for corner in range(3):
-            own, following, last = faces[face, corner], faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
-            ux = (vertices[following, 0] - vertices[own, 0]) * scale
-            uy = (vertices[following, 1] - vertices[own, 1]) * scale
-            uz = (vertices[following, 2] - vertices[own, 2]) * scale
-            vx = (vertices[last, 0] - vertices[own, 0]) * scale
-            vy = (vertices[last, 1] - vertices[own, 1]) * scale
-            vz = (vertices[last, 2] - vertices[own, 2]) * scale
-            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-            largest = max(abs(nx), abs(ny), abs(nz))
-            if largest == 0.0:
-                normals[face, 0], normals[face, 1], normals[face, 2] = 0.0, 0.0, 0.0
-                angles[face, 0], angles[face, 1], angles[face, 2] = 0.0, 0.0, 0.0
-                break
-            # Divided by the largest component first: the squares of a small triangle's normal could underflow.
-            nx, ny, nz = nx / largest, ny / largest, nz / largest
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-            angles[face, corner] = math.atan2(length * largest, ux * vx + uy * vy + uz * vz)
+            nx, ny, nz, length, angles[face, corner] = measure_corner(vertices, faces, scale, face, corner)
             if corner == 0:
-                normals[face, 0], normals[face, 1], normals[face, 2] = nx / length, ny / length, nz / length
+                unit = 1.0 if length == 0.0 else length
+                normals[face, 0], normals[face, 1], normals[face, 2] = nx / unit, ny / unit, nz / unit
 
 
 @compiled(error_model="numpy")
-def _smooth(faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, smooth):
-    """Write the normal at each corner."""
+def _smooth(
+    faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, first_point, end_point, smooth
+):
+    """Write the normals at the corners in some points."""
     cells = np.empty(_GRID * _GRID, np.int64)
     sums = np.empty((_GRID * _GRID, 4))
     cell_of = np.full(_GRID * _GRID, -1)
-    for point in range(len(begin) - 1):
+    for point in range(first_point, end_point):
         first, end = begin[point], begin[point + 1]
         # Where all normals are within half the angle of one, no two differ by more: nearly everywhere, nearly always.
         x, y, z = 0.0, 0.0, 0.0

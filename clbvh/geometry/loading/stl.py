@@ -18,9 +18,9 @@ from ..appearance.appearance import Appearance
 from ..appearance.material import Material
 from ..appearance.srgb import linear_to_srgb_bytes
 from ..appearance.texture import OPAQUE
+from ..equal_points import find_equal_points
 from .corner_values import spread_colours
 from .finished_looks import finish_looks
-from .merge_points import merge_points
 from .parts import FileMesh
 from .problems import Problems
 
@@ -47,7 +47,8 @@ def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
             appearance = _read_colours(data[: _COUNT.start], triangles["attribute"])
     else:
         corners = _read_text(data)
-    vertices, ids = merge_points(corners)
+    first, ids = find_equal_points(corners)
+    vertices = corners[first]
     return FileMesh("", vertices, ids.reshape(-1, 3), appearance)
 
 

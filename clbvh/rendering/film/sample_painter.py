@@ -45,13 +45,13 @@ class Progress:
     samples : int
         Of each pixel, to be taken.
     time_limit_s : float
-        No further samples are begun after it; each pixel gets one at least.
+        No further samples are begun after it; each pixel gets one at least. Bands share it by their rows.
     on_samples : function
         Called with the samples taken so far and those to be taken, summed over all pixels.
     is_stopped : function
         Asked after each launch; if it returns True, no further samples are taken.
     taken : int
-        Samples of each pixel that were taken. Of a picture in several bands, those of the last band.
+        Samples of each pixel that were taken; of a picture in several bands, those of the band with the fewest.
     film : (height, width, 4) float32, or None
         Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
     """
@@ -139,7 +139,7 @@ class SamplePainter:
             film=film, row_count=np.int32(band.row_count), sample_count=np.int32(taken), view=band.view,
             colours=band.colours,
         )  # fmt: skip
-        self._progress.taken = taken
+        self._progress.taken = taken if band.first_row == 0 else min(taken, self._progress.taken)
         if (kept := self._progress.film) is not None:
             rows = kept[band.first_row : band.first_row + band.row_count]
             session.download(film, rows)
@@ -150,6 +150,7 @@ class SamplePainter:
         progress = self._progress
         first, count = 0, min(_LEAST_SAMPLES, progress.samples)
         pixels, done = band.width * band.height, band.width * band.first_row
+        end_s = self._begin + progress.time_limit_s * (band.first_row + band.row_count) / band.height
         while True:
             begin = time.perf_counter()
             band.session.run(
@@ -162,7 +163,7 @@ class SamplePainter:
             progress.on_samples(
                 done * progress.samples + band.width * band.row_count * first, pixels * progress.samples
             )
-            if first >= progress.samples or progress.is_stopped() or now - self._begin > progress.time_limit_s:
+            if first >= progress.samples or progress.is_stopped() or now > end_s:
                 return first
             fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
             count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))

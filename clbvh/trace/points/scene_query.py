@@ -88,18 +88,14 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -
         yield caster
         return
     scene: Any = caster.tree
-    # The call keeps the device open until the buffers are given back.
+    # The call keeps the device open.
     with caster.open_call() as call:
-        session, buffers = call.memory.session, {}
-        try:
-            for name, array in prune_top(scene.top, instance_ids).items():
-                buffers[name] = session.upload(array)
-            selected = copy(scene)
-            selected.arguments = scene.arguments | buffers
-            yield caster.over(selected, caster.box)
-        finally:
-            for buffer in buffers.values():
-                session.release(buffer)
+        pruned = prune_top(scene.top, instance_ids)
+        selected = copy(scene)
+        selected.arguments = scene.arguments | {
+            name: call.memory.session.upload(array) for name, array in pruned.items()
+        }
+        yield caster.over(selected, caster.box)
 
 
 def _find_points(

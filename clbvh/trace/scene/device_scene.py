@@ -126,7 +126,7 @@ class DeviceScene:
         surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
         self.surface = merging.note_on(surface)
         self._items = TopItems.of(state, self.surface, merging)
-        with self._releasing_on_error(session):
+        with self._emptied_on_error():
             for name, parts in joined.items():
                 self._upload(session, name, parts)
             self._put_top(session, session)
@@ -145,7 +145,7 @@ class DeviceScene:
         moved = self._copy(state)
         moved.surface = self.merging.note_on(move_instances(self.surface, state.transforms))
         moved._items = self._items.moved(state, moved.surface)
-        with moved._releasing_on_error(owner, self):
+        with moved._emptied_on_error():
             moved._put_top(owner, session)
         return moved
 
@@ -160,7 +160,7 @@ class DeviceScene:
     ) -> Self:
         """Return the scene with a geometry of it whose vertices or spheres have moved; see `moved`."""
         moved = self._copy(state)
-        with moved._releasing_on_error(owner, self):
+        with moved._emptied_on_error():
             moved._refit(self, owner, session, geometry_id, refit, threads)
             arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
             moved.surface = self.merging.note_on(arrays)
@@ -168,22 +168,13 @@ class DeviceScene:
             moved._put_top(owner, session)
         return moved
 
-    def release_other_than(self, other: DeviceScene, owner: DeviceSession) -> None:
-        """Give back the buffers that another scene does not share."""
-        for name, buffer in self.arguments.items():
-            if buffer is not other.arguments[name]:
-                owner.release(buffer)
-
     @contextmanager
-    def _releasing_on_error(self, owner: DeviceSession, other: DeviceScene | None = None) -> Iterator[None]:
-        """Give back the buffers that no other scene shares if the block fails, or is interrupted."""
+    def _emptied_on_error(self) -> Iterator[None]:
+        """Let go of the buffers if the block fails: the error itself refers to the scene."""
         try:
             yield
         except BaseException:
-            for name in list(self.arguments):
-                buffer = self.arguments.pop(name)
-                if other is None or buffer is not other.arguments[name]:
-                    owner.release(buffer)
+            self.arguments.clear()
             raise
 
     @contextmanager
@@ -197,10 +188,6 @@ class DeviceScene:
         )
         with nodes as node_array, blocks as block_array:
             yield node_array, block_array
-
-    def buffers(self) -> list[Any]:
-        """Return all buffers of the scene."""
-        return list(self.arguments.values())
 
     def _copy(self, state: SceneState) -> Self:
         """Return a scene of another state, which shares all buffers."""
@@ -221,10 +208,11 @@ class DeviceScene:
         """Put the arrays of all geometries into new buffers: one refitted, the rest from another scene."""
         for name, begin, count, dtype in self._ranges(geometry_id):
             byte_count = self._byte_counts[name]
-            self.arguments[name] = buffer = owner.allocate(byte_count, writable=False)
+            source, target = other.arguments[name], owner.allocate(byte_count, writable=False)
+            self.arguments[name] = target
             first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
-            session.copy(other.arguments[name], buffer, 0, first)
-            session.copy(other.arguments[name], buffer, end, byte_count - end)
+            session.copy(source, target, 0, first)
+            session.copy(source, target, end, byte_count - end)
         with self.mapped(session, geometry_id, write=True) as arrays:
             refit.write(self.state.shapes[geometry_id], *arrays, threads)
         # Queries have queues of their own, which do not wait for this one.

@@ -3,15 +3,14 @@
 Every change makes a new `DeviceScene`, which shares the buffers that stay the same. So a query sees one scene from
 beginning to end, a change waits for none, and one that fails has changed nothing.
 
-A scene is in use as long as it is alive: a query holds the one that it began with, and a change that Ctrl-C has undone
-leaves one that nobody holds. Buffers that no scene in use has are given back by the next change.
+A query holds the scene that it began with, and a change that Ctrl-C has undone leaves one that nobody holds. The device
+has the buffers of the scenes that are alive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, cast
-from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,8 +68,6 @@ class MovingScene:
         self._refits: dict[int, RefitGeometry] = {}
         # Of the mesh, as long as the scene is nothing but one mesh in its place.
         self._copies: TreeCopies | None = None
-        # The buffers of each scene that has been used since, and of the mesh's copies, with what is alive as long.
-        self._held: list[tuple[ref[Any], list[Any]]] = []
 
     def open(self, session: DeviceSession, layout: str) -> tuple[DeviceTree | DeviceScene, TreeBox]:
         """Put the scene on a device, and return it with the box around it.
@@ -90,7 +87,6 @@ class MovingScene:
         merging = Merging.find(state, surface, self._build_tree)
         trees = self._trees_beside(merging, state, [None] * state.geometry_count, state.shapes)
         scene = DeviceScene(session, state, trees, self._build_top, layout, merging=merging, surface=surface)
-        self._held.append((ref(scene), scene.buffers()))
         return scene, scene.box
 
     def separate(self, caster: Caster, session: DeviceSession) -> Caster:
@@ -119,9 +115,7 @@ class MovingScene:
 
     def _keep_separate(self, caster: Caster, scene: DeviceScene) -> Caster:
         """Return a caster at a scene with nothing merged, which is kept for the next query."""
-        self._held.append((ref(scene), scene.buffers()))
         self._separate = caster.over(scene, scene.box)
-        self._release_unused(caster.session)
         return self._separate
 
     def state(self, caster: Caster) -> SceneState:
@@ -195,7 +189,8 @@ class MovingScene:
         """Return a caster at the scene with another shape of a geometry: refitted, or built anew."""
         tree: object = caster.tree
         state = self.state(caster).with_shape(geometry_id, moved_shape)
-        if isinstance(tree, DeviceTree) and isinstance(moved_shape, Mesh):
+        is_in_tree = isinstance(tree, DeviceTree) and geometry_id == self._opened.geometry_ids[0]
+        if is_in_tree and isinstance(moved_shape, Mesh):
             moved = self._copies_of(caster).move(caster, moved_shape, session)
             if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
                 return moved
@@ -205,7 +200,7 @@ class MovingScene:
             scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
             if refit.sah_growth <= REBUILD_GROWTH:
                 return self._use(caster, scene)
-            scene.release_other_than(tree, caster.session)
+            del scene  # the device need not have room for it and for the next one
         self._refits.pop(geometry_id, None)
         trees = self._trees_now(caster, merging, skipped=geometry_id)
         trees[geometry_id] = self._build_tree(moved_shape)
@@ -281,28 +276,13 @@ class MovingScene:
         return bvh
 
     def _use(self, caster: Caster, scene: DeviceScene) -> Caster:
-        """Return a caster at a scene in place of another one, and give back the buffers that no scene in use has."""
-        self._held.append((ref(scene), scene.buffers()))
-        if not isinstance(caster.tree, DeviceScene):
-            self._copies_of(caster)
-        elif self._copies is not None:
+        """Return a caster at a scene in place of another one."""
+        if isinstance(caster.tree, DeviceScene):
             # Only now: after Ctrl-C the tracer may have stayed with the mesh, and with its copies.
-            self._held += self._copies.list_users()
             self._copies = None
         if not scene.merging.meshes:
             self._separate = None
-        self._release_unused(caster.session)
         return caster.over(scene, scene.box)
-
-    def _release_unused(self, session: DeviceSession) -> None:
-        """Give back the buffers that no scene in use has."""
-        in_use = [held for held in self._held if held[0]() is not None]
-        used = {id(buffer) for _, buffers in in_use for buffer in buffers}
-        unused = {id(buffer): buffer for _, buffers in self._held for buffer in buffers if id(buffer) not in used}
-        # Forgotten first: Ctrl-C below may leave buffers to the end of the session, but gives none back twice.
-        self._held = in_use
-        for buffer in unused.values():
-            session.release(buffer)
 
 
 def _refit_tree(bvh: Bvh, mesh: Mesh) -> Bvh:

@@ -137,6 +137,27 @@ def test_closing_twice_is_allowed_and_releases_everything(session):
             buffer.release()
 
 
+def test_a_buffer_that_nothing_refers_to_is_gone(fresh):
+    held = fresh.allocate(100)
+    fresh.allocate(100)
+    assert fresh.buffer_count == 1
+    assert held in fresh.list_handles()
+    fresh.release(held)
+    assert fresh.buffer_count == 0
+    assert held not in fresh.list_handles()
+
+
+def test_ctrl_c_before_a_buffer_has_its_place_leaves_none(fresh, monkeypatch):
+    def strike(self, buffer, array):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DeviceSession, "write", strike)
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            fresh.upload(np.zeros(100))
+    assert fresh.buffer_count == 0
+
+
 def test_leaving_the_block_closes(session):
     with pytest.raises(ZeroDivisionError), DeviceSession(session.info) as opened:
         raise ZeroDivisionError

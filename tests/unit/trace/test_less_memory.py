@@ -41,16 +41,17 @@ def limit(monkeypatch):
     def set_limit(largest, error=-4):
         import pyopencl as cl
 
-        allocate = cl.Buffer
+        from clbvh.device.buffer import Buffer
+
         refused.clear()
 
-        def allocate_some(context, flags, size):
+        def allocate_some(self, context, flags, size):
             if size > largest:
                 refused.append(size)
                 raise cl.MemoryError(cl._cl._ErrorRecord("", error, "clCreateBuffer"))
-            return allocate(context, flags, size)
+            cl.Buffer.__init__(self, context, flags, size)
 
-        monkeypatch.setattr(cl, "Buffer", allocate_some)
+        monkeypatch.setattr(Buffer, "__init__", allocate_some)
 
     refused = set_limit.refused = []
     return set_limit

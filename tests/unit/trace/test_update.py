@@ -218,7 +218,7 @@ class TestResources:
             assert sizes == []
             assert compiled == []
             assert tracer.memory_bytes == 2 * once
-        assert tracer._caster.session._buffers == []
+        assert tracer._caster.session.buffer_count == 0
 
     def test_old_meshes_are_forgotten(self, bvh, mesh):
         with Tracer(bvh) as tracer:
@@ -243,7 +243,7 @@ class TestResources:
             casters.clear()
             tracer.update(deform(mesh, 3))
             assert tracer.memory_bytes == 2 * once
-            assert len(tracer._caster.session._buffers) == 4
+            assert tracer._caster.session.buffer_count == 4
             assert answers(tracer) == answers_of_new(bvh, deform(mesh, 3))
 
 
@@ -315,10 +315,10 @@ class TestFailures:
     def test_a_device_without_room_for_a_copy(self, bvh, mesh, session, monkeypatch):
         with Tracer(bvh, device=session.info) as tracer:
             expected, allocate = answers(tracer), DeviceSession.allocate
-            buffers = len(tracer._caster.session._buffers)
+            buffers = tracer._caster.session.buffer_count
 
             def refuse(self, size, *, writable=True, **how):
-                if not writable and len(self._buffers) > buffers:
+                if not writable and self.buffer_count > buffers:
                     raise DeviceMemoryError("full")
                 return allocate(self, size, writable=writable, **how)
 
@@ -326,7 +326,7 @@ class TestFailures:
                 patch.setattr(DeviceSession, "allocate", refuse)
                 with pytest.raises(DeviceMemoryError):
                     tracer.update(deform(mesh, 1))
-            assert len(tracer._caster.session._buffers) == buffers
+            assert tracer._caster.session.buffer_count == buffers
             assert answers(tracer) == expected
             tracer.update(deform(mesh, 1))
             assert answers(tracer) == answers_of_new(bvh, deform(mesh, 1))
@@ -336,12 +336,12 @@ class TestFailures:
         while is_struck:
             with Tracer(bvh) as tracer:
                 session, moved = tracer._caster.session, tracer.mesh
-                buffers = len(session._buffers)
+                buffers = session.buffer_count
                 is_struck = strikes_at(line, lambda tracer=tracer: tracer.update(deform(mesh, 1)))
                 assert tracer.mesh is moved or not is_struck
                 tracer.update(deform(mesh, 2))
                 tracer.update(deform(mesh, 3))
-                assert len(session._buffers) == 2 * buffers
+                assert session.buffer_count == 2 * buffers
                 assert tracer.memory_bytes == 2 * tracer._caster.tree.memory_bytes
                 if line % 10 == 0:
                     assert answers(tracer) == answers_of_new(bvh, deform(mesh, 3))
