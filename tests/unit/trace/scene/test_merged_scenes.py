@@ -176,6 +176,21 @@ def test_what_moves_leaves(tracers, generator):
         np.testing.assert_array_equal(merged.contains(points), apart.contains(points))
 
 
+def test_a_group_that_is_left_one_by_one_is_dissolved(generator):
+    """Twelve boxes: after four calls the rest is still merged, and after the fifth nothing is."""
+    scene = clbvh.Scene()
+    for index in range(12):
+        scene.place(scene.add(BOX), affine(offset=(3 * index, 0, 0)))
+    origins = np.column_stack((generator.uniform(-1, 34, 500), generator.uniform(-9, 9, 500), np.full(500, 5.0)))
+    with clbvh.Tracer(scene) as merged, nothing_merged(), clbvh.Tracer(scene) as apart:
+        for call in range(6):
+            for tracer in (merged, apart):
+                tracer.set_transforms([call], [affine(offset=(3 * call, call, 0))])
+            assert merged_ids(merged) == (list(range(call + 1, 12)) if call < 4 else [])
+            found, expected = (tracer.closest_hit(origins, [0, 0, -1]) for tracer in (merged, apart))
+            np.testing.assert_array_equal(found.instance_id, expected.instance_id)
+
+
 @pytest.mark.parametrize("tracers", LAYOUTS, indirect=True)
 def test_what_is_bent_leaves(tracers, generator):
     merged, apart = tracers
