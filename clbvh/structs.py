@@ -208,7 +208,9 @@ INSTANCE = np.dtype(
         ("radius", np.float32),
         # The linear part of the map from the geometry's local coordinates to the scene's.
         ("to_scene", np.float32, (3, 3)),
-        ("spare", np.float32),
+        # The primitives of merged instances have numbers of two parts: this many bits are the prim_id, and those above
+        # are added to instance_id. ALL_PRIM_BITS where nothing is merged.
+        ("prim_bits", np.int32),
         # Where the geometry's nodes and blocks begin, and how many blocks it has.
         ("first_node", np.int32),
         ("first_block", np.int32),
@@ -219,6 +221,9 @@ INSTANCE = np.dtype(
         ("instance_id", np.int32),
     ]
 )
+
+# The bits of a number of a primitive, which is not negative.
+ALL_PRIM_BITS = 31
 
 # A ray that begins farther away than this many radii of an instance is advanced to just before it.
 FAR_RADII = 32
@@ -511,6 +516,7 @@ CELL_PIXELS = 9
 DEVICE_CONSTANTS = {
     "CELL_PIXELS": CELL_PIXELS,
     "NO_PRIM": NO_PRIM,
+    "ALL_PRIM_BITS": ALL_PRIM_BITS,
     "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},

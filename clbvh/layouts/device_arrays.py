@@ -14,7 +14,7 @@ from ..bvh.bvh import Bvh
 from ..geometry import Mesh, Shape, Spheres
 from ..structs import BVH2_NODE, LAYOUT_WIDTHS, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from .bvh2 import make_bvh2_nodes
-from .leaf_blocks import gather_blocks, gather_triangles
+from .leaf_blocks import FaceNumbers, gather_blocks, gather_triangles
 from .sphere_blocks import gather_sphere_blocks, gather_spheres
 from .wide import widen
 
@@ -36,7 +36,9 @@ class DeviceArrays:
     stack_size: int
 
 
-def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> DeviceArrays:
+def make_device_arrays(
+    bvh: Bvh, layout: str, shape: Shape | None = None, face_numbers: FaceNumbers | None = None
+) -> DeviceArrays:
     """Return a tree in a layout.
 
     Parameters
@@ -46,18 +48,22 @@ def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> Dev
         One of `structs.LAYOUT_WIDTHS`.
     shape : Mesh or Spheres, optional
         What the tree was built over, see `builders.build.build_over`; the tree's own mesh if left out.
+    face_numbers : FaceNumbers, optional
+        Of a mesh whose faces the device is to know by other numbers.
     """
     width = LAYOUT_WIDTHS[layout]
     if width == 2:
         blocks = (
             gather_spheres(shape, bvh.prim_ids)
             if isinstance(shape, Spheres)
-            else gather_triangles(bvh.mesh, bvh.prim_ids)
+            else gather_triangles(bvh.mesh, bvh.prim_ids, face_numbers)
         )
         return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
     tree = widen(bvh, width)
     blocks = (
-        gather_sphere_blocks(shape, tree.blocks) if isinstance(shape, Spheres) else gather_blocks(bvh.mesh, tree.blocks)
+        gather_sphere_blocks(shape, tree.blocks)
+        if isinstance(shape, Spheres)
+        else gather_blocks(bvh.mesh, tree.blocks, face_numbers)
     )
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.

@@ -5,7 +5,7 @@ A triangle of `bvh2` is a block of one lane; the wide layouts have blocks of fou
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,28 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM, TRIANGLE, TRIANGLE_BLOCKS, TRIANGLE_LANES
 from ..support.compiled import compiled
 
+# For faces whose numbers on the device are their indices.
+_NO_NUMBERS = np.empty(0, np.int32)
 
-def gather_triangles(mesh: Mesh, prim_ids: NDArray[np.int32]) -> NDArray[np.void]:
+
+class FaceNumbers(NamedTuple):
+    """The faces of a mesh as the device knows them, where that differs from the mesh.
+
+    Attributes
+    ----------
+    numbers : (F,) int32, not negative
+        In place of the indices of the faces; the order of both is the same.
+    is_degenerate : (F,) bool
+        Faces that no ray hits, in place of `Mesh.degenerate_faces`.
+    """
+
+    numbers: NDArray[np.int32]
+    is_degenerate: NDArray[np.bool_]
+
+
+def gather_triangles(
+    mesh: Mesh, prim_ids: NDArray[np.int32], face_numbers: FaceNumbers | None = None
+) -> NDArray[np.void]:
     """Return the mesh's triangles in the given order, each with its corners.
 
     Parameters
@@ -23,6 +43,7 @@ def gather_triangles(mesh: Mesh, prim_ids: NDArray[np.int32]) -> NDArray[np.void
     mesh : Mesh
     prim_ids : (n,) int32
         Faces of the mesh: a tree's `prim_ids`, or all faces in order.
+    face_numbers : FaceNumbers, optional
 
     Returns
     -------
@@ -30,11 +51,11 @@ def gather_triangles(mesh: Mesh, prim_ids: NDArray[np.int32]) -> NDArray[np.void
         Degenerate triangles have three equal corners.
     """
     triangles: NDArray[Any] = np.empty((len(prim_ids), TRIANGLE_LANES), np.float32)
-    _gather(mesh, prim_ids.reshape(-1, 1), triangles, nan_if_degenerate=False)
+    _gather(mesh, prim_ids.reshape(-1, 1), face_numbers, triangles, nan_if_degenerate=False)
     return triangles.view(TRIANGLE).reshape(-1)
 
 
-def gather_blocks(mesh: Mesh, blocks: NDArray[np.int32]) -> NDArray[np.void]:
+def gather_blocks(mesh: Mesh, blocks: NDArray[np.int32], face_numbers: FaceNumbers | None = None) -> NDArray[np.void]:
     """Return the corners of the triangles of each block.
 
     Parameters
@@ -42,6 +63,7 @@ def gather_blocks(mesh: Mesh, blocks: NDArray[np.int32]) -> NDArray[np.void]:
     mesh : Mesh
     blocks : (G, width) int32
         Of a `WideTree` over the mesh.
+    face_numbers : FaceNumbers, optional
 
     Returns
     -------
@@ -49,24 +71,34 @@ def gather_blocks(mesh: Mesh, blocks: NDArray[np.int32]) -> NDArray[np.void]:
         Degenerate triangles and lanes without a triangle are NaN.
     """
     triangle_blocks = np.empty(len(blocks), TRIANGLE_BLOCKS[blocks.shape[1]])
-    _gather(mesh, blocks, triangle_blocks.view(np.float32).reshape(len(blocks), -1), nan_if_degenerate=True)
+    lanes = triangle_blocks.view(np.float32).reshape(len(blocks), -1)
+    _gather(mesh, blocks, face_numbers, lanes, nan_if_degenerate=True)
     return triangle_blocks
 
 
-def _gather(mesh: Mesh, blocks: NDArray[np.int32], lanes: NDArray[np.float32], *, nan_if_degenerate: bool) -> None:
-    """Write the corners and ids of the triangles of each block into the lanes of the blocks' structs."""
-    lane_ints = lanes.view(np.int32)
-    _gather_lanes(mesh.local_vertices, mesh.faces, mesh.degenerate_faces, blocks, nan_if_degenerate, lanes, lane_ints)
+def _gather(
+    mesh: Mesh,
+    blocks: NDArray[np.int32],
+    face_numbers: FaceNumbers | None,
+    lanes: NDArray[np.float32],
+    *,
+    nan_if_degenerate: bool,
+) -> None:
+    """Write the corners and numbers of the triangles of each block into the lanes of the blocks' structs."""
+    numbers, degenerate = face_numbers or (_NO_NUMBERS, mesh.degenerate_faces)
+    _gather_lanes(
+        mesh.local_vertices, mesh.faces, degenerate, numbers, blocks, nan_if_degenerate, lanes, lanes.view(np.int32)
+    )
 
 
 @compiled
-def _gather_lanes(vertices, faces, degenerate, blocks, nan_if_degenerate, lanes, lane_ints):
+def _gather_lanes(vertices, faces, degenerate, numbers, blocks, nan_if_degenerate, lanes, lane_ints):
     width = blocks.shape[1]
     first_prim_id = 9 * width
     for block in range(len(blocks)):
         for slot in range(width):
             prim = blocks[block, slot]
-            lane_ints[block, first_prim_id + slot] = prim
+            lane_ints[block, first_prim_id + slot] = prim if prim == NO_PRIM or len(numbers) == 0 else numbers[prim]
             is_degenerate = prim == NO_PRIM or degenerate[prim]
             is_nan = is_degenerate and nan_if_degenerate
             for corner in range(3):

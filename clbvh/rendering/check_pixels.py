@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValidationError
-from ..scene.state import SceneState
 from ..trace.hits.hits import Hits
 from ..trace.oracle.reference import Difference, find_differences
 from ..trace.oracle.scene_crossings import Rays
@@ -66,23 +65,23 @@ def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[D
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
     if picture.cut is not None:
-        return _find_differences_beside(picture.cut, _state_of(picture), origins, directions, hits)
+        return _find_differences_beside(picture.cut, _make_reference(picture), origins, directions, hits)
     if picture.mesh is not None:
         return find_differences(picture.mesh, origins, directions, hits)
     # Pictures show all instances but those that no ray sees.
-    return SceneReference(_state_of(picture)).find_differences(Rays.make(origins, directions), hits)
+    return _make_reference(picture).find_differences(Rays.make(origins, directions), hits)
 
 
-def _state_of(picture: Picture) -> SceneState:
-    """Return what a picture shows as a scene."""
-    state: SceneState = (
-        Scene(MeshSource(mesh=picture.mesh)).snapshot() if picture.mesh is not None else picture.objects.state
-    )
-    return state
+def _make_reference(picture: Picture) -> SceneReference:
+    """Return the reference for what a picture shows, as a scene."""
+    if picture.mesh is not None:
+        return SceneReference(Scene(MeshSource(mesh=picture.mesh)).snapshot())
+    objects = picture.objects
+    return SceneReference(objects.state, merged_radii=objects.merging.measure_radii(objects.state.instance_count))
 
 
 def _find_differences_beside(
-    cut: Cut, state: SceneState, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+    cut: Cut, reference: SceneReference, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
 ) -> Sequence[SceneDifference]:
     """Compare the hits before a cut, and, of the rays that have none there, those behind it."""
     begin, end = cut.ranges(origins, directions)
@@ -90,7 +89,6 @@ def _find_differences_beside(
     before = np.where(is_cut, begin, np.inf)
     behind = np.maximum(end, 0.0)
     is_before = hits.is_hit & (hits.t <= before)
-    reference = SceneReference(state)
 
     differences: list[SceneDifference] = []
     for chosen, t_min, t_max in (

@@ -55,7 +55,7 @@ def count_scene_picture(objects: SceneObjects, camera: Camera, width: int, heigh
     """Count the steps through both levels of a scene; see `count_picture`."""
     origins, directions = camera.rays(width, height)
     with HostThreads() as threads:
-        return SceneTraversal(objects.state, objects.trees, objects.top).count_visits(
+        return SceneTraversal(objects.state, objects.trees, objects.top, objects.merging).count_visits(
             np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
         )
 

@@ -19,6 +19,7 @@ from .brute_limit import check_brute_limit
 from .camera import Camera
 from .film.ground import Ground
 from .film.light_tables import local_maps
+from .film.look_tables import Looks
 from .render_options import RenderOptions
 from .scene import Scene
 from .scene_extent import SceneExtent
@@ -91,9 +92,9 @@ class MeshSubject:
         """What a camera that sees everything has to see."""
         return self.mesh
 
-    def looks(self) -> tuple[tuple[Mesh, ...], NDArray[np.integer], NDArray[np.floating]]:
-        """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
-        return (self.mesh,), np.zeros(1, np.int64), np.full((1, 3), np.nan)
+    def looks(self) -> Looks:
+        """Return what `make_look_tables` has to know."""
+        return Looks((self.mesh,), np.zeros(1, np.int64), np.full((1, 3), np.nan))
 
     def to_local(self) -> NDArray[np.float64]:
         """Return (1, 4, 4) float64: the map from the mesh's coordinates to the local ones of pictures."""

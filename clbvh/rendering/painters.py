@@ -62,7 +62,7 @@ class Painters:
             if scene.shading in REPORT_SHADINGS:
                 key = has_cut, has_wireframe = _parts_of(scene)
                 if key not in self._one_ray:
-                    *_, colours = self._subject.looks()
+                    colours = self._subject.looks().colours
                     self._one_ray[key] = OneRayPainter(
                         self._session, self._tree, colours=colours, has_cut=has_cut, has_wireframe=has_wireframe
                     )
@@ -80,7 +80,7 @@ class Painters:
         has_cut, has_wireframe = _parts_of(scene)
         key = scene.shading, float(scene.smooth), has_cut, has_wireframe
         if key not in self._shadings:
-            shapes, *_ = self._subject.looks()
+            shapes = self._subject.looks().shapes
             compile_kernels = partial(
                 SampleShading,
                 self._session,
@@ -108,8 +108,8 @@ class Painters:
 
     def _find_lights(self, scene: Scene) -> LightTables:
         if self._lights is None:
-            shapes, geometry_ids, _ = self._subject.looks()
-            self._lights = make_light_tables(shapes, geometry_ids, self._subject.to_local())
+            looks = self._subject.looks()
+            self._lights = make_light_tables(looks.shapes, looks.shape_ids, self._subject.to_local())
         return self._lights
 
     def _find_environment(self, scene: Scene, view: NDArray[np.void]) -> dict[str, Any]:
@@ -128,7 +128,8 @@ class Painters:
         angle = float(scene.smooth)
         if angle not in self._looks:
             looks = self._subject.looks()
-            tables = make_look_tables(*looks, find_lights(*looks[:2], self._subject.to_local()), angle)
+            is_light = find_lights(looks.shapes, looks.shape_ids, self._subject.to_local())
+            tables = make_look_tables(looks, is_light, angle)
             self._looks[angle] = tables, tables.upload(self._session)
         return self._looks[angle]
 

@@ -11,6 +11,7 @@ from ..bvh import Bvh
 from ..geometry import Mesh
 from ..scene.state import SceneState
 from ..trace.hits.surface import SceneSurface
+from ..trace.scene.merging import Merging
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -22,16 +23,18 @@ class SceneObjects:
     state : SceneState
     surface : SceneSurface
         What hits are refined on.
-    trees : tuple of Bvh
-        One for each geometry; none with the builder ``"brute"``.
+    trees : tuple of Bvh or None
+        One for each geometry, None for one whose instances are merged; none with the builder ``"brute"``.
     top : Bvh
-        The tree over the instances; its primitives are their ids.
+        The tree over the instances, and over the merged meshes.
+    merging : Merging
     """
 
     state: SceneState
     surface: SceneSurface
-    trees: tuple[Bvh, ...]
+    trees: tuple[Bvh | None, ...]
     top: Bvh
+    merging: Merging
 
     @property
     def instance_count(self) -> int:
@@ -50,7 +53,7 @@ class SceneObjects:
         Triangles, spheres and nodes are those in memory, each geometry once; the depth is the greatest of both levels
         together.
         """
-        shapes = self.state.shapes
+        shapes, trees = self.state.shapes, self.merging.list_trees(self.trees)
         meshes = [shape for shape in shapes if isinstance(shape, Mesh)]
         prim_counts = np.array([shape.prim_count for shape in shapes], np.int64)
         face_count = sum(mesh.face_count for mesh in meshes)
@@ -62,7 +65,7 @@ class SceneObjects:
             "geometries": len(shapes),
             "instances": self.instance_count,
             "placed_primitives": int(prim_counts[self.state.geometry_ids].sum()),
-            "nodes": self.top.node_count + sum(bvh.node_count for bvh in self.trees),
-            "depth": self.top.depth + max((bvh.depth for bvh in self.trees), default=0),
+            "nodes": self.top.node_count + sum(bvh.node_count for bvh in trees),
+            "depth": self.top.depth + max((bvh.depth for bvh in trees), default=0),
             "sah_cost": None,
         }

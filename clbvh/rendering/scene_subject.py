@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -17,25 +16,25 @@ from ..bvh import Bvh, validate_tree
 from ..device.session import DeviceSession
 from ..errors import SceneError
 from ..geometry import Mesh
-from ..geometry.shape import Shape
 from ..geometry.sphere_boxes import mesh_of
 from ..scene.dressed import dress_shapes
 from ..scene.state import SceneState
 from ..trace.device_tree import BRUTE
+from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
+from ..trace.scene.merging import NOTHING_MERGED, Merging
 from .brute_limit import check_brute_limit
 from .camera import Camera
 from .film.ground import Ground
 from .film.light_tables import local_maps
+from .film.look_tables import Looks
 from .render_options import RenderOptions
 from .scene import Scene
 from .scene_extent import SceneExtent
 from .scene_objects import SceneObjects
 from .view import make_view
 from .view_bounds import box_in
-
-_CHANNELS = 3
 
 
 class SceneSubject:
@@ -78,7 +77,8 @@ class SceneSubject:
         else:
             expected_count = sum(shape.prim_count for shape in state.shapes)
             self._maker = stack.enter_context(TreeMaker(options, expected_count))
-        self._trees: tuple[Bvh, ...] | None = None
+        self._trees: tuple[Bvh | None, ...] | None = None
+        self._merging = NOTHING_MERGED
         self.made: MadeTree | None = None
 
     def load(self) -> None:
@@ -87,14 +87,25 @@ class SceneSubject:
         self.extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
 
     def build(self) -> None:
-        """Make the tree of each geometry; none with the builder ``"brute"``."""
-        if self._maker is None:
+        """Make the trees of merged meshes, and of each geometry that is not merged; none with ``"brute"``."""
+        maker, state = self._maker, self._state
+        self._surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        if maker is None:
             return
-        made = [self._maker.make(mesh_of(shape)) for shape in self._state.shapes]
-        self._trees = tuple(each.bvh for each in made)
+        made: list[MadeTree] = []
+
+        def make(mesh: Mesh) -> Bvh:
+            made.append(maker.make(mesh))
+            return made[-1].bvh
+
+        self._merging = Merging.find(state, self._surface, make)
+        merged = set(state.geometry_ids[self._merging.instance_ids].tolist())
+        self._trees = tuple(
+            None if geometry_id in merged else make(mesh_of(shape)) for geometry_id, shape in enumerate(state.shapes)
+        )
         timings_ms = {phase: sum(each.timings_ms[phase] for each in made) for phase in ("cache", "build")}
         self.made = MadeTree(
-            self._trees[0],
+            made[0].bvh,
             max(each.workers for each in made),
             all(each.from_cache for each in made),
             # The workers start once.
@@ -104,19 +115,30 @@ class SceneSubject:
 
     def put(self, session: DeviceSession) -> DeviceScene:
         """Build the tree over the instances, and put the scene on the device."""
-        self._scene = DeviceScene(session, self._state, self._trees, _build_top, self._options.chosen_layout)
+        self._scene = DeviceScene(
+            session, self._state, self._trees, _build_top, self._options.chosen_layout, merging=self._merging,
+            surface=self._surface,
+        )  # fmt: skip
         return self._scene
 
     def validate(self) -> None:
         """Raise `ValidationError` unless all trees are right."""
         leaf_size = leaf_limit(self._options.builder, self._options.build)
-        for bvh in self._trees or ():
+        for bvh in self._scene.all_trees:
             validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
         validate_tree(self._scene.top.bvh, max_depth=MAX_DEPTH, max_leaf_size=1)
 
-    def looks(self) -> tuple[Sequence[Shape], NDArray[np.integer], NDArray[np.floating]]:
-        """Return the shapes, the shape of each instance, and the instances' colours, for `make_look_tables`."""
-        return *dress_shapes(self._state), self._state.colours
+    def looks(self) -> Looks:
+        """Return what `make_look_tables` has to know."""
+        shapes, shape_ids = dress_shapes(self._state)
+        maps = {}
+        for merged in self._merging.meshes:
+            for instance in merged.merged_ids:
+                # The inverse transpose of the map into the merged mesh, divided by its size.
+                inverse = self._surface.inverse[instance]
+                turned = merged.transform[:3, :3] @ inverse.T
+                maps[int(shape_ids[instance])] = turned / np.abs(turned).max()
+        return Looks(shapes, shape_ids, self._state.colours, maps)
 
     def to_local(self) -> NDArray[np.float64]:
         """Return (n, 4, 4) float64: the map from each instance's coordinates to the local ones of pictures."""
@@ -136,7 +158,7 @@ class SceneSubject:
         return {
             "mesh": None,
             "bvh": None,
-            "objects": SceneObjects(self._state, surface, self._scene.trees, self._scene.top.bvh),
+            "objects": SceneObjects(self._state, surface, self._scene.trees, self._scene.top.bvh, self._merging),
         }
 
 

@@ -17,6 +17,7 @@ from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
 from ..structs import REPORT_SHADINGS
 from ..trace import Tracer
+from ..trace.scene.merge_rule import LEAST_COUNT
 from .host_work import TRIANGLES, make_mesh
 
 # Beyond this a driver may compile a kernel once more, and batches in no order are sorted.
@@ -79,6 +80,8 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
     contents = Scene(width=_PICTURE[1], height=_PICTURE[0])
     knot = contents.add(mesh)
     instances = [contents.place(knot), contents.place(knot)]
+    # Meshes that are merged, one of which leaves the others below.
+    single = [contents.place(contents.add(mesh)) for _ in range(LEAST_COUNT)]
     if has_spheres:
         contents.place(contents.add(Spheres(random.normal(size=(20, 3)), 0.2)))
     for shading in (*REPORT_SHADINGS, "studio"):
@@ -106,7 +109,8 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
             tracer.contains(origins)
             tracer.signed_distance(origins)
             tracer.ambient_occlusion(origins, directions, rays=1)
-        tracer.set_transforms(instances[0], np.diag([1.0, 2.0, 1.0, 1.0]))
+        for moved in (instances[0], single[0]):
+            tracer.set_transforms(moved, np.diag([1.0, 2.0, 1.0, 1.0]))
         tracer.set_vertices(knot, mesh.vertices)
     if has_spheres:
         _use_lone_spheres(device, layout)

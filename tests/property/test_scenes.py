@@ -48,9 +48,9 @@ def ask(scene, opened, layout, limits):
         }
 
 
-def compare_layouts(scene, opened, limits):
+def compare_layouts(scene, opened, limits, layouts=(*LAYOUT_WIDTHS, BRUTE)):
     """Ask every layout; return the answers, which are the same."""
-    answers = {layout: ask(scene, opened, layout, limits) for layout in (*LAYOUT_WIDTHS, BRUTE)}
+    answers = {layout: ask(scene, opened, layout, limits) for layout in layouts}
     first, *others = answers
     for layout in others:
         for query, expected in answers[first].items():
@@ -76,9 +76,9 @@ def make_limits(scene, first):
     }
 
 
-def check_against_the_oracle(scene, answers, limits):
+def check_against_the_oracle(scene, answers, limits, merged_radii=None):
     """Compare all answers with the oracle's; return the number of rays whose closest hit is decided."""
-    reference = SceneReference(scene.state)
+    reference = SceneReference(scene.state, merged_radii=merged_radii)
     decided = 0
     for suffix, given_limits in (("", {}), (", limits", limits)):
         rays = Rays.make(scene.origins, scene.directions, **given_limits)

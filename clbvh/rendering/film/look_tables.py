@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,27 @@ _CORNERS = 3
 
 # The alpha of 8-bit colours that nothing shows through.
 _OPAQUE = 255
+
+
+class Looks(NamedTuple):
+    """The shapes of a picture and how they are placed, as far as their looks depend on it.
+
+    Attributes
+    ----------
+    shapes : sequence of Mesh or Spheres
+    shape_ids : (n,) int
+        The shape of each instance.
+    colours : (n, 3) float
+        Linear colours of instances, instead of those of their materials; NaN: none.
+    normal_matrices : mapping of int to (3, 3) float64
+        By the number of a shape that the device has in other coordinates: the map of its normals, which gives them
+        any length.
+    """
+
+    shapes: Sequence[Shape]
+    shape_ids: NDArray[np.integer]
+    colours: NDArray[np.floating]
+    normal_matrices: Mapping[int, NDArray[np.float64]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,37 +86,27 @@ def _is_cut_out(material: Material) -> bool:
     return material.alpha < 1.0 or (texture is not None and bool((texture.pixels[..., 3] < _OPAQUE).any()))
 
 
-def make_look_tables(
-    shapes: Sequence[Shape],
-    geometry_ids: NDArray[np.integer],
-    colours: NDArray[np.floating],
-    is_light: NDArray[np.bool_],
-    crease_angle: float,
-) -> LookTables:
+def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: float) -> LookTables:
     """Return the tables of a scene.
 
     Parameters
     ----------
-    shapes : sequence of Mesh or Spheres
-    geometry_ids : (n,) int
-        The shape of each instance.
-    colours : (n, 3) float
-        Linear colours of instances, instead of those of their materials; NaN: none.
+    looks : Looks
     is_light : (n,) bool
         Instances whose emitting primitives paths draw, see `find_lights`.
     crease_angle : float
         Degrees. Meshes without normals are shaded smoothly over edges that turn by less; 0: over none.
     """
     tables = _Tables()
-    rows = np.zeros(len(shapes), LOOK)
-    for number, shape in enumerate(shapes):
-        tables.add(shape, rows[number : number + 1], crease_angle)
-    looks = rows[np.asarray(geometry_ids)]
-    has_colour = ~np.isnan(colours).any(axis=1)
-    looks["has_colour"] = has_colour
-    looks["is_light"] = is_light
-    looks["colour"][has_colour] = colours[has_colour]
-    return tables.finish(looks)
+    rows = np.zeros(len(looks.shapes), LOOK)
+    for number in np.unique(looks.shape_ids).tolist():
+        tables.add(looks.shapes[number], rows[number : number + 1], looks.normal_matrices.get(number), crease_angle)
+    placed = rows[np.asarray(looks.shape_ids)]
+    has_colour = ~np.isnan(looks.colours).any(axis=1)
+    placed["has_colour"] = has_colour
+    placed["is_light"] = is_light
+    placed["colour"][has_colour] = looks.colours[has_colour]
+    return tables.finish(placed)
 
 
 class _Tables:
@@ -113,13 +124,15 @@ class _Tables:
         self._materials = [Material()]
         self._numbers: dict[Material, int] = {}
 
-    def add(self, shape: Shape, row: NDArray[np.void], crease_angle: float) -> None:
+    def add(
+        self, shape: Shape, row: NDArray[np.void], normal_matrix: NDArray[np.float64] | None, crease_angle: float
+    ) -> None:
         """Append a geometry's values, and fill its row of `structs.LOOK`."""
         appearance: Appearance | None = shape.appearance
         for name in ("first_normal", "first_tangent", "first_colour", "first_uv", "first_material_id"):
             row[name] = -1
         if isinstance(shape, Mesh):
-            self._add_normals(shape, row, crease_angle)
+            self._add_normals(shape, row, normal_matrix, crease_angle)
         if appearance is None:
             return
         if appearance.colours is not None:
@@ -136,7 +149,9 @@ class _Tables:
             if appearance.material_ids is not None and len(numbers) > 1:
                 row["first_material_id"] = self._append("material_ids", numbers[appearance.material_ids])
 
-    def _add_normals(self, mesh: Mesh, row: NDArray[np.void], crease_angle: float) -> None:
+    def _add_normals(
+        self, mesh: Mesh, row: NDArray[np.void], matrix: NDArray[np.float64] | None, crease_angle: float
+    ) -> None:
         """Append the normals of a mesh, and its tangents if a texture bends the normals."""
         appearance = mesh.appearance
         given = appearance.normals if appearance is not None else None
@@ -148,9 +163,11 @@ class _Tables:
             return smooth_normals_by_angle(mesh, crease_angle) if given is None else given
 
         source = mesh.local_vertices if given is None else given
-        row["first_normal"] = self._share("corner_normals", source, lambda: _pack(find()))
+        row["first_normal"] = self._share_normals(source, matrix, find)
         if uvs is not None:
             tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
+            if matrix is not None:
+                tangents = _map_tangents(tangents, matrix)
             row["first_tangent"] = self._append("corner_normals", pack_tangents(tangents))
 
     def finish(self, looks: NDArray[np.void]) -> LookTables:
@@ -170,6 +187,15 @@ class _Tables:
         if key not in self._begins:
             self._begins[key] = self._append(name, make())
         return self._begins[key]
+
+    def _share_normals(
+        self, source: NDArray[Any], normal_matrix: NDArray[np.float64] | None, make: Callable[[], NDArray[np.float32]]
+    ) -> int:
+        if normal_matrix is None:
+            return self._share("corner_normals", source, lambda: pack_normals(make().reshape(-1, _CORNERS)))
+        # A shape with a matrix is placed once: no other one has the same normals.
+        mapped = (make().reshape(-1, _CORNERS) @ normal_matrix.T).astype(np.float32)
+        return self._append("corner_normals", pack_normals(mapped))
 
     def _append(self, name: str, values: NDArray[Any]) -> int:
         begin = self._counts[name]
@@ -197,8 +223,13 @@ def _find_bent_uvs(appearance: Appearance | None) -> NDArray[np.float32] | None:
     return appearance.uvs
 
 
-def _pack(normals: NDArray[np.float32]) -> NDArray[np.uint32]:
-    return pack_normals(normals.reshape(-1, _CORNERS))
+def _map_tangents(tangents: NDArray[np.float32], normal_matrix: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return tangents, with their sides, under the map of a shape: the inverse transpose of that of its normals."""
+    mapped = np.empty_like(tangents)
+    mapped[:, :_CORNERS] = tangents[:, :_CORNERS] @ np.linalg.inv(normal_matrix)
+    # A mirror turns the cross product of normal and tangent round.
+    mapped[:, _CORNERS] = tangents[:, _CORNERS] * np.sign(np.linalg.det(normal_matrix))
+    return mapped
 
 
 def _fill_material(row: NDArray[np.void], material: Material, textures: TextureTables) -> None:

@@ -1,7 +1,8 @@
 """Start points of rays that leave an instance of a scene: so far above it that the tracer cannot meet it again.
 
 The tracer takes a ray into the object in float32, so the map rounds as well as the intersection. The distance is a
-bound on all these roundings in the object's local coordinates, which docs/internals/offsets.md derives.
+bound on all these roundings in the object's local coordinates, which docs/internals/offsets.md derives. The corners of
+a merged instance are in the coordinates of the merged mesh, and the bound is, too.
 """
 
 from __future__ import annotations
@@ -21,6 +22,14 @@ _SPHERES = PRIM_KINDS["spheres"]
 # Roundings of float32 on the way into an instance, and of float64 on the way to the world: docs/internals/offsets.md.
 _ENTRY_ROUNDINGS = 16
 _DOUBLE_ROUNDINGS = 8
+
+# Roundings of float64 on the way into a merged mesh, by the same page, and of float32 between a point and the t of a
+# triangle: one more than in a mesh of its own, because the corners are not known as the device has them.
+_MERGED_DOUBLE_ROUNDINGS = 16
+_MERGED_ROUNDINGS = ROUNDINGS + 1
+
+# The distance from a merged triangle makes the bound on it larger by less than this share.
+_MERGED_GROWTH = 2.0**-17
 
 # Roundings of float32 relative to a sphere's radius, by the same page.
 _ROOT_ROUNDINGS = 40
@@ -93,7 +102,7 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
             normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
 
         # The point in the object's local coordinates, and the highest point of the tracer's primitive above it.
-        most = np.inf
+        most, merged = np.inf, 0.0
         if arrays.kind[geometry] == _SPHERES:
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
             highest += _ROOT_ROUNDINGS * ROUNDING * radius
@@ -107,6 +116,10 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
             way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
         else:
             gain = turn_normal(arrays, instance, normal, way)
+            if arrays.merged_scale[instance] > 0.0:
+                merged = gain * _bound_merged(
+                    arrays, instance, geometry, corners, local, way, locations, hit, scene_reach
+                )
             way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
@@ -117,7 +130,7 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locat
         rounding, growth = _bound_roundings(arrays, instance, weights, local, shares)
         coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach)
         height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
-        height = min(height, most) / scale
+        height = max(min(height, most) / scale, merged)
         for axis in range(3):
             points[hit, axis] = locations[hit, axis] + height * way[axis]
 
@@ -147,18 +160,54 @@ def _bound_roundings(arrays, instance, weights, local, shares):
 
 
 @compiled
+def _bound_merged(arrays, instance, geometry, corners, local, normal, locations, hit, scene_reach):
+    """Return the distance along a unit normal of the world beyond which rays miss a merged triangle, in world units."""
+    scale, origin = arrays.merged_scale[instance], arrays.merged_origin
+    reach = 0.0
+    for axis in range(3):
+        reach = max(reach, abs(locations[hit, axis] - origin[instance, axis]) * scale)
+    roundings, coarseness = 0.0, 0.0
+    for axis in range(3):
+        place = 1.0 + abs(locations[hit, axis] - origin[instance, axis]) * scale
+        roundings += abs(normal[axis]) * (_MERGED_ROUNDINGS * (1.0 + reach) + _ENTRY_ROUNDINGS * place)
+        size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, axis)
+        moved = _PAIR_ROUNDING * scene_reach + _MERGED_DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
+        coarseness += abs(normal[axis]) * moved
+
+    # The normal of a sliver may be far from that of its plane, so its corners may reach above the point.
+    highest = 0.0
+    for corner in range(3):
+        x, y, z = place_vector(
+            arrays, instance,
+            corners[corner, 0] - arrays.origin[geometry, 0] - local[0] / arrays.scale[geometry],
+            corners[corner, 1] - arrays.origin[geometry, 1] - local[1] / arrays.scale[geometry],
+            corners[corner, 2] - arrays.origin[geometry, 2] - local[2] / arrays.scale[geometry],
+        )  # fmt: skip
+        highest = max(highest, normal[0] * x + normal[1] * y + normal[2] * z)
+    return (1.0 + _MERGED_GROWTH) * (highest + ROUNDING * roundings / scale + coarseness)
+
+
+@compiled
 def _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach):
     """Return how far the roundings of world coordinates, in float64 and in pairs, move a point, in local units."""
-    scale, coarseness = arrays.scale[geometry], 0.0
+    coarseness = 0.0
     for world_axis in range(3):
-        size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
-        for column in range(3):
-            place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
-            size += abs(arrays.linear[instance, world_axis, column]) * place
+        size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axis)
         moved = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
         for axis in range(3):
             coarseness += weights[axis] * abs(arrays.inverse[instance, axis, world_axis]) * moved
-    return coarseness * scale
+    return coarseness * arrays.scale[geometry]
+
+
+@compiled
+def _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axis):
+    """Return the sum of the absolute values of which a world coordinate of a point is made, and of its own."""
+    scale = arrays.scale[geometry]
+    size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
+    for column in range(3):
+        place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
+        size += abs(arrays.linear[instance, world_axis, column]) * place
+    return size
 
 
 @compiled

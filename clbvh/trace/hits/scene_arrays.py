@@ -67,6 +67,11 @@ class SceneArrays(NamedTuple):
     is_mirrored : (n,) bool
         Whether the map turns right hands into left ones. Corners a, b, c that run anticlockwise, seen from the outer
         side of the object, run clockwise in the world, and the outer side is still that of the normal.
+    merged_origin : (n, 3) float64, world units
+        Where the zero of the local coordinates is in which the device has the corners of a merged instance, see
+        `clbvh.trace.scene.merging`; 0 for one that is not merged.
+    merged_scale : (n,) float64
+        The units of those coordinates in one world unit; 0 for an instance that is not merged.
     """
 
     vertices: NDArray[np.float64]
@@ -85,6 +90,8 @@ class SceneArrays(NamedTuple):
     inverse: NDArray[np.float64]
     world_scale: NDArray[np.float64]
     is_mirrored: NDArray[np.bool_]
+    merged_origin: NDArray[np.float64]
+    merged_scale: NDArray[np.float64]
 
 
 def make_scene_arrays(
@@ -104,7 +111,8 @@ def make_scene_arrays(
     Returns
     -------
     SceneArrays
-        In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32 for each sphere.
+        Nothing is merged. In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32
+        for each sphere.
 
     Raises
     ------
@@ -117,27 +125,44 @@ def make_scene_arrays(
     if len(meshes) > 1:
         copied_bytes += sum(mesh.vertices.nbytes + mesh.faces.nbytes for mesh in meshes)
     check_memory("the arrays of the scene", copied_bytes, SceneError)
-    half_sizes = np.array([_half_size(shape) for shape in shapes]).reshape(-1, 3)
-    empty = np.empty(0)
-    no_instances = SceneArrays(
-        _join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
-        _join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
-        _join([np.column_stack((shape.centres, shape.radii)) for shape in spheres], np.empty((0, 4))),
+    no_instances = _frames_of(shapes, geometry_id)._replace(
+        vertices=_join([mesh.vertices for mesh in meshes], np.empty((0, 3))),
+        faces=_join([mesh.faces for mesh in meshes], np.empty((0, 3), np.int32)),
+        spheres=_join([np.column_stack((shape.centres, shape.radii)) for shape in spheres], np.empty((0, 4))),
+        first_vertex=_first_rows([len(shape.vertices) if isinstance(shape, Mesh) else 0 for shape in shapes]),
+        first_face=_first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
+        first_sphere=_first_rows([0 if isinstance(shape, Mesh) else len(shape.radii) for shape in shapes]),
+    )
+    return move_instances(no_instances, transforms)
+
+
+def make_frames(
+    shapes: Sequence[Shape], geometry_id: NDArray[np.integer], transforms: NDArray[np.float64]
+) -> SceneArrays:
+    """Return the arrays of a scene without its vertices, faces and spheres; see `make_scene_arrays`."""
+    return move_instances(_frames_of(shapes, geometry_id), transforms)
+
+
+def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> SceneArrays:
+    """Return the boxes of geometries, without their primitives and without instances."""
+    empty, no_rows = np.empty(0), np.zeros(len(shapes), np.int64)
+    return SceneArrays(
+        empty.reshape(0, 3), np.empty((0, 3), np.int32), empty.reshape(0, 4),
         np.array([_TRIANGLES if isinstance(shape, Mesh) else _SPHERES for shape in shapes], np.int32),
-        _first_rows([len(shape.vertices) if isinstance(shape, Mesh) else 0 for shape in shapes]),
-        _first_rows([len(shape.faces) if isinstance(shape, Mesh) else 0 for shape in shapes]),
-        _first_rows([0 if isinstance(shape, Mesh) else len(shape.radii) for shape in shapes]),
+        no_rows, no_rows, no_rows,
         np.array([shape.origin for shape in shapes], np.float64).reshape(-1, 3),
         np.array([shape.scale for shape in shapes], np.float64),
-        half_sizes,
+        np.array([_half_size(shape) for shape in shapes]).reshape(-1, 3),
         np.ascontiguousarray(geometry_id, np.int32),
         empty.reshape(0, 3, 3), empty.reshape(0, 3), empty.reshape(0, 3, 3), empty, np.empty(0, np.bool_),
+        empty.reshape(0, 3), empty,
     )  # fmt: skip
-    return move_instances(no_instances, transforms)
 
 
 def move_instances(arrays: SceneArrays, transforms: NDArray[np.float64]) -> SceneArrays:
     """Return the arrays of a scene whose instances have other transforms; those of the geometries are shared.
+
+    Nothing is merged in it.
 
     Parameters
     ----------
@@ -157,6 +182,8 @@ def move_instances(arrays: SceneArrays, transforms: NDArray[np.float64]) -> Scen
         inverse=np.empty((count, 3, 3)),
         world_scale=np.empty(count),
         is_mirrored=np.empty(count, np.bool_),
+        merged_origin=np.zeros((count, 3)),
+        merged_scale=np.zeros(count),
     )
     wrong = _place_instances(np.ascontiguousarray(transforms, np.float64), moved, np.empty((3, 3)), np.empty((3, 3)))
     if wrong >= 0:

@@ -14,18 +14,19 @@ from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry.shape import Shape
-from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
 from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
 from ...support.host_threads import HostThreads
 from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
-from ..hits.scene_arrays import make_scene_arrays, move_instances
+from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
 from ..rays.pack import NEAR_SHARE
+from .geometry_arrays import arrange_geometries, blocks_by_kind, list_parts
 from .lone_spheres import LoneSpheres
+from .merging import NOTHING_MERGED, BuildTree, Merging
 from .refit_geometry import RefitGeometry
-from .top_tree import BuildTree, TopTree, list_parts
+from .top_tree import TopItems, TopTree
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
 _TOP_STACK_SIZE = 64
@@ -52,13 +53,18 @@ class DeviceScene:
         Owns the buffers.
     state : SceneState
         At least one instance.
-    trees : sequence of Bvh, or None
-        One for each geometry. None: no tree but the one over the instances.
+    trees : sequence of Bvh or None, or None
+        One for each geometry; None for one whose instances are merged. None for all: no tree but the one over the
+        instances, and nothing is merged.
     build_top : function
         Builds the tree over the instances.
     layout : str
         Of the geometries' trees. The one over the instances is `bvh2` in any case. Without trees the layout is
         ``"brute"``, whatever is asked: each primitive of an instance is tested against each ray that meets its box.
+    merging : Merging, optional
+        Of the state; by default, nothing is merged.
+    surface : SceneArrays, optional
+        Of the state, if they are there already.
 
     Raises
     ------
@@ -74,10 +80,11 @@ class DeviceScene:
     state : SceneState
     surface : SceneArrays
         What hits are refined on.
-    trees : tuple of Bvh
+    trees : tuple of Bvh or None
         Empty in the layout ``"brute"``.
     built_shapes : tuple of Mesh or Spheres
         What the trees are around; `state` has the shapes as they are now.
+    merging : Merging
     top : TopTree
     layout, arguments, defines, has_entry_points, node_bytes
         As in `DeviceTree`.
@@ -94,49 +101,44 @@ class DeviceScene:
         self,
         session: DeviceSession,
         state: SceneState,
-        trees: Sequence[Bvh] | None,
+        trees: Sequence[Bvh | None] | None,
         build_top: BuildTree,
         layout: str = "auto",
+        *,
+        merging: Merging = NOTHING_MERGED,
+        surface: SceneArrays | None = None,
     ) -> None:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
         self.layout = BRUTE if trees is None else resolve_layout(layout, session)
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
-        self.state, self.trees = state, tuple(trees or ())
+        self.state, self.trees, self.merging = state, tuple(trees or ()), merging
         self.built_shapes = state.shapes
         self._build_top = build_top
-        if trees is None:
-            arrays = [list_prims(shape) for shape in state.shapes]
-        else:
-            arrays = [
-                make_device_arrays(bvh, self.layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)
-            ]
-        self._parts = list_parts(state, arrays)
+        arrays = arrange_geometries(state, trees, merging, self.layout)
+        self._parts = list_parts(state, merging, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
-        stack_size = pad_stack(
-            self.layout, max(part.stack_size for part in arrays), max((bvh.depth for bvh in self.trees), default=0)
-        )
+        made = [part for part in arrays if part is not None]
+        depth = max((bvh.depth for bvh in self.all_trees), default=0)
+        stack_size = pad_stack(self.layout, max(part.stack_size for part in made), depth)
         has_spheres = bool((self._parts[:, 3] == PRIM_KINDS["spheres"]).any())
         self.defines = make_scene_defines(self.layout, stack_size, has_spheres=has_spheres)
-        self.node_bytes = arrays[0].nodes.itemsize
-        self._node_counts = [len(part.nodes) for part in arrays]
-        triangle_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["triangles"]]
-        sphere_blocks = [part.blocks for part, kind in self._by_kind(arrays) if kind == PRIM_KINDS["spheres"]]
-        self._dtypes = {"nodes": arrays[0].nodes.dtype}
-        if triangle_blocks:
-            self._dtypes["blocks"] = triangle_blocks[0].dtype
-        if sphere_blocks:
-            self._dtypes["spheres"] = sphere_blocks[0].dtype
-        self.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        self.node_bytes = made[0].nodes.itemsize
+        self._node_counts = [0 if part is None else len(part.nodes) for part in arrays]
+        blocks = blocks_by_kind(self._parts, arrays)
+        joined = {"nodes": [part.nodes for part in made], "blocks": blocks["triangles"], "spheres": blocks["spheres"]}
+        self._dtypes = {name: parts[0].dtype for name, parts in joined.items() if parts}
+        surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        self.surface = merging.note_on(surface)
+        self._items = TopItems.of(state, self.surface, merging)
         with self._emptied_on_error():
-            self._upload(session, "nodes", [part.nodes for part in arrays])
-            self._upload(session, "blocks", triangle_blocks)
-            self._upload(session, "spheres", sphere_blocks)
+            for name, parts in joined.items():
+                self._upload(session, name, parts)
             self._put_top(session, session)
 
     def moved(self, owner: DeviceSession, session: DeviceSession, state: SceneState) -> Self:
-        """Return the scene with other transforms of the same instances; this one does not change.
+        """Return the scene with other transforms of instances that are not merged; this one does not change.
 
         Parameters
         ----------
@@ -147,7 +149,8 @@ class DeviceScene:
         state : SceneState
         """
         moved = self._copy(state)
-        moved.surface = move_instances(self.surface, state.transforms)
+        moved.surface = self.merging.note_on(move_instances(self.surface, state.transforms))
+        moved._items = self._items.moved(state, moved.surface)
         with moved._emptied_on_error():
             moved._put_top(owner, session)
         return moved
@@ -165,7 +168,9 @@ class DeviceScene:
         moved = self._copy(state)
         with moved._emptied_on_error():
             moved._refit(self, owner, session, geometry_id, refit, threads)
-            moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+            arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+            moved.surface = self.merging.note_on(arrays)
+            moved._items = TopItems.of(state, moved.surface, self.merging)
             moved._put_top(owner, session)
         return moved
 
@@ -221,7 +226,7 @@ class DeviceScene:
 
     def _put_top(self, owner: DeviceSession, session: DeviceSession) -> None:
         """Build the tree over the instances, and put it into new buffers."""
-        self.top = TopTree.build(self.surface, self._parts, self.state.masks, self._build_top)
+        self.top = TopTree.build(self._items, self._parts, self._build_top)
         for name, array in (("top_nodes", self.top.nodes), ("instances", self.top.instances)):
             self.arguments[name] = owner.allocate(array.nbytes, writable=False)
             self._byte_counts[name] = array.nbytes
@@ -243,6 +248,11 @@ class DeviceScene:
         if not self.state.is_one_group_of_spheres or parts[:2].any():
             return None
         return LoneSpheres(self, int(parts[2]))
+
+    @property
+    def all_trees(self) -> list[Bvh]:
+        """The trees of geometries and of merged meshes."""
+        return self.merging.list_trees(self.trees)
 
     @property
     def scene_surface(self) -> SceneSurface:
@@ -284,9 +294,6 @@ class DeviceScene:
     def memory_bytes(self) -> int:
         """Bytes of all buffers."""
         return sum(self._byte_counts.values())
-
-    def _by_kind(self, arrays: Sequence[DeviceArrays]) -> list[tuple[DeviceArrays, int]]:
-        return list(zip(arrays, self._parts[:, 3].tolist(), strict=True))
 
     def _upload(self, session: DeviceSession, name: str, parts: Sequence[NDArray[np.void]]) -> None:
         """Put arrays into one buffer, one after the other."""

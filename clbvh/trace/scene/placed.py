@@ -36,7 +36,8 @@ def _lane(name: str) -> int:
 _TO_OBJECT, _TO_SCENE = _lane("to_object"), _lane("to_scene")
 _CENTRE, _CENTRE_LOW, _RADIUS = _lane("centre"), _lane("centre_low"), _lane("radius")
 _FIRST_NODE, _FIRST_BLOCK, _BLOCK_COUNT = _lane("first_node"), _lane("first_block"), _lane("block_count")
-_KIND, _MASK, _ID = _lane("kind"), _lane("mask"), _lane("instance_id")
+_KIND, _MASK = _lane("kind"), _lane("mask")
+_PRIM_BITS, _ID = _lane("prim_bits"), _lane("instance_id")
 
 
 def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -56,6 +57,8 @@ def make_records(
     arrays: SceneArrays,
     parts: NDArray[np.int32],
     masks: NDArray[np.uint32],
+    instance_ids: NDArray[np.int32],
+    prim_bits: NDArray[np.int32],
     order: NDArray[np.int32],
     centre: NDArray[np.float64],
     scale: float,
@@ -69,6 +72,8 @@ def make_records(
     parts : (geometries, 4) int32
         First node, first block, number of blocks and kind of primitives of each geometry, see `structs.INSTANCE`.
     masks : (n,) uint32
+    instance_ids, prim_bits : (n,) int32
+        See `structs.INSTANCE`.
     order : (n,) int32
         Instances in the order of the leaves of the tree over them.
     centre : (3,) float64, the scene's coordinates
@@ -86,13 +91,13 @@ def make_records(
     """
     lanes = np.zeros((len(order), _LANES), np.float32)
     bad = _write_records(
-        arrays, parts, np.ascontiguousarray(masks).view(np.int32), order, centre, scale, lanes,
-        lanes.view(np.int32),
+        arrays, parts, np.ascontiguousarray(masks).view(np.int32), instance_ids, prim_bits, order, centre, scale,
+        lanes, lanes.view(np.int32),
     )  # fmt: skip
     if bad >= 0:
         raise SceneError(
-            f"the instance {bad} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least in one direction: "
-            "leave it out, or make it larger"
+            f"the instance {instance_ids[bad]} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least in one "
+            "direction: leave it out, or make it larger"
         )
     return lanes.view(INSTANCE).reshape(-1)
 
@@ -128,7 +133,7 @@ def _condition(arrays, instance):
 
 
 @compiled(error_model="numpy")
-def _write_records(arrays, parts, masks, order, centre, scale, lanes, ints):
+def _write_records(arrays, parts, masks, instance_ids, prim_bits, order, centre, scale, lanes, ints):
     """Write the records; return the first instance that is too small, or -1."""
     linear, inverse, origin, half_size = arrays.linear, arrays.inverse, arrays.origin, arrays.half_size
     for slot in range(len(order)):
@@ -155,5 +160,6 @@ def _write_records(arrays, parts, masks, order, centre, scale, lanes, ints):
         lanes[slot, _RADIUS] = np.sqrt(squared_radius) * _ROOM
         ints[slot, _FIRST_NODE], ints[slot, _FIRST_BLOCK] = parts[geometry, 0], parts[geometry, 1]
         ints[slot, _BLOCK_COUNT], ints[slot, _KIND] = parts[geometry, 2], parts[geometry, 3]
-        ints[slot, _MASK], ints[slot, _ID] = masks[instance], instance
+        ints[slot, _MASK] = masks[instance]
+        ints[slot, _PRIM_BITS], ints[slot, _ID] = prim_bits[instance], instance_ids[instance]
     return -1

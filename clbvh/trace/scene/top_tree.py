@@ -1,25 +1,95 @@
-"""The upper level of a scene as arrays: the tree over the instances, their records, and where each geometry begins."""
+"""The tree over the instances of a scene, and its leaves: instances, or merged meshes in place of several."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
-from ...errors import SceneError
-from ...geometry import Mesh
 from ...geometry.box_mesh import box_mesh
 from ...layouts.bvh2 import make_bvh2_nodes
-from ...layouts.device_arrays import DeviceArrays
 from ...scene.state import SceneState
-from ...structs import PRIM_KINDS
-from ..hits.scene_arrays import SceneArrays
+from ...structs import ALL_PRIM_BITS
+from ..hits.scene_arrays import SceneArrays, make_frames, move_instances
+from .merging import BuildTree, Merging
 from .placed import find_boxes, make_records
 
-BuildTree = Callable[[Mesh], Bvh]
+
+@dataclass(frozen=True, eq=False)
+class TopItems:
+    """What the tree over the instances is built over: the instances that are not merged, then the merged meshes.
+
+    Attributes
+    ----------
+    merging : Merging
+    instance_ids : (m,) int32
+        Of the items; of a merged mesh the first one.
+    prim_bits : (m,) int32
+        See `structs.INSTANCE`.
+    frames : SceneArrays
+        Of the items, without vertices. The merged meshes follow the scene's geometries.
+    masks : (m,) uint32
+    """
+
+    merging: Merging
+    instance_ids: NDArray[np.int32]
+    prim_bits: NDArray[np.int32]
+    frames: SceneArrays
+    masks: NDArray[np.uint32]
+
+    @classmethod
+    def of(cls, state: SceneState, arrays: SceneArrays, merging: Merging) -> TopItems:
+        """Return the items of a scene, whose `SceneArrays` are given."""
+        single = np.setdiff1d(np.arange(state.instance_count), merging.instance_ids)
+        meshes = merging.meshes
+        instance_ids = np.array([*single, *(merged.first_id for merged in meshes)], np.int32)
+        prim_bits = np.array([*(ALL_PRIM_BITS for _ in single), *(merged.prim_bits for merged in meshes)], np.int32)
+        frames = arrays
+        if meshes:
+            of_merged = state.geometry_count + np.arange(len(meshes))
+            frames = make_frames(
+                [*state.shapes, *(merged.mesh for merged in meshes)],
+                np.concatenate((state.geometry_ids[single], of_merged)),
+                _find_transforms(state, instance_ids, merging),
+            )
+        return cls(merging, instance_ids, prim_bits, frames, state.masks[instance_ids])
+
+    def records(self, parts: NDArray[np.int32], top: Bvh) -> NDArray[np.void]:
+        """Return their records, `structs.INSTANCE`, in the order of the leaves of the tree over them.
+
+        Parameters
+        ----------
+        parts : (n, 4) int32
+            See `list_parts`.
+        top : Bvh
+
+        Raises
+        ------
+        SceneError
+            An instance is too small beside the scene.
+        """
+        return make_records(
+            self.frames, parts, self.masks, self.instance_ids, self.prim_bits, top.prim_ids, top.mesh.origin,
+            top.mesh.scale,
+        )  # fmt: skip
+
+    def moved(self, state: SceneState, arrays: SceneArrays) -> TopItems:
+        """Return the items after instances have moved that are not merged."""
+        if self.merging.meshes:
+            arrays = move_instances(self.frames, _find_transforms(state, self.instance_ids, self.merging))
+        return dataclasses.replace(self, frames=arrays)
+
+
+def _find_transforms(state: SceneState, instance_ids: NDArray[np.int32], merging: Merging) -> NDArray[np.float64]:
+    """Return (m, 4, 4) float64: the map of each item from object to world."""
+    transforms = state.transforms[instance_ids]
+    first = len(transforms) - len(merging.meshes)
+    for index, merged in enumerate(merging.meshes, first):
+        transforms[index] = merged.transform
+    return transforms
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +102,7 @@ class TopTree:
     instances : (n,) `structs.INSTANCE`
         In the order of the leaves.
     bvh : Bvh
-        Its primitives are the instances.
+        Its primitives are the instances, or, where some are merged, the `TopItems`.
     """
 
     nodes: NDArray[np.void]
@@ -40,9 +110,7 @@ class TopTree:
     bvh: Bvh
 
     @classmethod
-    def build(
-        cls, arrays: SceneArrays, parts: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
-    ) -> TopTree:
+    def build(cls, items: TopItems, parts: NDArray[np.int32], build_tree: BuildTree) -> TopTree:
         """Build the tree over the instances of a scene.
 
         Raises
@@ -50,21 +118,5 @@ class TopTree:
         SceneError
             An instance is too small beside the scene.
         """
-        bvh = build_tree(box_mesh(*find_boxes(arrays), "the instances"))
-        records = make_records(arrays, parts, masks, bvh.prim_ids, bvh.mesh.origin, bvh.mesh.scale)
-        return cls(make_bvh2_nodes(bvh), records, bvh)
-
-
-def list_parts(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:
-    """Return where the arrays of each geometry are in the joined ones, (geometries, 4), see `make_records`."""
-    rows = []
-    first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
-    for shape, part in zip(state.shapes, arrays, strict=True):
-        kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
-        rows.append((first_node, first_blocks[kind], len(part.blocks), kind))
-        first_node += len(part.nodes)
-        first_blocks[kind] += len(part.blocks)
-    most = np.iinfo(np.int32).max
-    if max(first_node, *first_blocks) > most:
-        raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
-    return np.array(rows, np.int32)
+        bvh = build_tree(box_mesh(*find_boxes(items.frames), "the instances"))
+        return cls(make_bvh2_nodes(bvh), items.records(parts, bvh), bvh)

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...layouts.bvh2 import make_bvh2_nodes
-from ...layouts.device_arrays import make_device_arrays
 from ...scene.state import SceneState
-from ...structs import BVH2_COUNT, BVH2_FIRST, FAR_RADII, NO_PRIM, PACKED_RAY, PRIM_KINDS, SCENE_LOW
+from ...structs import BVH2_COUNT, BVH2_FIRST, FAR_RADII, NO_PRIM, PACKED_RAY, SCENE_LOW
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.ranges import cut_range
@@ -25,8 +24,9 @@ from ..host.ray import make_shear, pad_ray
 from ..oracle.descend import HostTrees, PackedRays, TreeStart, descend, meets_child
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
-from .placed import make_records
-from .top_tree import list_parts
+from .geometry_arrays import arrange_geometries, blocks_by_kind, list_parts
+from .merging import NOTHING_MERGED, Merging
+from .top_tree import TopItems
 
 # The constants of cl/instances/instance.cl.
 _FAR_RADII, _RADII_BEFORE, _SHARE_BEFORE = float(FAR_RADII), 4.0, 2.0**-20
@@ -36,6 +36,10 @@ _T_SLACK = 2.0**-22
 
 # Rays that a thread takes at a time: rays of one picture differ much in their steps, so threads take many small shares.
 _CHUNK_RAYS = 1 << 12
+
+# The columns of `_HostScene.starts`.
+_START_FIELDS = ("first_node", "first_block", "kind", "instance_id", "prim_bits")
+_FIRST_NODE, _FIRST_BLOCK, _KIND, _FIRST_ID, _PRIM_BITS = range(len(_START_FIELDS))
 
 _NODE_STEPS, _INSTANCE_VISITS, _LEAF_VISITS, _PRIM_TESTS, _INSTANCE_ID, _PRIM_ID, _FIELDS = range(7)
 
@@ -73,33 +77,33 @@ class SceneTraversal:
     ----------
     state : SceneState
         At least one instance.
-    trees : sequence of Bvh
-        One for each geometry.
+    trees : sequence of Bvh or None
+        One for each geometry; None for one whose instances are merged.
     top : Bvh
-        Over the instances.
+        Over the instances, or the `TopItems` where some are merged.
+    merging : Merging, optional
+        By default, nothing is merged.
     """
 
-    def __init__(self, state: SceneState, trees: Sequence[Bvh], top: Bvh) -> None:
-        parts = [make_device_arrays(bvh, "bvh2", shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
-        starts = list_parts(state, parts)
-        blocks: dict[int, list[NDArray[np.void]]] = {kind: [] for kind in PRIM_KINDS.values()}
-        for part, kind in zip(parts, starts[:, 3].tolist(), strict=True):
-            blocks[kind].append(part.blocks)
-        records = make_records(
-            make_scene_arrays(state.shapes, state.geometry_ids, state.transforms), starts, state.masks, top.prim_ids,
-            top.mesh.origin, top.mesh.scale,
-        )  # fmt: skip
+    def __init__(
+        self, state: SceneState, trees: Sequence[Bvh | None], top: Bvh, merging: Merging = NOTHING_MERGED
+    ) -> None:
+        arrays = arrange_geometries(state, trees, merging, "bvh2")
+        parts = list_parts(state, merging, arrays)
+        blocks = blocks_by_kind(parts, arrays)
+        surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        records = TopItems.of(state, surface, merging).records(parts, top)
         self._scene = _HostScene(
             HostTrees.join([make_bvh2_nodes(top)], [], []),
             HostTrees.join(
-                [part.nodes for part in parts], *(blocks[PRIM_KINDS[kind]] for kind in ("triangles", "spheres"))
+                [part.nodes for part in arrays if part is not None], blocks["triangles"], blocks["spheres"]
             ),
             max(1, top.depth),
-            max(1, *(bvh.depth for bvh in trees)),
+            max(1, *(bvh.depth for bvh in merging.list_trees(trees))),
             records["to_object"].astype(np.float64),
             records["centre"].astype(np.float64) + records["centre_low"],
             records["radius"].astype(np.float64),
-            np.column_stack([records[name] for name in ("first_node", "first_block", "kind", "instance_id")]),
+            np.column_stack([records[name] for name in _START_FIELDS]),
             records["mask"] != 0,
         )  # fmt: skip
         self._box = TreeBox.around(top)
@@ -137,7 +141,7 @@ class SceneTraversal:
 class _HostScene(NamedTuple):
     """The trees of both levels, and the instances in the order of the leaves.
 
-    `starts`, (n, 4) int32, holds the first node and the first block of each, its kind and its id.
+    `starts`, (n, 5) int32, holds the fields of their records that `_START_FIELDS` names.
     """
 
     top: HostTrees
@@ -207,7 +211,10 @@ def _walk(scene, rays, exact_origins, inside, counts):
                     limit = limit if limit < t_max else t_max
                     shift = _enter(scene, index, exact, direction, t_min, limit, inside)
                     start = TreeStart(
-                        np.int64(starts[index, 0]), np.int64(starts[index, 1]), starts[index, 2] != 0, scene.stack_size
+                        np.int64(starts[index, _FIRST_NODE]),
+                        np.int64(starts[index, _FIRST_BLOCK]),
+                        starts[index, _KIND] != 0,
+                        scene.stack_size,
                     )
                     descend(scene.trees, start, inside, False, own_counts, own_t)
                     count[_NODE_STEPS] += own_counts[0, 0]
@@ -215,11 +222,13 @@ def _walk(scene, rays, exact_origins, inside, counts):
                     count[_LEAF_VISITS] += own_counts[0, 1]
                     count[_PRIM_TESTS] += own_counts[0, 2]
                     t = np.float32(own_t[0] + shift)
-                    if own_counts[0, 3] != NO_PRIM and (
-                        t < nearest_t or (t == nearest_t and starts[index, 3] < count[_INSTANCE_ID])
-                    ):
+                    # As in cl/instances/number.cl.
+                    number, prim_bits = np.int64(own_counts[0, 3]), np.int64(starts[index, _PRIM_BITS])
+                    instance_id = starts[index, _FIRST_ID] + (number >> prim_bits)
+                    if number != NO_PRIM and (t < nearest_t or (t == nearest_t and instance_id < count[_INSTANCE_ID])):
                         nearest_t = t
-                        count[_INSTANCE_ID], count[_PRIM_ID] = starts[index, 3], own_counts[0, 3]
+                        count[_INSTANCE_ID] = instance_id
+                        count[_PRIM_ID] = number & ((np.int64(1) << prim_bits) - 1)
                 is_done = stack_size == 0
                 if is_done:
                     break

@@ -12,7 +12,7 @@ import pytest
 import clbvh
 from clbvh.errors import SceneError
 from clbvh.geometry.dressed import with_material
-from clbvh.rendering.film.look_tables import make_look_tables
+from clbvh.rendering.film.look_tables import Looks, make_look_tables
 from clbvh.scene import serialize
 from clbvh.scene.dressed import dress_shapes
 
@@ -149,7 +149,7 @@ def test_nothing_is_dressed_without_materials():
 def test_tables_hold_the_corners_of_a_mesh_once():
     shapes, shape_ids = dress_shapes(place_all().snapshot())
     count = len(shape_ids)
-    tables = make_look_tables(shapes, shape_ids, np.full((count, 3), np.nan), np.zeros(count, bool), 40.0)
+    tables = make_look_tables(Looks(shapes, shape_ids, np.full((count, 3), np.nan)), np.zeros(count, bool), 40.0)
     assert len(tables.arrays["corner_normals"]) == 240
     assert len(tables.arrays["corner_uvs"]) == 480
     looks = tables.arrays["looks"]
