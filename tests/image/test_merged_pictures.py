@@ -47,7 +47,7 @@ def make_shape(index, generator):
     return Mesh.from_arrays(shape.vertices, shape.faces, appearance=looks)
 
 
-def make_scene(**settings):
+def make_scene(materials=MATERIALS, **settings):
     """Twelve meshes, half of them mirrored, under maps that keep angles; those that shear interpolate other normals."""
     generator = np.random.default_rng(7)
     scene = Scene(width=WIDTH, height=HEIGHT, samples=4, **settings)
@@ -57,7 +57,7 @@ def make_scene(**settings):
         transform[:3, 3] = generator.uniform(-2.5, 2.5, 3)
         colour = (0.1, 0.9, 0.9) if index == 5 else None
         shape = scene.add(make_shape(index, generator))
-        scene.place(shape, transform, material=MATERIALS[index % 6], colour=colour)
+        scene.place(shape, transform, material=materials[index % len(materials)], colour=colour)
     return scene
 
 
@@ -86,6 +86,14 @@ def test_materials_are_those_of_the_instances(shading, smooth, cut):
     assert close.mean() > (0.9 if shading == "path" else 0.985)
     assert one[close].mean() == pytest.approx(other[close].mean(), rel=1e-3)
     assert other.std() > 0.05
+
+
+@pytest.mark.parametrize("smooth", [0, 40])
+def test_bumps_are_those_of_the_instances(smooth):
+    bumpy = Material("bumpy", normal_texture=Texture("bumps", PIXELS))
+    picture, expected = draw_both(make_scene((bumpy,), shading="studio", smooth=smooth))
+    close = np.isclose(picture.film, expected.film, rtol=0.02, atol=0.02).all(axis=-1)
+    assert close.mean() > 0.985
 
 
 def test_each_channel_of_images_is_the_same():
