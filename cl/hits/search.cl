@@ -75,7 +75,7 @@ INLINED kept_hit_t as_kept_hit(const search_t *search, const crossing_t *crossin
 }
 
 // A crossing that is found now, as it is kept in the heap.
-INLINED kept_hit_t keep_crossing(const search_t *search, const crossing_t *crossing)
+INLINED kept_hit_t as_kept_crossing(const search_t *search, const crossing_t *crossing)
 {
     kept_hit_t hit = as_kept_hit(search, crossing);
 #if HAS_INSTANCES
@@ -202,9 +202,9 @@ INLINED void add_crossing(search_t *search, const crossing_t crossing, const int
             search->count++;
         }
     } else if (search->count < search->max_count) {
-        append_hit(search->heap, search->count++, keep_crossing(search, &crossing));
+        append_hit(search->heap, search->count++, as_kept_crossing(search, &crossing));
     } else {
-        const kept_hit_t hit = keep_crossing(search, &crossing);
+        const kept_hit_t hit = as_kept_crossing(search, &crossing);
         const kept_hit_t farthest = search->heap[0];
         if (comes_first(&hit, &farthest)) {
             sink_hit(search->heap, search->count, 0, hit);

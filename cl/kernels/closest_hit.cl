@@ -17,16 +17,16 @@ kernel void closest_hit(
     }
     const int ray_id = find_ray_id(ray_index, order);
     const global node_t *start = find_start_node(nodes, entry_points);
+    search_t search = make_search(1, 0);
     // Before the ray is loaded and prepared: many tiles of a picture meet nothing.
     if (meets_nothing(start)) {
-        hits[ray_id] = no_hit();
+        hits[ray_id] = as_kept_hit(&search, &search.nearest);
         return;
     }
     if (order) {
         WILL_WRITE(hits + ray_id);
     }
     const ray_t ray = load_ray(rays, ray_index);
-    search_t search = make_search(1, 0);
     traverse(nodes, start, blocks, block_count, &ray, &search, QUERY_CLOSEST);
     hits[ray_id] = as_kept_hit(&search, &search.nearest);
 }

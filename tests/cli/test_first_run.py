@@ -29,7 +29,8 @@ def test_a_first_run_compiles_and_a_second_one_loads(tmp_path, cold):
     if not list_devices():
         pytest.skip("no OpenCL device")
     (tmp_path / "mesh.off").write_text(OFF)
-    arguments = ("render", tmp_path / "mesh.off", "-o", tmp_path / "out.ppm", "--width", 64, "--height", 48, "--json")
+    size = ("--width", 64, "--height", 48)
+    arguments = ("render", tmp_path / "mesh.off", "-o", tmp_path / "out.ppm", *size, "--up", "0,1,0", "--json")
     first, second = (run_process(*arguments, **cold) for _ in range(2))
     assert (first.returncode, first.stderr, first.compiled) == (0, "", True)
     assert (second.returncode, second.stderr, second.compiled) == (0, "", False)

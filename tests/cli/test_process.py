@@ -55,7 +55,7 @@ def test_python_m_is_the_command():
 
 
 def test_a_picture_is_exit_code_0(mesh, tmp_path):
-    answer = run_process("render", mesh, "-o", tmp_path / "a.ppm", "--width", 40, "--height", 30)
+    answer = run_process("render", mesh, "-o", tmp_path / "a.ppm", "--width", 40, "--height", 30, "--up", "0,1,0")
     assert (answer.returncode, answer.stderr) == (0, "")
     assert "20 triangles" in answer.stdout
     assert (tmp_path / "a.ppm").read_bytes().startswith(b"P6")

@@ -87,5 +87,5 @@ def test_a_terminal_shows_the_progress(scene, tmp_path):
         shown += part
     os.close(main)
     assert process.wait() == 0
-    assert b"build ..." in shown
+    assert b"open the device ..." in shown
     assert b"of 2 s" in shown
