@@ -101,10 +101,10 @@ def folder(tmp_path):
     return tmp_path
 
 
-# Kernels of pictures that are compiled when they are first asked for, by their options: paths, cuts, lines, holes and
-# bent normals.
+# Kernels of pictures that are compiled when they are first asked for, by their names or options: those of paths, cuts,
+# lines, holes and bent normals.
 ASKED_FOR = (
-    f"-DSHADING={SHADINGS['path']}'", "-DHAS_CUT=1'", "-DHAS_WIREFRAME=1'", "-DHAS_CUTOUTS=1'", "-DHAS_NORMAL_MAPS=1'",
+    f"-DSHADING={SHADINGS['path']}'", "join_cells (", "-DHAS_CUT=1'", "-DHAS_WIREFRAME=1'", "-DHAS_CUTOUTS=1'", "-DHAS_NORMAL_MAPS=1'",
 )  # fmt: skip
 
 
