@@ -104,8 +104,13 @@ def folder(tmp_path):
 # Kernels of pictures that are compiled when they are first asked for, by their names or options: those of paths, cuts,
 # lines, holes and bent normals.
 ASKED_FOR = (
-    f"-DSHADING={SHADINGS['path']}'", "join_cells (", "-DHAS_CUT=1'", "-DHAS_WIREFRAME=1'", "-DHAS_CUTOUTS=1'", "-DHAS_NORMAL_MAPS=1'",
-)  # fmt: skip
+    f"-DSHADING={SHADINGS['path']}'",
+    "join_cells (",
+    "-DHAS_CUT=1'",
+    "-DHAS_WIREFRAME=1'",
+    "-DHAS_CUTOUTS=1'",
+    "-DHAS_NORMAL_MAPS=1'",
+)
 
 
 def check(warmed, folder, tasks):
