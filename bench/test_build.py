@@ -56,7 +56,7 @@ def pool():
 
 
 def test_build_against_open3d(mesh, pool, open3d):
-    vertices = open3d.core.Tensor(mesh.vertices)
+    vertices = open3d.core.Tensor(mesh.vertices.astype(np.float32))
     faces = open3d.core.Tensor(mesh.faces.astype(np.uint32))
 
     def commit() -> float:
