@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from clbvh.support.atomics import add_atomically
-from clbvh.support.compiled import compiled
 from clbvh.support.host_threads import HostThreads
 
-# A thread takes some milliseconds, so that others run meanwhile.
-TIMES = 2_000_000
+TIMES = 200_000
 
 
-@compiled
+@numba.njit(nogil=True)
 def take_many(counter, amount, taken):
     for index in range(len(taken)):
         taken[index] = add_atomically(counter, amount)
@@ -23,6 +22,13 @@ def test_it_returns_what_was_there():
     take_many(counter, -2, taken)
     assert taken.tolist() == [5, 3, 1]
     assert counter.tolist() == [-1, 7]
+
+
+def test_it_is_one_instruction():
+    # Threads that happen to run one after the other would not notice the difference.
+    take_many(np.zeros(1, np.int64), 1, np.empty(0, np.int64))
+    (code,) = take_many.inspect_llvm().values()
+    assert "atomicrmw add" in code
 
 
 def test_no_two_threads_get_the_same_number():
