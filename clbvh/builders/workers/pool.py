@@ -89,7 +89,7 @@ class WorkerPool(ContextManager):
         # As many threads of this process as there are workers, for what workers do not see.
         self.threads = HostThreads(self.workers)
         self._workspace = Workspace()
-        self._attached: dict[str, ArrayHandle] = {}
+        self._attached: dict[str, ArrayHandle] | None = None  # what all workers hold, once they have said so
         # The number of the next task, see `share_out`; the workers learn of it when they start.
         self._counter_memory = Arena()
         self._next_task: NDArray[np.int64] = np.zeros(1, np.int64)
