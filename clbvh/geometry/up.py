@@ -37,7 +37,7 @@ _LEAST_BASE, _MARGIN = 0.2, 2.0
 # Nothing stands on less than this share of its own height: a rifle on its butt has 0.02, a man on his feet 0.06.
 _LEAST_WIDTH = 0.04
 
-# A mesh that is this many times as high as it is wide, and that would fall over, is not upright by the habit of a format.
+# What is this many times as high as it is wide, and would fall over, is not upright by the habit of a format.
 _TOPPLING = 2.0
 
 # A mesh whose height is below this share of its sides is flat like a landscape.
