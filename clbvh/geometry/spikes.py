@@ -48,9 +48,10 @@ def find_spikes(mesh: Mesh, lower: NDArray[np.float64], upper: NDArray[np.float6
     is_inside = ((points >= lower) & (points <= upper)).all(axis=1)
     around = np.flatnonzero(~is_inside)
     # What is in the box is one thing.
-    boxes = [np.concatenate((end[None], points[around])) for end in (lower, upper)]
-    counts = np.concatenate(([max(1, np.count_nonzero(is_inside))], np.ones(len(around))))
-    is_stray = find_strays(*boxes, counts, counts, LEAST_GAP)
+    begins, ends = np.concatenate((lower[None], points[around])), np.concatenate((upper[None], points[around]))
+    counts = np.ones(len(begins))
+    counts[0] += np.count_nonzero(is_inside)
+    is_stray = find_strays(begins, ends, counts, counts, LEAST_GAP)
     is_far = np.zeros(len(mesh.vertices), bool)
     is_far[used[around[is_stray[1:]]]] = True
     far_corners = np.count_nonzero(is_far[mesh.faces], axis=1)

@@ -126,6 +126,11 @@ def test_files_that_make_no_scene_are_refused(write, tmp_path, names, error, mes
         open_mesh_files([tmp_path / name for name in names])
 
 
+def test_a_shipped_scene_is_no_mesh_among_others(write):
+    with pytest.raises(SceneError, match=r"^knot: several files make a scene if all"):
+        open_mesh_files([write("a.obj", ONE), "knot"])
+
+
 @pytest.mark.parametrize(("suffixes", "up"), [(("stl", "STL"), (0, 0, 1)), (("stl", "obj"), (0, 1, 0))], ids=str)
 def test_several_files_of_one_format_have_its_habit(tmp_path, suffixes, up):
     ball = trimesh.creation.icosphere(1)
