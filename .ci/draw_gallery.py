@@ -47,7 +47,10 @@ def draw(words: list[str]) -> None:
 def reduce_colours(path: Path) -> None:
     """Write a picture with a palette, or as it is where that is smaller."""
     with Image.open(path) as image:
-        reduced = image.convert("RGB").quantize(_COLOURS, method=Image.Quantize.MEDIANCUT, kmeans=2)
+        rgb = image.convert("RGB")
+    palette = rgb.quantize(_COLOURS, method=Image.Quantize.MEDIANCUT, kmeans=2)
+    # Without dithering there are rings on smooth surfaces.
+    reduced = rgb.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
     data = io.BytesIO()
     reduced.save(data, "PNG", optimize=True)
     if data.tell() < path.stat().st_size:
