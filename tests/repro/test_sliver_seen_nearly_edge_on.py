@@ -51,3 +51,24 @@ def test_t_is_that_of_the_plane(tilt, layout):
     assert hit.is_hit
     assert hit.t == pytest.approx(exact_t(corners, origin, direction), rel=1e-6)
     np.testing.assert_allclose(hit.locations, origin + hit.t * direction, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("layout", ["bvh2", "bvh8"])
+def test_a_ray_that_begins_just_behind_the_plane_meets_the_edge_there(layout):
+    """The rounded ray meets the sliver; the exact one would have before it begins, 3e-5 away."""
+    corners = [
+        [0.6679758429527283, -0.27254775166511536, 0.37642741203308105],
+        [-0.08242901414632797, -0.8467452526092529, -0.6928091645240784],
+        [0.8109192848205566, -0.1631697416305542, 0.580104649066925],
+    ]
+    origin = np.array([0.597565770149231, -0.32642439007759094, 0.2761015295982361])
+    direction = np.array([0.4433019459247589, 0.3391883075237274, 0.6316400766372681])
+    # Keeps local coordinates equal to these.
+    frame = [[-1, -1, -1], [1, 1, 1], [1, 1, 0.75]]
+    mesh = Mesh.from_arrays([*corners, *frame], [[0, 1, 2], [3, 4, 5]])
+    with Tracer(mesh, layout=layout) as tracer:
+        hits = tracer.all_hits(origin, direction)
+    t = hits.t[hits.prim_id == 0]
+    assert len(t) == 1
+    # The device sees corners 2e-7 from where they are, and the ray meets the plane at an angle of 1e-5.
+    assert 0 <= t[0] < 0.02

@@ -164,8 +164,12 @@ def _move_onto_edge(vectors, hit):
         # An edge along the ray has no nearest point: 0 / 0, and the comparison makes it the begin.
         share = -_dot(beside, across) / _dot(across, across)
         share = min(share, 1.0) if share > 0.0 else 0.0
-        offset = _add(beside, share, across)
         t = _dot(_add(begin, share, way), direction) / square
+        if is_edge_on and t < 0.0:
+            # Along the edge to where the ray begins, if it reaches so far.
+            share = min(max(-_dot(begin, direction) / _dot(way, direction), 0.0), 1.0)
+            t = 0.0 if 0.0 < share < 1.0 else _dot(_add(begin, share, way), direction) / square
+        offset = _add(beside, share, across)
         distance = _dot(offset, offset)
         if is_edge_on and t < 0.0:
             distance += t * t * square
