@@ -14,11 +14,6 @@ typedef struct {
 } ray_t;
 
 // Permutes a vector so that component `axis` becomes z. The permutation is cyclic: it keeps orientations.
-INLINED float3 choose3(const int3 mask, const float3 a, const float3 b)
-{
-    return as_float3((mask & as_int3(a)) | (~mask & as_int3(b)));
-}
-
 INLINED float3 permute_axes(const float3 v, const int axis)
 {
     return choose3((int3)(axis) == 0, v.yzx, choose3((int3)(axis) == 1, v.zxy, v));
@@ -40,6 +35,7 @@ INLINED ray_t make_ray(const float3 origin, const float3 direction, const float 
     ray.t_max = t_max;
     ray.inverse = 1.0f / direction;
 
+    // Without branches: the axis of the next ray is not foreseen.
     const float3 size = magnitude(direction);
     const int is_y = !(size.x > size.y);
     const int is_z = !(larger(size.x, size.y) > size.z);
