@@ -44,5 +44,7 @@ INLINED padding_t find_ray_padding(const ray_t *ray)
 {
     const float3 reach = magnitude(ray->origin) + LARGEST_COORDINATE;
     const float longest_reach = permute_axes(reach, ray->axis).z;
-    return find_padding(reach, longest_reach, absolute(ray->shear.z));
+    // That of the longest component, without waiting for the axis.
+    const float3 inverse = magnitude(ray->inverse);
+    return find_padding(reach, longest_reach, smaller(smaller(inverse.x, inverse.y), inverse.z));
 }
