@@ -43,6 +43,8 @@ INLINED padding_t find_padding(const float3 reach, const float longest_reach, co
 INLINED padding_t find_ray_padding(const ray_t *ray)
 {
     const float3 reach = magnitude(ray->origin) + LARGEST_COORDINATE;
-    const float longest_reach = ray->axis == 0 ? reach.x : ray->axis == 1 ? reach.y : reach.z;
-    return find_padding(reach, longest_reach, fabs(ray->shear.z));
+    const float longest_reach = permute_axes(reach, ray->axis).z;
+    // That of the longest component, without waiting for the axis.
+    const float3 inverse = magnitude(ray->inverse);
+    return find_padding(reach, longest_reach, smaller(smaller(inverse.x, inverse.y), inverse.z));
 }

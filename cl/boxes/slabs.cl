@@ -42,14 +42,14 @@ INLINED void limit_shifts(slabs_t *slabs, const ray_t *ray)
 {
     // A power of two: scaling by it is exact.
     const float unit = MIN_INVERSE / as_float(as_int(ray->shear.z) & 0x7f800000);
-    const float3 largest = (float3)(fabs(ray->shear.z) * unit / MIN_SLOPE);
+    const float3 largest = (float3)(absolute(ray->shear.z) * unit / MIN_SLOPE);
     const float3 inverse = ray->inverse * unit;
     const float3 limited = inverse < 0.0f ? -largest : largest;
     // An origin beyond float32 hits nothing, but the traversal has to end.
     const float3 origin = magnitude(ray->origin) <= FLT_MAX ? ray->origin : (float3)(FLT_MAX);
     const float3 reach = min(magnitude(origin) + LARGEST_COORDINATE, FLT_MAX);
     const float longest_reach = larger(reach.x, larger(reach.y, reach.z));
-    const padding_t padding = find_padding(reach, longest_reach, fabs(ray->shear.z) * unit);
+    const padding_t padding = find_padding(reach, longest_reach, absolute(ray->shear.z) * unit);
     derive_shifts(slabs, origin, magnitude(inverse) < largest ? inverse : limited, &padding);
     slabs->t_min = ray->t_min * unit;
     slabs->unit = unit;

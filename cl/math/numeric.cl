@@ -82,6 +82,13 @@ INLINED float3 magnitude(const float3 v)
     return as_float3(as_int3(v) & 0x7fffffff);
 }
 
+// Per component: a where the mask is true, else b. As integers, since compilers make a branch of a choice between
+// vectors by one condition.
+INLINED float3 choose3(const int3 mask, const float3 a, const float3 b)
+{
+    return as_float3((mask & as_int3(a)) | (~mask & as_int3(b)));
+}
+
 // a * b + c with a single rounding.
 #if defined(__clang__) && defined(__FMA__) && !defined(PORTABLE)
 #define FUSED(a, b, c) __builtin_fmaf(a, b, c)

@@ -16,7 +16,7 @@ typedef struct {
 // Permutes a vector so that component `axis` becomes z. The permutation is cyclic: it keeps orientations.
 INLINED float3 permute_axes(const float3 v, const int axis)
 {
-    return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v;
+    return choose3((int3)(axis) == 0, v.yzx, choose3((int3)(axis) == 1, v.zxy, v));
 }
 
 // Undoes permute_axes.
@@ -35,10 +35,14 @@ INLINED ray_t make_ray(const float3 origin, const float3 direction, const float 
     ray.t_max = t_max;
     ray.inverse = 1.0f / direction;
 
+    // Without branches: the axis of the next ray is not foreseen.
     const float3 size = magnitude(direction);
-    ray.axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
+    const int is_y = !(size.x > size.y);
+    const int is_z = !(larger(size.x, size.y) > size.z);
+    ray.axis = is_z << 1 | (is_y & ~is_z);
     const float3 permuted = permute_axes(direction, ray.axis);
-    ray.shear = (float3)(permuted.x / permuted.z, permuted.y / permuted.z, 1.0f / permuted.z);
+    const float2 slopes = permuted.xy / permuted.z;
+    ray.shear = (float3)(slopes, permute_axes(ray.inverse, ray.axis).z);
     return ray;
 }
 

@@ -87,47 +87,55 @@ INLINED bool has_children(const global node_t *node)
     return node->aabb_min[0][0] <= node->aabb_max[0][0];
 }
 
+// Takes the next child from the stack, of those that the ray enters before `limit`; returns whether there is one.
+INLINED bool pop_child(const ulong *stack, int *stack_count, const float limit, int *child)
+{
+    while (*stack_count > 0) {
+        const ulong popped = stack[--*stack_count];
+        if (!(key_of(popped) > limit)) {
+            *child = child_of(popped);
+            return true;
+        }
+    }
+    return false;
+}
+
 // Visits the nearest child first, and skips children whose boxes the ray enters beyond the nearest hit so far.
 INLINED void traverse_in_order(
     const global node_t *nodes, const global node_t *start, const global block_t *blocks, const ray_t *ray,
     search_t *search, const int query)
 {
     const slabs_t slabs = make_slabs(ray);
+    float limit = search_limit(search, ray, query) * slabs.unit;
+    const global node_t *node = start;
+    lanes_t t_near;
+    uint met = meets_children(node, &slabs, limit, &t_near);
+    // Before the numbers of the triangle test: many rays meet nothing.
+    if (met == 0) {
+        return;
+    }
     const axis_permutation_t permutation = make_axis_permutation(ray);
     ulong stack[STACK_SIZE];
     int stack_count = 0;
-    const global node_t *base = start;
-    int next = 0;
 
     while (true) {
-        if (next >= 0) {
-            const global node_t *node = base + next;
-            base = nodes;
-            const float limit = search_limit(search, ray, query) * slabs.unit;
-            lanes_t t_near;
-            const uint met = meets_children(node, &slabs, limit, &t_near);
-            if (met != 0) {
-                const bool is_one = (met & (met - 1)) == 0;
-                next = is_one ? node->child[lowest_bit(met)]
-                              : push_children(node->child, met, t_near, stack, &stack_count);
-                continue;
-            }
-        } else {
+        int next;
+        if (met != 0) {
+            const bool is_one = (met & (met - 1)) == 0;
+            next = is_one ? node->child[lowest_bit(met)]
+                          : push_children(node->child, met, t_near, stack, &stack_count);
+        } else if (!pop_child(stack, &stack_count, limit, &next)) {
+            return;
+        }
+        while (next < 0) {
             intersect_leaf(blocks, ~next, ray, &permutation, search, query);
-            if (is_complete(search, query)) {
+            limit = search_limit(search, ray, query) * slabs.unit;
+            if (is_complete(search, query) || !pop_child(stack, &stack_count, limit, &next)) {
                 return;
             }
         }
-
-        const float new_limit = search_limit(search, ray, query) * slabs.unit;
-        ulong popped;
-        do {
-            if (stack_count == 0) {
-                return;
-            }
-            popped = stack[--stack_count];
-        } while (key_of(popped) > new_limit);
-        next = child_of(popped);
+        node = nodes + next;
+        met = meets_children(node, &slabs, limit, &t_near);
     }
 }
 

@@ -43,7 +43,8 @@ INLINED float difference_of_products(const float a, const float b, const float c
 // Whether one of the three is negative and another one positive. NaN is neither.
 INLINED bool have_opposite_signs(const float a, const float b, const float c)
 {
-    return (a < 0.0f || b < 0.0f || c < 0.0f) && (a > 0.0f || b > 0.0f || c > 0.0f);
+    // No branches: which of the signs decides is not foreseen.
+    return ((a < 0.0f) | (b < 0.0f) | (c < 0.0f)) & ((a > 0.0f) | (b > 0.0f) | (c > 0.0f));
 }
 
 // The edge function of the perturbed ray, of which only the sign is used: `edge` itself, or, where it is zero, the

@@ -7,6 +7,7 @@ know of each other.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -29,7 +30,7 @@ from ..support.host_threads import HostThreads
 from .rays.batch import RayBatch, TreeBox
 from .rays.entry_points import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import find_shared_low, pack_rays
-from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
+from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, StepCounter, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
 from .wide_arrays import WideArrays
@@ -239,8 +240,25 @@ class Call(MemoryLoan):
         return cut_rays(
             batch, self.box, self.threads, shape=shape, tile_rows=self._session.settings.tile[1],
             finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(self._tree.ray_dtype, CHUNK_RAYS),
-            most_rays=most_rays, progress=progress,
+            most_rays=most_rays, count_steps=self._step_counter(), progress=progress,
         )  # fmt: skip
+
+    def _step_counter(self) -> StepCounter | None:
+        """Return a function that counts the steps of rays, see `pieces.cut_rays`; None for large trees.
+
+        Where the host does not see the tree, as on GPUs, it returns infinity.
+        """
+        if self._tree.memory_bytes > MOST_SAMPLED_BYTES:
+            return None
+
+        def count(batch: RayBatch) -> float:
+            # Not above: pictures do without.
+            from .host.cast import count_steps
+
+            tree = self._tree.on_host()
+            return math.inf if tree is None else count_steps(tree, self.box, batch)
+
+        return count
 
     def pack_rays(self, batch: RayBatch, piece: RayPiece, *, in_ray_order: bool = True) -> Batch:
         """Put the rays of a piece on the device.

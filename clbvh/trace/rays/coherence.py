@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...support.compiled import compiled
 from .batch import RayBatch, TreeBox
@@ -12,9 +13,10 @@ from .ray_rows import RayRows
 # Cells of a ray: of its entry along x, y and z, then of its exit.
 _CELLS_PER_RAY = 6
 
-# Pairs of neighbours in a sample. Their distance in the batch follows the golden ratio, so that it is no whole number
-# of a picture's rows.
+# Pairs of neighbours in a sample.
 _SAMPLES = 128
+
+# The distance of samples in the batch follows the golden ratio, so that it is no whole number of a picture's rows.
 _GOLDEN = (5**0.5 - 1) / 2
 
 # Rays are scattered if this share of pairs lie more than a cell apart: few pairs of a picture's rays do, and most
@@ -49,9 +51,14 @@ def is_pencil(batch: RayBatch, begin: int, end: int, box: TreeBox) -> bool:
     return bool(spread <= _PENCIL_SHARE * box.half.max() or turn <= _PENCIL_SHARE)
 
 
+def spread_samples(begin: int, end: int, count: int) -> NDArray[np.int64]:
+    """Return (count,) int64: indices all over the range from `begin` to `end`, which is not empty."""
+    return begin + (np.arange(count) * _GOLDEN % 1.0 * (end - begin)).astype(np.int64)
+
+
 def _sample_pairs(batch: RayBatch, begin: int, end: int) -> RayRows:
     """Return neighbours among rays `begin` to `end`, a pair after the other."""
-    firsts = begin + (np.arange(_SAMPLES) * _GOLDEN % 1.0 * (end - begin - 1)).astype(np.int64)
+    firsts = spread_samples(begin, end - 1, _SAMPLES)
     return batch.take(np.stack((firsts, firsts + 1), axis=1).reshape(-1)).part(0, 2 * _SAMPLES)
 
 

@@ -1,8 +1,8 @@
 """A batch of rays is cut into pieces, each of which is cast in one launch, in an order that suits the device.
 
-Three facts are looked up here, and nowhere else: whether the rays are a picture (then they are cast tile by tile),
-whether they are scattered (then they are sorted), and whether they are coherent, in their own order or sorted (then the
-rays of a tile begin at an entry point of their own).
+Four facts are looked up here, and nowhere else: whether the rays are a picture (then they are cast tile by tile),
+whether they are scattered, whether their traversal is long enough that sorting pays (then they are sorted), and whether
+they are coherent, in their own order or sorted (then the rays of a tile begin at an entry point of their own).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...support.host_threads import HostThreads
 from .batch import RayBatch, TreeBox
-from .coherence import is_pencil, is_scattered
+from .coherence import is_pencil, is_scattered, spread_samples
 from .picture_rows import find_row_length, is_picture_size
 from .sort import sort_rays
 
@@ -32,7 +32,20 @@ CHUNK_RAYS = 2**20
 # 131,072    0.79 0.65 0.55      0.89 0.98 0.84      1.08 0.97 0.86      0.93 0.83 0.81
 LEAST_RAYS = 1 << 16
 
+# Scattered rays that visit fewer nodes and leaves, on average, are cast faster than sorted, in a tree of up to
+# MOST_SAMPLED_BYTES: docs/internals/decisions.md has the measurements. Sorted, a pencil gets entry points as well.
+_LEAST_STEPS = 3.3
+_LEAST_PENCIL_STEPS = 2.0
+
+# Larger trees are waited for by rays in no order, however few nodes they visit: on the dragon, whose tree takes 56 MB,
+# sorting pays from 1.8 visits on. The tree of 100,000 triangles, for which the limits above hold, takes 7 MB.
+MOST_SAMPLED_BYTES = 1 << 24
+
+# Rays whose visits are counted: 0.1 ms, and their mean is true to a tenth of a visit.
+_SAMPLES = 512
+
 Progress = Callable[[int, int], None]
+StepCounter = Callable[[RayBatch], float]
 
 
 class RayPiece(NamedTuple):
@@ -76,6 +89,7 @@ def cut_rays(
     finds_pictures: bool = True,
     chunk_limit: int = 0,
     most_rays: int = 0,
+    count_steps: StepCounter | None = None,
     progress: Progress | None = None,
 ) -> Iterator[RayPiece]:
     """Yield the pieces of a batch, one after the other.
@@ -95,6 +109,9 @@ def cut_rays(
         Rays of a chunk, at most; `CHUNK_RAYS` without it.
     most_rays : int
         Rays of a piece, at most. Without it every piece is a whole chunk.
+    count_steps : function, optional
+        Called with a sample of the rays, it returns the nodes and leaves that one of them visits on average. Without
+        it, scattered rays are always sorted.
     progress : function, optional
         Called with the number of rays that are done, and of all rays, after each piece.
     """
@@ -120,7 +137,11 @@ def cut_rays(
         if is_many and not is_found and is_scattered(batch, begin, end, box):
             # Sorted, the rays of a pencil are as good as those of a picture.
             is_coherent = is_pencil(batch, begin, end, box)
-            order = sort_rays(batch, begin, end, box, threads, is_pencil=is_coherent)
+            least_steps = _LEAST_PENCIL_STEPS if is_coherent else _LEAST_STEPS
+            if count_steps is None or count_steps(batch.take(spread_samples(begin, end, _SAMPLES))) >= least_steps:
+                order = sort_rays(batch, begin, end, box, threads, is_pencil=is_coherent)
+            else:
+                is_coherent = False
         for first in range(begin, end, piece_rays):
             last = min(first + piece_rays, end)
             if order is not None:

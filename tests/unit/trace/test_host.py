@@ -11,6 +11,8 @@ from clbvh.errors import DeviceError, QueryError
 from clbvh.structs import NO_PRIM
 from clbvh.trace import launch
 from clbvh.trace.hits.closest import _cast_rays
+from clbvh.trace.host.cast import count_steps
+from clbvh.trace.oracle.wide_visits import count_wide_visits
 from clbvh.trace.rays.batch import read_rays
 
 from ...profiles import seeds
@@ -137,6 +139,24 @@ class TestBits:
             any_number_here()
             found = tracer.any_hit(DOWN[0] * 3, DOWN[1] * 3, mask=[1, 0, 0xFFFFFFFF])
             assert found.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("width", [4, 8])
+def test_steps_are_those_of_the_layout(session, mesh, rays, width):
+    bvh = build(mesh)
+    visits = count_wide_visits(bvh, width, *rays)
+    batch, _ = read_rays(*rays, 0.0, np.inf)
+    with Tracer(bvh, device=session.info, layout=f"bvh{width}") as tracer:
+        caster = tracer._caster
+        counted = count_steps(caster.tree.on_host(), caster.box, batch)
+    assert counted == pytest.approx(visits.node_steps_per_ray + visits.leaf_visits_per_ray)
+    assert counted > 1
+
+
+def test_the_steps_of_a_bad_ray_are_infinite(session, mesh):
+    batch, _ = read_rays([[0, 0, 5], [np.nan, 0, 0]], [0, 0, -1], 0.0, np.inf)
+    with Tracer(build(mesh), device=session.info, layout="bvh8") as tracer:
+        assert count_steps(tracer._caster.tree.on_host(), tracer._caster.box, batch) == np.inf
 
 
 class TestWhere:

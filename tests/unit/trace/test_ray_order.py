@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from clbvh import Tracer, build, make_shape
 from clbvh.support.host_threads import HostThreads
+from clbvh.trace import launch
 from clbvh.trace.hits import crossings as crossings_module
 from clbvh.trace.rays import pieces
 from clbvh.trace.rays.batch import TreeBox, read_rays
@@ -17,11 +19,12 @@ COUNT = 3 * pieces.LEAST_RAYS
 CUBE = TreeBox(np.zeros(3), 1.0, np.ones(3))
 
 
-def order_of(half, origins, directions, t_min=0.0, t_max=np.inf, *, centre=(0, 0, 0), threads=None):
+def order_of(half, origins, directions, t_min=0.0, t_max=np.inf, *, centre=(0, 0, 0), threads=None, count_steps=None):
     box = TreeBox(np.asarray(centre, np.float64), 1.0, np.asarray(half, np.float64))
     batch, _ = read_rays(origins, directions, t_min, t_max)
     with HostThreads(threads) as opened:
-        (piece,) = pieces.cut_rays(batch, box, opened, tile_rows=8, finds_pictures=False)
+        (piece,) = pieces.cut_rays(batch, box, opened, tile_rows=8, finds_pictures=False, count_steps=count_steps)
+    assert piece.order is not None or not piece.is_coherent or count_steps is None
     return piece.order
 
 
@@ -71,6 +74,41 @@ def pencil(count, seed, kind):
         return targets - 4 * np.array([0.3, 0.5, 0.8]), np.broadcast_to([0.3, 0.5, 0.8], targets.shape)
     origin = {"outside": [3.0, 1.0, 0.5], "inside": [0.1, 0.2, -0.3], "shared": [3.0, 1.0, 0.5]}[kind]
     return np.array(origin) if kind == "shared" else np.tile(origin, (count, 1)), targets - origin
+
+
+@pytest.mark.parametrize("is_pencil", [False, True])
+def test_rays_that_visit_few_nodes_stay_as_they_are(is_pencil):
+    origins, directions = pencil(COUNT, 12, "outside") if is_pencil else scattered(COUNT, 12)
+    samples = []
+
+    def order(step_count):
+        return order_of([1, 1, 1], origins, directions, count_steps=lambda sample: samples.append(sample) or step_count)
+
+    assert order(1.0) is None
+    assert order(10.0) is not None
+    # Sorted, a pencil gets entry points as well.
+    assert (order(2.5) is not None) == is_pencil
+    sampled = samples[0].directions.items
+    assert sampled.shape == (512, 3)
+    assert (sampled[:, None] == directions[None, :1000]).all(axis=2).any()
+    assert len(np.unique(sampled, axis=0)) == 512
+
+
+def test_rays_at_a_small_tree_are_sorted_where_they_hit(session, monkeypatch):
+    sorts, sort = [], pieces.sort_rays
+    monkeypatch.setattr(pieces, "sort_rays", lambda *rest, **named: sorts.append(rest) or sort(*rest, **named))
+    origins, directions = scattered(pieces.LEAST_RAYS, 13)
+    with Tracer(build(make_shape("icosphere", triangles=2000)), device=session.info, layout="bvh8") as tracer:
+        hits = tracer.closest_hit(origins, 4 * directions - 3 * np.roll(directions, 1, axis=1))
+        assert sorts == []
+        assert 0 < hits.is_hit.mean() < 0.5
+        tracer.closest_hit(origins, directions)
+        assert len(sorts) == 1
+        # A large tree is not sampled, and neither is one that the host does not see.
+        monkeypatch.setattr(launch, "MOST_SAMPLED_BYTES", 1)
+        tracer.closest_hit(origins, 4 * directions - 3 * np.roll(directions, 1, axis=1))
+        assert len(sorts) == 2
+        monkeypatch.undo()
 
 
 @pytest.mark.parametrize("kind", ["outside", "inside", "shared", "parallel"])
