@@ -36,7 +36,8 @@ def meet_boxes(
         Per axis; see `pad_ray`.
     limits : 2 float32
         The ray's t_min, and the t beyond which nothing is looked for.
-    t_nears : (lanes,) float32, written
+    t_nears : (lanes,) uint32, written
+        The bits of float32.
     """
     width = len(slots)
 
