@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ from .rays.pieces import CHUNK_RAYS, Progress, RayPiece, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
 from .wide_arrays import WideArrays
+
+if TYPE_CHECKING:
+    from .hits.refine import HitIds, RefinedHits
 
 
 class Query(NamedTuple):
@@ -380,6 +383,16 @@ class Call(MemoryLoan):
         # The host has done the kernel's work.
         self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
         return found
+
+    def find_closest_on_host(self, tree: WideArrays, batch: RayBatch, hits: RefinedHits, ids: HitIds) -> None:
+        """Write the closest hit of each ray, of a tree from `on_host`; see `host.closest.find_closest_on_host`."""
+        # Not above: pictures do without.
+        from .host.closest import find_closest_on_host
+
+        begin = time.perf_counter()
+        find_closest_on_host(tree, self.box, batch, self._tree.surface, hits, ids)
+        # The host has done the kernel's work.
+        self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
 
     @property
     def _session(self) -> DeviceSession:

@@ -50,7 +50,7 @@ class HostRay(NamedTuple):
     perturbation: tuple[Any, Any]
 
 
-@compiled(error_model="numpy")
+@compiled(error_model="numpy", is_inlined=True)
 def make_host_ray(origin, direction):
     """Return a `HostRay` of 3 float32 each; see `make_ray` in cl/rays/ray.cl and `pad_ray` in cl/boxes.
 
@@ -92,14 +92,14 @@ def pick(values, axis):
     return values[0] if axis == 0 else values[1] if axis == 1 else values[2]
 
 
-@compiled(error_model="numpy")
+@compiled(error_model="numpy", is_inlined=True)
 def shear_corner(corner, ray):
     """Return a corner of a triangle, whose axes are permuted as the ray's, as the ray sees it."""
     x, y, z = corner[0] - ray.origin[0], corner[1] - ray.origin[1], corner[2] - ray.origin[2]
     return x - ray.shear[0] * z, y - ray.shear[1] * z, ray.shear[2] * z
 
 
-@compiled(error_model="numpy")
+@compiled(error_model="numpy", is_inlined=True)
 def cross_corners(a, b, c, perturbation):
     """Return t where the ray crosses the triangle of three sheared corners, NaN if it does not: the device's bits."""
     edge_a, edge_b, edge_c = _edge(c[0], b[1], c[1], b[0]), _edge(a[0], c[1], a[1], c[0]), _edge(b[0], a[1], b[1], a[0])

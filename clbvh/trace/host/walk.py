@@ -10,7 +10,7 @@ import numpy as np
 
 from ...structs import HIT_PRIM_ID, NO_PRIM, PACKED_RAY_DIRECTION, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
 from ...support.compiled import compiled
-from .lanes import lowest_bit, meet_boxes, pass_edges
+from .lanes import count_others, lowest_bit, meet_boxes, pass_edges
 from .ray import cross_corners, make_host_ray, shear_corner
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
@@ -106,8 +106,7 @@ def walk(tree, packed, most_crossings, found):
                 # A block of triangles.
                 leaf_visits += 1
                 base = np.uint64(~child) * lanes_of_block
-                for slot in range(len(tree.slots)):
-                    triangle_tests += block_ints[base + first_prim + np.uint64(slot)] != NO_PRIM
+                triangle_tests += np.int64(count_others(tree.slots, block_ints, base + first_prim, np.int32(NO_PRIM)))
                 passing = pass_edges(tree.slots, blocks, base, axes, ray.origin, (ray.shear[0], ray.shear[1]))
                 while passing != _NO_BITS:
                     lane = base + lowest_bit(passing)
@@ -149,7 +148,7 @@ def _child_of(entry):
     return np.int32(np.uint32(entry & _LOWER_HALF))
 
 
-@compiled(error_model="numpy")
+@compiled(error_model="numpy", is_inlined=True)
 def _cross(blocks, lane, width, axes, ray):
     """Return t where the ray crosses the triangle of a lane, NaN if it does not."""
     corner = width + width + width
@@ -159,6 +158,6 @@ def _cross(blocks, lane, width, axes, ray):
     return cross_corners(shear_corner(a, ray), shear_corner(b, ray), shear_corner(c, ray), ray.perturbation)
 
 
-@compiled(error_model="numpy")
+@compiled(error_model="numpy", is_inlined=True)
 def _load_corner(blocks, lane, width, axes):
     return blocks[lane + axes[0] * width], blocks[lane + axes[1] * width], blocks[lane + axes[2] * width]
