@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
 from .wide_arrays import WideArrays
 
-if TYPE_CHECKING:
-    from .hits.refine import HitIds, RefinedHits
+_Result = TypeVar("_Result")
 
 
 class Query(NamedTuple):
@@ -377,22 +376,15 @@ class Call(MemoryLoan):
         # Not above: pictures do without.
         from .host.cast import cast_on_host
 
-        begin = time.perf_counter()
         most_crossings = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
-        found = cast_on_host(tree, self.box, batch, most_crossings)
-        # The host has done the kernel's work.
-        self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
-        return found
+        return self.run_on_host(cast_on_host, tree, self.box, batch, most_crossings)
 
-    def find_closest_on_host(self, tree: WideArrays, batch: RayBatch, hits: RefinedHits, ids: HitIds) -> None:
-        """Write the closest hit of each ray, of a tree from `on_host`; see `host.closest.find_closest_on_host`."""
-        # Not above: pictures do without.
-        from .host.closest import find_closest_on_host
-
+    def run_on_host(self, task: Callable[..., _Result], *arguments: Any) -> _Result:
+        """Return ``task(*arguments)``, whose time counts as a kernel's: the host does its work."""
         begin = time.perf_counter()
-        find_closest_on_host(tree, self.box, batch, self._tree.surface, hits, ids)
-        # The host has done the kernel's work.
+        result = task(*arguments)
         self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
+        return result
 
     @property
     def _session(self) -> DeviceSession:

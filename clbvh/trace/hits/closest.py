@@ -32,7 +32,10 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     refined, ids = RefinedHits.make(count), HitIds.make(count, has_instances=tree.hit_dtype == SCENE_HIT)
     with caster.open_call() as call:
         if (host_tree := call.on_host(count)) is not None:
-            call.find_closest_on_host(host_tree, batch, refined, ids)
+            # Not above: pictures do without.
+            from .closest_on_host import find_closest_on_host
+
+            call.run_on_host(find_closest_on_host, host_tree, call.box, batch, surface, refined, ids)
             if progress is not None:
                 progress(count, count)
         else:

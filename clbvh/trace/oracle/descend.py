@@ -178,7 +178,11 @@ def intersect_triangle(triangles, triangle, ray):
 @compiled(error_model="numpy")
 def _load_corner(triangles, triangle, corner, axes):
     first = 3 * corner
-    return triangles[triangle, first + axes[0]], triangles[triangle, first + axes[1]], triangles[triangle, first + axes[2]]
+    return (
+        triangles[triangle, first + axes[0]],
+        triangles[triangle, first + axes[1]],
+        triangles[triangle, first + axes[2]],
+    )
 
 
 @compiled(error_model="numpy")

@@ -11,18 +11,18 @@ import numpy as np
 
 from ...structs import PACKED_RAY_LANES
 from ...support.compiled import compiled
-from ..hits.refine import HitIds, RefinedHits, refine_found
-from ..hits.refine_block import RefineBlock
+from ..host.walk import FIELD_COUNT, walk
 from ..rays.batch import RayBatch, TreeBox
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..wide_arrays import WideArrays
-from .walk import FIELD_COUNT, walk
+from .refine import HitIds, RefinedHits, refine_found
+from .refine_block import RefineBlock
 
 
 def find_closest_on_host(
     tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits, ids: HitIds
 ) -> None:
-    """Write the closest hit of each ray of a batch, to the last bit as `hits.refine` does of the device's.
+    """Write the closest hit of each ray of a batch, to the last bit as `refine_closest` does of the device's.
 
     Parameters
     ----------
