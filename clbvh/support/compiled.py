@@ -54,7 +54,9 @@ _KEPT_DAYS = 30
 _SECONDS_PER_DAY = 86_400
 
 
-def compiled(function: Callable[..., Any] | None = None, *, error_model: str = "python") -> Any:
+def compiled(
+    function: Callable[..., Any] | None = None, *, error_model: str = "python", is_inlined: bool = False
+) -> Any:
     """Compile a function with numba on its first call; it runs without the GIL.
 
     Parameters
@@ -63,10 +65,13 @@ def compiled(function: Callable[..., Any] | None = None, *, error_model: str = "
         None if the decorator has arguments.
     error_model : str
         ``"numpy"``: a division by zero gives an infinity or NaN, as on the device, instead of an error.
+    is_inlined : bool
+        Whether calls by other compiled functions become copies of its code, whatever its length: a call saves the
+        vector registers of the caller.
     """
     if function is None:
-        return lambda decorated: compiled(decorated, error_model=error_model)
-    dispatcher = _njit(nogil=True, error_model=error_model)(function)
+        return lambda decorated: compiled(decorated, error_model=error_model, is_inlined=is_inlined)
+    dispatcher = _njit(nogil=True, error_model=error_model, forceinline=is_inlined)(function)
     dispatcher.get_call_template = partial(_find_general_version, dispatcher.get_call_template)
     _dispatchers[id(dispatcher)] = dispatcher
     if (folder := find_compiled_cache()) is not None:

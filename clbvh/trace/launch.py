@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, Ste
 from .running_calls import MemoryLoan, RunningCalls
 from .traced_tree import TracedTree
 from .wide_arrays import WideArrays
+
+_Result = TypeVar("_Result")
 
 
 class Query(NamedTuple):
@@ -392,12 +394,15 @@ class Call(MemoryLoan):
         # Not above: pictures do without.
         from .host.cast import cast_on_host
 
-        begin = time.perf_counter()
         most_crossings = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
-        found = cast_on_host(tree, self.box, batch, most_crossings)
-        # The host has done the kernel's work.
+        return self.run_on_host(cast_on_host, tree, self.box, batch, most_crossings)
+
+    def run_on_host(self, task: Callable[..., _Result], *arguments: Any) -> _Result:
+        """Return ``task(*arguments)``, whose time counts as a kernel's: the host does its work."""
+        begin = time.perf_counter()
+        result = task(*arguments)
         self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
-        return found
+        return result
 
     @property
     def _session(self) -> DeviceSession:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...structs import SCENE_HIT
-from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Caster, Query
+from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Call, Caster, Query
 from ..less_memory import cut_smaller_when_full
 from ..rays.batch import RayBatch
 from ..rays.pieces import Progress
@@ -30,13 +30,22 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     check_room(count, _HIT_BYTES)
     tree, surface = caster.tree, caster.tree.surface
     refined, ids = RefinedHits.make(count), HitIds.make(count, has_instances=tree.hit_dtype == SCENE_HIT)
-    for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
+    with caster.open_call() as call:
+        if (host_tree := call.on_host(count)) is not None:
+            # Not above: pictures do without.
+            from .closest_on_host import find_closest_on_host
 
-        def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
-            rays = begin + first, begin + last
-            refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays), ids.part(*rays))
+            call.run_on_host(find_closest_on_host, host_tree, call.box, batch, surface, refined, ids)
+            if progress is not None:
+                progress(count, count)
+        else:
+            for begin, found in _cast_pieces(call, CLOSEST_HIT, batch, shape, progress):
 
-        caster.threads.for_ranges(len(found), refine)
+                def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
+                    rays = begin + first, begin + last
+                    refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays), ids.part(*rays))
+
+                caster.threads.for_ranges(len(found), refine)
     return refined.as_hits(ids, shape, mesh=tree.mesh, scene_surface=tree.scene_surface)
 
 
@@ -89,7 +98,14 @@ def _cast_rays(
             yield 0, call.cast_on_host(tree, query, batch, **arguments)
             if progress is not None:
                 progress(batch.ray_count, batch.ray_count)
-            return
-        for piece in call.cut_rays(batch, shape, progress=progress):
-            with call.cast(query, call.pack_rays(batch, piece), **arguments) as found:
-                yield piece.begin, found
+        else:
+            yield from _cast_pieces(call, query, batch, shape, progress, **arguments)
+
+
+def _cast_pieces(
+    call: Call, query: Query, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yield what the device finds, as `_cast_rays`."""
+    for piece in call.cut_rays(batch, shape, progress=progress):
+        with call.cast(query, call.pack_rays(batch, piece), **arguments) as found:
+            yield piece.begin, found

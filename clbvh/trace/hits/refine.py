@@ -104,7 +104,7 @@ def refine_closest(
     ids : HitIds of (n,) arrays, written
     """
     lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, found.dtype.itemsize // 4)
-    _refine_closest(rays, surface, lanes.view(np.int32), RefineBlock.make(), hits, ids.prim_id, ids.instance_id)
+    refine_found(rays, surface, lanes.view(np.int32), RefineBlock.make(), hits, ids.prim_id, ids.instance_id)
 
 
 def refine_crossings(
@@ -162,7 +162,8 @@ def refine_crossings(
 
 
 @compiled(error_model="numpy")
-def _refine_closest(rays, surface, found_ints, block, hits, prim_id, instance_id):
+def refine_found(rays, surface, found_ints, block, hits, prim_id, instance_id):
+    """Write one hit for each ray, as `refine_closest`; `found_ints` are (n, lanes) int32."""
     t, u, v, is_front = hits.t, hits.u, hits.v, hits.is_front
     count = 0
     for ray in range(len(found_ints)):

@@ -36,7 +36,8 @@ def meet_boxes(
         Per axis; see `pad_ray`.
     limits : 2 float32
         The ray's t_min, and the t beyond which nothing is looked for.
-    t_nears : (lanes,) float32, written
+    t_nears : (lanes,) uint32, written
+        The bits of float32.
     """
     width = len(slots)
 
@@ -128,6 +129,29 @@ def pass_edges(typing_context, slots, blocks, first_index, axes, origin, shear):
 
 
 @intrinsic
+def count_others(typing_context, slots, numbers, first_index, value):
+    """Return how many lanes are not a value.
+
+    Parameters
+    ----------
+    slots : tuple of int
+        As many as there are lanes.
+    numbers : (n,) int32
+    first_index : uint64
+        Of the first lane.
+    value : int32
+    """
+    width = len(slots)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        lanes = _Lanes(context, builder, width, _INT)
+        found = lanes.load(lanes.data_of(signature.args[1], arguments[1]), arguments[2])
+        return builder.ctpop(lanes.bits(builder.icmp_signed("!=", found, lanes.spread(arguments[3]))))
+
+    return types.uint32(slots, numbers, types.uint64, types.int32), generate
+
+
+@intrinsic
 def lowest_bit(typing_context, bits):
     """Return the index of the lowest bit that is set, of a number that is not 0."""
 
@@ -139,11 +163,11 @@ def lowest_bit(typing_context, bits):
 
 
 class _Lanes:
-    """Writes the instructions for vectors of `width` numbers in float32."""
+    """Writes the instructions for vectors of `width` numbers of 4 bytes."""
 
-    def __init__(self, context: Any, builder: Any, width: int) -> None:
+    def __init__(self, context: Any, builder: Any, width: int, number: Any = _FLOAT) -> None:
         self._context, self._builder, self._width = context, builder, width
-        self._vector = ir.VectorType(_FLOAT, width)
+        self._vector = ir.VectorType(number, width)
 
     def data_of(self, array_type: Any, array: Any) -> Any:
         return self._context.make_array(array_type)(self._context, self._builder, array).data

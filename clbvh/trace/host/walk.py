@@ -10,11 +10,12 @@ import numpy as np
 
 from ...structs import HIT_PRIM_ID, NO_PRIM, PACKED_RAY_DIRECTION, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
 from ...support.compiled import compiled
-from .lanes import lowest_bit, meet_boxes, pass_edges
-from .ray import cross_corners, make_shear, pad_ray
+from .lanes import count_others, lowest_bit, meet_boxes, pass_edges
+from .ray import cross_corners, make_host_ray, shear_corner
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
 _NO_BITS, _LAST_BIT = np.uint32(0), np.uint32(1)
+_HALF_BITS, _LOWER_HALF = np.uint64(32), np.uint64(0xFFFFFFFF)
 
 # What is counted of each ray, and the answer, by index: the nearest primitive, where a device's hit has it, or the
 # number of crossings.
@@ -42,56 +43,75 @@ def walk(tree, packed, most_crossings, found):
     width = np.uint64(len(tree.slots))
     lanes_of_node, lanes_of_block = np.uint64(7) * width, np.uint64(10) * width
     first_child, first_prim = np.uint64(6) * width, np.uint64(9) * width
-    stack = np.empty(tree.stack_size, np.int32)
-    keys = np.empty(tree.stack_size, np.float32)
-    origin = np.empty(3, np.float32)
-    direction = np.empty(3, np.float32)
-    near_origin = np.empty(3, np.float32)
-    far_origin = np.empty(3, np.float32)
-    inverse = np.empty(3, np.float32)
-    shear = np.empty(3, np.float32)
-    perturbation = np.empty(2, np.float32)
-    t_nears = np.empty(_MOST_SLOTS, np.float32)
+    # Entries as on the device: t_near of a child's box in the upper half, the child in the lower one.
+    stack = np.empty(tree.stack_size, np.uint64)
+    t_nears = np.empty(_MOST_SLOTS, np.uint32)
     x_plane, y_plane, z_plane, apart = np.uint64(0), width, width + width, width + width + width
-    for ray in range(len(packed)):
-        for axis in range(3):
-            origin[axis], direction[axis] = packed[ray, axis], packed[ray, PACKED_RAY_DIRECTION + axis]
-        t_min, t_max = packed[ray, PACKED_RAY_T_MIN], packed[ray, PACKED_RAY_T_MAX]
-        z_axis = make_shear(origin, direction, shear, perturbation)
-        pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
-        near_point = near_origin[0], near_origin[1], near_origin[2]
-        far_point = far_origin[0], far_origin[1], far_origin[2]
-        slopes = inverse[0], inverse[1], inverse[2]
+    for ray_id in range(len(packed)):
+        # 0 for -0, so that the bits of all t_near are in the order of their values.
+        t_min, t_max = packed[ray_id, PACKED_RAY_T_MIN] + _ZERO, packed[ray_id, PACKED_RAY_T_MAX]
+        ray = make_host_ray(
+            (packed[ray_id, 0], packed[ray_id, 1], packed[ray_id, 2]),
+            (
+                packed[ray_id, PACKED_RAY_DIRECTION],
+                packed[ray_id, PACKED_RAY_DIRECTION + 1],
+                packed[ray_id, PACKED_RAY_DIRECTION + 2],
+            ),
+        )
         # Offsets of the near planes and the far ones in a node: the minima come first, then the maxima.
-        near_x, far_x = (x_plane + apart, x_plane) if slopes[0] < _ZERO else (x_plane, x_plane + apart)
-        near_y, far_y = (y_plane + apart, y_plane) if slopes[1] < _ZERO else (y_plane, y_plane + apart)
-        near_z, far_z = (z_plane + apart, z_plane) if slopes[2] < _ZERO else (z_plane, z_plane + apart)
-        x_axis, y_axis = (z_axis + 1) % 3, (z_axis + 2) % 3
-        axes = np.uint64(x_axis), np.uint64(y_axis), np.uint64(z_axis)
-        point = origin[x_axis], origin[y_axis], origin[z_axis]
-        slants = shear[0], shear[1]
+        near_x, far_x = (x_plane + apart, x_plane) if ray.inverse[0] < _ZERO else (x_plane, x_plane + apart)
+        near_y, far_y = (y_plane + apart, y_plane) if ray.inverse[1] < _ZERO else (y_plane, y_plane + apart)
+        near_z, far_z = (z_plane + apart, z_plane) if ray.inverse[2] < _ZERO else (z_plane, z_plane + apart)
+        axes = np.uint64(ray.axes[0]), np.uint64(ray.axes[1]), np.uint64(ray.axes[2])
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = triangle_tests = crossings = 0
         limit = t_max
-        stack[0], keys[0] = 0, t_min
-        stack_size = 1
-        while stack_size > 0:
-            stack_size -= 1
-            if keys[stack_size] > limit:
-                continue
-            child = stack[stack_size]
-
-            # A block of triangles.
-            if child < 0:
+        child = np.int32(0)
+        stack_size = 0
+        is_done = t_min > t_max
+        while not is_done:
+            if child >= 0:
+                # The nearest child that the ray meets comes next, others go on the stack in order.
+                node_steps += 1
+                base = np.uint64(child) * lanes_of_node
+                met = meet_boxes(
+                    tree.slots, nodes, (base + near_x, base + near_y, base + near_z),
+                    (base + far_x, base + far_y, base + far_z), ray.near_origin, ray.far_origin, ray.inverse,
+                    (t_min, limit), t_nears,
+                )  # fmt: skip
+                if met != _NO_BITS:
+                    children = base + first_child
+                    slot = lowest_bit(met)
+                    met &= met - _LAST_BIT
+                    child = node_ints[children + slot]
+                    if met == _NO_BITS:
+                        continue
+                    nearest = _make_entry(t_nears[slot], child)
+                    bottom = stack_size
+                    while met != _NO_BITS:
+                        slot = lowest_bit(met)
+                        met &= met - _LAST_BIT
+                        other = _make_entry(t_nears[slot], node_ints[children + slot])
+                        farther = max(nearest, other)
+                        nearest = min(nearest, other)
+                        index = stack_size
+                        stack_size += 1
+                        while index > bottom and stack[index - 1] < farther:
+                            stack[index] = stack[index - 1]
+                            index -= 1
+                        stack[index] = farther
+                    child = _child_of(nearest)
+                    continue
+            else:
+                # A block of triangles.
                 leaf_visits += 1
                 base = np.uint64(~child) * lanes_of_block
-                for slot in range(len(tree.slots)):
-                    triangle_tests += block_ints[base + first_prim + np.uint64(slot)] != NO_PRIM
-                passing = pass_edges(tree.slots, blocks, base, axes, point, slants)
+                triangle_tests += np.int64(count_others(tree.slots, block_ints, base + first_prim, np.int32(NO_PRIM)))
+                passing = pass_edges(tree.slots, blocks, base, axes, ray.origin, (ray.shear[0], ray.shear[1]))
                 while passing != _NO_BITS:
                     lane = base + lowest_bit(passing)
                     passing &= passing - _LAST_BIT
-                    t = _cross(blocks, lane, width, axes, point, shear, perturbation)
+                    t = _cross(blocks, lane, width, axes, ray)
                     if t >= t_min and t <= t_max:
                         prim = block_ints[lane + first_prim]
                         if most_crossings > 0:
@@ -101,49 +121,43 @@ def walk(tree, packed, most_crossings, found):
                             limit = t
                 if most_crossings > 0 and crossings == most_crossings:
                     break
-                continue
 
-            # The children that the ray meets go on the stack in order, the nearest on top.
-            node_steps += 1
-            base = np.uint64(child) * lanes_of_node
-            met = meet_boxes(
-                tree.slots, nodes, (base + near_x, base + near_y, base + near_z),
-                (base + far_x, base + far_y, base + far_z), near_point, far_point, slopes, (t_min, limit), t_nears,
-            )  # fmt: skip
-            bottom = stack_size
-            while met != _NO_BITS:
-                slot = lowest_bit(met)
-                met &= met - _LAST_BIT
-                lane = base + slot
-                if nodes[lane] > nodes[lane + apart]:
-                    continue  # a missing child
-                t_near = t_nears[slot]
-                index = stack_size
-                while index > bottom and keys[index - 1] < t_near:
-                    stack[index], keys[index] = stack[index - 1], keys[index - 1]
-                    index -= 1
-                stack[index], keys[index] = node_ints[lane + first_child], t_near
-                stack_size += 1
-        found[ray, NODE_STEPS], found[ray, LEAF_VISITS], found[ray, TRIANGLE_TESTS] = (
+            # Children beyond the nearest hit are skipped.
+            beyond = _make_entry(np.float32(limit).view(np.uint32), np.int32(-1))
+            is_done = True
+            while stack_size > 0:
+                stack_size -= 1
+                if stack[stack_size] <= beyond:
+                    child = _child_of(stack[stack_size])
+                    is_done = False
+                    break
+        found[ray_id, NODE_STEPS], found[ray_id, LEAF_VISITS], found[ray_id, TRIANGLE_TESTS] = (
             node_steps, leaf_visits, triangle_tests,
         )  # fmt: skip
-        found[ray, ANSWER] = nearest_prim if most_crossings == 0 else crossings
+        found[ray_id, ANSWER] = nearest_prim if most_crossings == 0 else crossings
 
 
-@compiled(error_model="numpy")
-def _cross(blocks, lane, width, axes, origin, shear, perturbation):
+@compiled
+def _make_entry(t_near, child):
+    """Return a stack entry; entries are in the order of t_near, given by its bits, then of the child's bits."""
+    return (np.uint64(t_near) << _HALF_BITS) | np.uint64(np.uint32(child))
+
+
+@compiled
+def _child_of(entry):
+    return np.int32(np.uint32(entry & _LOWER_HALF))
+
+
+@compiled(error_model="numpy", is_inlined=True)
+def _cross(blocks, lane, width, axes, ray):
     """Return t where the ray crosses the triangle of a lane, NaN if it does not."""
-    ax, ay, az = _shear_corner(blocks, lane, width, axes, origin, shear)
-    lane += width + width + width
-    bx, by, bz = _shear_corner(blocks, lane, width, axes, origin, shear)
-    lane += width + width + width
-    cx, cy, cz = _shear_corner(blocks, lane, width, axes, origin, shear)
-    return cross_corners(ax, ay, az, bx, by, bz, cx, cy, cz, perturbation)
+    corner = width + width + width
+    a = _load_corner(blocks, lane, width, axes)
+    b = _load_corner(blocks, lane + corner, width, axes)
+    c = _load_corner(blocks, lane + corner + corner, width, axes)
+    return cross_corners(shear_corner(a, ray), shear_corner(b, ray), shear_corner(c, ray), ray.perturbation)
 
 
-@compiled(error_model="numpy")
-def _shear_corner(blocks, lane, width, axes, origin, shear):
-    x = blocks[lane + axes[0] * width] - origin[0]
-    y = blocks[lane + axes[1] * width] - origin[1]
-    z = blocks[lane + axes[2] * width] - origin[2]
-    return x - shear[0] * z, y - shear[1] * z, shear[2] * z
+@compiled(error_model="numpy", is_inlined=True)
+def _load_corner(blocks, lane, width, axes):
+    return blocks[lane + axes[0] * width], blocks[lane + axes[1] * width], blocks[lane + axes[2] * width]

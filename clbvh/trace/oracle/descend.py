@@ -20,7 +20,7 @@ from ...structs import (
     TRIANGLE_PRIM_ID,
 )
 from ...support.compiled import compiled
-from ..host.ray import cross_corners, make_shear, pad_ray
+from ..host.ray import cross_corners, make_host_ray, pick, shear_corner
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
 
@@ -90,16 +90,10 @@ def descend(trees, start, rays, any_hit, counts, nearest):
     triangles, triangle_ints = trees.triangles, trees.triangle_ints
     spheres, sphere_ints = trees.spheres, trees.sphere_ints
     stack = np.empty(start.stack_size, np.int64)
-    near_origin = np.empty(3, np.float32)
-    far_origin = np.empty(3, np.float32)
-    inverse = np.empty(3, np.float32)
-    shear = np.empty(3, np.float32)
-    perturbation = np.empty(2, np.float32)
-    for ray in range(len(rays.origins)):
-        origin, direction = rays.origins[ray], rays.directions[ray]
-        t_min, t_max = rays.t_mins[ray], rays.t_maxs[ray]
-        z_axis = make_shear(origin, direction, shear, perturbation)
-        pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
+    for ray_id in range(len(rays.origins)):
+        origin, direction = as_triple(rays.origins[ray_id]), as_triple(rays.directions[ray_id])
+        t_min, t_max = rays.t_mins[ray_id], rays.t_maxs[ray_id]
+        ray = make_host_ray(origin, direction)
         nearest_t, nearest_prim = _INFINITY, np.int32(NO_PRIM)
         node_steps = leaf_visits = prim_tests = 0
         stack_size = 0
@@ -109,8 +103,8 @@ def descend(trees, start, rays, any_hit, counts, nearest):
             # Which children does the ray meet, and which first?
             node_steps += 1
             limit = nearest_t if nearest_t < t_max else t_max
-            meets_left, t_left = meets_child(nodes, node, 0, near_origin, far_origin, inverse, t_min, limit)
-            meets_right, t_right = meets_child(nodes, node, 1, near_origin, far_origin, inverse, t_min, limit)
+            meets_left, t_left = meets_child(nodes, node, 0, ray, t_min, limit)
+            meets_right, t_right = meets_child(nodes, node, 1, ray, t_min, limit)
             if meets_left and meets_right:
                 first = 1 if t_right < t_left else 0
                 stack[stack_size] = 2 * node + 1 - first
@@ -135,7 +129,7 @@ def descend(trees, start, rays, any_hit, counts, nearest):
                         t = intersect_sphere(spheres, block, origin, direction, t_min, t_max)
                         prim = sphere_ints[block, _SPHERE_PRIM_ID]
                     else:
-                        t = intersect_triangle(triangles, block, origin, z_axis, shear, perturbation)
+                        t = intersect_triangle(triangles, block, ray)
                         prim = triangle_ints[block, TRIANGLE_PRIM_ID]
                     if t >= t_min and t <= t_max and (t < nearest_t or (t == nearest_t and prim < nearest_prim)):
                         nearest_t, nearest_prim = t, prim
@@ -145,42 +139,50 @@ def descend(trees, start, rays, any_hit, counts, nearest):
                 stack_size -= 1
                 child = stack[stack_size]
             node = node_ints[child >> 1, BVH2_FIRST + (child & 1)]
-        counts[ray, 0], counts[ray, 1], counts[ray, 2] = node_steps, leaf_visits, prim_tests
-        counts[ray, 3] = nearest_prim
-        nearest[ray] = nearest_t
+        counts[ray_id, 0], counts[ray_id, 1], counts[ray_id, 2] = node_steps, leaf_visits, prim_tests
+        counts[ray_id, 3] = nearest_prim
+        nearest[ray_id] = nearest_t
+
+
+@compiled
+def as_triple(vector):
+    """Return three numbers of an array as a tuple."""
+    return vector[0], vector[1], vector[2]
 
 
 @compiled(error_model="numpy")
-def meets_child(nodes, node, child, near_origin, far_origin, inverse, t_min, t_max):
+def meets_child(nodes, node, child, ray, t_min, t_max):
     """Return whether the ray meets a child's box, and where it enters; see `meets_aabb` in cl/boxes/aabb.cl."""
     t_near, t_far = t_min, t_max
     for axis in range(2, -1, -1):
         lower = nodes[node, BVH2_MIN + 3 * child + axis]
         upper = nodes[node, BVH2_MAX + 3 * child + axis]
-        is_backward = inverse[axis] < _ZERO
-        near = ((upper if is_backward else lower) - near_origin[axis]) * inverse[axis]
-        far = ((lower if is_backward else upper) - far_origin[axis]) * inverse[axis]
+        inverse = pick(ray.inverse, axis)
+        is_backward = inverse < _ZERO
+        near = ((upper if is_backward else lower) - pick(ray.near_origin, axis)) * inverse
+        far = ((lower if is_backward else upper) - pick(ray.far_origin, axis)) * inverse
         t_near = near if near > t_near else t_near
         t_far = far if far < t_far else t_far
     return t_near <= t_far, t_near
 
 
 @compiled(error_model="numpy")
-def intersect_triangle(triangles, triangle, origin, z_axis, shear, perturbation):
+def intersect_triangle(triangles, triangle, ray):
     """Return t where the ray crosses a triangle, NaN if it does not; see cl/triangles/triangle.cl."""
-    ax, ay, az = _shear_vertex(triangles, triangle, 0, origin, z_axis, shear)
-    bx, by, bz = _shear_vertex(triangles, triangle, 1, origin, z_axis, shear)
-    cx, cy, cz = _shear_vertex(triangles, triangle, 2, origin, z_axis, shear)
-    return cross_corners(ax, ay, az, bx, by, bz, cx, cy, cz, perturbation)
+    a = shear_corner(_load_corner(triangles, triangle, 0, ray.axes), ray)
+    b = shear_corner(_load_corner(triangles, triangle, 1, ray.axes), ray)
+    c = shear_corner(_load_corner(triangles, triangle, 2, ray.axes), ray)
+    return cross_corners(a, b, c, ray.perturbation)
 
 
 @compiled(error_model="numpy")
-def _shear_vertex(triangles, triangle, corner, origin, z_axis, shear):
-    x_axis, y_axis = (z_axis + 1) % 3, (z_axis + 2) % 3
-    x = triangles[triangle, 3 * corner + x_axis] - origin[x_axis]
-    y = triangles[triangle, 3 * corner + y_axis] - origin[y_axis]
-    z = triangles[triangle, 3 * corner + z_axis] - origin[z_axis]
-    return x - shear[0] * z, y - shear[1] * z, shear[2] * z
+def _load_corner(triangles, triangle, corner, axes):
+    first = 3 * corner
+    return (
+        triangles[triangle, first + axes[0]],
+        triangles[triangle, first + axes[1]],
+        triangles[triangle, first + axes[2]],
+    )
 
 
 @compiled(error_model="numpy")

@@ -20,8 +20,8 @@ from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.ranges import cut_range
 from ..hits.scene_arrays import make_scene_arrays
-from ..host.ray import make_shear, pad_ray
-from ..oracle.descend import HostTrees, PackedRays, TreeStart, descend, meets_child
+from ..host.ray import make_host_ray
+from ..oracle.descend import HostTrees, PackedRays, TreeStart, as_triple, descend, meets_child
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
 from .geometry_arrays import arrange_geometries, blocks_by_kind, list_parts
@@ -164,19 +164,13 @@ def _walk(scene, rays, exact_origins, inside, counts):
     """Traverse the scene with every ray; `counts`, (n, 6), holds the fields of `SceneVisits` of each."""
     nodes, node_ints, starts = scene.top.nodes, scene.top.node_ints, scene.starts
     stack = np.empty(scene.top_stack_size, np.int64)
-    near_origin = np.empty(3, np.float32)
-    far_origin = np.empty(3, np.float32)
-    inverse = np.empty(3, np.float32)
-    shear = np.empty(3, np.float32)
-    perturbation = np.empty(2, np.float32)
     own_counts = np.empty((1, 4), np.int32)
     own_t = np.empty(1, np.float32)
-    for ray in range(len(rays.origins)):
-        origin, direction, exact = rays.origins[ray], rays.directions[ray], exact_origins[ray]
-        t_min, t_max = rays.t_mins[ray], rays.t_maxs[ray]
-        z_axis = make_shear(origin, direction, shear, perturbation)
-        pad_ray(origin, direction, shear, z_axis, near_origin, far_origin, inverse)
-        count = counts[ray]
+    for ray_id in range(len(rays.origins)):
+        direction, exact = as_triple(rays.directions[ray_id]), exact_origins[ray_id]
+        t_min, t_max = rays.t_mins[ray_id], rays.t_maxs[ray_id]
+        ray = make_host_ray(as_triple(rays.origins[ray_id]), direction)
+        count = counts[ray_id]
         count[_INSTANCE_ID] = count[_PRIM_ID] = NO_PRIM
         nearest_t = np.float32(np.inf)
         stack_size = 0
@@ -185,8 +179,8 @@ def _walk(scene, rays, exact_origins, inside, counts):
             # Which children does the ray meet, and which first?
             count[_NODE_STEPS] += 1
             limit = nearest_t if nearest_t < t_max else t_max
-            meets_left, t_left = meets_child(nodes, node, 0, near_origin, far_origin, inverse, t_min, limit)
-            meets_right, t_right = meets_child(nodes, node, 1, near_origin, far_origin, inverse, t_min, limit)
+            meets_left, t_left = meets_child(nodes, node, 0, ray, t_min, limit)
+            meets_right, t_right = meets_child(nodes, node, 1, ray, t_min, limit)
             if meets_left and meets_right:
                 first = 1 if t_right < t_left else 0
                 stack[stack_size] = 2 * node + 1 - first

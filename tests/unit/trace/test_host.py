@@ -121,6 +121,16 @@ class TestBits:
             assert not tracer.any_hit(*hits, t_max=np.nextafter(t[is_hit], np.float32(-1))).any()
 
     @pytest.mark.parametrize("layout", WIDE)
+    def test_a_t_min_of_minus_zero(self, session, mesh, any_number_here, layout):
+        """Boxes around the origin are entered at t_min, whose bits are those of the greatest distance for -0."""
+        mesh = centred(mesh)
+        directions = np.random.default_rng(11).normal(size=(500, 3))
+        with Tracer(build(mesh), device=session.info, layout=layout) as tracer:
+            any_number_here()
+            rays = np.zeros_like(directions), directions
+            assert read_all(tracer, rays, t_min=-0.0) == read_all(tracer, rays, t_min=0.0)
+
+    @pytest.mark.parametrize("layout", WIDE)
     def test_small_meshes(self, session, any_number_here, layout):
         no_triangle = Mesh.from_arrays([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2], [0, 0, 1]])
         with (
