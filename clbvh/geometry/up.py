@@ -112,7 +112,7 @@ def _say(axis: int, reason: str, *, is_guess: bool = True) -> Up:
 
 
 def sample_points(mesh: Mesh, most: int = _MAX_TRIANGLES) -> NDArray[np.float64]:
-    """Return the corners of at most so many faces, (n, 3) in local units, spread evenly over the list of faces."""
+    """Return the corners of at most `most` faces, (n, 3) in local units, spread evenly over the list of faces."""
     step = -(-mesh.face_count // most)
     return mesh.local_vertices[mesh.faces[::step].ravel()].astype(np.float64)
 

@@ -127,7 +127,7 @@ def _find_stray_prims(shape: Shape) -> NDArray[np.bool_] | None:
     begin, end = np.quantile(np.concatenate((lower, upper)), [_ENDS, 1 - _ENDS], axis=0)
     if not whole >= LEAST_GAP * np.linalg.norm(end - begin) > 0:
         return None
-    # Everything in the middle is one thing; what is around it is looked at one by one.
+    # The middle counts as one part; each primitive outside it is a part of its own.
     lower, upper, areas = _measure_prims(shape, slice(None))
     is_inside = ((lower >= begin) & (upper <= end)).all(axis=1)
     around = np.flatnonzero(~is_inside)
