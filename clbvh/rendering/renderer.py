@@ -99,7 +99,7 @@ class Renderer(RendererViews):
     >>> with clbvh.Renderer(scene) as renderer:
     ...     picture = renderer.render()
     >>> picture
-    Picture(64 x 48 of 'spheres', 1,215 pixels hit)
+    Picture(64 x 48 of 'spheres', 1,211 pixels hit)
     >>> np.unique(picture.hits.instance_id)
     array([-1,  0,  1], dtype=int32)
     """

@@ -17,6 +17,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from ...support.atomics import add_atomically
 from ...support.compiled import compiled
 from ..options import MAX_DEPTH
 
@@ -50,17 +51,6 @@ class Heap(NamedTuple):
 def make_private_heap() -> Heap:
     """Return the process's own heap, with a count of its own."""
     return Heap(np.empty((0, WORDS), np.int64), np.zeros(COUNTER_WORDS, np.int64))
-
-
-@intrinsic
-def add_atomically(typing_context, counter, amount):
-    """Add to word 0 of an int64 array, undivided by any other thread or process; return what was there."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        return builder.atomic_rmw("add", word, arguments[1], "seq_cst")
-
-    return types.int64(counter, types.int64), generate
 
 
 @intrinsic

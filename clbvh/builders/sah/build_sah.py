@@ -31,9 +31,9 @@ from .top import split_top
 # Below this many primitives the calling process alone is faster than a pool.
 SMALL_MESH = 20_000
 
-# Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees. Smaller ranges would
-# cost more time for messages than they save.
-_RANGES_PER_WORKER = 8
+# Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees. Each doubling costs
+# the threads one more level of the top.
+_RANGES_PER_WORKER = 16
 _SMALLEST_RANGE = 10_000
 
 

@@ -23,9 +23,6 @@ Arrays = Mapping[str, NDArray[Any]]
 Step = Callable[..., Any]
 Task = tuple[Any, ...]
 
-# Most messages per worker and round: more tasks than that travel together, so that messages do not outweigh the work.
-_BATCHES_PER_WORKER = 32
-
 
 @contextmanager
 def open_executor(pool: WorkerPool | None) -> Iterator[Executor]:
@@ -105,9 +102,9 @@ class Executor(ABC):
             A step raised, or a worker died or fell silent.
         """
 
+    @abstractmethod
     def run_on_each(self, step: Step, *task: Any) -> list[Any]:
-        """Run a step once on every worker: a pool hands a task to each before it waits for a result."""
-        return self.map(step, [task] * self.workers)
+        """Run a step once on every worker; return the results."""
 
 
 class CallingProcess(Executor):
@@ -136,7 +133,10 @@ class CallingProcess(Executor):
             del self.arrays[name]
 
     def map(self, step: Step, tasks: Sequence[Task]) -> list[Any]:  # noqa: D102
-        return run_batch(self.arrays, step, tasks)
+        return [step(self.arrays, *task) for task in tasks]
+
+    def run_on_each(self, step: Step, *task: Any) -> list[Any]:  # noqa: D102
+        return [step(self.arrays, *task)]
 
 
 class PoolExecutor(Executor):
@@ -158,7 +158,6 @@ class PoolExecutor(Executor):
         self._arena = arena
         self._borrowed: dict[str, ArrayHandle] = {}
         self._owned: dict[str, ArrayHandle] = {}
-        self._attached: dict[str, ArrayHandle] = {}
 
     def create(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:  # noqa: D102
         self._owned[name], self.arrays[name] = self._arena.create(shape, dtype)
@@ -169,7 +168,14 @@ class PoolExecutor(Executor):
         return self.arrays[name]
 
     def keep(self, name: str) -> NDArray[Any]:  # noqa: D102
-        return self.arrays[name].copy()
+        borrowed = self.arrays[name]
+        copy = np.empty_like(borrowed)
+
+        def copy_range(begin: int, end: int) -> None:
+            copy[begin:end] = borrowed[begin:end]
+
+        self.threads.for_ranges(len(copy), copy_range)
+        return copy
 
     def share(self, name: str, array: NDArray[Any]) -> None:  # noqa: D102
         self.create(name, array.shape, array.dtype)[...] = array
@@ -180,27 +186,17 @@ class PoolExecutor(Executor):
             del self.arrays[name]
 
     def map(self, step: Step, tasks: Sequence[Task]) -> list[Any]:  # noqa: D102
-        self._attach(self._borrowed | self._owned)
-        batch_count = min(len(tasks), self.workers * _BATCHES_PER_WORKER)
-        batches = [(step, tasks[number::batch_count]) for number in range(batch_count)]
-        results: list[Any] = [None] * len(tasks)
-        for number, batch_results in enumerate(self._pool.map(run_batch, batches)):
-            results[number::batch_count] = batch_results
-        return results
+        self._pool.attach(self._borrowed | self._owned)
+        return self._pool.share_out(step, tasks)
+
+    def run_on_each(self, step: Step, *task: Any) -> list[Any]:  # noqa: D102
+        self._pool.attach(self._borrowed | self._owned)
+        # The pool hands a task to each worker before it waits for a result.
+        return self._pool.map(step, [task] * self.workers)
 
     def release(self) -> None:
         """Let the workers let go of all memory that the next build will not use."""
         if self._workspace.is_too_large:
             self._workspace.close()
             self._borrowed.clear()
-        self._attach(self._borrowed)
-
-    def _attach(self, handles: dict[str, ArrayHandle]) -> None:
-        if handles != self._attached:
-            self._pool.attach(handles)
-            self._attached = dict(handles)
-
-
-def run_batch(arrays: Arrays, step: Step, tasks: Sequence[Task]) -> list[Any]:
-    """Run one step for several tasks; the step of every message to a worker."""
-    return [step(arrays, *task) for task in tasks]
+        self._pool.attach(self._borrowed)

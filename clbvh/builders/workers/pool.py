@@ -13,16 +13,20 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
 from numbers import Integral
 from types import TracebackType
 from typing import Any, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...errors import ConfigError, PoolError
 from ...support.context_manager import ContextManager
 from ...support.host_threads import HostThreads, usable_cores
-from .arena import ArrayHandle
+from .arena import Arena, ArrayHandle
 from .start import prepare_context, start_worker
-from .worker import ATTACH, RUN, STOP
+from .worker import ATTACH, RUN, STOP, TAKE
 from .workspace import Workspace
 
 # Exit code of a worker that finds itself creating a pool while it imports the main script.
@@ -37,6 +41,10 @@ DEFAULT_TIMEOUT_S = 600.0
 # How long a worker may take to stop: at the end, and after an error, when nobody waits for its result.
 _STOP_PATIENCE_S = 2.0
 _ERROR_PATIENCE_S = 0.2
+
+
+# The counter of tasks has a cache line of its own; word 0 counts.
+_COUNTER_WORDS = 8
 
 
 class WorkerPool(ContextManager):
@@ -81,6 +89,10 @@ class WorkerPool(ContextManager):
         # As many threads of this process as there are workers, for what workers do not see.
         self.threads = HostThreads(self.workers)
         self._workspace = Workspace()
+        self._attached: dict[str, ArrayHandle] | None = None  # what all workers hold, once they have said so
+        # The number of the next task, see `share_out`; the workers learn of it when they start.
+        self._counter_memory = Arena()
+        self._next_task: NDArray[np.int64] = np.zeros(1, np.int64)
         # Threads that use one pool take turns, also to close it. Reentrant: an error in a build closes the pool.
         self._one_build = threading.RLock()
         # Starting the fork server blocks until it has imported its modules, so a thread does it.
@@ -110,9 +122,12 @@ class WorkerPool(ContextManager):
     def attach(self, handles: Mapping[str, ArrayHandle]) -> None:
         """Let every worker hold exactly these shared arrays, by these names; it lets go of all others."""
         with self._turn(), _ClosedOnError(self):
+            if handles == self._attached:
+                return
             for worker in range(self.workers):
-                self._send(worker, (ATTACH, dict(handles)))
+                self._send(worker, _pack(ATTACH, dict(handles)))
             self._wait_for_all()
+            self._attached = dict(handles)
 
     @contextmanager
     def hold(self) -> Iterator[Workspace]:
@@ -155,12 +170,46 @@ class WorkerPool(ContextManager):
             while busy or next_task < len(tasks):
                 while idle and next_task < len(tasks):
                     worker = idle.pop(0)
-                    self._send(worker, (RUN, step, tasks[next_task]))
+                    self._send(worker, _pack(RUN, step, tasks[next_task]))
                     busy[worker] = next_task
                     next_task += 1
                 worker, result = self._receive(busy)
                 results[busy.pop(worker)] = result
                 idle.append(worker)
+        return results
+
+    def share_out(self, step: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Do as `map` does, with one message to each worker: it takes the next task as soon as it is free.
+
+        So tasks may be small. Any of them may come to any worker, and a worker may get none.
+
+        Parameters
+        ----------
+        step, tasks
+            As of `map`.
+
+        Returns
+        -------
+        list
+            The results, in the order of the tasks.
+
+        Raises
+        ------
+        PoolError
+            See `map`. A worker counts as silent when no task of any worker has begun for the whole timeout.
+        """
+        results: list[Any] = [None] * len(tasks)
+        with self._turn(), _ClosedOnError(self):
+            self._next_task[0] = 0
+            message = _pack(TAKE, step, list(tasks))
+            busy = dict.fromkeys(range(min(self.workers, len(tasks))))
+            for worker in busy:
+                self._send(worker, message)
+            while busy:
+                worker, numbered_results = self._receive(busy)
+                del busy[worker]
+                for number, result in numbered_results:
+                    results[number] = result
         return results
 
     def close(self) -> None:
@@ -209,8 +258,9 @@ class WorkerPool(ContextManager):
         begin = time.perf_counter()
         try:
             context, folder = prepare_context(self._preload)
+            counter, self._next_task = self._counter_memory.create((_COUNTER_WORDS,), np.int64)
             for number in range(self.workers):
-                process, connection = start_worker(context, number, folder, self._preload, self._timeout_s)
+                process, connection = start_worker(context, number, folder, self._preload, counter, self._timeout_s)
                 if self._closed:
                     # The fork server hung, and nobody waits any more.
                     process.kill()
@@ -236,7 +286,7 @@ class WorkerPool(ContextManager):
         self._closed = True
         for connection in self._connections:
             with suppress(OSError):  # it may be gone already
-                connection.send((STOP,))
+                connection.send_bytes(_pack(STOP))
             connection.close()
         deadline = time.monotonic() + patience_s
         for process in self._processes:
@@ -245,6 +295,7 @@ class WorkerPool(ContextManager):
                 process.kill()
                 process.join()
         self._workspace.close()
+        self._counter_memory.close()
         self.threads.close()
 
     def _wait_for_all(self) -> None:
@@ -254,10 +305,10 @@ class WorkerPool(ContextManager):
             worker, _ = self._receive(silent)
             del silent[worker]
 
-    def _send(self, worker: int, message: tuple[Any, ...]) -> None:
+    def _send(self, worker: int, message: bytes) -> None:
         """Send a message to an idle worker."""
         try:
-            self._connections[worker].send(message)
+            self._connections[worker].send_bytes(message)
         except BlockingIOError:
             raise self._explain_silence([worker]) from None
         except OSError:
@@ -266,7 +317,12 @@ class WorkerPool(ContextManager):
     def _receive(self, workers: Mapping[int, Any]) -> tuple[int, Any]:
         """Return the next worker that answers, of these, and its result."""
         connections = {self._connections[worker]: worker for worker in workers}
-        ready = wait(list(connections), timeout=self._timeout_s)
+        # Whoever takes tasks from the counter is busy, not silent.
+        ready: list[Any] = []
+        begun = -1
+        while not ready and begun != self._next_task[0]:
+            begun = int(self._next_task[0])
+            ready = wait(list(connections), timeout=self._timeout_s)
         if not ready:
             raise self._explain_silence(workers)
         connection = cast(Connection, ready[0])
@@ -300,6 +356,11 @@ class WorkerPool(ContextManager):
             f"worker {worker} died (exit code {process.exitcode}); a negative code is the signal that killed it, "
             "and -9 often means that the system ran out of memory"
         )
+
+
+def _pack(*message: Any) -> bytes:
+    """Return a message as workers read it."""
+    return bytes(ForkingPickler.dumps(message))
 
 
 class _ClosedOnError:

@@ -21,6 +21,7 @@ from multiprocessing.util import get_temp_dir
 from typing import Any
 
 from ...support.run_folder import get_run_folder
+from .arena import ArrayHandle
 from .worker import serve
 
 _WORKER_NAME = "clbvh-worker-"
@@ -56,12 +57,13 @@ def prepare_context(preload: str | None) -> tuple[Any, str | None]:
 
 
 def start_worker(
-    context: Any, number: int, folder: str | None, preload: str | None, timeout_s: float
+    context: Any, number: int, folder: str | None, preload: str | None, counter: ArrayHandle, timeout_s: float
 ) -> tuple[Any, Connection]:
     """Start one worker process; return it and our end of its pipe, on which a stuck message fails after `timeout_s`."""
     ours, theirs = context.Pipe()
     _limit_transfer(ours, timeout_s)
-    process = context.Process(target=serve, args=(theirs, folder, preload), name=f"{_WORKER_NAME}{number}", daemon=True)
+    arguments = (theirs, folder, preload, counter)
+    process = context.Process(target=serve, args=arguments, name=f"{_WORKER_NAME}{number}", daemon=True)
     with _hidden_name_of_no_script():
         process.start()
     theirs.close()

@@ -7,22 +7,27 @@ import multiprocessing
 import shutil
 import signal
 import traceback
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
+
+from .arena import ArrayHandle
 
 # Kinds of messages, each with its content.
 ATTACH = "attach"  # name -> ArrayHandle
 RUN = "run"  # step function, arguments
+TAKE = "take"  # step function, arguments of all tasks
 STOP = "stop"
 
 # A coordinator that was killed closes its pipes one after the other, within this time.
 _DEATH_TAKES_S = 1.0
 
 
-def serve(connection: Connection, folder: str | None, preload: str | None) -> None:
+def serve(connection: Connection, folder: str | None, preload: str | None, counter: ArrayHandle) -> None:
     """Answer the messages of a `WorkerPool` with (True, result) or (False, traceback).
 
     The loop ends with STOP, or when the pipe closes because the coordinator is gone, however it went.
@@ -34,6 +39,8 @@ def serve(connection: Connection, folder: str | None, preload: str | None) -> No
         The coordinator's folder for the sockets of `multiprocessing`. It removes that itself unless it is killed.
     preload : str or None
         The name of a module to import first.
+    counter : ArrayHandle
+        The number of the next task, which all workers share.
     """
     # Ctrl-C reaches the whole process group. The coordinator decides what it means; workers follow its pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -41,6 +48,7 @@ def serve(connection: Connection, folder: str | None, preload: str | None) -> No
         importlib.import_module(preload)  # a fork server has done so already
 
     attached: dict[str, _Attached] = {}
+    next_task = counter.attach()
     try:
         connection.send((True, None))  # ready
         while True:
@@ -50,7 +58,7 @@ def serve(connection: Connection, folder: str | None, preload: str | None) -> No
                 message = ForkingPickler.loads(packed)
                 if message[0] == STOP:
                     return
-                answer = ForkingPickler.dumps((True, _answer(message, attached)))
+                answer = ForkingPickler.dumps((True, _answer(message, attached, next_task)))
             except Exception:
                 answer = ForkingPickler.dumps((False, traceback.format_exc()))
             connection.send_bytes(answer)
@@ -71,13 +79,18 @@ class _Attached(NamedTuple):
     array: NDArray[Any]
 
 
-def _answer(message: tuple[Any, ...], attached: dict[str, _Attached]) -> Any:
+def _answer(message: tuple[Any, ...], attached: dict[str, _Attached], next_task: NDArray[np.int64]) -> Any:
+    arrays = {name: item.array for name, item in attached.items()}
     if message[0] == RUN:
         _, step, arguments = message
-        return step({name: item.array for name, item in attached.items()}, *arguments)
+        return step(arrays, *arguments)
+    if message[0] == TAKE:
+        _, step, tasks = message
+        return _take_tasks(next_task, step, arrays, tasks)
 
     # Keep the memory that stays, drop the rest before mapping anything new.
     _, handles = message
+    del arrays
     memories = {item.serial: item.memory for item in attached.values()}
     attached.clear()
     wanted = {handle.serial for handle in handles.values()}
@@ -86,3 +99,19 @@ def _answer(message: tuple[Any, ...], attached: dict[str, _Attached]) -> Any:
         memory = memories.get(handle.serial) or handle.map()
         attached[name] = _Attached(handle.serial, memory, handle.view(memory))
     return None
+
+
+def _take_tasks(
+    next_task: NDArray[np.int64],
+    step: Callable[..., Any],
+    arrays: Mapping[str, NDArray[Any]],
+    tasks: Sequence[tuple[Any, ...]],
+) -> list[tuple[int, Any]]:
+    """Run a step for one task after the other that no other worker has taken; return their numbers and results."""
+    # The coordinator imports this module too, and needs no compiled function for it.
+    from .task_counter import take_number
+
+    results = []
+    while (number := take_number(next_task)) < len(tasks):
+        results.append((number, step(arrays, *tasks[number])))
+    return results

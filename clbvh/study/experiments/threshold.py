@@ -72,7 +72,7 @@ EXPERIMENT = Experiment(
     title="Task threshold",
     question="Does it matter at which size a range becomes one worker's task?",
     method="Wall time of the build. The tree is the same for all thresholds. A task of the report is a thread's, of "
-    "clbvh a message to a worker process, which costs more.",
+    "clbvh a worker process's.",
     cases=_cases,
     measure=_measure,
     present=_present,
