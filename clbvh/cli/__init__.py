@@ -12,13 +12,16 @@ def main() -> None:
     from .streams import prepare_streams
 
     prepare_streams()
-    from .garbage import collect_rarely
+    from .ending import ending_at_once
+    from .garbage import collect_rarely, uncollected
 
     collect_rarely()
-    # Everything that follows can be interrupted.
-    from .signals import end_on_signals
+    with ending_at_once():
+        # Everything that follows can be interrupted.
+        from .signals import end_on_signals
 
-    end_on_signals()
-    from .app import run
+        end_on_signals()
+        with uncollected():
+            from .app import run
 
-    run()
+        run()

@@ -8,8 +8,9 @@ they are imported, and again when the process ends: that was a quarter of the pr
 
 from __future__ import annotations
 
-import atexit
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 # Collections of the middle generation, of about 7,000 new objects each, before one of all objects; Python's own is 10.
 # So modules are imported without one. From Python 3.14 on, this number has no meaning.
@@ -17,11 +18,17 @@ _MIDDLE_COLLECTIONS = 100
 
 
 def collect_rarely() -> None:
-    """Let the collector look at old objects rarely, and not at all when the process ends.
-
-    Call it before other functions are registered with `atexit`, so that its own runs after them.
-    """
+    """Let the collector look at old objects rarely."""
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, _MIDDLE_COLLECTIONS)
-    # Whatever must happen at the end happens in functions at exit and in `with` blocks, never in finalizers of cycles.
-    atexit.register(gc.freeze)
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Let all objects that a block of imports makes live for ever, and look for no garbage among them."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()

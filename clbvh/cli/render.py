@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options, picture_options, view_options
+from .garbage import uncollected
 from .render_progress import render_with_status
 from .render_report import print_render_report
 
@@ -116,8 +117,9 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
-    from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
-    from ..rendering.render import RenderOptions
+    with uncollected():
+        from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
+        from ..rendering.render import RenderOptions
 
     # All input is checked before any work.
     for path in output:

@@ -3,27 +3,36 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.info import DeviceInfo
+from ..device.program import build_kernel
 from ..device.session import DeviceSession
 from ..structs import REPORT_SHADINGS
-from ..support.host_threads import HostThreads
+from ..support.host_threads import side_by_side
 from ..trace.traced_tree import TracedTree
 from .film.environment_map import EnvironmentMap
 from .film.environment_tables import EnvironmentTables, make_environment_tables
 from .film.light_tables import LightTables, find_lights, make_light_tables
 from .film.look_tables import LookTables, has_cutouts, has_normal_maps, make_look_tables
-from .film.sample_painter import Progress, SamplePainter, SampleShading
+from .film.sample_painter import DEVELOP, Progress, SamplePainter, SampleShading
 from .frame import Painter
 from .mesh_subject import MeshSubject
 from .one_ray import OneRayPainter
 from .scene import Scene
 from .scene_subject import SceneSubject
+
+
+def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:
+    """Open a device, and load the kernel that depends on no tree, where the painter of a shading has one."""
+    session = DeviceSession(device)
+    if shading not in REPORT_SHADINGS:
+        build_kernel(session, DEVELOP)
+    return session
 
 
 class Painters:
@@ -92,9 +101,7 @@ class Painters:
                 has_wireframe=has_wireframe,
             )
             # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
-            with HostThreads(2) as threads:
-                steps = [(compile_kernels,), (partial(self._find_tables, scene),)]
-                shading, buffers = threads.run(_call, steps)
+            shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, scene))
             self._shadings[key] = shading, buffers
         return self._shadings[key]
 
@@ -132,10 +139,6 @@ class Painters:
             tables = make_look_tables(looks, is_light, angle)
             self._looks[angle] = tables, tables.upload(self._session)
         return self._looks[angle]
-
-
-def _call(step: Callable[[], Any]) -> Any:
-    return step()
 
 
 def _parts_of(scene: Scene) -> tuple[bool, bool]:

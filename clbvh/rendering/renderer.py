@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from numbers import Real
 from typing import Any, cast
 
@@ -15,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..device.session import DeviceSession
 from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..structs import REPORT_SHADINGS, VIEW
+from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
@@ -33,7 +34,7 @@ from .images.channels import DEFAULT_CHANNELS
 from .images.images import Images
 from .images.make_images import make_images
 from .mesh_subject import MeshSubject
-from .painters import Painters
+from .painters import Painters, open_session
 from .picture import Picture
 from .render_options import RenderOptions
 from .renderer_views import RendererViews
@@ -117,19 +118,11 @@ class Renderer(RendererViews):
         with ExitStack() as stack:
             self.scene = as_scene(source)
             subject = _find_subject(self.scene, source, options, stack)
-
-            on_phase("load")
-            subject.load()
             self._subject = subject
-            self._stand_upright()
-            watch.lap("load")
 
-            on_phase("build")
-            subject.build()
-            watch.lap("build")
-
-            on_phase("open the device")
-            session = DeviceSession(options.device)
+            # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
+            make_tree = partial(self._make_tree, watch, on_phase)
+            _, session = side_by_side(make_tree, partial(open_session, options.device, self.scene.shading))
             # Closed if a step fails, and not at the end of this block.
             on_failure = stack.enter_context(ExitStack())
             on_failure.push(session)
@@ -318,6 +311,18 @@ class Renderer(RendererViews):
             self, channels, next_camera, next_transforms, shading, samples, camera=camera, width=width, height=height,
             on_phase=on_phase,
         )  # fmt: skip
+
+    def _make_tree(self, watch: Stopwatch, on_phase: Callable[[str], None]) -> None:
+        """Find the subject, its upright position, and its tree on the host."""
+        on_phase("load")
+        self._subject.load()
+        self._stand_upright()
+        watch.lap("load")
+
+        on_phase("build")
+        self._subject.build()
+        watch.lap("build")
+        on_phase("open the device")
 
     @property
     def mesh(self) -> Mesh | None:

@@ -22,6 +22,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from .fresh_stack import import_on_fresh_stack
+
+# The statements below import numba, and do so on the stack of their callers.
+import_on_fresh_stack("numba")
+
+# ruff: noqa: E402
 import numba
 from numba import types
 from numba.core import event

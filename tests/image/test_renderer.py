@@ -335,3 +335,11 @@ class TestClosing:
         run_in_threads(draw, draw, close)
         assert sum(isinstance(picture, QueryError) for picture in pictures) == 2
         assert opened._session.buffer_count == 0
+
+
+def test_a_fault_of_the_mesh_is_said_before_one_of_the_device(tmp_path):
+    wrong = clbvh.RenderOptions(device="no such device")
+    with pytest.raises(clbvh.MeshError, match="missing"):
+        clbvh.Renderer(str(tmp_path / "missing.ply"), wrong)
+    with pytest.raises(clbvh.DeviceError, match="no such device"):
+        clbvh.Renderer(clbvh.make_shape("icosphere", triangles=80), wrong)

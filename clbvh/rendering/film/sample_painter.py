@@ -18,6 +18,9 @@ from ..frame import Band
 from ..view_entry_points import AT_THE_ROOT, ViewEntryPoints
 from ..world_arguments import world_arguments
 
+# The kernel that makes colours of the film; it knows no tree.
+DEVELOP = "develop"
+
 _FILM_DTYPE = np.dtype((np.float32, 4))
 
 # Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
@@ -115,7 +118,7 @@ class SampleShading:
             "HAS_WIREFRAME": int(has_wireframe),
         }
         self.kernel = build_kernel(session, "render_samples", defines)
-        self.develop = build_kernel(session, "develop")
+        self.develop = build_kernel(session, DEVELOP)
         self.join_cells = build_kernel(session, "join_cells") if shading == "path" else None
         self.entry_points = ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from clbvh.support import host_threads
-from clbvh.support.host_threads import HostThreads
+from clbvh.support.host_threads import HostThreads, side_by_side
 
 
 @pytest.fixture(params=[1, 2, 5])
@@ -202,3 +202,16 @@ def test_where_no_thread_can_start_the_work_is_done_all_the_same(monkeypatch):
         for _ in range(3):
             assert threads.run(lambda number: number + 1, [(number,) for number in range(10)]) == list(range(1, 11))
         assert threads._jobs.empty()
+
+
+def test_steps_run_side_by_side_and_answer_in_their_order():
+    both = threading.Barrier(2, timeout=20)
+    assert side_by_side(lambda: (both.wait(), 1)[1], lambda: (both.wait(), 2)[1]) == [1, 2]
+
+
+def test_the_error_of_the_first_step_is_raised():
+    def fail(error):
+        raise error
+
+    with pytest.raises(OSError, match="first"):
+        side_by_side(lambda: fail(OSError("first")), lambda: fail(ValueError("second")))
