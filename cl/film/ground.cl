@@ -32,8 +32,8 @@ INLINED ground_t find_ground(const global view_t *view, const world_ray_t *ray)
     }
     const float3 at = ray->origin + height / sinking * ray->direction;
     const float3 from_centre = at - centre;
-    const float share = sqrt(dot_product(from_centre, from_centre)) / view->ground_radius;
-    const float fading = clamp((1.0f - share) / (1.0f - GROUND_CORE), 0.0f, 1.0f);
+    const float share = square_root(dot_product(from_centre, from_centre)) / view->ground_radius;
+    const float fading = limit_share((1.0f - share) / (1.0f - GROUND_CORE));
     // Smooth at both ends (the cubic Hermite polynomial).
     ground.strength = fading * fading * (3.0f - 2.0f * fading);
     ground.above.high = at;
