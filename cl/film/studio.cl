@@ -202,11 +202,16 @@ INLINED bool may_meet_objects(const global view_t *view, const float3 to_objects
     return begin <= smaller(far.x, smaller(far.y, smaller(far.z, farthest)));
 }
 
+INLINED bool is_ground_known(const known_light_t *known)
+{
+    return known->is_known && known->instance_id == GROUND_ID;
+}
+
 // Finds the light on the ground, which the two samples of a pair share.
 INLINED void find_ground_light(
     const stage_t *stage, const ground_t *ground, sobol_sampler_t *sampler, known_light_t *known)
 {
-    if (known->is_known && known->instance_id == GROUND_ID) {
+    if (is_ground_known(known)) {
         return;
     }
     // Where no object comes near the rays, there is no shadow.
@@ -229,9 +234,17 @@ INLINED void find_ground_light(
 
 // How much darker shadows make the background, from 0 to 1.
 INLINED float find_ground_shadow(
-    const stage_t *stage, const ground_t *ground, sobol_sampler_t *sampler, known_light_t *known)
+    const stage_t *stage, const world_ray_t *ray, sobol_sampler_t *sampler, known_light_t *known)
 {
-    find_ground_light(stage, ground, sampler, known);
+    // Most pixels of the ground are in no shadow: their second samples need not know where they are.
+    if (is_ground_known(known) && known->is_lit && known->is_exposed) {
+        return 0.0f;
+    }
+    const ground_t ground = find_ground(stage->view, ray);
+    if (!ground.is_met) {
+        return 0.0f;
+    }
+    find_ground_light(stage, &ground, sampler, known);
     if (known->is_lit && known->is_exposed) {
         return 0.0f;
     }
@@ -242,7 +255,7 @@ INLINED float find_ground_shadow(
     const float key = KEY_FACTOR * cosine * (view->light_colour[0] + view->light_colour[1] + view->light_colour[2]);
     const float all = ambient.x + ambient.y + ambient.z + key;
     const float missing = (known->is_exposed ? 0.0f : all - key) + (known->is_lit ? 0.0f : key);
-    return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * ground->strength * missing / all : 0.0f;
+    return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * find_shadow_strength(view, &ground) * missing / all : 0.0f;
 }
 
 // The sample of a ray, by one sampler of the surfaces that it passes through and one of light.
@@ -254,7 +267,5 @@ INLINED float4 find_studio_sample(
     if (find_shown(stage, ray, true, layers, &shown, hits)) {
         return (float4)(shade_studio(stage, &shown, ray->direction, sampler, known), 1.0f);
     }
-    const ground_t ground = find_ground(stage->view, ray);
-    const float shadow = ground.strength > 0.0f ? find_ground_shadow(stage, &ground, sampler, known) : 0.0f;
-    return sample_of_background(stage->view, row, shadow);
+    return sample_of_background(stage->view, row, find_ground_shadow(stage, ray, sampler, known));
 }
