@@ -26,8 +26,8 @@ demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	@mkdir -p $(OUT)
 	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
 
-gallery: $(INSTALLED) ## draw the pictures of docs/gallery.md again, each by the command under it
-	$(BIN)/python .ci/draw_gallery.py
+gallery: $(INSTALLED) ## draw the pictures of the pages again, each by the command under it; ONLY="bunny meadow"
+	$(BIN)/python .ci/draw_gallery.py $(ONLY)
 
 # Each of the WORKERS runs whole files: it compiles for itself what its files share. One test alone is quicker without.
 WORKERS := $(if $(TESTS),0,auto)

@@ -56,8 +56,9 @@ if TYPE_CHECKING:
     from .rendering.render import render
     from .rendering.render_options import RenderOptions
     from .rendering.renderer import Renderer
-    from .rendering.scene import Scene, Transform
+    from .rendering.scene import Scene
     from .rendering.scene_file import open_scene
+    from .rendering.transform import Transform
     from .rendering.turntable import render_turntable
     from .rendering.vectors import Vector
     from .rendering.wireframe import Wireframe
@@ -119,7 +120,7 @@ _HOME_OF = {
     "Instance": "scene.instance",
     "SceneState": "scene.state",
     "SceneLike": "rendering.as_scene",
-    "Transform": "rendering.scene",
+    "Transform": "rendering.transform",
     "Vector": "rendering.vectors",
     "Wireframe": "rendering.wireframe",
     "open_scene": "rendering.scene_file",

@@ -61,6 +61,7 @@ def back_project(depth: np.ndarray, matrix: np.ndarray, pose: np.ndarray) -> np.
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("camera-images"), help="a folder")
+    parser.add_argument("--overview", type=Path, help="the file of the overview, if not overview.png in the folder")
     parser.add_argument("--width", type=int, default=WIDTH, help="pixels; the intrinsics are scaled")
     options = parser.parse_args()
     table, object_of_face = make_table()
@@ -94,7 +95,7 @@ def main() -> None:
     near, far = depth[seen].min(), depth[seen].max()
     grey = np.where(seen, 255 - 205 * (depth - near) / (far - near), 40).astype(np.uint8)
     panels = [np.repeat(grey[..., None], 3, axis=2), images["normals"], COLOURS[ids]]
-    imageio.imwrite(options.output / "overview.png", np.hstack(panels))
+    imageio.imwrite(options.overview or options.output / "overview.png", np.hstack(panels))
     print(
         f"{options.output}: {width} x {height}, depth from {near:.4g} to {far:.4g} m, "
         f"{len(np.unique(ids[seen]))} objects"

@@ -28,7 +28,8 @@ typedef struct {
     float distance;
 } light_sample_t;
 
-// Points within a sphere, or on it but for rounding, have a squared distance from its centre of up to so many radii.
+// Largest squared distance from a sphere's centre, in squared radii, of a point inside. The excess over 1 is for points
+// on the surface that rounding moved outwards.
 #define INSIDE_SHARE 1.001f
 
 // The first index whose sum is above a sample.

@@ -41,7 +41,7 @@ INLINED ray_hits_t make_ray_hits(void)
 
 #if HAS_CUTOUTS
 
-// A ray passes through at most so many surfaces; the last one stops it.
+// Surfaces that a ray passes through at most; the last one stops it.
 #define MOST_LAYERS 64
 
 // Finds the first surface along a ray that stops it. A share of the rays passes through a surface with an alpha of less

@@ -29,9 +29,9 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError, TreeFileError
+from ..errors import TreeFileError
 from ..geometry import Mesh
-from ..support.atomic_file import check_target, write_atomically
+from ..support.atomic_file import as_path, check_target, write_atomically
 from ..support.compiled import compiled
 from ..support.regular_file import open_regular, read_errors_as
 from .refit import fit_nodes
@@ -63,10 +63,7 @@ def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: 
     ConfigError
         The folder does not exist, the path is a folder, or is no path at all.
     """
-    try:
-        target = Path(path)
-    except TypeError as error:
-        raise ConfigError(f"{path!r}: this is not the path of a file: {error}") from error
+    target = as_path(path)
     check_target(target)
     payload = np.concatenate([nodes["first"], nodes["count"], prim_ids]).astype(_WORD, copy=False).data
     facts = _FACTS.pack(MAGIC, FORMAT_VERSION, len(nodes), len(prim_ids), mesh.fingerprint, _digest(payload))

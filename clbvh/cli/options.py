@@ -34,7 +34,7 @@ Source = Annotated[str, typer.Argument(metavar="MESH|SCENE", help=_SOURCE_HELP, 
 Sources = Annotated[
     list[str],
     typer.Argument(
-        metavar="MESH|SCENE...",
+        metavar="MESH|SCENE",
         help=f"{_SOURCE_HELP} Several mesh files are drawn together.",
         show_default=False,
     ),

@@ -50,8 +50,8 @@ Smooth = Annotated[
     float | None,
     typer.Option(
         metavar="DEGREES",
-        help="Meshes without normals look smooth over edges that turn by less; 0: facets.",
-        show_default="40",
+        help="Look smooth over edges that turn by less; 0: facets. Given, also in place of a file's normals.",
+        show_default="40, for meshes without normals",
         rich_help_panel=SAMPLES_PANEL,
     ),
 ]

@@ -184,6 +184,8 @@ def render(
     else:
         print_render_report(report, picture)
     options.print_notes(picture.notes)
+    if not report["hits"]:
+        options.print_notes(["no ray hits anything: the picture shows the background only"])
 
 
 def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:

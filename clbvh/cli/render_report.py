@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .tables import add_time, describe_mesh, describe_workers, make_facts, make_times, print_tables
+from .tables import add_time, describe_count, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
     from ..rendering.picture import Picture
@@ -40,17 +40,19 @@ def print_render_report(report: dict[str, Any], picture: Picture) -> None:
     from rich.markup import escape
 
     facts = make_facts()
+    nodes = describe_count(report["nodes"], "node")
     made_by = "from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])
     if picture.objects is not None:
         facts.add_row("scene", _describe_counts(report))
-        spheres = f"{report['spheres']:,} spheres" if report["spheres"] else ""
+        spheres = describe_count(report["spheres"], "sphere") if report["spheres"] else ""
         facts.add_row("geometry", ", ".join(filter(None, (*_describe_triangles(report), spheres))))
-        facts.add_row("trees", f"{report['nodes']:,} nodes, depth {report['depth']} of both levels, {made_by}")
+        facts.add_row("trees", f"{nodes}, depth {report['depth']} of both levels, {made_by}")
     else:
         facts.add_row("mesh", describe_mesh(report["mesh"], *_describe_triangles(report)))
     if picture.bvh is not None:
         facts.add_row(
-            "tree", f"{report['nodes']:,} nodes, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, {made_by}"
+            "tree",
+            f"{nodes}, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, {made_by}",
         )
     facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
     facts.add_row(
@@ -75,7 +77,7 @@ def print_render_report(report: dict[str, Any], picture: Picture) -> None:
 def _describe_triangles(report: dict[str, Any]) -> tuple[str, ...]:
     degenerate = report["degenerate_triangles"]
     return (
-        f"{report['triangles']:,} triangles" if report["triangles"] else "",
+        describe_count(report["triangles"], "triangle") if report["triangles"] else "",
         f"{degenerate:,} of them degenerate: never hit" if degenerate else "",
     )
 

@@ -15,6 +15,7 @@ from . import options
 from .tables import (
     add_time,
     choose_sign,
+    describe_count,
     describe_mesh,
     describe_options,
     describe_workers,
@@ -155,7 +156,7 @@ def _print_report(report: dict[str, Any], measured: TreeStats) -> None:
         "mesh",
         describe_mesh(
             mesh["name"],
-            f"{mesh['triangles']:,} triangles",
+            describe_count(mesh["triangles"], "triangle"),
             f"{mesh['vertices']:,} vertices",
             f"{degenerate:,} degenerate" if degenerate else "",
         ),

@@ -41,9 +41,14 @@ def describe_mesh(name: str, *facts: str) -> str:
     return ", ".join([escape(name), *(fact for fact in facts if fact)])
 
 
+def describe_count(count: int, noun: str) -> str:
+    """Return ``1 triangle``, or ``2,000 triangles``."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 def describe_workers(count: int) -> str:
     """Return ``1 worker``, or ``2 workers``."""
-    return f"{count} worker{'s' if count > 1 else ''}"
+    return describe_count(count, "worker")
 
 
 def describe_options(wanted: TreeOptions) -> dict[str, Any]:

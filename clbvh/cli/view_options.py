@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 SCENE_PANEL = "Scene"
 
+_AXES = ("x", "y", "z")
+
 Width = Annotated[int | None, typer.Option(help="Pixels.", show_default="800", rich_help_panel=SCENE_PANEL)]
 Height = Annotated[int | None, typer.Option(help="Pixels.", show_default="450", rich_help_panel=SCENE_PANEL)]
 Eye = Annotated[
@@ -32,7 +34,7 @@ LookAt = Annotated[
 Up = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y,Z|auto",
+        metavar="X,Y,Z|y|z|auto",
         help="Direction that is up in the picture; auto: y or z, by the shape.",
         show_default="auto for mesh files, y for glTF and scenes",
         rich_help_panel=SCENE_PANEL,
@@ -108,8 +110,19 @@ def parse_vector(option: str, text: str | None) -> Vector | None:
 
 
 def parse_up(text: str | None) -> Vector | str | None:
-    """Return the direction of ``--up``, or ``"auto"``."""
-    return text if text == "auto" else parse_vector("--up", text)
+    """Return the direction of ``--up``, which may be an axis such as ``z``, ``+z`` or ``-z``, or ``"auto"``."""
+    from ..errors import ConfigError
+
+    if text is None or text == "auto":
+        return text
+    if text.lower().lstrip("+-") in _AXES and len(text) <= len("-z"):
+        length = -1.0 if text.startswith("-") else 1.0
+        x, y, z = (length if text[-1].lower() == axis else 0.0 for axis in _AXES)
+        return x, y, z
+    try:
+        return parse_vector("--up", text)
+    except ConfigError as error:
+        raise ConfigError(f"--up needs x, y or z, three numbers such as 0,0,1, or auto, not '{text}'") from error
 
 
 def parse_cut(plane: str | None, box: str | None) -> Cut | None:

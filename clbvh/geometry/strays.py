@@ -21,7 +21,11 @@ _MOST_STEPS = 100
 
 
 def find_strays(
-    lower: NDArray[np.floating], upper: NDArray[np.floating], counts: NDArray[np.floating], areas: NDArray[np.floating]
+    lower: NDArray[np.floating],
+    upper: NDArray[np.floating],
+    counts: NDArray[np.floating],
+    areas: NDArray[np.floating],
+    least_gap: float = LEAST_GAP,
 ) -> NDArray[np.bool_]:
     """Return which things are strays, (n,) bool: few, small, and far away from all others.
 
@@ -31,6 +35,8 @@ def find_strays(
         Corners of the boxes around the things.
     counts, areas : (n,) float
         What each thing is of all: how many primitives, and how much surface.
+    least_gap : float
+        The empty space around the others, in diagonals of the box around them.
 
     Notes
     -----
@@ -54,7 +60,7 @@ def find_strays(
     box_upper = -_find_end(-middles, counts)
     rest = np.arange(len(begins))
     for _ in range(_MOST_STEPS):
-        reach = LEAST_GAP * np.linalg.norm(box_upper - box_lower)
+        reach = least_gap * np.linalg.norm(box_upper - box_lower)
         gaps = np.maximum(np.maximum(begins[rest] - box_upper, box_lower - ends[rest]), 0.0)
         is_near = np.linalg.norm(gaps, axis=1) <= reach
         if not is_near.any():

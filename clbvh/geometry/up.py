@@ -34,6 +34,12 @@ _CONTACT = 0.02
 # What a mesh stands on spans at least this share of it both ways, and this many times as much as on the other axis.
 _LEAST_BASE, _MARGIN = 0.2, 2.0
 
+# Nothing stands on less than this share of its own height: a rifle on its butt has 0.02, a man on his feet 0.06.
+_LEAST_WIDTH = 0.04
+
+# What is this many times as high as it is wide, and would fall over, is not upright by the habit of a format.
+_TOPPLING = 2.0
+
 # A mesh whose height is below this share of its sides is flat like a landscape.
 _FLAT = 0.2
 
@@ -104,7 +110,10 @@ def guess_up_of_points(points: NDArray[np.float64], source_format: str = "") -> 
     kind = source_format.lower().lstrip(".")
     if kind not in _HABITS:
         return _say(_Y, "nothing in its shape says otherwise", is_guess=False)
-    return _say(_HABITS[kind], f"most {kind.upper()} files have it so, and nothing in its shape says otherwise")
+    usual, other = _HABITS[kind], _Z if _HABITS[kind] == _Y else _Y
+    if bases[usual] == 0 and sides[usual] > _TOPPLING * np.delete(sides, usual).max():
+        return _say(other, f"the mesh is long along {_NAMES[usual]}, and would not stand on its end")
+    return _say(usual, f"most {kind.upper()} files have it so, and nothing in its shape says otherwise")
 
 
 def _say(axis: int, reason: str, *, is_guess: bool = True) -> Up:
@@ -112,7 +121,7 @@ def _say(axis: int, reason: str, *, is_guess: bool = True) -> Up:
 
 
 def sample_points(mesh: Mesh, most: int = _MAX_TRIANGLES) -> NDArray[np.float64]:
-    """Return the corners of at most so many faces, (n, 3) in local units, spread evenly over the list of faces."""
+    """Return the corners of at most `most` faces, (n, 3) in local units, spread evenly over the list of faces."""
     step = -(-mesh.face_count // most)
     return mesh.local_vertices[mesh.faces[::step].ravel()].astype(np.float64)
 
@@ -125,5 +134,6 @@ def _find_base(points: NDArray[np.float64], lower: NDArray[np.float64], sides: N
     across = [other for other in range(3) if other != axis]
     begin, end = np.quantile(low[:, across], [_CONTACT, 1 - _CONTACT], axis=0)
     centre = points[:, across].mean(axis=0)
-    is_standing = ((begin < centre) & (centre < end)).all()
+    is_wide = (end - begin >= _LEAST_WIDTH * sides[axis]).all()
+    is_standing = is_wide and ((begin < centre) & (centre < end)).all()
     return float(np.min((end - begin) / sides[across])) if is_standing else 0.0

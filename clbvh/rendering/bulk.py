@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh, Spheres
 from ..geometry.shape import Shape
+from ..geometry.spikes import LEAST_GAP as SPIKE_GAP
+from ..geometry.spikes import find_spikes
 from ..geometry.strays import LEAST_GAP, find_strays
 from .scene_extent import SceneExtent
 
@@ -38,7 +40,7 @@ class Bulk(NamedTuple):
 
 
 def find_bulk(extent: Mesh | SceneExtent) -> Bulk:
-    """Return the bulk of a mesh or of a scene; see `clbvh.geometry.strays` for what is no part of it.
+    """Return the bulk of a mesh or of a scene; see `clbvh.geometry.strays` and `spikes` for what is no part of it.
 
     Complexity: of a mesh without strays the time for some thousand triangles.
 
@@ -127,7 +129,7 @@ def _find_stray_prims(shape: Shape) -> NDArray[np.bool_] | None:
     begin, end = np.quantile(np.concatenate((lower, upper)), [_ENDS, 1 - _ENDS], axis=0)
     if not whole >= LEAST_GAP * np.linalg.norm(end - begin) > 0:
         return None
-    # Everything in the middle is one thing; what is around it is looked at one by one.
+    # The middle counts as one part; each primitive outside it is a part of its own.
     lower, upper, areas = _measure_prims(shape, slice(None))
     is_inside = ((lower >= begin) & (upper <= end)).all(axis=1)
     around = np.flatnonzero(~is_inside)
@@ -140,6 +142,9 @@ def _find_stray_prims(shape: Shape) -> NDArray[np.bool_] | None:
     is_stray = np.zeros(shape.prim_count, bool)
     is_stray[around[strays[1:]]] = True
     bulk = upper[~is_stray].max(axis=0) - lower[~is_stray].min(axis=0)
+    if isinstance(shape, Mesh) and np.linalg.norm(bulk) >= SPIKE_GAP * np.linalg.norm(end - begin):
+        is_stray |= find_spikes(shape, begin, end)
+        bulk = upper[~is_stray].max(axis=0) - lower[~is_stray].min(axis=0)
     return is_stray if is_stray.any() or whole >= LEAST_GAP * np.linalg.norm(bulk) else None
 
 

@@ -202,7 +202,7 @@ def _draw_panel(
 
 
 def _draw_ruler(panel: NDArray[np.uint8], top: int, length: int, scale: int) -> None:
-    """Draw a bar of so many pixels, with a mark at each end."""
+    """Draw a bar of `length` pixels, with a mark at each end."""
     left = (panel.shape[1] - length) // 2
     panel[top + 2 * scale : top + 3 * scale, left : left + length] = INK
     for end in (left, left + length - scale):

@@ -187,5 +187,5 @@ def parse_cut(kind: str, text: str) -> Cut:
     except ValueError:
         first = second = ()
     if not len(first) == len(second) == 3:
-        raise SceneError(f"a cut is two vectors such as 0,1,0;0,1,0, and not '{text}'")
+        raise SceneError(f"a cut is two vectors in quotes, such as \"0,1,0;0,1,0\", and not '{text}'")
     return Cut(kind, first, second)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..geometry import Mesh
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .centring import find_eye
 from .extent_bounds import find_bounds
 from .projection import Projection
 from .scene_extent import SceneExtent
@@ -48,7 +49,7 @@ def frame_mesh(
     -----
     The nearest position for the direction of view is exact: a point at (x, y, z) along right, up and forward is inside
     the picture if abs(x - eye_x) <= (z - eye_z) tan(fov / 2), and likewise for y; the tightest of these bounds over all
-    points give eye_x, eye_y and eye_z in closed form.
+    points give eye_z in closed form, and either eye_x or eye_y. The other one is chosen by `find_eye`.
     """
     check_fov(fov)
     if projection is not None:
@@ -56,7 +57,7 @@ def frame_mesh(
     if eye is not None:
         return Camera(eye, as_vector(mesh.origin), up, fov)
     view = View.from_side(side, aspect, up, fov)
-    return view.find_camera(find_bounds(view, mesh), mesh, find_sides(side, up)[1], fov)
+    return _frame(view, mesh, find_sides(side, up)[1], fov)
 
 
 def measure_side(mesh: Mesh | SceneExtent, side: str | None, up: Vector = DEFAULT_UP) -> tuple[float, float]:
@@ -96,4 +97,9 @@ def frame_turn(
     if projection is not None:
         return frame_wide_turn(mesh, projection, aspect=aspect, up=up)
     turn = Turn.from_three_quarters(aspect, up, fov)
-    return turn.find_camera(find_bounds(turn, mesh), mesh, up, fov)
+    return _frame(turn, mesh, up, fov)
+
+
+def _frame(view: View | Turn, mesh: Mesh | SceneExtent, up: Vector, fov: float) -> Camera:
+    eye, bounds = find_eye(view, mesh)
+    return view.make_camera(eye, bounds, mesh, up, fov)

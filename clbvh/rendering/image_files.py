@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..support.atomic_file import check_target, write_atomically
+from ..support.atomic_file import as_path, check_target, write_atomically
 from ..trace.hits.hits import Hits
 from .formats.png import encode_png
 from .formats.ppm import encode_ppm
@@ -54,10 +54,7 @@ def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
     ConfigError
         The path has another suffix, or the file cannot be written.
     """
-    try:
-        path = Path(path)
-    except TypeError as error:
-        raise ConfigError(f"the file of a picture is a path, not {path!r}") from error
+    path = as_path(path)
     check_picture_path(path)
     if rgb.shape[2] == _CHANNELS_WITH_ALPHA:
         check_has_alpha(path)

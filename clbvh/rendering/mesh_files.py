@@ -9,6 +9,7 @@ from pathlib import Path
 from ..errors import SceneError
 from ..geometry.loading.several_parts import may_have_parts
 from ..geometry.up import RULED_SUFFIXES
+from ..support.resources import find_folder
 from .camera import DEFAULT_UP
 from .mesh_source import MeshSource
 from .scene import Scene
@@ -49,7 +50,7 @@ def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
     if not paths:
         raise SceneError("a scene of mesh files needs at least one of them")
     for path in paths:
-        if Path(path).suffix.lower() == ".toml":
+        if Path(path).suffix.lower() == ".toml" or _is_shipped(path):
             raise SceneError(f"{path}: several files make a scene if all of them are meshes: draw a scene file alone")
     if len(paths) == 1:
         return open_mesh_file(paths[0])
@@ -57,6 +58,12 @@ def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
     for path in paths:
         scene.add_scene(path)
     return scene
+
+
+def _is_shipped(path: str | os.PathLike[str]) -> bool:
+    """Return whether this is the name of a shipped scene, and not of a file."""
+    is_name = Path(path).name == os.fspath(path) and not Path(path).exists()
+    return is_name and (find_folder("scenes") / f"{os.fspath(path)}.toml").is_file()
 
 
 def _empty_scene(paths: Sequence[str | os.PathLike[str]]) -> Scene:

@@ -20,10 +20,11 @@ from ..geometry.shapes.make_spheres import list_spheres_options
 from .material_tables import NO_MATERIALS, Materials, take_material
 from .matrices import read_matrix
 from .repeat import Grid, Scatter, check_copies
-from .scene import MeshSource, Transform
+from .scene import MeshSource
 from .scene_object import ALL_BITS, SceneObject
 from .spheres_source import SpheresSource, is_spheres_file
 from .toml_table import TomlTable
+from .transform import Transform
 
 _SOURCES = ("path", "name", "shape", "spheres", "centres")
 

@@ -6,10 +6,9 @@ Owns the checks of the settings; `scene_file.py` reads them from a file. The obj
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from dataclasses import dataclass, field
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -35,6 +34,7 @@ from .mesh_source import MeshSource
 from .plain_values import as_plain, as_setting
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .standard_views import check_view
+from .transform import NO_TRANSFORM, Transform
 from .upright import AUTO, find_upright
 from .vectors import Vector, check_vector, is_vector
 from .wide_framing import look_from
@@ -48,95 +48,7 @@ FRAMES = (AUTO, "all")
 
 _MAX_SHOWN = 60  # characters of a wrong name in a message
 
-_Settings = TypeVar("_Settings", Cut, Wireframe, "Light", "Transform", "Scene")
-
-
-@dataclass(frozen=True)
-class Transform:
-    """The placement of the mesh: scaled, then rotated, then translated.
-
-    Attributes
-    ----------
-    scale : float, or (3,) float
-        Of all axes, or of x, y and z. Not zero.
-    rotate : (3,) float
-        Degrees about x, then y, then z.
-    translate : (3,) float, the scene's units
-
-    Raises
-    ------
-    SceneError
-        A value is not finite, or the scale is zero.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> upright = clbvh.Transform(scale=0.001, rotate=(-90, 0, 0))  # millimetres, z up, to metres, y up
-    >>> part = clbvh.Mesh.from_arrays([[0, 0, 0], [1000, 0, 0], [0, 0, 2000]], [[0, 1, 2]])
-    >>> upright.apply(part).vertices.round(6).max(axis=0)
-    array([1., 2., 0.])
-    """
-
-    scale: float | Vector = 1.0
-    rotate: Vector = (0.0, 0.0, 0.0)
-    translate: Vector = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        is_number = isinstance(self.scale, Real) and math.isfinite(self.scale)
-        if not (is_number or is_vector(self.scale)) or not np.all(self.scale):
-            raise SceneError(
-                f"the transform's scale must be a finite number other than 0, or three of them, not {self.scale!r}"
-            )
-        if not is_number:
-            object.__setattr__(self, "scale", tuple(map(float, self.scale)))  # type: ignore[arg-type]
-        check_vector("the transform's rotate", self.rotate)
-        check_vector("the transform's translate", self.translate)
-
-    @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
-    def apply(self, mesh: Mesh) -> Mesh:
-        """Return the mesh in the scene's coordinates.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> mesh = clbvh.make_shape("icosphere", triangles=1000)
-        >>> clbvh.Transform(translate=(0, 0, 5)).apply(mesh).origin
-        array([0., 0., 5.])
-        """
-        if self == Transform():
-            return mesh
-        points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
-        appearance = None if mesh.appearance is None else mesh.appearance.transformed(self.matrix)
-        return Mesh.from_arrays(points, mesh.faces, name=mesh.name, appearance=appearance)
-
-    @property
-    def matrix(self) -> NDArray[np.float64]:
-        """(4, 4) float64: the transform that `Scene.place` takes.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.Transform(scale=2, translate=(0, 0, 5)).matrix
-        array([[2., 0., 0., 0.],
-               [0., 2., 0., 0.],
-               [0., 0., 2., 5.],
-               [0., 0., 0., 1.]])
-        """
-        matrix = np.eye(4)
-        matrix[:3, :3] = self._rotation * self.scale
-        matrix[:3, 3] = self.translate
-        return matrix
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """Return `matrix`, so that a transform can be given for an array."""
-        return self.matrix if dtype is None else self.matrix.astype(dtype)
-
-    @property
-    def _rotation(self) -> NDArray[np.float64]:
-        rotation = np.eye(3)
-        for axis, degrees in enumerate(self.rotate):
-            rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
-        return rotation
+_Settings = TypeVar("_Settings", Cut, Wireframe, "Light", Transform, "Scene")
 
 
 @dataclass(frozen=True)
@@ -254,7 +166,7 @@ class Scene(SceneContents):
     """
 
     mesh: MeshSource | None = None
-    transform: Transform = Transform()
+    transform: Transform = NO_TRANSFORM
     eye: Vector | None = None
     look_at: Vector | None = None
     up: Vector | Literal["auto"] = DEFAULT_UP
@@ -325,7 +237,7 @@ class Scene(SceneContents):
 
     def _find_store(self) -> SceneStore:
         """Return the store of the scene that this one is made from, or a new one."""
-        if self.mesh is None and self.transform != Transform():
+        if self.mesh is None and self.transform != NO_TRANSFORM:
             raise SceneError("the transform is that of `mesh`, which the scene lacks: give it to `Scene.place`")
         first = None if self.mesh is None else _FirstMesh(self.mesh, self.transform)
         if self._store is None:
@@ -554,13 +466,3 @@ def _make_source(mesh: MeshLike) -> MeshSource:
     if isinstance(mesh, str | os.PathLike):
         return MeshSource(path=os.fspath(mesh))
     return MeshSource(mesh=as_mesh(mesh))
-
-
-def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:
-    """Return the right-handed rotation about one axis, (3, 3) float64."""
-    rotation = np.eye(3)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    rotation[first, first] = rotation[second, second] = math.cos(angle)
-    rotation[second, first] = math.sin(angle)
-    rotation[first, second] = -math.sin(angle)
-    return rotation

@@ -54,7 +54,7 @@ def find_upright(scene: Scene, extent: Mesh | SceneExtent) -> FoundUp:
     if isinstance(extent, Mesh):
         found = find_up(PurePath(extent.name).suffix, extent)
     else:
-        found = guess_up_of_points(_sample_scene(extent))
+        found = guess_up_of_points(_sample_scene(extent), _find_format(extent))
     if scene.eye is not None:
         target = extent.origin if scene.look_at is None else np.asarray(scene.look_at, np.float64)
         if not np.cross(target - np.asarray(scene.eye, np.float64), found.vector).any():
@@ -68,6 +68,12 @@ def known_up(scene: Scene) -> Vector:
     if isinstance(scene.up, str):
         raise SceneError('up is "auto" here, where a direction is needed: give three numbers')
     return scene.up
+
+
+def _find_format(extent: SceneExtent) -> str:
+    """Return the suffix of all meshes of a scene, whose names may end in those of their files; empty if they differ."""
+    suffixes = {PurePath(shape.name).suffix.lower() for shape in extent.shapes if isinstance(shape, Mesh)}
+    return suffixes.pop() if len(suffixes) == 1 else ""
 
 
 def _sample_scene(extent: SceneExtent) -> NDArray[np.float64]:

@@ -91,26 +91,20 @@ class Reaches(NamedTuple):
         return np.where(self.around > 0, in_turn, along)
 
 
-class ViewBounds:
+class ViewBounds(NamedTuple):
     """The planes of a view's four sides, moved inwards until they touch the points, and the depths of the points.
 
     In local coordinates; the horizontal planes first.
     """
 
-    def __init__(self) -> None:
-        self.highest, self.lowest = np.full(2, -np.inf), np.full(2, np.inf)
-        self.nearest, self.farthest = np.inf, -np.inf
-
-    def include(
-        self, highest: NDArray[np.float64], lowest: NDArray[np.float64], nearest: float, farthest: float
-    ) -> None:
-        """Widen the bounds by those of more points."""
-        self.highest, self.lowest = np.maximum(self.highest, highest), np.minimum(self.lowest, lowest)
-        self.nearest, self.farthest = min(self.nearest, nearest), max(self.farthest, farthest)
+    highest: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    nearest: float
+    farthest: float
 
     @property
-    def centre(self) -> NDArray[np.float64]:
-        """(2,) float64: the line of sight, to the right and upwards."""
+    def middle(self) -> NDArray[np.float64]:
+        """(2,) float64: halfway between the planes at depth 0, to the right and upwards."""
         return (self.highest + self.lowest) / 2
 
 
@@ -138,42 +132,33 @@ class View(NamedTuple):
         tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - MARGIN)
         return cls(np.stack([right, upward], axis=1), forward, tangents)
 
-    def include(self, bounds: ViewBounds, points: NDArray[np.float64]) -> None:
-        """Widen the bounds by those of (n, 3) points."""
-        depth = points @ self.forward
-        offset = points @ self.across
-        bounds.include(
-            (offset - depth[:, None] * self.tangents).max(axis=0),
-            (offset + depth[:, None] * self.tangents).min(axis=0),
-            depth.min(),
-            depth.max(),
-        )
+    def narrowed(self, share: float) -> View:
+        """Return the view of a picture whose sides have this share of their slopes."""
+        return self._replace(tangents=self.tangents * share)
 
     def reaches(self) -> Reaches:
-        """Return the functions that `include` evaluates, for `bounds_of`."""
+        """Return the functions of a point whose largest values `bounds_of` needs."""
         leaning = self.tangents[:, None] * self.forward
         slopes = np.concatenate((self.across.T - leaning, -self.across.T - leaning, [-self.forward, self.forward]))
         return Reaches(slopes, np.zeros(len(slopes)), self.forward)
 
     def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
         """Return the bounds of points whose largest `reaches` are known."""
-        bounds = ViewBounds()
-        bounds.include(largest[:2], -largest[2:4], -float(largest[4]), float(largest[5]))
-        return bounds
+        return ViewBounds(largest[:2], -largest[2:4], -float(largest[4]), float(largest[5]))
 
-    def find_camera(self, bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float) -> Camera:
-        """Return the camera that sees what is within the bounds."""
-        local_eye, distance = self.find_eye(bounds)
-        local_target = local_eye + self.forward * (distance + (bounds.nearest + bounds.farthest) / 2)
-        return _make_camera(space, local_eye, local_target, up, fov)
-
-    def find_eye(self, bounds: ViewBounds) -> tuple[NDArray[np.float64], float]:
-        """Return the nearest eye, and its distance to the plane of depth 0."""
+    def find_distance(self, bounds: ViewBounds) -> float:
+        """Return the distance of the nearest eye to the plane of depth 0."""
         distance = float(((bounds.highest - bounds.lowest) / (2 * self.tangents)).max())
         size = max(bounds.farthest - bounds.nearest, float((bounds.highest - bounds.lowest).max()), SMALLEST_DISTANCE)
         # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
-        distance = max(distance, -bounds.nearest + 1e-3 * size)
-        return self.across @ bounds.centre - distance * self.forward, distance
+        return max(distance, -bounds.nearest + 1e-3 * size)
+
+    def make_camera(
+        self, eye: NDArray[np.float64], bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float
+    ) -> Camera:
+        """Return the camera at a point in local coordinates."""
+        depth = (bounds.nearest + bounds.farthest) / 2 - eye @ self.forward
+        return _make_camera(space, eye, eye + self.forward * depth, up, fov)
 
 
 class Turn(NamedTuple):
@@ -200,25 +185,12 @@ class Turn(NamedTuple):
         level /= np.linalg.norm(level)
         return cls(view, axis, level)
 
-    def include(self, bounds: ViewBounds, points: NDArray[np.float64]) -> None:
-        """Widen the bounds by those of the circles of (n, 3) points."""
-        axis, level, upward = self.axis, self.level, self.view.across[:, 1]
-        level_depth, axis_depth = level @ self.view.forward, axis @ self.view.forward
-        wide, high = self.view.tangents
-        height = points @ axis
-        radius = np.linalg.norm(points - height[:, None] * axis, axis=1)
-        side = radius * math.hypot(1.0, level_depth * wide)
-        above = radius * abs(level @ upward - level_depth * high) + height * (axis @ upward - axis_depth * high)
-        below = height * (axis @ upward + axis_depth * high) - radius * abs(level @ upward + level_depth * high)
-        bounds.include(
-            np.array([(side - height * axis_depth * wide).max(), above.max()]),
-            np.array([(height * axis_depth * wide - side).min(), below.min()]),
-            (height * axis_depth - radius * level_depth).min(),
-            (height * axis_depth + radius * level_depth).max(),
-        )
+    def narrowed(self, share: float) -> Turn:
+        """Return the turn of a picture whose sides have this share of their slopes."""
+        return self._replace(view=self.view.narrowed(share))
 
     def reaches(self) -> Reaches:
-        """Return the functions that `include` evaluates, for `bounds_of`."""
+        """Return the functions of a point whose largest values `bounds_of` needs."""
         axis, level, upward = self.axis, self.level, self.view.across[:, 1]
         level_depth, axis_depth = float(level @ self.view.forward), float(axis @ self.view.forward)
         wide, high = self.view.tangents
@@ -241,19 +213,16 @@ class Turn(NamedTuple):
     def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
         """Return the bounds of points whose largest `reaches` are known."""
         side, above, below, nearest, farthest = largest
-        bounds = ViewBounds()
-        bounds.include(np.array([side, above]), np.array([-side, -below]), -float(nearest), float(farthest))
-        return bounds
+        return ViewBounds(np.array([side, above]), np.array([-side, -below]), -float(nearest), float(farthest))
 
-    def find_camera(self, bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float) -> Camera:
-        """Return the camera whose turn sees what is within the bounds."""
-        local_eye, _ = self.view.find_eye(bounds)
+    def make_camera(
+        self, eye: NDArray[np.float64], bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float
+    ) -> Camera:
+        """Return the camera at a point in local coordinates, in its first position."""
         level_depth = self.level @ self.view.forward
         # Where the line of sight meets the axis.
-        local_target = self.axis * (
-            self.axis @ (local_eye - self.view.forward * (local_eye @ self.level) / level_depth)
-        )
-        return _make_camera(space, local_eye, local_target, up, fov)
+        target = self.axis * (self.axis @ (eye - self.view.forward * (eye @ self.level) / level_depth))
+        return _make_camera(space, eye, target, up, fov)
 
 
 def _make_camera(

@@ -57,7 +57,7 @@ def frame_wide(
             view = view._replace(tangents=np.zeros(2))
             bounds = find_bounds(view, mesh)
             size = _size_of(bounds)
-            local_eye = view.across @ bounds.centre + view.forward * (bounds.nearest - size)
+            local_eye = view.across @ bounds.middle + view.forward * (bounds.nearest - size)
             local_target = local_eye + view.forward * (size + (bounds.farthest - bounds.nearest) / 2)
             half = np.abs(bounds.highest - bounds.lowest) / 2
             projection = _with_height(projection, half, aspect, mesh.scale)
@@ -87,7 +87,7 @@ def frame_wide_turn(mesh: Mesh | SceneExtent, projection: Projection, *, aspect:
     turn = turn._replace(view=view)
     bounds = find_bounds(turn, mesh)
     # On the axis, at the height of the middle of the picture.
-    local_target = turn.axis * (bounds.centre[1] / (turn.axis @ view.across[:, 1]))
+    local_target = turn.axis * (bounds.middle[1] / (turn.axis @ view.across[:, 1]))
     local_eye = local_target + view.forward * (bounds.nearest - _size_of(bounds) - local_target @ view.forward)
     half = np.abs(bounds.highest - bounds.lowest) / 2
     return _make_camera(mesh, local_eye, local_target, up, _with_height(projection, half, aspect, mesh.scale))

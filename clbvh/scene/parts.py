@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
 from .instance import ALL_BITS, Colour, colour_of_row
+from .names import name_of_file
 from .state import SceneState
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
@@ -59,7 +61,11 @@ class Parts(NamedTuple):
 def parts_of_file(path: str | os.PathLike[str]) -> Parts:
     """Return the parts of a mesh file; raise `MeshError` if it cannot be read."""
     meshes, placements = load_parts(path)
-    return Parts([(mesh, mesh.name) for mesh in meshes], [PlacedPart(*placement) for placement in placements])
+    file = Path(path).name
+    shapes: list[tuple[Shape, str]] = [
+        (mesh, name_of_file(file) if mesh.name == file else mesh.name) for mesh in meshes
+    ]
+    return Parts(shapes, [PlacedPart(*placement) for placement in placements])
 
 
 def parts_of_graph(scene: HasGraph) -> Parts:

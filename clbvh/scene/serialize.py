@@ -44,13 +44,13 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError, MeshError, SceneError
+from ..errors import MeshError, SceneError
 from ..geometry.appearance.appearance import check_fit
 from ..geometry.appearance.texture import Texture
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
-from ..support.atomic_file import check_target, write_atomically
+from ..support.atomic_file import as_path, check_target, write_atomically
 from ..support.memory import check_memory
 from ..support.regular_file import open_regular, read_errors_as
 from .names import UniqueNames
@@ -102,10 +102,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     ConfigError
         The folder does not exist, the path is a folder, or is no path at all.
     """
-    try:
-        target = Path(path)
-    except TypeError as error:
-        raise ConfigError(f"{path!r}: this is not the path of a file: {error}") from error
+    target = as_path(path)
     check_target(target)
     textures = list_textures((shape.appearance for shape in state.shapes), state.materials)
     document: dict[str, Any] = {

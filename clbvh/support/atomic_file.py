@@ -22,6 +22,16 @@ from .orphans import FILE_PREFIX, FILE_SUFFIX, lock, random_name, remove_orphans
 _NEW_MODE = 0o666
 
 
+def as_path(path: str | os.PathLike[str]) -> Path:
+    """Return a user's path as a `Path`; raise `ConfigError` if it is none."""
+    try:
+        return Path(path)
+    except TypeError as error:
+        raise ConfigError(
+            f"{path!r}: this is not the path of a file: give a path, not a {type(path).__name__}"
+        ) from error
+
+
 def check_target(path: Path) -> None:
     """Raise `ConfigError` unless a file can be written there; for checks before the work begins.
 

@@ -14,12 +14,15 @@ from clbvh.cli.images import images
 from clbvh.cli.render import render
 from clbvh.cli.sheet import sheet
 from clbvh.cli.turntable import turntable
+from clbvh.cli.view_options import parse_up
+from clbvh.errors import ConfigError
 
 from .command import refuses, run_clbvh
 
 SIZE = ("--width", 40, "--height", 30, "--shading", "lambert")
 VIEW = {"width": 40, "height": 30, "shading": "lambert"}
 GUESS = "clbvh: z is up: the mesh stands on a wide base along z, but not along y; --up 0,1,0 turns it\n"
+NOTHING = "clbvh: no ray hits anything: the picture shows the background only\n"
 OUTPUTS = {"render": "a.png", "sheet": "a.png", "turntable": "a.gif", "images": "a.npz"}
 ONLY_TURNS = ("--frames", 2)
 
@@ -49,6 +52,27 @@ def read(path):
 def run(verb, source, folder, *words):
     turns = ONLY_TURNS if verb == "turntable" else ()
     return run_clbvh(verb, source, "-o", folder / OUTPUTS[verb], *SIZE, *turns, *words)
+
+
+@pytest.mark.parametrize(
+    ("word", "up"),
+    [("z", (0, 0, 1)), ("+Z", (0, 0, 1)), ("-y", (0, -1, 0)), ("X", (1, 0, 0)), ("0,2,1", (0, 2, 1)), ("auto", "auto")],
+)
+def test_up_may_be_the_name_of_an_axis(word, up):
+    assert parse_up(word) == up
+
+
+@pytest.mark.parametrize("word", ["", "zz", "--z", "w", "-", "0,0", "AUTO"])
+def test_up_is_nothing_else(word):
+    with pytest.raises(ConfigError, match=r"--up needs x, y or z, three numbers such as 0,0,1, or auto, not"):
+        parse_up(word)
+
+
+def test_a_picture_of_nothing_says_so(tmp_path):
+    (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n")
+    answer = run("render", tmp_path / "line.obj", tmp_path, "--up", "z")
+    assert (answer.returncode, answer.stderr) == (0, NOTHING)
+    assert "1 triangle, 1 of them degenerate" in answer.stdout
 
 
 @pytest.mark.parametrize("verb", OUTPUTS)
@@ -96,7 +120,7 @@ def test_what_is_left_out_of_the_frame_is_said(verb, ball, tmp_path):
     assert answer.stderr.startswith("clbvh: 1 of 1,281 triangles (0.078 %) is far away from the others")
     assert answer.stderr.endswith("; --frame all shows everything\n")
     answer = run(verb, ball, tmp_path, "--frame", "all")
-    assert (answer.returncode, answer.stderr) == (0, "")
+    assert (answer.returncode, answer.stderr) == (0, NOTHING if verb == "render" else "")
 
 
 WIREFRAMES = {
@@ -139,7 +163,7 @@ def test_images_have_views_and_cuts(cone, tmp_path):
 @pytest.mark.parametrize(
     ("verb", "words", "said"),
     [
-        ("render", ("--up", "y"), "--up needs three numbers"),
+        ("render", ("--up", "w"), "--up needs x, y or z, three numbers"),
         ("render", ("--frame", "bulk"), "auto, all"),
         ("render", ("--wireframe-width", 0), "above 0"),
         ("render", ("--wireframe-colour", "red"), "three numbers"),

@@ -61,7 +61,7 @@ def test_nothing_is_written_otherwise(place, number, code, line, more):
 
 
 def test_a_second_ctrl_c_ends_the_command(place):
-    # A launch of so many pixels takes longer than the pause between the two signals.
+    # A launch of this many pixels takes longer than the pause between the two signals.
     process = place.start(*WORDS, "--keep", "--width", 8000, "--height", 8000)
     time.sleep(MOMENT_S)
     process.send_signal(signal.SIGINT)

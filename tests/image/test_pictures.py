@@ -11,7 +11,8 @@ from clbvh.rendering import brute_limit
 from clbvh.rendering import frame as frame_module
 from clbvh.rendering import refine_pixels as refine_module
 from clbvh.rendering.render import RenderOptions
-from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
+from clbvh.rendering.scene import Light, MeshSource, Scene
+from clbvh.rendering.transform import Transform
 from clbvh.structs import REPORT_SHADINGS
 
 KNOT = Scene(MeshSource(shape="knot", triangles=4000, seed=1), width=96, height=64)

@@ -15,7 +15,8 @@ from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
 from clbvh.rendering import frame as frame_module
 from clbvh.rendering.film import sample_painter
-from clbvh.rendering.scene import MeshSource, Transform
+from clbvh.rendering.scene import MeshSource
+from clbvh.rendering.transform import Transform
 
 from ..concurrency.threads import run_in_threads
 

@@ -182,7 +182,7 @@ def turn_normals(normals: NDArray[np.float32], matrix: NDArray[np.float64]) -> N
 
 
 def check_fit(appearance: Appearance | None, prim_count: int, name: str, *, has_corners: bool) -> None:
-    """Raise `MeshError` unless an appearance is one of a shape with so many primitives.
+    """Raise `MeshError` unless an appearance fits a shape with `prim_count` primitives.
 
     Parameters
     ----------

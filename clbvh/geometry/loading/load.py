@@ -164,7 +164,8 @@ def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
     -------
     LoadedParts
         Without the parts that have no faces. What the placements make of the meshes is what `load_mesh` reads, but for
-        vertices that no face of a part refers to, which are left out.
+        vertices that no face of a part refers to, which are left out. A mesh without a name has the file's, with its
+        suffix; its placement has it without.
 
     Raises
     ------
@@ -183,13 +184,13 @@ def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
     for number, mesh_of_file in enumerate(parts.meshes):
         if len(mesh_of_file.faces):
             numbers[number] = len(numbers)
-            part = mesh_of_file.name.strip() or file.stem or file.name
+            part = mesh_of_file.name.strip() or file.name
             where = f"{source}: {part}" if len(parts.meshes) > 1 else source
             loaded.meshes.append(_make_mesh(mesh_of_file, where, part))
     for name, mesh, matrix in parts.nodes:
         if mesh in numbers:
-            placed = numbers[mesh]
-            loaded.placements.append(Placement(name.strip() or loaded.meshes[placed].name, placed, matrix))
+            part = parts.meshes[mesh].name.strip() or file.stem or file.name
+            loaded.placements.append(Placement(name.strip() or part, numbers[mesh], matrix))
     return loaded
 
 

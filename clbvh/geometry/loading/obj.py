@@ -18,7 +18,7 @@ from .obj_lines import FACE, VERTEX, ObjLines, read_corners, resolve_indices
 from .obj_looks import ObjMesh, read_obj_looks
 from .obj_statements import ObjStatements
 from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
-from .polygons import cut_fans
+from .polygons import count_triangles, cut_fans
 from .problems import Problems
 from .text_lines import join_polygons, read_coordinates, read_table
 
@@ -53,7 +53,7 @@ def read_obj_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
     numbers: dict[bytes, int] = {b"": 0}
     values = [numbers.setdefault(b" ".join(words.split()), len(numbers)) for words in statements.words_of(mark)]
     part_of_polygon = np.array([0, *values], np.int64)[1 + statements.find_above(mark)]
-    part_of_face = np.repeat(part_of_polygon, mesh.sizes - 2)
+    part_of_face = np.repeat(part_of_polygon, count_triangles(mesh.sizes))
 
     order = np.argsort(part_of_face, kind="stable")
     ends = np.searchsorted(part_of_face[order], np.arange(len(numbers)), side="right")
@@ -95,6 +95,8 @@ def _read_mesh(data: bytes) -> ObjMesh:
     else:
         corners, sizes = read.indices[:, 0], read.sizes
     ids = resolve_indices(corners, sizes, lines, VERTEX)
+    if len(sizes) and sizes[-1] < 3 and not data.endswith((b"\n", b"\r")):
+        raise MeshError(f"the file is cut off in a face: face {len(sizes) - 1} has {sizes[-1]} corners")
     # Checked here, because the message needs the numbers of the file.
     wrong = np.flatnonzero((ids < 0) | (ids >= len(vertices)))
     if len(wrong):

@@ -16,7 +16,7 @@ from .finished_looks import finish_looks
 from .mtl import read_materials
 from .obj_lines import NORMAL, UV, ObjCorners, ObjLines, resolve_indices
 from .obj_statements import ObjStatements
-from .polygons import cut_fans
+from .polygons import count_triangles, cut_fans, report_edges
 from .problems import Problems
 from .texture_files import TextureFiles
 
@@ -57,6 +57,7 @@ def read_obj_looks(
 ) -> tuple[Appearance | None, NDArray[np.bool_] | None]:
     """Return the looks of a file's triangles, and which of them it declares flat; None for what it does not say."""
     looks: dict[str, NDArray] = {}
+    report_edges(mesh.sizes, problems)
     if mesh.corners is None:
         problems.add("the texture coordinates and normals cannot be used: a corner has words that are no indices")
     else:
@@ -78,11 +79,11 @@ def read_obj_looks(
         with problems.drop("the materials"):
             materials, used = _read_materials(mesh.statements, folder, problems)
             if len(materials) > 1:
-                looks["material_ids"] = np.repeat(used, mesh.sizes - 2)
+                looks["material_ids"] = np.repeat(used, count_triangles(mesh.sizes))
     flat = None
     if "normals" not in looks and any(words.lower() in _NOT_SMOOTH for words in mesh.statements.words_of(_SMOOTHING)):
         is_flat = [False, *[words.lower() in _NOT_SMOOTH for words in mesh.statements.words_of(_SMOOTHING)]]
-        flat = np.repeat(np.array(is_flat)[1 + mesh.statements.find_above(_SMOOTHING)], mesh.sizes - 2)
+        flat = np.repeat(np.array(is_flat)[1 + mesh.statements.find_above(_SMOOTHING)], count_triangles(mesh.sizes))
     return finish_looks(looks, materials), flat
 
 

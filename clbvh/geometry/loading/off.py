@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from .off_looks import OffLines, read_off_looks
 from .parts import FileMesh
-from .polygons import cut_fans
+from .polygons import cut_fans, report_edges
 from .problems import Problems
 from .text_lines import join_polygons, read_coordinates, read_table
 
@@ -46,6 +46,7 @@ def read_off(data: bytes, _: Path, problems: Problems) -> FileMesh:
     vertices = read_coordinates(lines[:vertex_count])
     corners, sizes = _read_faces(lines[vertex_count:])
     faces = cut_fans(corners, sizes)
+    report_edges(sizes, problems)
     texts = OffLines(keyword[1].decode(), lines[:vertex_count], lines[vertex_count:])
     return FileMesh("", vertices, faces, read_off_looks(texts, vertices, faces, sizes, problems))
 

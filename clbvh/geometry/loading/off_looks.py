@@ -15,6 +15,7 @@ from ..appearance.appearance import Appearance
 from .corner_values import join_channels, spread_colours, spread_normals, spread_uvs
 from .finished_looks import finish_looks
 from .number_lines import are_number_lines
+from .polygons import count_triangles
 from .problems import Problems
 
 _CHANNELS = (3, 4)
@@ -51,7 +52,7 @@ def read_off_looks(
             looks |= _read_vertices(lines, vertices, faces)
     if "colours" not in looks and lines.faces and len(lines.faces[0].split()) > 1 + sizes[0]:
         with problems.drop("the colours"):
-            polygons = np.repeat(np.arange(len(sizes)), sizes - 2)
+            polygons = np.repeat(np.arange(len(sizes)), count_triangles(sizes))
             if (colours := _read_face_colours(lines.faces, sizes)) is not None:
                 looks["colours"] = spread_colours(colours, np.repeat(polygons[:, None], 3, axis=1))
     return finish_looks(looks, [])

@@ -18,7 +18,7 @@ from ...errors import MeshError
 from .number_lines import are_number_lines
 from .parts import FileMesh
 from .ply_looks import PlyColumn, PlyTriangles, has_looks, read_ply_looks
-from .polygons import cut_fans
+from .polygons import cut_fans, report_edges
 from .problems import Problems
 from .strips import cut_strips
 
@@ -32,6 +32,7 @@ _TYPES = {
 }
 _STRIPS = "tristrips"
 _FACE_KINDS = ("face", _STRIPS)
+_KEYWORDS = ("format", "element", "property")
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _NEWLINE = ord("\n")
 _CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
@@ -97,7 +98,8 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
         triangles = PlyTriangles(vertices, cut_strips(ids, sizes), None)
         return _add_looks(triangles, header, elements, {"vertex": columns["vertex"]}, file, problems)
     faces = cut_fans(ids, sizes)
-    triangles = PlyTriangles(vertices, faces, None if len(faces) == len(sizes) else sizes)
+    report_edges(sizes, problems)
+    triangles = PlyTriangles(vertices, faces, None if (sizes == 3).all() else sizes)
     return _add_looks(triangles, header, elements, columns, file, problems)
 
 
@@ -142,6 +144,9 @@ def _read_header(data: bytes) -> tuple[bytes, str, list[_Element], int]:
                     elements[-1].properties.append(_Property(name, *types))
                 case ["property", value_type, name]:
                     elements[-1].properties.append(_Property(name, np.dtype(byte_order + _TYPES[value_type])))
+                # Above the elements, other lines say nothing of the data: some programs sign there without `comment`.
+                case [word, *_] if not elements and word not in _KEYWORDS:
+                    pass
                 case _:
                     raise ValueError(line)  # noqa: TRY301
         except (LookupError, ValueError) as error:

@@ -18,7 +18,7 @@ from ..appearance.appearance import Appearance
 from ..appearance.material import Material
 from .corner_values import join_channels, spread_colours, spread_normals, spread_uvs
 from .finished_looks import finish_looks
-from .polygons import cut_fans
+from .polygons import count_triangles, cut_fans
 from .problems import Problems
 from .texture_files import TextureFiles
 
@@ -112,7 +112,7 @@ def _find_polygons(triangles: PlyTriangles) -> NDArray[np.int64]:
     """Return the polygon that each triangle was cut from, (F,) int64."""
     if triangles.sizes is None:
         return np.arange(len(triangles.faces))
-    return np.repeat(np.arange(len(triangles.sizes)), triangles.sizes - 2)
+    return np.repeat(np.arange(len(triangles.sizes)), count_triangles(triangles.sizes))
 
 
 def _read_corner_uvs(column: PlyColumn, triangles: PlyTriangles) -> NDArray[np.float32]:

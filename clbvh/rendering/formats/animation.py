@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError
-from ...support.atomic_file import check_target, write_atomically
+from ...support.atomic_file import as_path, check_target, write_atomically
 from ...support.temporary_folder import TemporaryFolder
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
@@ -43,10 +43,7 @@ _Frame = NDArray[np.uint8]
 
 def check_animation(path: str | os.PathLike[str], frames_per_s: float) -> Path:
     """Return the path; raise `ConfigError` unless an animation can be written; for checks before the work begins."""
-    try:
-        path = Path(path)
-    except TypeError as error:
-        raise ConfigError(f"the file of an animation is a path, not {path!r}") from error
+    path = as_path(path)
     check_animation_path(path)
     if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
         raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...errors import ConfigError
-from ...support.atomic_file import check_target
+from ...support.atomic_file import as_path, check_target
 from ..formats.exr import import_openexr
 from .save_exr import list_exr_channels
 from .save_files import check_file_targets
@@ -20,10 +20,7 @@ FILES_SUFFIXES = (".png", ".ppm")
 
 def check_images_path(path: str | os.PathLike[str], channels: Iterable[str] = ()) -> Path:
     """Return the path of images; raise `ConfigError` unless these channels can be written there."""
-    try:
-        target = Path(path)
-    except TypeError as error:
-        raise ConfigError(f"the file of images is a path, not {path!r}") from error
+    target = as_path(path)
     suffix = target.suffix.lower()
     if suffix not in IMAGES_SUFFIXES:
         raise ConfigError(f"{target}: the name of images must end in {', '.join(IMAGES_SUFFIXES)}")

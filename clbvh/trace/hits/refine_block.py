@@ -23,8 +23,8 @@ BLOCK_HITS = 128
 # Prefetch distance in hits; 8 to 16 perform alike.
 PREFETCH_HITS = 12
 
-# A triangle is seen edge-on where the volume that its edges span with the ray is below this share of what it could be.
-# Float64 then knows t to 1e-5 of the triangle's size at best; of a triangle thinner than that, its edges are as good.
+# A triangle is seen edge-on where the volume that its edges span with the ray is below this share of the products of
+# which it is the sum. Float64 then knows t to 1e-5 of the triangle's size at best.
 _EDGE_ON = 2.0**-36
 
 # Vectors of each hit in a block, one row for each axis: the ray's direction, the triangle's corner a as seen from the
@@ -111,7 +111,8 @@ def intersect_planes(vectors, volumes, count):
         volumes[hit] = volume
         vectors[TUV, 0, hit] = -(acx * qx + acy * qy + acz * qz) / volume
         u = -(tx * px + ty * py + tz * pz) / volume
-        # Of a ray in the triangle's plane, but for rounding, this leaves noise: NaN moves it onto an edge.
+        # Of a ray in the triangle's plane, but for rounding, this leaves noise: NaN lets `settle` look closer. Here the
+        # volume is compared with that of a box with these sides, which is cheaper, and too strict for slivers.
         sides = (abs(abx) + abs(aby) + abs(abz)) * (abs(acx) + abs(acy) + abs(acz))
         is_flat = abs(volume) <= _EDGE_ON * sides * (abs(dx) + abs(dy) + abs(dz))
         vectors[TUV, 1, hit] = np.nan if is_flat else u
@@ -136,12 +137,21 @@ def settle(block, count):
 def _move_onto_edge(vectors, hit):
     """Write (t, u, v) of the point of the triangle's edges that is nearest to the ray's line.
 
-    Of a triangle seen edge-on, to the part of the line that the ray is: the line crosses two edges.
+    Of a triangle seen edge-on, to the part of the line that the ray is: the line crosses two edges. A ray that may be
+    in the triangle's plane, where u is NaN, stays inside the triangle if its crossing is known.
     """
-    is_edge_on = np.isnan(vectors[TUV, 1, hit])
     # Numbers, not slices of arrays, which take the compiler two seconds.
     direction, corner = _vector(vectors, DIRECTION, hit), _vector(vectors, CORNER, hit)
     to_a, to_b, to_c = (0.0, 0.0, 0.0), _vector(vectors, AB, hit), _vector(vectors, AC, hit)
+    is_edge_on = False
+    if np.isnan(vectors[TUV, 1, hit]):
+        normal_way = _cross(direction, to_c)
+        volume = _dot(to_b, normal_way)
+        is_edge_on = not abs(volume) > _EDGE_ON * _dot(_sizes(to_b), _cross_sizes(direction, to_c))
+        u, v = -_dot(corner, normal_way) / volume, vectors[TUV, 2, hit]
+        if not is_edge_on and u >= 0.0 and v >= 0.0 and u + v <= 1.0:
+            vectors[TUV, 1, hit] = u
+            return
     square = _dot(direction, direction)
     least = np.inf
     for edge in range(3):
@@ -154,8 +164,12 @@ def _move_onto_edge(vectors, hit):
         # An edge along the ray has no nearest point: 0 / 0, and the comparison makes it the begin.
         share = -_dot(beside, across) / _dot(across, across)
         share = min(share, 1.0) if share > 0.0 else 0.0
-        offset = _add(beside, share, across)
         t = _dot(_add(begin, share, way), direction) / square
+        if is_edge_on and t < 0.0:
+            # Along the edge to where the ray begins, if it reaches so far.
+            share = min(max(-_dot(begin, direction) / _dot(way, direction), 0.0), 1.0)
+            t = 0.0 if 0.0 < share < 1.0 else _dot(_add(begin, share, way), direction) / square
+        offset = _add(beside, share, across)
         distance = _dot(offset, offset)
         if is_edge_on and t < 0.0:
             distance += t * t * square
@@ -174,6 +188,30 @@ def _vector(vectors, name, hit):
 @compiled
 def _dot(one, other):
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@compiled
+def _cross(one, other):
+    return (
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    )
+
+
+@compiled
+def _sizes(vector):
+    return abs(vector[0]), abs(vector[1]), abs(vector[2])
+
+
+@compiled
+def _cross_sizes(one, other):
+    """Return the sums of the sizes of the products of which a cross product is the difference."""
+    return (
+        abs(one[1] * other[2]) + abs(one[2] * other[1]),
+        abs(one[2] * other[0]) + abs(one[0] * other[2]),
+        abs(one[0] * other[1]) + abs(one[1] * other[0]),
+    )
 
 
 @compiled

@@ -9,6 +9,10 @@ import numpy as np
 
 from ...support.compiled import compiled
 
+# A component of a normal is a difference of two products, each of two edges: float64 rounds it by this share of the
+# square of the largest edge at most.
+_NORMAL_ROUNDING = 2.0**-50
+
 
 @compiled
 def make_frame(direction, frame):
@@ -83,7 +87,11 @@ def judge_triangle(a, b, c, blur, verdict):
     if nz != 0.0:
         # A shift along the ray, and one across it, which a slanted plane turns into one along it.
         height = (nx * ax + ny * ay + nz * az) / nz
-        slack = blur * (1.0 + np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz))
+        slant = np.sqrt(nx * nx + ny * ny + nz * nz) / abs(nz)
+        slack = blur * (1.0 + slant)
+        # Of corners that are nearly in one line, float64 itself rounds the normal off.
+        reach = max(abs(ax), abs(ay), abs(bx), abs(by), abs(cx), abs(cy)) + (high - low)
+        slack += _NORMAL_ROUNDING * reach * reach / abs(nz) * (1.0 + slant) * reach
         verdict[1] = min(max(height, low), high)
         verdict[2], verdict[3] = max(height - slack, low - blur), min(height + slack, high + blur)
 

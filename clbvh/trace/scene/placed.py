@@ -5,6 +5,8 @@ Everything is computed in float64 from the 4 x 4 matrices; see `structs.INSTANCE
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,26 @@ _KIND, _MASK = _lane("kind"), _lane("mask")
 _PRIM_BITS, _ID = _lane("prim_bits"), _lane("instance_id")
 
 
+class RecordFields(NamedTuple):
+    """What `structs.INSTANCE` says of n instances beside their placement.
+
+    Attributes
+    ----------
+    masks, instance_ids, prim_bits : (n,) int32
+    """
+
+    masks: NDArray[np.int32]
+    instance_ids: NDArray[np.int32]
+    prim_bits: NDArray[np.int32]
+
+
+class LocalFrame(NamedTuple):
+    """The scene's local coordinates, ``(point - centre) * scale``; centre is (3,) float64."""
+
+    centre: NDArray[np.float64]
+    scale: float
+
+
 def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners of the instances' boxes in the scene's coordinates, each (n, 3) float64.
 
@@ -56,12 +78,9 @@ def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.flo
 def make_records(
     arrays: SceneArrays,
     parts: NDArray[np.int32],
-    masks: NDArray[np.uint32],
-    instance_ids: NDArray[np.int32],
-    prim_bits: NDArray[np.int32],
+    fields: RecordFields,
     order: NDArray[np.int32],
-    centre: NDArray[np.float64],
-    scale: float,
+    frame: LocalFrame,
 ) -> NDArray[np.void]:
     """Return the instances as the device takes them.
 
@@ -71,14 +90,10 @@ def make_records(
         Of n instances.
     parts : (geometries, 4) int32
         First node, first block, number of blocks and kind of primitives of each geometry, see `structs.INSTANCE`.
-    masks : (n,) uint32
-    instance_ids, prim_bits : (n,) int32
-        See `structs.INSTANCE`.
+    fields : RecordFields
     order : (n,) int32
         Instances in the order of the leaves of the tree over them.
-    centre : (3,) float64, the scene's coordinates
-    scale : float
-        The scene's local coordinates are ``(point - centre) * scale``.
+    frame : LocalFrame
 
     Returns
     -------
@@ -90,14 +105,11 @@ def make_records(
         An instance is too small or too flat beside the scene.
     """
     lanes = np.zeros((len(order), _LANES), np.float32)
-    bad = _write_records(
-        arrays, parts, np.ascontiguousarray(masks).view(np.int32), instance_ids, prim_bits, order, centre, scale,
-        lanes, lanes.view(np.int32),
-    )  # fmt: skip
+    bad = _write_records(arrays, parts, fields, order, frame, lanes, lanes.view(np.int32))
     if bad >= 0:
         raise SceneError(
-            f"the instance {instance_ids[bad]} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least in one "
-            "direction: leave it out, or make it larger"
+            f"the instance {fields.instance_ids[bad]} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least "
+            "in one direction: leave it out, or make it larger"
         )
     return lanes.view(INSTANCE).reshape(-1)
 
@@ -133,9 +145,10 @@ def _condition(arrays, instance):
 
 
 @compiled(error_model="numpy")
-def _write_records(arrays, parts, masks, instance_ids, prim_bits, order, centre, scale, lanes, ints):
+def _write_records(arrays, parts, fields, order, frame, lanes, ints):
     """Write the records; return the first instance that is too small, or -1."""
     linear, inverse, origin, half_size = arrays.linear, arrays.inverse, arrays.origin, arrays.half_size
+    centre, scale = frame.centre, frame.scale
     for slot in range(len(order)):
         instance = order[slot]
         geometry = arrays.geometry_id[instance]
@@ -160,6 +173,6 @@ def _write_records(arrays, parts, masks, instance_ids, prim_bits, order, centre,
         lanes[slot, _RADIUS] = np.sqrt(squared_radius) * _ROOM
         ints[slot, _FIRST_NODE], ints[slot, _FIRST_BLOCK] = parts[geometry, 0], parts[geometry, 1]
         ints[slot, _BLOCK_COUNT], ints[slot, _KIND] = parts[geometry, 2], parts[geometry, 3]
-        ints[slot, _MASK] = masks[instance]
-        ints[slot, _PRIM_BITS], ints[slot, _ID] = prim_bits[instance], instance_ids[instance]
+        ints[slot, _MASK] = fields.masks[instance]
+        ints[slot, _PRIM_BITS], ints[slot, _ID] = fields.prim_bits[instance], fields.instance_ids[instance]
     return -1

@@ -15,7 +15,7 @@ from ...scene.state import SceneState
 from ...structs import ALL_PRIM_BITS
 from ..hits.scene_arrays import SceneArrays, make_frames, move_instances
 from .merging import BuildTree, Merging
-from .placed import find_boxes, make_records
+from .placed import LocalFrame, RecordFields, find_boxes, make_records
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,10 @@ class TopItems:
         SceneError
             An instance is too small beside the scene.
         """
+        fields = RecordFields(np.ascontiguousarray(self.masks).view(np.int32), self.instance_ids, self.prim_bits)
         return make_records(
-            self.frames, parts, self.masks, self.instance_ids, self.prim_bits, top.prim_ids, top.mesh.origin,
-            top.mesh.scale,
-        )  # fmt: skip
+            self.frames, parts, fields, top.prim_ids, LocalFrame(top.mesh.origin, float(top.mesh.scale))
+        )
 
     def moved(self, state: SceneState, arrays: SceneArrays) -> TopItems:
         """Return the items after instances have moved that are not merged."""

@@ -174,6 +174,11 @@ def test_the_fast_reader_of_ply_text_changes_no_bit(tmp_path, monkeypatch):
     assert general.faces.tobytes() == mesh.faces.tobytes()
 
 
+def test_a_signature_above_the_elements_of_a_ply_header_is_skipped(tmp_path):
+    signed = TRIANGLE_PLY.replace(b"element vertex", b"Created by a program, source file:\nelement vertex")
+    assert load(tmp_path, "a.ply", signed).faces.tolist() == [[0, 1, 2]]
+
+
 @pytest.mark.parametrize("kind", ["ascii", "binary_little_endian"])
 def test_ply_lines_may_end_as_on_windows(tmp_path, kind):
     assert load(tmp_path, "a.ply", make_ply(MIXED, kind=kind, newline="\r\n")).faces.tolist() == MIXED_CUT
@@ -372,7 +377,7 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         ),
         pytest.param("a.obj", b"hello\n", "no vertices", id="not-an-obj"),
         pytest.param("a.obj", b"v 0 0 0\nv 1 1", "row 2 with 2 columns", id="obj-cut-vertex"),
-        pytest.param("a.obj", b"v 0 0 0\nf 1 1", "face 0 has 2 corners", id="obj-cut-face"),
+        pytest.param("a.obj", b"v 0 0 0\nf 1 1", "cut off in a face: face 0 has 2 corners", id="obj-cut-face"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 2\n", r"face 0 refers to vertex 2, .*\(1 to 1\)", id="obj-index"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 0\n", "face 0 refers to vertex 0", id="obj-index-0"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 -2\n", "face 0 refers to vertex", id="obj-index-back"),

@@ -95,3 +95,22 @@ def test_scans_that_stand_are_recognised_in_any_format(name):
     assert find_up("stl", mesh).vector == Y_UP
     standing = mesh.with_vertices(mesh.vertices @ TURN)
     assert find_up("obj", standing).vector == Z_UP
+
+
+# Two of them are along z in STL files: what is long and has no end to stand on lies.
+@pytest.mark.parametrize("sections", [3, 12])
+def test_a_spindle_does_not_stand_on_its_end_by_a_habit(sections):
+    spindle = trimesh.util.concatenate(
+        [CREATE.cone(1, 4, sections=sections), CREATE.cone(1, 4, sections=sections).apply_scale((1, 1, -1))]
+    ).apply_translation((0, 0, 7))
+    spindle.vertices[:, 0] += 0.3 * np.abs(spindle.vertices[:, 2] - 7)  # bent: both tips are beside the middle
+    vector, reason, is_guess = find_up("stl", as_mesh(spindle))
+    assert (vector, is_guess) == (Y_UP, True)
+    assert reason == "y is up: the mesh is long along z, and would not stand on its end"
+    short = spindle.apply_scale((2.5, 2.5, 1))
+    assert find_up("stl", as_mesh(short)).vector == Z_UP
+
+
+@pytest.mark.parametrize(("thickness", "up"), [(0.02, Y_UP), (0.05, Z_UP)])
+def test_nothing_stands_on_an_edge(thickness, up):
+    assert guess_up(as_mesh(CREATE.box((thickness, 0.4, 1))), "stl").vector == up

@@ -7,8 +7,9 @@ import pytest
 
 from clbvh.errors import MeshError, SceneError
 from clbvh.geometry import Mesh, Spheres
-from clbvh.rendering.scene import Scene, Transform
+from clbvh.rendering.scene import Scene
 from clbvh.rendering.scene_file import read_scene
+from clbvh.rendering.transform import Transform
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 from clbvh import make_shape
 from clbvh.errors import MeshError, SceneError
@@ -13,7 +14,9 @@ from clbvh.geometry.loading.several_parts import may_have_parts
 from clbvh.rendering.mesh_files import open_mesh_file, open_mesh_files
 from clbvh.rendering.mesh_source import MeshSource
 from clbvh.rendering.scene import Scene
+from clbvh.rendering.scene_extent import SceneExtent
 from clbvh.rendering.scene_file import open_scene
+from clbvh.rendering.upright import find_upright
 
 from ..geometry.gltf_files import Gltf
 
@@ -121,3 +124,21 @@ def test_files_that_make_no_scene_are_refused(write, tmp_path, names, error, mes
     write("b.toml", '[mesh]\nshape = "knot"')
     with pytest.raises(error, match=message):
         open_mesh_files([tmp_path / name for name in names])
+
+
+def test_a_shipped_scene_is_no_mesh_among_others(write):
+    with pytest.raises(SceneError, match=r"^knot: several files make a scene if all"):
+        open_mesh_files([write("a.obj", ONE), "knot"])
+
+
+@pytest.mark.parametrize(("suffixes", "up"), [(("stl", "STL"), (0, 0, 1)), (("stl", "obj"), (0, 1, 0))], ids=str)
+def test_several_files_of_one_format_have_its_habit(tmp_path, suffixes, up):
+    ball = trimesh.creation.icosphere(1)
+    paths = [tmp_path / f"{name}.{suffix}" for name, suffix in zip("ab", suffixes, strict=True)]
+    for path in paths:
+        ball.export(path)
+    scene = open_mesh_files(paths)
+    assert [geometry.name for geometry in scene.geometries] == ["a", "b"]
+    state = scene.snapshot()
+    extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+    assert find_upright(scene, extent).vector == up

@@ -6,7 +6,7 @@ import pytest
 
 import clbvh
 from clbvh.errors import MeshError, SceneError
-from clbvh.rendering.scene import Light, MeshSource, Scene, Transform
+from clbvh.rendering.scene import Light, MeshSource, Scene
 from clbvh.rendering.scene_file import open_scene
 
 BUNNY = MeshSource(name="bunny")
@@ -38,12 +38,6 @@ def test_a_value_that_cannot_be_drawn_is_refused(values, message):
 def test_a_light_that_cannot_shine_is_refused(values):
     with pytest.raises(SceneError, match="the light's"):
         Light(**values)
-
-
-@pytest.mark.parametrize("values", [{"scale": 0}, {"scale": "2"}, {"rotate": 90}, {"translate": (1, 2)}])
-def test_a_transform_that_cannot_be_applied_is_refused(values):
-    with pytest.raises(SceneError, match="the transform's"):
-        Transform(**values)
 
 
 @pytest.mark.parametrize("values", [{}, {"name": "bunny", "shape": "knot"}])
