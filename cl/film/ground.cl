@@ -10,16 +10,18 @@
 
 typedef struct {
     position_t above;
-    float strength;  // of the shadow, 0 to 1; 0 where there is no ground
+    float distance_squared;  // from the middle of the ground
+    bool is_met;
 } ground_t;
 
-// The ground where a ray meets it from above, with a strength of 0 where it does not.
+// The ground where a ray meets it from above, with is_met false where it does not.
 INLINED ground_t find_ground(const global view_t *view, const world_ray_t *ray)
 {
     ground_t ground;
     ground.above.high = (float3)(0.0f);
     ground.above.low = (float3)(0.0f);
-    ground.strength = 0.0f;
+    ground.distance_squared = 0.0f;
+    ground.is_met = false;
     if (!(view->ground_radius > 0.0f)) {
         return ground;
     }
@@ -32,12 +34,19 @@ INLINED ground_t find_ground(const global view_t *view, const world_ray_t *ray)
     }
     const float3 at = ray->origin + height / sinking * ray->direction;
     const float3 from_centre = at - centre;
-    const float share = sqrt(dot_product(from_centre, from_centre)) / view->ground_radius;
-    const float fading = clamp((1.0f - share) / (1.0f - GROUND_CORE), 0.0f, 1.0f);
-    // Smooth at both ends (the cubic Hermite polynomial).
-    ground.strength = fading * fading * (3.0f - 2.0f * fading);
+    ground.distance_squared = dot_product(from_centre, from_centre);
+    ground.is_met = ground.distance_squared < view->ground_radius * view->ground_radius;
     ground.above.high = at;
     return ground;
+}
+
+// The strength of a shadow on the ground, from 0 to 1.
+INLINED float find_shadow_strength(const global view_t *view, const ground_t *ground)
+{
+    const float share = square_root(ground->distance_squared) / view->ground_radius;
+    const float fading = limit_share((1.0f - share) / (1.0f - GROUND_CORE));
+    // Smooth at both ends (the cubic Hermite polynomial).
+    return fading * fading * (3.0f - 2.0f * fading);
 }
 
 // The sample of a ray that meets nothing but the background, under a shadow from 0 to 1. A transparent background has

@@ -55,7 +55,7 @@ INLINED float3 sample_key_light(const global view_t *view, sobol_sampler_t *samp
 // physically-based rendering", 1994).
 INLINED float3 fresnel(const float3 reflectance, const float cosine)
 {
-    const float rest = 1.0f - clamp(cosine, 0.0f, 1.0f);
+    const float rest = 1.0f - limit_share(cosine);
     const float squared = rest * rest;
     return reflectance + (1.0f - reflectance) * (squared * squared * rest);
 }
@@ -64,9 +64,10 @@ INLINED float3 fresnel(const float3 reflectance, const float cosine)
 // (Lagarde, "Adopting a physically based shading model", 2011).
 INLINED float3 fresnel_of_rough(const float3 reflectance, const float cosine, const float roughness)
 {
-    const float rest = 1.0f - clamp(cosine, 0.0f, 1.0f);
+    const float rest = 1.0f - limit_share(cosine);
     const float squared = rest * rest;
-    const float3 most = fmax((float3)(1.0f - roughness), reflectance);
+    const float3 least = (float3)(1.0f - roughness);
+    const float3 most = least > reflectance ? least : reflectance;
     return reflectance + (most - reflectance) * (squared * squared * rest);
 }
 
@@ -83,8 +84,8 @@ INLINED float highlight(
     const float spread = of_half * of_half * (squared - 1.0f) + 1.0f;
     const float facets = squared / (3.14159265f * spread * spread);
     const float visibility = 0.5f
-        / (of_light * sqrt(of_eye * of_eye * (1.0f - squared) + squared)
-           + of_eye * sqrt(of_light * of_light * (1.0f - squared) + squared));
+        / (of_light * square_root(of_eye * of_eye * (1.0f - squared) + squared)
+           + of_eye * square_root(of_light * of_light * (1.0f - squared) + squared));
     return facets * visibility * of_light;
 }
 
@@ -183,36 +184,78 @@ INLINED float3 shade_studio(
     return light + look->emission;
 }
 
-// How much darker shadows make the background, from 0 to 1.
-INLINED float find_ground_shadow(
+// Whether rays to the key light may meet the box around the objects, whose middle is `to_objects` from their origin.
+INLINED bool may_meet_objects(const global view_t *view, const float3 to_objects)
+{
+    // Where rays are in the box, the one to the middle of the light is in the box with sides moved outwards by as much
+    // as rays spread on the way to the box's far end.
+    const float3 to_light = load3(view->to_light);
+    const float farthest = dot_product(to_objects, to_light) + view->objects_radius;
+    const float3 reach = load3(view->objects_half_size) + view->light_spread * farthest;
+    const float3 inverse = 1.0f / to_light;
+    const float3 lower = (to_objects - reach) * inverse;
+    const float3 upper = (to_objects + reach) * inverse;
+    const float3 near = lower < upper ? lower : upper;
+    const float3 far = lower < upper ? upper : lower;
+    // NaN is a light that is at right angles to an axis, and an origin in the plane of a side: it passes.
+    const float begin = larger(near.x, larger(near.y, larger(near.z, 0.0f)));
+    return begin <= smaller(far.x, smaller(far.y, smaller(far.z, farthest)));
+}
+
+INLINED bool is_ground_known(const known_light_t *known)
+{
+    return known->is_known && known->instance_id == GROUND_ID;
+}
+
+// Finds the light on the ground, which the two samples of a pair share.
+INLINED void find_ground_light(
     const stage_t *stage, const ground_t *ground, sobol_sampler_t *sampler, known_light_t *known)
 {
-    const global view_t *view = stage->view;
-    const float3 normal = load3(view->ground_normal);
-    const float3 to_light = load3(view->to_light);
-
+    if (is_ground_known(known)) {
+        return;
+    }
     // Where no object comes near the rays, there is no shadow.
+    const global view_t *view = stage->view;
     const float3 to_objects = load3(view->objects_centre) - ground->above.high;
-    const float squared = dot_product(to_objects, to_objects);
-    const float along = dot_product(to_objects, to_light);
-    const float aside = sqrt(larger(squared - along * along, 0.0f));
-    const float spread = view->light_spread;
     const float3 beyond = magnitude(to_objects) - load3(view->objects_half_size);
-    const float3 gap = (float3)(larger(beyond.x, 0.0f), larger(beyond.y, 0.0f), larger(beyond.z, 0.0f));
+    const float3 gap = beyond > 0.0f ? beyond : (float3)(0.0f);
     const bool may_be_occluded = dot_product(gap, gap) < view->occlusion_reach * view->occlusion_reach;
-    const bool may_be_shaded = aside < view->objects_radius * (1.0f + spread) + spread * larger(along, 0.0f);
-    if (!may_be_occluded && !may_be_shaded) {
+    const bool may_be_shaded = may_meet_objects(view, to_objects);
+    known->is_known = false;
+    if (may_be_occluded || may_be_shaded) {
+        find_light(
+            stage, GROUND_ID, ground->above.high, ground->above, load3(view->ground_normal), may_be_occluded,
+            may_be_shaded, sampler, known);
+    } else {
+        known->is_known = known->is_lit = known->is_exposed = true;
+        known->instance_id = GROUND_ID;
+    }
+}
+
+// How much darker shadows make the background, from 0 to 1.
+INLINED float find_ground_shadow(
+    const stage_t *stage, const world_ray_t *ray, sobol_sampler_t *sampler, known_light_t *known)
+{
+    // Most pixels of the ground are in no shadow: their second samples need not know where they are.
+    if (is_ground_known(known) && known->is_lit && known->is_exposed) {
         return 0.0f;
     }
-
+    const ground_t ground = find_ground(stage->view, ray);
+    if (!ground.is_met) {
+        return 0.0f;
+    }
+    find_ground_light(stage, &ground, sampler, known);
+    if (known->is_lit && known->is_exposed) {
+        return 0.0f;
+    }
+    const global view_t *view = stage->view;
+    const float3 normal = load3(view->ground_normal);
     const float3 ambient = find_ambient_light(view, normal);
-    const float cosine = larger(dot_product(normal, to_light), 0.0f);
+    const float cosine = larger(dot_product(normal, load3(view->to_light)), 0.0f);
     const float key = KEY_FACTOR * cosine * (view->light_colour[0] + view->light_colour[1] + view->light_colour[2]);
     const float all = ambient.x + ambient.y + ambient.z + key;
-    find_light(
-        stage, GROUND_ID, ground->above.high, ground->above, normal, may_be_occluded, may_be_shaded, sampler, known);
     const float missing = (known->is_exposed ? 0.0f : all - key) + (known->is_lit ? 0.0f : key);
-    return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * ground->strength * missing / all : 0.0f;
+    return all > 0.0f ? (1.0f - LIGHT_IN_SHADOW) * find_shadow_strength(view, &ground) * missing / all : 0.0f;
 }
 
 // The sample of a ray, by one sampler of the surfaces that it passes through and one of light.
@@ -224,7 +267,5 @@ INLINED float4 find_studio_sample(
     if (find_shown(stage, ray, true, layers, &shown, hits)) {
         return (float4)(shade_studio(stage, &shown, ray->direction, sampler, known), 1.0f);
     }
-    const ground_t ground = find_ground(stage->view, ray);
-    const float shadow = ground.strength > 0.0f ? find_ground_shadow(stage, &ground, sampler, known) : 0.0f;
-    return sample_of_background(stage->view, row, shadow);
+    return sample_of_background(stage->view, row, find_ground_shadow(stage, ray, sampler, known));
 }

@@ -155,6 +155,22 @@ def test_a_transparent_background_leaves_colours_at_edges_as_they_are():
     assert (picture.rgb[picture.alpha == 0] == 0).all()
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_shadows_of_light_along_an_axis_are_those_of_light_nearby(axis):
+    # Such a light is parallel to sides of the box around the objects, outside which no shadow is looked for.
+    up = np.eye(3)[axis]
+    beside = up + 1e-6
+    ball = MeshSource(shape="icosphere", triangles=320)
+    scene = Scene(ball, up=tuple(up), eye=tuple(4 * up + 3 * np.roll(up, 1)), look_at=(0, 0, 0), width=48, height=48)
+    along, near = (
+        clbvh.render(scene.with_changes(transparent=True, light=Light(direction=tuple(to_light)))).alpha.astype(int)
+        for to_light in (up, beside)
+    )
+    is_shadow = (near > 0) & (near < 255)
+    assert is_shadow.sum() > 48
+    assert np.abs(along - near)[is_shadow].mean() < 1.0
+
+
 def test_a_shadow_on_a_transparent_ground_is_black_with_alpha():
     picture = clbvh.render(KNOT.with_changes(transparent=True))
     is_shadow = (picture.hits.prim_id < 0) & (picture.alpha > 60)
