@@ -29,7 +29,7 @@ from .as_scene import SceneLike, as_scene
 from .bulk import Bulk, find_bulk
 from .camera import Camera
 from .cut import Cut
-from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
+from .film.ground import Ground, find_ground, shows_ground
 from .film.sample_painter import Progress
 from .film.settings import MAX_SAMPLES, find_sample_count
 from .frame import FrameRenderer
@@ -522,7 +522,7 @@ class Renderer(ContextManager):
 
     def _find_ground(self, scene: Scene, camera: Camera) -> Ground | None:
         """Return the ground of a picture that shows one; the last one is kept, because it reads all vertices."""
-        if not scene.ground or scene.shading not in SHADINGS_WITH_GROUND:
+        if not shows_ground(scene):
             return None
         up = sky_direction(scene, camera)
         extent = self._find_extent(scene)
