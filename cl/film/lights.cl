@@ -12,7 +12,6 @@
 #include "film/sphere_lamps.cl"
 #include "film/stage.cl"
 #include "film/sun.cl"
-#include "sampling/warps.cl"
 
 typedef struct {
     const global light_t *lights;
@@ -145,7 +144,8 @@ INLINED float sphere_share(const global view_t *view, const float3 emission, con
     return source_share(view) * luminance(emission) / view->light_power * (4.0f * PI * radius * radius);
 }
 
-// The density with which sample_light finds the point of an emitting primitive that a ray has met, `way` from its origin.
+// The density with which sample_light finds the point of an emitting primitive that a ray has met; `way` is from its
+// origin.
 INLINED float found_emitter_density(const global view_t *view, const shown_t *shown, const float3 way)
 {
     const float3 emission = shown->appearance.emission;

@@ -58,7 +58,8 @@ INLINED float3 find_direct_light(
 
 // The light of what is beyond all surfaces: the environment and, for all rays but those from the eye, the sun.
 INLINED float3 find_distant_light(
-    const lights_t *lights, const global view_t *view, const float3 direction, const float density, const bool is_primary)
+    const lights_t *lights, const global view_t *view, const float3 direction, const float density,
+    const bool is_primary)
 {
     const float other = density > 0.0f ? environment_density(lights, view, direction) : 0.0f;
     const float weight = density > 0.0f ? weigh(density, other) : 1.0f;

@@ -39,8 +39,8 @@ INLINED float wall_density(const float radius, const float distance_squared, con
     return distance_squared / (4.0f * SPHERE_PI * radius * radius * larger(cosine, 1e-8f));
 }
 
-// The density with which sample_sphere_lamp finds the point of a sphere that a ray has met: its way from the origin, and
-// the sphere's normal there, on the ray's side if it is a unit vector away from the centre.
+// The density with which sample_sphere_lamp finds the point of a sphere that a ray has met, by the way to it from the
+// ray's origin and the unit vector from the centre to it.
 INLINED float sphere_lamp_density(const float radius, const float3 way, const float3 outward)
 {
     const float3 to_centre = way - radius * outward;
