@@ -325,6 +325,8 @@ VIEW = np.dtype(
         ("objects_radius", np.float32),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
         ("light_spread", np.float32),
+        # The same light of `path`: 1 - cos of half that angle, 0 for a light without size.
+        ("sun_width", np.float32),
         # Whether the directed light of `studio` comes from the eye, without shadows: objects are all around it.
         ("is_headlight", np.int32),
         # Occlusion is searched for up to here, in local units.
@@ -337,6 +339,8 @@ VIEW = np.dtype(
         # Of the sample points.
         ("seed", np.uint32),
         ("most_bounces", np.int32),
+        # Samples of `path` are limited to it; inf where none is.
+        ("most_light", np.float32),
         # The light that paths draw: whether there is directed light, how many emitting primitives there are, and the
         # sum of their luminance times area, in local units.
         ("has_sun", np.int32),
@@ -451,6 +455,16 @@ LIGHT = np.dtype(
     ]
 )
 
+# The choice of an emitting primitive by its power, see cl/film/choice.cl.
+LIGHT_CHOICE = np.dtype(
+    [
+        # Of a fixed-point fraction: below it, the primitive of this index is chosen.
+        ("threshold", np.uint32),
+        # The primitive that is chosen otherwise.
+        ("alias", np.int32),
+    ]
+)
+
 # --- The same in C ---
 
 # Structs by their C names, in the order of their declarations.
@@ -478,6 +492,7 @@ DEVICE_STRUCTS = {
     "material_t": MATERIAL,
     "texture_t": TEXTURE,
     "light_t": LIGHT,
+    "light_choice_t": LIGHT_CHOICE,
 }
 
 NO_PRIM = -1

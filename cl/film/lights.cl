@@ -2,19 +2,20 @@
 // view, and the environment around all objects.
 //
 // lights[light_count]                 light_t in the world's local coordinates
-// light_shares[light_count]           float: sums of the shares of the lights' power up to each, the last one 1
+// light_choices[light_count]          light_choice_t: by the lights' power, see film/choice.cl
 // environment[3 * width * height]     float: rows of linear red, green, blue from the zenith; NULL: a gradient
 // environment_rows[height]            float: sums of the shares of its light up to each row, the last one 1
 // environment_columns[width * height] float: the same within each row
 
 #include "film/bsdf.cl"
+#include "film/choice.cl"
+#include "film/sphere_lamps.cl"
 #include "film/stage.cl"
-#include "sampling/frame.cl"
-#include "sampling/warps.cl"
+#include "film/sun.cl"
 
 typedef struct {
     const global light_t *lights;
-    const global float *light_shares;
+    const global light_choice_t *light_choices;
     const global float *environment;
     const global float *environment_rows;
     const global float *environment_columns;
@@ -27,10 +28,6 @@ typedef struct {
     float density;     // per solid angle; 0 where no other way of sampling finds the light
     float distance;
 } light_sample_t;
-
-// Largest squared distance from a sphere's centre, in squared radii, of a point inside. The excess over 1 is for points
-// on the surface that rounding moved outwards.
-#define INSIDE_SHARE 1.001f
 
 // The first index whose sum is above a sample.
 INLINED int find_share(const global float *shares, const int count, const float sample)
@@ -53,10 +50,15 @@ INLINED float share_of(const global float *shares, const int index)
     return shares[index] - (index > 0 ? shares[index - 1] : 0.0f);
 }
 
+INLINED int source_count(const global view_t *view)
+{
+    return (view->has_sun != 0) + (view->light_count > 0) + (view->environment_width > 0);
+}
+
 // The share of the samples that each source of light gets: the sources that there are get the same.
 INLINED float source_share(const global view_t *view)
 {
-    const int count = (view->has_sun != 0) + (view->light_count > 0) + (view->environment_width > 0);
+    const int count = source_count(view);
     return count > 0 ? 1.0f / count : 0.0f;
 }
 
@@ -129,33 +131,55 @@ INLINED float environment_density(const lights_t *lights, const global view_t *v
     return pixel_density(lights, view, column, row, level);
 }
 
-// The density with which sample_light finds a point of an emitting primitive, per solid angle.
+// The density with which sample_light finds a point of an emitting triangle, per solid angle.
 INLINED float emitter_density(
     const global view_t *view, const float3 emission, const float distance_squared, const float cosine)
 {
     return source_share(view) * luminance(emission) / view->light_power * distance_squared / larger(cosine, 1e-8f);
 }
 
-INLINED bool sample_emitter(
-    const lights_t *lights, const global view_t *view, const float3 from, const float choice, const float2 sample,
-    light_sample_t *found)
+// The probability with which sample_light chooses an emitting sphere.
+INLINED float sphere_share(const global view_t *view, const float3 emission, const float radius)
 {
-    const global light_t *light = lights->lights + find_share(lights->light_shares, view->light_count, choice);
-    float3 point, normal;
-    // A triangle shines to both sides; a sphere, too, but the inside is not seen from outside.
-    bool is_two_sided = true;
-    if (light->radius > 0.0f) {
-        const float3 from_centre = from - load3(light->a);
-        is_two_sided = dot_product(from_centre, from_centre) < INSIDE_SHARE * light->radius * light->radius;
-        normal = sample_sphere(sample);
-        point = load3(light->a) + light->radius * normal;
-    } else {
-        const float root = square_root(sample.x);
-        const float3 ab = load3(light->ab);
-        const float3 ac = load3(light->ac);
-        point = load3(light->a) + (1.0f - root) * ab + root * sample.y * ac;
-        normal = normal_of_edges(ab, ac);
+    return source_share(view) * luminance(emission) / view->light_power * (4.0f * PI * radius * radius);
+}
+
+// The density with which sample_light finds the point of an emitting primitive that a ray has met; `way` is from its
+// origin.
+INLINED float found_emitter_density(const global view_t *view, const shown_t *shown, const float3 way)
+{
+    const float3 emission = shown->appearance.emission;
+    const float3 normal = shown->surface.normal;
+#if HAS_SPHERES
+    const float radius = shown->surface.sphere_radius;
+    if (radius > 0.0f) {
+        const float3 outward = shown->surface.is_back ? -normal : normal;
+        return sphere_share(view, emission, radius) * sphere_lamp_density(radius, way, outward);
     }
+#endif
+    const float squared = dot_product(way, way);
+    return emitter_density(view, emission, squared, -dot_product(normal, way) / square_root(squared));
+}
+
+INLINED bool sample_emitter(
+    const lights_t *lights, const global view_t *view, const float3 from, const uint choice, const uint more,
+    const float2 sample, light_sample_t *found)
+{
+    const global light_t *light = lights->lights + choose(lights->light_choices, view->light_count, choice, more);
+#if HAS_SPHERES
+    if (light->radius > 0.0f) {
+        const float3 radiance = load3(light->emission);
+        const float density = sample_sphere_lamp(
+            load3(light->a) - from, light->radius, sample, &found->direction, &found->distance);
+        found->density = sphere_share(view, radiance, light->radius) * density;
+        found->radiance = radiance / found->density;
+        return density > 0.0f;
+    }
+#endif
+    const float root = square_root(sample.x);
+    const float3 ab = load3(light->ab);
+    const float3 ac = load3(light->ac);
+    const float3 point = load3(light->a) + (1.0f - root) * ab + root * sample.y * ac;
     const float3 way = point - from;
     const float distance_squared = dot_product(way, way);
     if (!(distance_squared > 0.0f)) {
@@ -163,8 +187,8 @@ INLINED bool sample_emitter(
     }
     found->distance = square_root(distance_squared);
     found->direction = way / found->distance;
-    const float facing = dot_product(normal, found->direction);
-    const float cosine = is_two_sided ? absolute(facing) : -facing;
+    // It shines to both sides.
+    const float cosine = absolute(dot_product(normal_of_edges(ab, ac), found->direction));
     if (!(cosine > 0.0f)) {
         return false;
     }
@@ -208,28 +232,27 @@ INLINED bool sample_light(
     const lights_t *lights, const global view_t *view, const float3 from, sobol_sampler_t *sampler,
     light_sample_t *found)
 {
-    const float share = source_share(view);
-    float choice = sample_1d(sampler);
+    const int count = source_count(view);
+    uint choice;
+    int source = split_product(sample_bits(sampler), count, &choice);
+    // The bits that the choice of the source and that of a lamp take are replaced by those of a hash.
+    const uint more = hash_with_seed(sampler->index, sampler->seed + sampler->dimension);
     const float2 sample = sample_2d(sampler);
-    if (share == 0.0f) {
+    if (count == 0) {
         return false;
     }
     if (view->has_sun) {
-        if (choice < share) {
-            const frame_t frame = frame_around(load3(view->to_light));
-            const float2 at = view->light_spread * sample_disk(sample);
-            found->direction = unit_vector(from_frame(&frame, (float3)(at, 1.0f)));
-            found->radiance = PI / share * load3(view->light_colour);
-            found->density = 0.0f;
+        if (source == 0) {
+            found->direction = sample_sun(view, sample);
+            found->radiance = PI * count * load3(view->light_colour);
+            found->density = sun_density(view) / count;
             found->distance = INFINITY;
             return true;
         }
-        choice -= share;
+        source--;
     }
-    if (view->light_count > 0) {
-        if (choice < share || view->environment_width == 0) {
-            return sample_emitter(lights, view, from, limit_share(choice / share), sample, found);
-        }
+    if (view->light_count > 0 && source == 0) {
+        return sample_emitter(lights, view, from, choice, more, sample, found);
     }
     return sample_environment(lights, view, sample, found);
 }

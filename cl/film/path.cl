@@ -1,9 +1,16 @@
 // The shading `path`: light along paths from the eye, with light drawn at each surface (Kajiya, "The rendering
 // equation", 1986; Veach and Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", 1995).
 
+//
+// HAS_GROUND, if defined as 1: there is a ground below all objects, see film/ground_surface.cl.
+
 #include "film/bsdf.cl"
 #include "film/lights.cl"
 #include "film/stage.cl"
+#include "film/sun.cl"
+#if HAS_GROUND
+#include "film/ground_surface.cl"
+#endif
 #include "sampling/frame.cl"
 
 // Reflections before paths end by chance, and the most that they go on with.
@@ -27,7 +34,8 @@ INLINED float3 find_direct_light(
     const float3 to_eye, sobol_sampler_t *sampler)
 {
     light_sample_t light;
-    const float3 from = shown->surface.position;
+    // Where the next ray begins: what that finds has the density of the same position.
+    const float3 from = shown->surface.above.high;
     if (!sample_light(lights, stage->view, from, sampler, &light)) {
         return (float3)(0.0f);
     }
@@ -39,8 +47,35 @@ INLINED float3 find_direct_light(
     if (is_shaded(stage, shown->surface.above, light.direction, LIGHT_SHARE * light.distance, sampler)) {
         return (float3)(0.0f);
     }
-    const float weight = light.density > 0.0f ? weigh(light.density, density) : 1.0f;
+    float weight = light.density > 0.0f ? weigh(light.density, density) : 1.0f;
+#if HAS_GROUND
+    if (light.distance == INFINITY) {
+        weight *= 1.0f - ground_cover(stage, shown->surface.above, light.direction);
+    }
+#endif
     return weight * scattered * light.radiance;
+}
+
+// The light of what is beyond all surfaces: the environment and, for all rays but those from the eye, the sun.
+INLINED float3 find_distant_light(
+    const lights_t *lights, const global view_t *view, const float3 direction, const float density,
+    const bool is_primary)
+{
+    const float other = density > 0.0f ? environment_density(lights, view, direction) : 0.0f;
+    const float weight = density > 0.0f ? weigh(density, other) : 1.0f;
+    float3 light = weight * environment_light(lights, view, direction);
+    if (!is_primary && shows_sun(view, direction)) {
+        const float of_sun = sun_density(view) * source_share(view);
+        light += (density > 0.0f ? weigh(density, of_sun) : 1.0f) * sun_radiance(view);
+    }
+    return light;
+}
+
+// The light of a sample, limited to what the picture asks for; its colour stays.
+INLINED float3 limit_sample(const global view_t *view, const float3 light)
+{
+    const float most = larger(light.x, larger(light.y, light.z));
+    return most > view->most_light ? view->most_light / most * light : light;
 }
 
 INLINED float4 find_path_sample(
@@ -58,7 +93,10 @@ INLINED float4 find_path_sample(
         ray_hits_t found = make_ray_hits();
         shown_t shown;
         const float3 direction = ray.direction;
-        const bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &found);
+        bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &found);
+#if HAS_GROUND
+        is_hit = is_hit || find_shown_ground(stage, &ray, sampler, &shown);
+#endif
         if (bounce == 0) {
             *hits = found;
         }
@@ -67,9 +105,7 @@ INLINED float4 find_path_sample(
                 covered = 0.0f;
             }
             if (bounce > 0 || !view->is_transparent) {
-                const float other = density > 0.0f ? environment_density(lights, view, direction) : 0.0f;
-                const float weight = density > 0.0f ? weigh(density, other) : 1.0f;
-                light += weight * throughput * environment_light(lights, view, direction);
+                light += throughput * find_distant_light(lights, view, direction, density, bounce == 0);
             }
             break;
         }
@@ -79,8 +115,7 @@ INLINED float4 find_path_sample(
             float weight = 1.0f;
             if (density > 0.0f && shown.appearance.is_light) {
                 const float3 way = shown.surface.position - ray.origin;
-                const float cosine = -dot_product(shown.surface.normal, direction);
-                weight = weigh(density, emitter_density(view, emission, dot_product(way, way), cosine));
+                weight = weigh(density, found_emitter_density(view, &shown, way));
             }
             light += weight * throughput * emission;
         }
@@ -116,5 +151,5 @@ INLINED float4 find_path_sample(
         const position_t origin = scattered.is_below ? shown.surface.below : shown.surface.above;
         ray = make_world_ray(origin, short_unit_vector(next), (float3)(0.0f), INFINITY);
     }
-    return (float4)(light, covered);
+    return (float4)(limit_sample(view, light), covered);
 }

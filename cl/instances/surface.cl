@@ -20,6 +20,9 @@ typedef struct {
     float3 below_low;
     float3 normal;     // unit vector on the side of the ray's origin
     bool is_back;      // see surface_t
+#if HAS_SPHERES
+    float radius;      // of a sphere that its instance does not stretch; 0 for a triangle
+#endif
 } placed_surface_t;
 
 // A bound on the magnitude of a transformed vector, of which a bound is known.
@@ -51,6 +54,9 @@ INLINED placed_surface_t place_surface(const global instance_t *instance, const 
     placed.normal = unit_vector(
         normal.x * load3(instance->to_object[0]) + normal.y * load3(instance->to_object[1])
         + normal.z * load3(instance->to_object[2]));
+#if HAS_SPHERES
+    placed.radius = 0.0f;
+#endif
     return placed;
 }
 
@@ -67,7 +73,10 @@ INLINED placed_surface_t scene_surface_at(
         const ray_t inside = enter_instance(ray, instance, INFINITY, &t_shift);
         const ball_t ball = ball_at((const global sphere_block_t *)own_blocks, search->nearest.triangle_index);
         const surface_t surface = sphere_surface_at(&ball, search->nearest.u > 0.0f, &inside);
-        return place_surface(instance, &surface);
+        placed_surface_t placed = place_surface(instance, &surface);
+        const float3 scale = load3(instance->to_scene[0]);
+        placed.radius = ball.radius * square_root(dot_product(scale, scale));
+        return placed;
     }
 #endif
     const float3 direction = transform_vector(instance->to_object, ray->direction);

@@ -10,7 +10,7 @@
 // hits[row_count * width]     written with sample 0, which is the centre of the pixel: t in local units
 //
 // SHADING: the shading's number, one of SHADE_STUDIO, SHADE_AO and SHADE_PATH. HAS_CUTOUTS: see film/stage.cl.
-// HAS_CUT: see world/cut.cl. HAS_WIREFRAME: see film/wireframe.cl.
+// HAS_CUT: see world/cut.cl. HAS_WIREFRAME: see film/wireframe.cl. HAS_GROUND: see film/path.cl.
 //
 // Work-items: (width, row_count), or cells, rounded up to tiles. The samples of a pixel are added one by one, in the
 // order of their numbers, so that the film does not depend on bands or on how many samples a launch takes.
@@ -65,7 +65,7 @@ kernel void render_samples(
     const global int *restrict material_ids, const global material_t *restrict materials,
     const global texture_t *restrict textures, const global uint *restrict texels,
     const global float *restrict decoded_srgb, const global light_t *restrict lights,
-    const global float *restrict light_shares, const global float *restrict environment,
+    const global light_choice_t *restrict light_choices, const global float *restrict environment,
     const global float *restrict environment_rows, const global float *restrict environment_columns,
     const global view_t *restrict view, const int first_row,
     const int row_count, const int first_sample, const int sample_count, global float4 *restrict film,
@@ -93,7 +93,7 @@ kernel void render_samples(
         view};
 
 #if SHADING == SHADE_PATH
-    const lights_t light_tables = {lights, light_shares, environment, environment_rows, environment_columns};
+    const lights_t light_tables = {lights, light_choices, environment, environment_rows, environment_columns};
     cell_t cell = load_cell(film, pixel, first_sample == 0);
     for (int sample = first_sample; sample < first_sample + sample_count; sample++) {
         const float2 offset = find_offset(sample);

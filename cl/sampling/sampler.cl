@@ -33,12 +33,18 @@ INLINED uint next_seed(sobol_sampler_t *sampler)
     return hash_with_seed(sampler->dimension++, sampler->seed);
 }
 
-// The next dimension, in [0, 1).
-INLINED float sample_1d(sobol_sampler_t *sampler)
+// The next dimension, as a fixed-point number: 2^32 would be 1.
+INLINED uint sample_bits(sobol_sampler_t *sampler)
 {
     const uint seed = next_seed(sampler);
     const uint index = scramble(sampler->index, seed);
-    return as_unit_float(reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u))));
+    return reverse_bits(scramble_reversed(index, hash_number(seed ^ 1u)));
+}
+
+// The next dimension, in [0, 1).
+INLINED float sample_1d(sobol_sampler_t *sampler)
+{
+    return as_unit_float(sample_bits(sampler));
 }
 
 // Passes by a dimension that is not needed, so that those after it stay as they are; returns 0.

@@ -70,6 +70,9 @@ typedef struct {
     int prim_id;
     float u;
     float v;
+#if HAS_SPHERES
+    float sphere_radius;  // 0 for a triangle
+#endif
 } world_surface_t;
 
 #if HAS_INSTANCES
@@ -112,9 +115,12 @@ INLINED void traverse_world(
 INLINED world_surface_t world_surface_at(const world_t *world, const world_ray_t *ray, const search_t *search)
 {
     const placed_surface_t placed = scene_surface_at(world->instances, world->blocks, world->spheres, ray, search);
-    const world_surface_t surface = {
+    world_surface_t surface = {
         placed.above, {placed.above, placed.above_low}, {placed.below, placed.below_low}, placed.normal,
         placed.is_back, search->instance_id, search->nearest.prim_id, search->nearest.u, search->nearest.v};
+#if HAS_SPHERES
+    surface.sphere_radius = placed.radius;
+#endif
     return surface;
 }
 

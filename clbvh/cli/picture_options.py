@@ -59,8 +59,8 @@ Ground = Annotated[
     bool | None,
     typer.Option(
         "--ground/--no-ground",
-        help="Show shadows on a ground below all objects (studio).",
-        show_default="shown",
+        help="Put a ground below all objects (studio, path).",
+        show_default="in studio alone",
         rich_help_panel=SAMPLES_PANEL,
     ),
 ]
@@ -123,6 +123,15 @@ EnvironmentStrength = Annotated[
 MaxBounces = Annotated[
     int | None,
     typer.Option(help="Reflections after which a path ends.", show_default="12", rich_help_panel=SAMPLES_PANEL),
+]
+Clamp = Annotated[
+    float | None,
+    typer.Option(
+        metavar="LIGHT",
+        help="Limit the light of a sample (path): no bright dots, and a picture that is a little too dark.",
+        show_default="no limit",
+        rich_help_panel=SAMPLES_PANEL,
+    ),
 ]
 
 

@@ -52,7 +52,7 @@ class Painters:
         self._one_ray: dict[tuple[bool, bool], OneRayPainter] = {}  # by `_parts_of`
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[str, float, bool, bool], tuple[SampleShading, dict[str, Any]]] = {}
+        self._shadings: dict[tuple[str, float, bool, bool, bool], tuple[SampleShading, dict[str, Any]]] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
@@ -79,15 +79,16 @@ class Painters:
                 return self._one_ray[key]
             if scene.shading == "path":
                 self._find_lights(scene).describe(view)
-            shading, buffers = self._find_shading(scene)
+            has_ground = scene.shading == "path" and bool(view["ground_radius"][0] > 0)
+            shading, buffers = self._find_shading(scene, has_ground)
             if scene.shading == "path":
                 buffers = buffers | self._find_environment(scene, view)
             return SamplePainter(shading, progress, buffers)
 
-    def _find_shading(self, scene: Scene) -> tuple[SampleShading, dict[str, Any]]:
+    def _find_shading(self, scene: Scene, has_ground: bool) -> tuple[SampleShading, dict[str, Any]]:
         """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
         has_cut, has_wireframe = _parts_of(scene)
-        key = scene.shading, float(scene.smooth), has_cut, has_wireframe
+        key = scene.shading, float(scene.smooth), has_cut, has_wireframe, has_ground
         if key not in self._shadings:
             shapes = self._subject.looks().shapes
             compile_kernels = partial(
@@ -99,6 +100,7 @@ class Painters:
                 has_normal_maps=has_normal_maps(shapes),
                 has_cut=has_cut,
                 has_wireframe=has_wireframe,
+                has_ground=has_ground,
             )
             # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
             shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, scene))

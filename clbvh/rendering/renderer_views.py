@@ -14,7 +14,7 @@ from ..geometry import Mesh
 from ..support.context_manager import ContextManager
 from .bulk import Bulk, find_bulk
 from .camera import Camera
-from .film.ground import SHADINGS_WITH_GROUND, Ground, find_ground
+from .film.ground import Ground, find_ground, shows_ground
 from .framing import frame_mesh, frame_turn, measure_side
 from .mesh_subject import MeshSubject
 from .projection import Orthographic, Panorama, Projection
@@ -182,7 +182,7 @@ class RendererViews(ContextManager):
 
     def _find_ground(self, scene: Scene, camera: Camera) -> Ground | None:
         """Return the ground of a picture that shows one; the last one is kept, because it reads all vertices."""
-        if not scene.ground or scene.shading not in SHADINGS_WITH_GROUND:
+        if not shows_ground(scene):
             return None
         up = sky_direction(scene, camera)
         extent = self._find_extent(scene)

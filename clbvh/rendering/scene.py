@@ -109,8 +109,10 @@ class Scene(SceneContents):
         Of the sample points. Equal seeds give equal pictures.
     smooth : float
         Degrees. Meshes without normals of their own are shaded smoothly over edges that turn by less; 0: over none.
-    ground : bool
-        Whether ``studio`` shows shadows on a ground below all objects.
+    ground : bool, or None
+        Whether there is a ground below all objects: in ``studio`` it shows their shadows alone, in ``path`` it is a
+        matte surface of middle grey, without an end but for a soft transition to the background. The other shadings
+        have none. None: in ``studio`` alone.
     transparent : bool
         Whether the background is left out of the picture; see `Picture.alpha`.
     exposure : float
@@ -119,6 +121,9 @@ class Scene(SceneContents):
         ``"linear"``, or ``"filmic"``, which keeps bright light from becoming white. None: filmic for ``path``.
     max_bounces : int
         Reflections after which a path of ``path`` ends; 0: light that comes straight from a source.
+    clamp : float, or None
+        Of ``path``: a sample with more light than that, in any channel, is made as much darker. That takes bright dots
+        away, and with them light: the mean is no longer the right one. None: no limit.
     environment : str, path, (h, w, 3) array, or None
         Light from all around, of ``path``: a panorama as an ``.hdr`` or ``.exr`` file, or as linear colours with the
         zenith's row first, which becomes an `EnvironmentMap`. Its middle column is along +x, and `up` is up. The
@@ -181,11 +186,12 @@ class Scene(SceneContents):
     samples: int | None = None
     seed: int = 0
     smooth: float = DEFAULT_CREASE_ANGLE
-    ground: bool = True
+    ground: bool | None = None
     transparent: bool = False
     exposure: float = 0.0
     tone_curve: str | None = None
     max_bounces: int = DEFAULT_BOUNCES
+    clamp: float | None = None
     environment: EnvironmentMap | None = None
     environment_rotation: float = 0.0
     environment_strength: float = 1.0

@@ -194,6 +194,7 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
         "exposure": image.number("exposure"),
         "tone_curve": image.text("tone_curve"),
         "max_bounces": image.integer("max_bounces"),
+        "clamp": image.number("clamp"),
         **_read_environment(environment, path.parent),
         "surface": image.vector("surface"),
         "background": image.gradient("background"),

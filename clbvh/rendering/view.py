@@ -10,7 +10,7 @@ from ..geometry import Mesh
 from ..structs import SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera
 from .cut import set_cut
-from .film.ground import Ground
+from .film.ground import GROUND_GAP, Ground
 from .film.settings import find_tone_curve
 from .projection import Fisheye, Panorama
 from .scene import Scene
@@ -91,16 +91,20 @@ def make_view(
     view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
     view["width"], view["height"] = scene.width, scene.height
     view["shading"] = SHADINGS[scene.shading]
-    if ground is not None:
-        view["ground_point"], view["ground_normal"] = mesh.to_local(ground.point), ground.normal
-        view["ground_radius"] = ground.radius * mesh.scale
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
+    if ground is not None:
+        gap = GROUND_GAP * half_diagonal if scene.shading == "path" else 0.0
+        view["ground_point"] = mesh.to_local(ground.point) - gap * ground.normal
+        view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * mesh.scale
     view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
     view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
     view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
     view["has_sun"] = any(scene.light.colour)
     view["is_headlight"] = scene.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
     view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
+    secant = np.hypot(1.0, _LIGHT_SPREAD)
+    view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
+    view["most_light"] = np.inf if scene.clamp is None else scene.clamp
     view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
     if scene.cut is not None:
         set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))

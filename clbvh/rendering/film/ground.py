@@ -1,8 +1,8 @@
-"""The ground of a picture: a plane below all objects that shows their shadows."""
+"""The ground of a picture: a plane below all objects, which shows their shadows or is a surface of its own."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,19 @@ from ...geometry import Mesh
 from ..scene_extent import SceneExtent
 from ..view_bounds import Reaches
 
-SHADINGS_WITH_GROUND = ("studio",)
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+# By the shading, whether there is a ground unless the scene says so.
+_HAS_GROUND = {"studio": True, "path": False}
 
 # The radius up to which shadows are shown, in half diagonals of the box around all objects: a soft shadow of something
 # as high as wide ends well within it.
 _RADIUS = 4.0
+
+# The ground of `path` lies below the plane by this share of that: surfaces that stand on the plane, and rays that begin
+# at them, are above it by more than float32 rounds off.
+GROUND_GAP = 2e-5
 
 # Vertices per step: they stay in the cache.
 _CHUNK_VERTICES = 2**16
@@ -37,6 +45,13 @@ class Ground(NamedTuple):
     point: NDArray[np.float64]
     normal: NDArray[np.float64]
     radius: float
+
+
+def shows_ground(scene: Scene) -> bool:
+    """Return whether a picture of a scene has a ground."""
+    if scene.shading not in _HAS_GROUND:
+        return False
+    return _HAS_GROUND[scene.shading] if scene.ground is None else scene.ground
 
 
 def find_ground(extent: Mesh | SceneExtent, up: NDArray[np.float64]) -> Ground:

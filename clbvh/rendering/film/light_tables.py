@@ -16,6 +16,7 @@ from ...geometry.appearance.texture import OPAQUE
 from ...geometry.shape import Shape
 from ...geometry.spheres import Spheres
 from ...structs import LIGHT
+from .alias_table import make_alias_table
 
 # Weights of linear red, green and blue in the luminance (ITU-R BT.709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -125,13 +126,10 @@ def make_light_tables(
         raise SceneError(f"{len(lights):,} primitives emit light, and there is room for {_MOST_LIGHTS:,}")
     powers = (np.concatenate(areas) if areas else np.zeros(0)) * (lights["emission"].astype(np.float64) @ LUMINANCE)
     power = float(powers.sum())
-    shares = np.cumsum(powers) / power if power > 0 else np.zeros(0)
-    if power > 0:
-        shares[-1] = 1.0
     # A table without rows still needs a buffer.
     arrays = {
         "lights": lights if len(lights) else np.zeros(1, LIGHT),
-        "light_shares": np.asarray(shares if len(shares) else [1.0], np.float32),
+        "light_choices": make_alias_table(powers if power > 0 else np.ones(1)),
     }
     return LightTables(arrays, power, len(lights) if power > 0 else 0)
 

@@ -34,7 +34,7 @@ _FILTER_RADIUS = 1.0
 
 # Arguments of `render_samples` that only paths have.
 _NO_LIGHTS: dict[str, Any] = dict.fromkeys(
-    ("lights", "light_shares", "environment", "environment_rows", "environment_columns")
+    ("lights", "light_choices", "environment", "environment_rows", "environment_columns")
 )
 
 
@@ -83,6 +83,8 @@ class SampleShading:
         Whether the views have a cut.
     has_wireframe : bool
         Whether they have lines.
+    has_ground : bool
+        Whether they have a ground that paths meet.
 
     Attributes
     ----------
@@ -105,6 +107,7 @@ class SampleShading:
         has_normal_maps: bool = False,
         has_cut: bool = False,
         has_wireframe: bool = False,
+        has_ground: bool = False,
     ) -> None:
         self.tree = tree
         self.tile = session.settings.tile
@@ -116,6 +119,7 @@ class SampleShading:
             "HAS_NORMAL_MAPS": int(has_normal_maps),
             "HAS_CUT": int(has_cut),
             "HAS_WIREFRAME": int(has_wireframe),
+            "HAS_GROUND": int(has_ground),
         }
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, DEVELOP)

@@ -26,6 +26,9 @@ _MAX_BOUNCES = 1000
 # Light of 2^100 times the usual strength is still a float32.
 _MAX_EXPOSURE = 100.0
 
+# Samples are compared with it in float32.
+_MAX_CLAMP = 1e30
+
 # With the brightest pixels of an environment, still a float32.
 _MAX_STRENGTH = 1e10
 
@@ -46,8 +49,10 @@ def check_sampling(scene: Scene) -> None:
     _check_number("environment_strength", scene.environment_strength, 0.0, _MAX_STRENGTH)
     if not is_finite_number(scene.environment_rotation):
         raise SceneError(f"environment_rotation must be a finite number of degrees, not {scene.environment_rotation!r}")
+    if scene.clamp is not None and not (is_finite_number(scene.clamp) and 0 < scene.clamp <= _MAX_CLAMP):
+        raise SceneError(f"clamp must be a number above 0 and up to {_MAX_CLAMP:g}, or None, not {scene.clamp!r}")
     for name in ("ground", "transparent"):
-        if not isinstance(getattr(scene, name), bool):
+        if not isinstance(getattr(scene, name), bool) and not (name == "ground" and scene.ground is None):
             raise SceneError(f"{name} must be True or False, not {getattr(scene, name)!r}")
     if scene.tone_curve is not None and scene.tone_curve not in TONE_CURVES:
         raise SceneError(f"the tone curve must be one of {', '.join(TONE_CURVES)}, not {scene.tone_curve!r}")

@@ -1,0 +1,48 @@
+// The ground of paths (HAS_GROUND): a matte surface on the plane of film/ground.cl, seen from above, which passes into
+// the background towards its radius.
+//
+// All objects are in front of it: it stops rays that meet no object. As they stand above the plane, that differs from a
+// plane among them only for parts that a frame leaves out, see Scene.frame.
+
+#include "film/ground.cl"
+#include "film/stage.cl"
+
+// The share of light that it reflects: that of a middle grey card would be 0.18, and that of paper 0.8.
+#define GROUND_ALBEDO 0.5f
+
+// The share of light that the ground stops on its way to infinity.
+INLINED float ground_cover(const stage_t *stage, const position_t from, const float3 direction)
+{
+    const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), INFINITY);
+    return find_ground(stage->view, &ray).strength;
+}
+
+// Finds the ground along a ray that meets no object. A share of the rays passes through where it fades out. Returns
+// whether it stops this one.
+INLINED bool find_shown_ground(
+    const stage_t *stage, const world_ray_t *ray, sobol_sampler_t *sampler, shown_t *shown)
+{
+    const global view_t *view = stage->view;
+    const ground_t ground = find_ground(view, ray);
+    if (!(ground.strength > 0.0f) || (ground.strength < 1.0f && !(sample_1d(sampler) < ground.strength))) {
+        return false;
+    }
+    const float3 normal = load3(view->ground_normal);
+    // From far away, the point is above or below the plane by the rounding of the way to it.
+    const float3 at = ground.above.high;
+    const position_t position = {at - dot_product(at - load3(view->ground_point), normal) * normal, (float3)(0.0f)};
+
+    world_surface_t *surface = &shown->surface;
+    surface->position = position.high;
+    surface->above = surface->below = position;
+    surface->normal = normal;
+    surface->is_back = false;
+    appearance_t *look = &shown->appearance;
+    look->normal = look->smooth_normal = normal;
+    look->base_colour = (float3)(GROUND_ALBEDO);
+    look->emission = (float3)(0.0f);
+    look->is_light = false;
+    look->metallic = look->transmission = 0.0f;
+    look->alpha = look->roughness = look->ior = 1.0f;
+    return true;
+}
