@@ -40,7 +40,7 @@ INLINED ground_t find_ground(const global view_t *view, const world_ray_t *ray)
     return ground;
 }
 
-// The strength of a shadow on the ground, from 0 to 1.
+// The strength of a shadow on the ground, from 0 to 1, which paths take for the ground's share of the light.
 INLINED float find_shadow_strength(const global view_t *view, const ground_t *ground)
 {
     const float share = square_root(ground->distance_squared) / view->ground_radius;

@@ -10,11 +10,18 @@
 // The share of light that it reflects: that of a middle grey card would be 0.18, and that of paper 0.8.
 #define GROUND_ALBEDO 0.5f
 
+// The share of light that the ground stops where a ray meets it.
+INLINED float ground_share(const global view_t *view, const ground_t *ground)
+{
+    return ground->is_met ? find_shadow_strength(view, ground) : 0.0f;
+}
+
 // The share of light that the ground stops on its way to infinity.
 INLINED float ground_cover(const stage_t *stage, const position_t from, const float3 direction)
 {
     const world_ray_t ray = make_world_ray(from, direction, (float3)(0.0f), INFINITY);
-    return find_ground(stage->view, &ray).strength;
+    const ground_t ground = find_ground(stage->view, &ray);
+    return ground_share(stage->view, &ground);
 }
 
 // Finds the ground along a ray that meets no object. A share of the rays passes through where it fades out. Returns
@@ -24,7 +31,8 @@ INLINED bool find_shown_ground(
 {
     const global view_t *view = stage->view;
     const ground_t ground = find_ground(view, ray);
-    if (!(ground.strength > 0.0f) || (ground.strength < 1.0f && !(sample_1d(sampler) < ground.strength))) {
+    const float share = ground_share(view, &ground);
+    if (!(share > 0.0f) || (share < 1.0f && !(sample_1d(sampler) < share))) {
         return false;
     }
     const float3 normal = load3(view->ground_normal);

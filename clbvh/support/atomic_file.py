@@ -27,9 +27,7 @@ def as_path(path: str | os.PathLike[str]) -> Path:
     try:
         return Path(path)
     except TypeError as error:
-        raise ConfigError(
-            f"{path!r}: this is not the path of a file: give a path, not a {type(path).__name__}"
-        ) from error
+        raise ConfigError(f"this is not the path of a file: give a path, not {path!r}") from error
 
 
 def check_target(path: Path) -> None:

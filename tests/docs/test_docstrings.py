@@ -19,7 +19,7 @@ from .public_names import INTEGRATIONS, list_public_names
 from .snippets import REPOSITORY
 
 # Parts of a build, public among the modules of clbvh only.
-WITHOUT_EXAMPLE = {f"clbvh.SubtreePool.{method}" for method in ("attach", "hold", "map")}
+WITHOUT_EXAMPLE = {f"clbvh.SubtreePool.{method}" for method in ("attach", "hold", "map", "share_out")}
 
 FLAGS = doctest.ELLIPSIS
 

@@ -48,8 +48,8 @@ def serve(connection: Connection, folder: str | None, preload: str | None, count
         importlib.import_module(preload)  # a fork server has done so already
 
     attached: dict[str, _Attached] = {}
-    next_task = counter.attach()
     try:
+        next_task = counter.attach()  # an error of the system if the coordinator is gone already
         connection.send((True, None))  # ready
         while True:
             packed = connection.recv_bytes()

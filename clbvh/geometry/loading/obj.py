@@ -95,6 +95,8 @@ def _read_mesh(data: bytes) -> ObjMesh:
     else:
         corners, sizes = read.indices[:, 0], read.sizes
     ids = resolve_indices(corners, sizes, lines, VERTEX)
+    if len(empty := np.flatnonzero(sizes == 0)):
+        raise MeshError(f"face {empty[0]} has no corners")
     if len(sizes) and sizes[-1] < 3 and not data.endswith((b"\n", b"\r")):
         raise MeshError(f"the file is cut off in a face: face {len(sizes) - 1} has {sizes[-1]} corners")
     # Checked here, because the message needs the numbers of the file.
