@@ -15,6 +15,7 @@ from ...structs import HIT_PRIM_ID
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, times_power_of_two
 from ...support.prefetch import prefetch
+from ...support.triples import add_scaled, cross, dot, subtract
 from ..rays.ray_rows import row_step
 
 # Hits of a block.
@@ -140,37 +141,36 @@ def _move_onto_edge(vectors, hit):
     Of a triangle seen edge-on, to the part of the line that the ray is: the line crosses two edges. A ray that may be
     in the triangle's plane, where u is NaN, stays inside the triangle if its crossing is known.
     """
-    # Numbers, not slices of arrays, which take the compiler two seconds.
     direction, corner = _vector(vectors, DIRECTION, hit), _vector(vectors, CORNER, hit)
     to_a, to_b, to_c = (0.0, 0.0, 0.0), _vector(vectors, AB, hit), _vector(vectors, AC, hit)
     is_edge_on = False
     if np.isnan(vectors[TUV, 1, hit]):
-        normal_way = _cross(direction, to_c)
-        volume = _dot(to_b, normal_way)
-        is_edge_on = not abs(volume) > _EDGE_ON * _dot(_sizes(to_b), _cross_sizes(direction, to_c))
-        u, v = -_dot(corner, normal_way) / volume, vectors[TUV, 2, hit]
+        normal_way = cross(direction, to_c)
+        volume = dot(to_b, normal_way)
+        is_edge_on = not abs(volume) > _EDGE_ON * dot(_sizes(to_b), _cross_sizes(direction, to_c))
+        u, v = -dot(corner, normal_way) / volume, vectors[TUV, 2, hit]
         if not is_edge_on and u >= 0.0 and v >= 0.0 and u + v <= 1.0:
             vectors[TUV, 1, hit] = u
             return
-    square = _dot(direction, direction)
+    square = dot(direction, direction)
     least = np.inf
     for edge in range(3):
         # The edge from b to c, from c to a, from a to b: its begin and its way, less their shares along the ray.
         to_begin = to_b if edge == 0 else to_c if edge == 1 else to_a
         to_end = to_c if edge == 0 else to_a if edge == 1 else to_b
-        begin, way = _add(corner, 1.0, to_begin), _add(to_end, -1.0, to_begin)
-        beside = _add(begin, -_dot(begin, direction) / square, direction)
-        across = _add(way, -_dot(way, direction) / square, direction)
+        begin, way = add_scaled(corner, 1.0, to_begin), subtract(to_end, to_begin)
+        beside = add_scaled(begin, -dot(begin, direction) / square, direction)
+        across = add_scaled(way, -dot(way, direction) / square, direction)
         # An edge along the ray has no nearest point: 0 / 0, and the comparison makes it the begin.
-        share = -_dot(beside, across) / _dot(across, across)
+        share = -dot(beside, across) / dot(across, across)
         share = min(share, 1.0) if share > 0.0 else 0.0
-        t = _dot(_add(begin, share, way), direction) / square
+        t = dot(add_scaled(begin, share, way), direction) / square
         if is_edge_on and t < 0.0:
             # Along the edge to where the ray begins, if it reaches so far.
-            share = min(max(-_dot(begin, direction) / _dot(way, direction), 0.0), 1.0)
-            t = 0.0 if 0.0 < share < 1.0 else _dot(_add(begin, share, way), direction) / square
-        offset = _add(beside, share, across)
-        distance = _dot(offset, offset)
+            share = min(max(-dot(begin, direction) / dot(way, direction), 0.0), 1.0)
+            t = 0.0 if 0.0 < share < 1.0 else dot(add_scaled(begin, share, way), direction) / square
+        offset = add_scaled(beside, share, across)
+        distance = dot(offset, offset)
         if is_edge_on and t < 0.0:
             distance += t * t * square
         if distance < least:
@@ -186,20 +186,6 @@ def _vector(vectors, name, hit):
 
 
 @compiled
-def _dot(one, other):
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
-
-
-@compiled
-def _cross(one, other):
-    return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
-    )
-
-
-@compiled
 def _sizes(vector):
     return abs(vector[0]), abs(vector[1]), abs(vector[2])
 
@@ -212,12 +198,6 @@ def _cross_sizes(one, other):
         abs(one[2] * other[0]) + abs(one[0] * other[2]),
         abs(one[0] * other[1]) + abs(one[1] * other[0]),
     )
-
-
-@compiled
-def _add(one, share, other):
-    """Return one + share * other."""
-    return one[0] + share * other[0], one[1] + share * other[1], one[2] + share * other[2]
 
 
 @compiled

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...support.compiled import compiled
+from ...support.triples import cross, dot, subtract
 
 # Where the halving of an interval has come down to the pole.
 _POLE = 1e-300
@@ -18,19 +19,19 @@ def nearest_on_triangle(a, b, c):
     """
     nearest = _nearest_on_edge(a, b)
     for other in (_nearest_on_edge(b, c), _nearest_on_edge(c, a)):
-        if _dot(other, other) < _dot(nearest, nearest):
+        if dot(other, other) < dot(nearest, nearest):
             nearest = other
-    ab, ac = _minus(b, a), _minus(c, a)
-    normal = _cross(ab, ac)
-    square = _dot(normal, normal)
+    ab, ac = subtract(b, a), subtract(c, a)
+    normal = cross(ab, ac)
+    square = dot(normal, normal)
     if square > 0.0:
-        share = _dot(normal, a) / square
+        share = dot(normal, a) / square
         foot = (share * normal[0], share * normal[1], share * normal[2])
-        to_a, to_b, to_c = _minus(a, foot), _minus(b, foot), _minus(c, foot)
+        to_a, to_b, to_c = subtract(a, foot), subtract(b, foot), subtract(c, foot)
         if (
-            _dot(normal, _cross(to_a, to_b)) >= 0.0
-            and _dot(normal, _cross(to_b, to_c)) >= 0.0
-            and _dot(normal, _cross(to_c, to_a)) >= 0.0
+            dot(normal, cross(to_a, to_b)) >= 0.0
+            and dot(normal, cross(to_b, to_c)) >= 0.0
+            and dot(normal, cross(to_c, to_a)) >= 0.0
         ):
             nearest = foot
     return nearest
@@ -38,29 +39,10 @@ def nearest_on_triangle(a, b, c):
 
 @compiled
 def _nearest_on_edge(a, b):
-    way = _minus(b, a)
-    square = _dot(way, way)
-    share = min(max(-_dot(a, way) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    way = subtract(b, a)
+    square = dot(way, way)
+    share = min(max(-dot(a, way) / square, 0.0), 1.0) if square > 0.0 else 0.0
     return a[0] + share * way[0], a[1] + share * way[1], a[2] + share * way[2]
-
-
-@compiled
-def _dot(one, other):
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
-
-
-@compiled
-def _minus(one, other):
-    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
-
-
-@compiled
-def _cross(one, other):
-    return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
-    )
 
 
 @compiled
