@@ -15,8 +15,9 @@ AXES = np.array(
 
 
 def as_float32(values):
-    """Round to float32, keep float64."""
-    return np.asarray(values).astype(np.float32).astype(np.float64)
+    """Round to float32, at its largest numbers if need be, and keep float64."""
+    largest = np.finfo(np.float32).max
+    return np.clip(values, -largest, largest).astype(np.float32).astype(np.float64)
 
 
 def mesh_as_on_device(corners, faces, name="mesh"):
