@@ -63,7 +63,7 @@ def _fetch_with_bar(name: str, base_url: str) -> str:
 class _Bar:
     """A rich progress bar with the methods that pooch expects."""
 
-    def __init__(self, progress, name: str) -> None:  # type: ignore[no-untyped-def] # rich is not imported yet
+    def __init__(self, progress, name: str) -> None:
         self._progress = progress
         self._task = progress.add_task(name, total=None)
 

@@ -44,8 +44,7 @@ def study(
         _print_list()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import Progress as Bar
+    from rich.progress import BarColumn, Progress as Bar, TextColumn
 
     from ..study.run import run_study
     from ..study.scale import FULL, QUICK

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh, Spheres
 from ..geometry.shape import Shape
-from ..geometry.spikes import LEAST_GAP as SPIKE_GAP
-from ..geometry.spikes import find_spikes
+from ..geometry.spikes import LEAST_GAP as SPIKE_GAP, find_spikes
 from ..geometry.strays import LEAST_GAP, find_strays
 from .scene_extent import SceneExtent
 

@@ -13,16 +13,14 @@ from pathlib import Path
 from ..errors import ConfigError
 from ..support.atomic_file import write_atomically
 from .experiments.peers import QUERIES, figure_of, lead_of
-from .machine import FILE_NAME as MACHINES_NAME
-from .machine import read_machines
+from .machine import FILE_NAME as MACHINES_NAME, read_machines
 from .page.html import Section
 from .page.markdown import wrap, write_markdown, write_table
 from .page.parts import Table
 from .registry import EXPERIMENTS
 from .results import Results
 from .run import note_failures, note_noise
-from .sample_file import FILE_NAME as SAMPLES_NAME
-from .sample_file import SampleFile
+from .sample_file import FILE_NAME as SAMPLES_NAME, SampleFile
 from .scale import FULL, QUICK, TINY, Scale
 
 RESULTS_NAME = "results.md"

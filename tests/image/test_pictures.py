@@ -7,9 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.errors import ConfigError, ValidationError
-from clbvh.rendering import brute_limit
-from clbvh.rendering import frame as frame_module
-from clbvh.rendering import refine_pixels as refine_module
+from clbvh.rendering import brute_limit, frame as frame_module, refine_pixels as refine_module
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene
 from clbvh.rendering.transform import Transform

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 
 from clbvh import Mesh, build, validate_tree
 from clbvh.builders.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH

@@ -5,8 +5,7 @@ Coordinates lie on a grid, where float32 decides exactly: near-misses cannot mak
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from clbvh import Mesh, Tracer, build
 from clbvh.structs import LAYOUT_WIDTHS

@@ -13,8 +13,7 @@ from typing import Any, ClassVar, Self
 from weakref import WeakSet, WeakValueDictionary
 
 import trimesh
-from trimesh import proximity as trimesh_proximity
-from trimesh import ray as trimesh_ray
+from trimesh import proximity as trimesh_proximity, ray as trimesh_ray
 
 from ...device.info import DeviceInfo
 from . import proximity, thickness

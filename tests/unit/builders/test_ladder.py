@@ -12,8 +12,7 @@ import pytest
 from numba import njit
 
 from clbvh import BuildOptions, Mesh, SubtreePool, make_shape, sah_cost, validate_tree
-from clbvh.builders.ladder import DEFAULT_BINS, LADDER, VARIANTS, order, steps
-from clbvh.builders.ladder import build_variant as build_variant
+from clbvh.builders.ladder import DEFAULT_BINS, LADDER, VARIANTS, build_variant as build_variant, order, steps
 from clbvh.builders.ladder.divide import Rule, Task
 from clbvh.builders.ladder.halves import BINS, SELECT, SORT
 from clbvh.builders.ladder.heap import COUNTER_WORDS, NODE_BYTES, WORDS, Heap, allocate_node

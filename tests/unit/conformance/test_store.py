@@ -2,8 +2,7 @@
 
 import pytest
 
-from clbvh.conformance import check as check_module
-from clbvh.conformance import expected as expected_module
+from clbvh.conformance import check as check_module, expected as expected_module
 from clbvh.conformance.cases import make_cases
 from clbvh.conformance.check import check_device, collect_expected
 from clbvh.conformance.expected import load_expected, store_expected

@@ -15,8 +15,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import AppearanceWarning, MeshError
-from clbvh.geometry.loading import load as load_module
-from clbvh.geometry.loading import ply
+from clbvh.geometry.loading import load as load_module, ply
 from clbvh.geometry.shapes.make_shape import make_shape
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)

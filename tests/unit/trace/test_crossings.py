@@ -5,8 +5,7 @@ import pytest
 
 from clbvh import AllHits, Mesh, Tracer, build
 from clbvh.support import host_threads
-from clbvh.trace.hits import crossings as crossings_module
-from clbvh.trace.hits import refine
+from clbvh.trace.hits import crossings as crossings_module, refine
 from clbvh.trace.oracle.reference import find_wrong_crossings
 from clbvh.trace.rays import pieces
 

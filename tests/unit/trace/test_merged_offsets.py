@@ -5,8 +5,7 @@ import pytest
 
 import clbvh
 from clbvh.trace.scene import merge_rule
-from tests.unit.trace.test_offsets import MESHES as OFFSET_MESHES
-from tests.unit.trace.test_offsets import make_directions, turn
+from tests.unit.trace.test_offsets import MESHES as OFFSET_MESHES, make_directions, turn
 from tests.unit.trace.test_placed_offsets import count_own
 
 RAYS = 6000

@@ -1,0 +1,74 @@
+"""The public names of clbvh, and the module of each. `__init__.py` reads them from here, and type checkers do."""
+
+from .builders.build import build as build
+from .builders.options import BuildOptions as BuildOptions
+from .builders.subtree_pool import SubtreePool as SubtreePool
+from .bvh import Bvh as Bvh, sah_cost as sah_cost, validate_tree as validate_tree
+from .device import choose_device as choose_device, list_devices as list_devices
+from .device.info import DeviceInfo as DeviceInfo
+from .errors import (
+    AppearanceWarning as AppearanceWarning,
+    ClbvhError as ClbvhError,
+    ClbvhWarning as ClbvhWarning,
+    ConfigError as ConfigError,
+    DeviceError as DeviceError,
+    DeviceMemoryError as DeviceMemoryError,
+    FetchError as FetchError,
+    InternalError as InternalError,
+    KernelBuildError as KernelBuildError,
+    MeshError as MeshError,
+    OpenMeshWarning as OpenMeshWarning,
+    PoolError as PoolError,
+    QueryError as QueryError,
+    SceneError as SceneError,
+    TreeFileError as TreeFileError,
+    ValidationError as ValidationError,
+)
+from .geometry import (
+    Mesh as Mesh,
+    MeshLike as MeshLike,
+    Spheres as Spheres,
+    load_mesh as load_mesh,
+    make_shape as make_shape,
+)
+from .geometry.appearance.appearance import Appearance as Appearance
+from .geometry.appearance.material import Material as Material
+from .geometry.appearance.smooth_normals import smooth_normals_by_angle as smooth_normals_by_angle
+from .geometry.appearance.texture import Texture as Texture
+from .geometry.shape import Shape as Shape
+from .rendering.as_scene import SceneLike as SceneLike
+from .rendering.camera import Camera as Camera
+from .rendering.contact_sheet import ContactSheet as ContactSheet, contact_sheet as contact_sheet
+from .rendering.cut import Cut as Cut
+from .rendering.film.environment_map import EnvironmentMap as EnvironmentMap
+from .rendering.images.images import Images as Images
+from .rendering.images.make_images import render_images as render_images
+from .rendering.lens import Lens as Lens
+from .rendering.light import Light as Light
+from .rendering.mesh_source import MeshSource as MeshSource
+from .rendering.picture import Picture as Picture
+from .rendering.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
+from .rendering.render import render as render
+from .rendering.render_options import RenderOptions as RenderOptions
+from .rendering.renderer import Renderer as Renderer
+from .rendering.scene import Scene as Scene
+from .rendering.scene_file import open_scene as open_scene
+from .rendering.transform import Transform as Transform
+from .rendering.turntable import render_turntable as render_turntable
+from .rendering.vectors import Vector as Vector
+from .rendering.wireframe import Wireframe as Wireframe
+from .scene.geometry import Geometry as Geometry
+from .scene.instance import Instance as Instance
+from .scene.state import SceneState as SceneState
+from .stats import TreeStats as TreeStats, measure_tree as measure_tree
+from .support.version import __version__ as __version__
+from .trace import (
+    AllHits as AllHits,
+    ClosestPoints as ClosestPoints,
+    Hits as Hits,
+    Normals as Normals,
+    Progress as Progress,
+    Traceable as Traceable,
+    Tracer as Tracer,
+)
+from .trace.ambient_occlusion import ambient_occlusion as ambient_occlusion
