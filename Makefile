@@ -14,17 +14,21 @@ INSTALLED_STUDY := $(VENV)/.installed-study
 INSTALLED_PTXAS := $(VENV)/.installed-ptxas
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery test test-long fuzz mutants conformance conformance-refresh platforms lint bench docs study \
-  results gpu-report clean
+.PHONY: help setup demo linker gallery test test-long fuzz mutants conformance conformance-refresh platforms lint bench \
+  docs study results gpu-report clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-19s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(INSTALLED_DEV) ## make .venv with clbvh and everything that tests and lint need
 
-demo: $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
+demo: linker $(INSTALLED) ## render the demo scene to out/demo.ppm and out/demo.png
 	@mkdir -p $(OUT)
 	$(BIN)/clbvh render demo -o $(OUT)/demo.ppm -o $(OUT)/demo.png
+
+# Without a linker the driver that is about to be installed compiles nothing; an installation says so by itself.
+linker:
+	@test -e $(INSTALLED) || $(PYTHON) clbvh/device/pocl_linker.py
 
 gallery: $(INSTALLED) ## draw the pictures of the pages again, each by the command under it; ONLY="bunny meadow"
 	$(BIN)/python .ci/draw_gallery.py $(ONLY)

@@ -47,6 +47,8 @@ def devices(
     for sentence in [*survey.problems, reason]:
         if sentence:
             print(f"clbvh: {sentence}", file=sys.stderr)
+    if not any(device.is_available for device in survey.devices):
+        raise DeviceError("no OpenCL device can be used: run `clbvh doctor` to find the cause")
 
 
 def describe_device(device: DeviceInfo) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from .info import DeviceInfo
 from .match import pick_device
 from .owner_process import claim_opencl
 from .pocl_cpu_name import name_unknown_cpu
+from .pocl_linker import explain_missing_linker
 from .preference import number_devices
 from .registered_drivers import note_loader_call, registered_drivers
 from .settings import find_measured_ms
@@ -100,6 +101,9 @@ def survey_devices() -> DeviceSurvey:
                 problems.append(f"a device of the platform '{platform_name}' cannot be described: {error}")
                 continue
             name_unknown_cpu(device)
+            if reason := explain_missing_linker(device.driver_version):
+                problems.append(reason)
+                device = replace(device, is_available=False)
             devices.append(device)
 
     return DeviceSurvey(number_devices(devices, find_measured_ms), tuple(problems))

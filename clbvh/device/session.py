@@ -16,6 +16,7 @@ from .context import DeviceContext, forget_context, open_context
 from .info import DeviceInfo
 from .kernel import Kernel
 from .owner_process import check_process, claim_opencl, hold_handles, is_inherited, keep_for_ever
+from .pocl_linker import explain_missing_linker
 from .select import choose_device, find_again
 from .settings import Settings, find_settings
 from .timing import EventTimes
@@ -70,6 +71,8 @@ class DeviceSession(ContextManager):
 
     def __init__(self, device: DeviceInfo | str | int | None = None) -> None:
         info = find_again(device) if isinstance(device, DeviceInfo) else choose_device(device)
+        if reason := explain_missing_linker(info.driver_version):
+            raise DeviceError(reason)
         self._open(info, find_settings(info), EventTimes(), None)
 
     def branch(self) -> DeviceSession:

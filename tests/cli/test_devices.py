@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+from clbvh.errors import DeviceError
+
 from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
 
@@ -52,7 +54,8 @@ def test_names_with_brackets_are_printed_as_they_are(monkeypatch, capsys):
     named = replace(select.list_devices()[0], name="Graphics [bold]", is_available=False)
     monkeypatch.setattr(select, "survey_devices", lambda: select.DeviceSurvey((named,), ()))
     monkeypatch.delenv("CLBVH_DEVICE", raising=False)
-    devices(as_json=False)
+    with pytest.raises(DeviceError, match="no OpenCL device can be used"):
+        devices(as_json=False)
     assert "* 0  Graphics [bold] (not available) " in capsys.readouterr().out
 
 

@@ -99,6 +99,13 @@ def advise_failure(text: str, device: DeviceInfo | None = None) -> Advice:
             "or, if it is newer than 3.0 already, have it compile for a CPU that it knows",
             "$ export POCL_LLVM_CPU_NAME=x86-64-v3",
         )
+    if "cannot compile kernels without" in text:
+        return (
+            "on Debian and Ubuntu, as root; `gcc` brings the same",
+            "$ apt-get install binutils libc6-dev libgcc-12-dev",
+            "or another driver, which needs no linker",
+            "$ pip install intel-opencl-rt intel-cmplr-lib-rt && clbvh doctor --fix",
+        )
     if "Portable Computing Language" in text and "offers no device" in text:
         return (
             "PoCL needs a folder that it can write to; without one it offers no device",

@@ -17,6 +17,7 @@ from ...errors import DeviceError
 from ..icd_files import SYSTEM_VENDORS, IcdFile, LoaderRule, find_icd_files
 from ..info import DeviceInfo
 from ..match import pick_device
+from ..pocl_linker import explain_missing_linker
 from ..registered_drivers import find_registered_folder, read_rule
 from ..select import DEVICE_VARIABLE
 from . import drivers
@@ -224,6 +225,7 @@ def check_listing(listing: ProbeResult) -> list[Finding]:
     findings = [
         Finding("platform", "problem", problem, advise_failure(problem + listing.log))
         for problem in listing.answer.get("problems", ())
+        if problem != explain_missing_linker()  # the trial of the device says so
     ]
     if listing.failure and not listing.answer:
         message = f"the process that asks all drivers for their devices {listing.failure}"

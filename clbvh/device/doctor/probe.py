@@ -147,10 +147,13 @@ def _try(number: int) -> dict[str, Any]:
     import numpy as np
 
     from ..match import pick_device
+    from ..pocl_linker import explain_missing_linker
     from ..select import import_pyopencl, survey_devices
 
     cl = import_pyopencl()
     device = pick_device(survey_devices().devices, number)
+    if reason := explain_missing_linker(device.driver_version):
+        return {"device": str(device), "error": reason}
     try:
         context = cl.Context([device.cl_device])
         queue = cl.CommandQueue(context)
