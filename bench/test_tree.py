@@ -7,7 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.rendering.framing import frame_mesh
-from clbvh.rendering.ray_cost import measure_rays
+from clbvh.rendering.heat_map import measure_rays
 
 from .paired import compare, measure_ms
 

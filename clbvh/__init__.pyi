@@ -36,29 +36,24 @@ from .geometry.appearance.material import Material as Material
 from .geometry.appearance.smooth_normals import smooth_normals_by_angle as smooth_normals_by_angle
 from .geometry.appearance.texture import Texture as Texture
 from .geometry.shape import Shape as Shape
-from .rendering.as_scene import SceneLike as SceneLike
 from .rendering.camera import Camera as Camera
 from .rendering.contact_sheet import ContactSheet as ContactSheet, contact_sheet as contact_sheet
 from .rendering.cut import Cut as Cut
 from .rendering.film.environment_map import EnvironmentMap as EnvironmentMap
 from .rendering.images.images import Images as Images
-from .rendering.images.make_images import render_images as render_images
 from .rendering.lens import Lens as Lens
-from .rendering.light import Light as Light
-from .rendering.mesh_source import MeshSource as MeshSource
+from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_scene
 from .rendering.picture import Picture as Picture
 from .rendering.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
-from .rendering.render import render as render
-from .rendering.render_options import RenderOptions as RenderOptions
+from .rendering.render import render as render, render_images as render_images
 from .rendering.renderer import Renderer as Renderer
 from .rendering.scene import Scene as Scene
-from .rendering.scene_file import open_scene as open_scene
-from .rendering.transform import Transform as Transform
+from .rendering.settings import Light as Light, Wireframe as Wireframe
+from .rendering.sources import MeshSource as MeshSource, Transform as Transform
+from .rendering.subjects import RenderOptions as RenderOptions
 from .rendering.turntable import render_turntable as render_turntable
 from .rendering.vectors import Vector as Vector
-from .rendering.wireframe import Wireframe as Wireframe
-from .scene.geometry import Geometry as Geometry
-from .scene.instance import Instance as Instance
+from .scene.handles import Geometry as Geometry, Instance as Instance
 from .scene.state import SceneState as SceneState
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
 from .support.version import __version__ as __version__

@@ -364,7 +364,7 @@ VIEW = np.dtype(
         ("lens_right", np.float32, 3),
         ("lens_up", np.float32, 3),
         ("inverse_focus", np.float32),
-        # The picture in the plane of its projection, see clbvh/rendering/window.py.
+        # The picture in the plane of its projection, see clbvh/rendering/lens.py.
         ("centre", np.float32, 2),
         ("half_size", np.float32, 2),
         ("shear", np.float32),

@@ -2,7 +2,7 @@
 // method for generating discrete random variables with general distributions", 1977).
 //
 // choices[count]  light_choice_t: an index is drawn evenly, and stays if the fraction that is left is below its
-//                 threshold; otherwise its alias is taken. See clbvh/rendering/film/alias_table.py
+//                 threshold; otherwise its alias is taken. See clbvh/rendering/film/light_tables.py
 
 #include "structs.cl"
 #include "sampling/hash.cl"

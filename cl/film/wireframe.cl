@@ -1,6 +1,6 @@
 // Lines along the edges of triangles, drawn over what a ray of the camera shows.
 //
-// HAS_WIREFRAME, if defined as 1: the picture has lines, see clbvh/rendering/wireframe.py.
+// HAS_WIREFRAME, if defined as 1: the picture has lines, see clbvh/rendering/settings.py.
 //
 // The edge function of a ray and an edge is linear in the ray. Divided by its change from one pixel to the next it is
 // the distance to the line of the edge, in pixels: exactly in a perspective and in an orthographic picture.

@@ -15,8 +15,8 @@ from . import options, picture_options, view_options
 if TYPE_CHECKING:
     from ..rendering.camera import Camera
     from ..rendering.images.images import Images
-    from ..rendering.render_options import RenderOptions
     from ..rendering.scene import Scene
+    from ..rendering.subjects import RenderOptions
 
 # Those of `clbvh.render_images`, repeated because importing them would make `clbvh --help` slow. A test compares them.
 DEFAULT_CHANNELS = "rgb,alpha,depth,normal,instance_id"
@@ -89,10 +89,9 @@ def images(
 ) -> None:
     """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
     from ..errors import ConfigError
-    from ..rendering.camera_file import read_camera
     from ..rendering.images.channels import check_channels
-    from ..rendering.images.targets import FILES_SUFFIXES, check_images_path
-    from ..rendering.render_options import RenderOptions
+    from ..rendering.images.files import FILES_SUFFIXES, check_images_path, read_camera
+    from ..rendering.subjects import RenderOptions
 
     # All input is checked before any work.
     names = check_channels([name.strip() for name in channels.split(",") if name.strip()])
@@ -130,7 +129,7 @@ def _make_with_status(
     """Make the images, and show the current phase if stderr is a terminal."""
     from rich.console import Console
 
-    from ..rendering.images.make_images import render_images
+    from ..rendering.render import render_images
 
     with Console(stderr=True).status("") as status:
         return render_images(

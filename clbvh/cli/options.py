@@ -111,8 +111,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 
 def open_sources(sources: list[str]) -> Scene:
     """Return the scene of the command line: one scene or mesh, or several mesh files together."""
-    from ..rendering.mesh_files import open_mesh_files
-    from ..rendering.scene_file import open_scene
+    from ..rendering.open_scene import open_mesh_files, open_scene
 
     return open_scene(sources[0]) if len(sources) == 1 else open_mesh_files(sources)
 

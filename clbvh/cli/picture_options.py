@@ -9,7 +9,7 @@ import typer
 from .view_options import SCENE_PANEL, parse_vector
 
 if TYPE_CHECKING:
-    from ..rendering.wireframe import Wireframe
+    from ..rendering.settings import Wireframe
 
 SAMPLES_PANEL = "Samples and colours"
 
@@ -137,7 +137,7 @@ Clamp = Annotated[
 
 def parse_wireframe(is_shown: bool, width: float | None, colour: str | None) -> Wireframe | None:
     """Return the lines of ``--wireframe``; its width and its colour ask for them, too."""
-    from ..rendering.wireframe import Wireframe
+    from ..rendering.settings import Wireframe
 
     values: dict[str, Any] = {"width": width, "colour": parse_vector("--wireframe-colour", colour)}
     given = {name: value for name, value in values.items() if value is not None}

@@ -57,7 +57,7 @@ def sheet(
 
     from ..rendering.contact_sheet import contact_sheet
     from ..rendering.image_files import check_picture_path
-    from ..rendering.render_options import RenderOptions
+    from ..rendering.subjects import RenderOptions
 
     # All input is checked before any work.
     for path in output:

@@ -59,7 +59,7 @@ def stats(
     """Build a tree and measure it."""
     from ..builders.tree_maker import TreeMaker, TreeOptions
     from ..errors import ConfigError
-    from ..rendering.scene_file import open_scene
+    from ..rendering.open_scene import open_scene
     from ..stats import measure_tree
     from ..stats.tree_plot import check_plot_path, write_tree_plot
     from ..stats.tree_stats import OVERLAP_SAMPLE
@@ -132,7 +132,7 @@ def stats(
 
 def _measure_rays(bvh: Bvh, scene: Scene) -> dict[str, dict[str, float]]:
     """Return the mean counts per ray, for each kind of rays."""
-    from ..rendering.ray_cost import measure_rays
+    from ..rendering.heat_map import measure_rays
 
     visits = measure_rays(bvh, scene.camera(bvh.mesh), scene.width / scene.height)
     return {

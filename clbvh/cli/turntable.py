@@ -14,8 +14,8 @@ from . import options, picture_options, view_options
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..rendering.render_options import RenderOptions
     from ..rendering.scene import Scene
+    from ..rendering.subjects import RenderOptions
 
 # Those of `clbvh.render_turntable`, repeated because importing them would make `clbvh --help` slow. A test compares
 # them.
@@ -54,9 +54,8 @@ def turntable(
     as_json: options.AsJson = False,
 ) -> None:
     """Write an animation in which meshes or a scene turn once around."""
-    from ..rendering.formats.animation import check_animation
-    from ..rendering.render_options import RenderOptions
-    from ..rendering.turntable import check_frame_count
+    from ..rendering.subjects import RenderOptions
+    from ..rendering.turntable import check_animation, check_frame_count
 
     # All input is checked before any work.
     check_animation(output, frame_rate)

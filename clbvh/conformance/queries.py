@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
+from ..rendering.band_painters import OneRayPainter
 from ..rendering.camera import Camera
 from ..rendering.frame import FrameRenderer
-from ..rendering.one_ray import OneRayPainter
-from ..rendering.refine_pixels import refine_pixels
+from ..rendering.picture import refine_pixels
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view
 from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS

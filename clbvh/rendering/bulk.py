@@ -11,7 +11,7 @@ from ..geometry import Mesh, Spheres
 from ..geometry.shape import Shape
 from ..geometry.spikes import LEAST_GAP as SPIKE_GAP, find_spikes
 from ..geometry.strays import LEAST_GAP, find_strays
-from .scene_extent import SceneExtent
+from .view_bounds import SceneExtent
 
 # Primitives of the first look, which finds out whether there may be strays; spread evenly over the list of them.
 _SAMPLE = 2000

@@ -11,13 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..support.memory import check_memory
-from .camera_rays import find_ray_model, make_rays, pixel_centres_of
-from .finite_number import is_finite_number
+from .camera_rays import RayModel, find_ray_model, make_rays, pixel_centres_of
 from .lens import Lens, check_size
-from .points import read_points
 from .pose import make_axes, make_pose, read_pose, rotate_about_axis
 from .projection import Fisheye, Orthographic, Panorama, Projection, check_projection, name_of
-from .vectors import Vector, as_vector, check_vector
+from .vectors import Vector, as_vector, check_vector, is_finite_number, read_points
 
 # Directions and a copy of them on the way; origins; the coordinates of curved projections and their steps.
 _BYTES_PER_RAY = 48
@@ -281,7 +279,7 @@ class Camera:
         is_curved = isinstance(self.projection, Fisheye | Panorama) or (self.lens is not None and self.lens.distortion)
         per_ray += _BYTES_PER_CURVED_RAY if is_curved else 0
         check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * per_ray, SceneError)
-        return make_rays(self, find_ray_model(self, width, height), *pixel_centres_of(width, height, rows))
+        return self._make_rays(width, height, *pixel_centres_of(width, height, rows))
 
     def rays_at(
         self, pixels: ArrayLike, width: int | None = None, height: int | None = None
@@ -316,7 +314,7 @@ class Camera:
         width, height = self.size_for(width, height)
         points = read_points("the pixels of rays", pixels, 2)
         film_x, film_y = 2 * points[..., 0] / width - 1, 1 - 2 * points[..., 1] / height
-        return make_rays(self, find_ray_model(self, width, height), film_x, film_y)
+        return self._make_rays(width, height, film_x, film_y)
 
     def sees(self, width: int | None = None, height: int | None = None) -> NDArray[np.bool_]:
         """Return whether there is anything to see at the centre of each pixel: not outside the circle of a fisheye.
@@ -339,7 +337,7 @@ class Camera:
                [0, 1, 1, 0]])
         """
         width, height = self.size_for(width, height)
-        seen = find_ray_model(self, width, height).sees(*pixel_centres_of(width, height, range(height)))
+        seen = self.ray_model(width, height).sees(*pixel_centres_of(width, height, range(height)))
         return np.array(np.broadcast_to(seen, (height, width)))
 
     def project(
@@ -379,7 +377,7 @@ class Camera:
         width, height = self.size_for(width, height)
         seen = read_points("the points that a camera projects", points, 3) - np.asarray(self.eye, np.float64)
         x, y, z = (seen @ axis for axis in self.axes())
-        film_x, film_y = find_ray_model(self, width, height).film(x, y, z)
+        film_x, film_y = self.ray_model(width, height).film(x, y, z)
         return np.stack(((film_x + 1) * (width / 2), (1 - film_y) * (height / 2)), axis=-1), z
 
     def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
@@ -474,6 +472,16 @@ class Camera:
             raise SceneError("a camera without a lens has no size: give the width and the height of the picture")
         check_size(width, height)
         return int(width), int(height)
+
+    def ray_model(self, width: int, height: int) -> RayModel:
+        """Return how points of a picture of this size become rays; for the package itself."""
+        return find_ray_model(self.projection, self.lens, self.fov, width, height)
+
+    def _make_rays(
+        self, width: int, height: int, film_x: NDArray[np.float64], film_y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        eye = np.asarray(self.eye, np.float64)
+        return make_rays(self.axes(), eye, self.ray_model(width, height), film_x, film_y)
 
     def _lens_for(self, width: int, height: int) -> Lens:
         """Return the intrinsics of a picture of this size."""

@@ -14,9 +14,9 @@ from ..trace.oracle.reference import Difference, find_differences
 from ..trace.oracle.scene_crossings import Rays
 from ..trace.oracle.scene_reference import SceneDifference, SceneReference
 from .cut import Cut
-from .mesh_source import MeshSource
 from .picture import Picture
 from .scene import Scene
+from .sources import MeshSource
 
 # Most tests of a primitive against a ray in a validation: about a second.
 _MOST_TESTS = 50_000_000

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .as_scene import SceneLike
 from .image_files import encode_picture, write_picture
+from .open_scene import SceneLike
 from .picture import Picture
 from .pixel_font import FONT_ROWS, GAP, GROUND, INK, TIMES, draw_text, width_of
-from .render_options import RenderOptions
+from .pose import STANDARD_VIEWS
 from .renderer import Renderer
-from .standard_views import STANDARD_VIEWS
+from .subjects import RenderOptions
 from .vectors import Vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SceneError
-from ..structs import CUTS
 from .vectors import Vector, as_vector, check_vector
 
 
@@ -150,28 +149,6 @@ class Cut:
             is_before = (begin >= 0) & (t - begin <= end - t)
         limited = np.where(is_before, np.minimum(t, begin), np.maximum(t, end))
         return np.where((begin <= end) & np.isfinite(t), limited, t)
-
-
-def set_cut(
-    view: NDArray[np.void], cut: Cut, eye: NDArray[np.float64], corners: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> None:
-    """Write a cut into a view.
-
-    Parameters
-    ----------
-    view : (1,) `structs.VIEW`
-    cut : Cut
-    eye : (3,) float64
-        In local coordinates.
-    corners : pair of (3,) float64
-        `first` and `second` of the cut as points, in local coordinates.
-    """
-    view["cut"] = CUTS[cut.kind]
-    with np.errstate(over="ignore"):
-        if cut.kind == "plane":
-            view["cut_normal"], view["cut_height"] = cut.normal, (eye - corners[0]) @ cut.normal
-        else:
-            view["cut_lower"], view["cut_upper"] = corners[0] - eye, corners[1] - eye
 
 
 def parse_cut(kind: str, text: str) -> Cut:

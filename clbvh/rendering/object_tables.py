@@ -17,14 +17,11 @@ from ..errors import ConfigError, SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.shapes.make_shape import list_shape_options
 from ..geometry.shapes.make_spheres import list_spheres_options
-from .material_tables import NO_MATERIALS, Materials, take_material
-from .matrices import read_matrix
-from .repeat import Grid, Scatter, check_copies
+from .objects import ALL_BITS, Grid, Scatter, SceneObject, SpheresSource, check_copies, is_spheres_file
 from .scene import MeshSource
-from .scene_object import ALL_BITS, SceneObject
-from .spheres_source import SpheresSource, is_spheres_file
-from .toml_table import TomlTable
-from .transform import Transform
+from .sources import Transform
+from .toml_tables import NO_MATERIALS, Materials, TomlTable, take_material
+from .vectors import read_matrix
 
 _SOURCES = ("path", "name", "shape", "spheres", "centres")
 

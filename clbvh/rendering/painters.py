@@ -15,16 +15,13 @@ from ..device.session import DeviceSession
 from ..structs import REPORT_SHADINGS
 from ..support.host_threads import side_by_side
 from ..trace.traced_tree import TracedTree
-from .film.environment_map import EnvironmentMap
-from .film.environment_tables import EnvironmentTables, make_environment_tables
+from .band_painters import DEVELOP, OneRayPainter, Progress, SamplePainter, SampleShading
+from .film.environment_map import EnvironmentMap, EnvironmentTables, make_environment_tables
 from .film.light_tables import LightTables, find_lights, make_light_tables
 from .film.look_tables import LookTables, has_cutouts, has_normal_maps, make_look_tables
-from .film.sample_painter import DEVELOP, Progress, SamplePainter, SampleShading
 from .frame import Painter
-from .mesh_subject import MeshSubject
-from .one_ray import OneRayPainter
 from .scene import Scene
-from .scene_subject import SceneSubject
+from .subjects import MeshSubject, SceneSubject
 
 
 def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:

@@ -7,6 +7,7 @@ are first asked for: a picture that is only looked at does not pay for it.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,17 +15,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..builders.tree_maker import MadeTree
 from ..bvh import Bvh, sah_cost
 from ..device.info import DeviceInfo
+from ..device.timing import EventTimes
 from ..errors import InternalError
 from ..geometry import Mesh
 from ..structs import NO_PRIM
+from ..support.host_threads import HostThreads
+from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.hits import Hits
+from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
+from ..trace.hits.surface import SceneSurface
+from ..trace.rays.batch import RayBatch, read_rays
+from ..trace.triangles import triangles_of
 from .camera import Camera
 from .cut import Cut
 from .image_files import encode_picture, write_picture
-from .refine_pixels import refine_pixels
-from .scene_objects import SceneObjects
+from .subjects import SceneObjects
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -209,3 +217,95 @@ class Picture:
             "depth": 0 if self.bvh is None else self.bvh.depth,
             "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
         }
+
+
+# Pixels whose rays are in memory at a time: 48 MiB of origins and directions.
+_CHUNK_PIXELS = 1 << 20
+
+
+def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.void], cut: Cut | None = None) -> Hits:
+    """Return the hits of a picture in float64, on the primitives that the device found.
+
+    Parameters
+    ----------
+    mesh : Mesh or SceneSurface
+        What the picture shows.
+    camera : Camera
+    found : (height, width) `structs.HIT`, or `structs.SCENE_HIT` for a scene
+    cut : Cut, optional
+        What the picture does not show: t is moved out of it by what the device has rounded.
+
+    Returns
+    -------
+    Hits
+        Each (height, width); the rays are those of `Camera.rays`.
+    """
+    height, width = found.shape
+    has_instances = not isinstance(mesh, Mesh)
+    refined, ids = RefinedHits.make(height * width), HitIds.make(height * width, has_instances=has_instances)
+    surface = triangles_of(mesh) if isinstance(mesh, Mesh) else mesh.arrays
+    row_count = max(1, _CHUNK_PIXELS // width)
+    with HostThreads() as threads:
+        for first_row in range(0, height, row_count):
+            last_row = min(first_row + row_count, height)
+            origins, directions = camera.rays(width, height, range(first_row, last_row))
+            rays, _ = read_rays(origins, directions, 0.0, np.inf)
+            of_rows = found[first_row:last_row].reshape(-1)
+
+            def refine(
+                begin: int,
+                end: int,
+                first: int = first_row * width,
+                batch: RayBatch = rays,
+                of_rows: NDArray[np.void] = of_rows,
+            ) -> None:
+                pixels = first + begin, first + end
+                refine_closest(
+                    batch.part(begin, end), surface, of_rows[begin:end], refined.part(*pixels), ids.part(*pixels)
+                )
+
+            threads.for_ranges(len(of_rows), refine)
+            if cut is not None:
+                t = refined.t[first_row * width : last_row * width]
+                t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
+    if isinstance(mesh, Mesh):
+        return refined.as_hits(ids, (height, width), mesh=mesh)
+    return refined.as_hits(ids, (height, width), mesh=None, scene_surface=mesh)
+
+
+# Runs alongside other phases.
+_OVERLAPPING = ("pool_start",)
+
+
+def list_setup_ms(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> dict[str, float]:
+    """Return the timings of a `Renderer`; see `Picture.timings`.
+
+    Parameters
+    ----------
+    watch : Stopwatch
+        With the laps load, open and layout.
+    made : MadeTree or None
+        The tree, if the renderer has made one.
+    upload_ms : float
+        Time of the uploads, which are part of the lap layout.
+    """
+    code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
+    phases_ms = {
+        "load": laps_ms["load"],
+        **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
+        "open": laps_ms["open"],
+        # The tree is uploaded as it is arranged; the upload has a row of its own.
+        "layout": max(laps_ms["layout"] - upload_ms, 0.0),
+        **code_ms,
+        "upload": upload_ms,
+        "kernel": 0.0,
+        "download": 0.0,
+    }
+    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
+
+
+def list_picture_ms(setup_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
+    """Return the timings of a `Picture`: its own phases; those of the set-up take no time."""
+    own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
+    phases_ms = {phase: own_ms.get(phase, 0.0) for phase in setup_ms if phase not in ("other", "total")}
+    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)

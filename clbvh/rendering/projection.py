@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from ..errors import SceneError
-from .finite_number import is_finite_number
+from .vectors import is_finite_number
 
 _FULL_TURN = 360.0
 

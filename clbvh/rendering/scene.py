@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from dataclasses import dataclass, field
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -18,27 +18,21 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..scene.contents import SceneContents
-from ..scene.names import name_of_file
 from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
-from ..scene.store import SceneStore
+from ..scene.store import SceneStore, name_of_file
 from ..structs import SHADINGS
 from .bulk import find_bulk
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
 from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
-from .film.settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, check_sampling
-from .framing import frame_mesh
-from .light import DEFAULT_LIGHT, Light
-from .mesh_source import MeshSource
-from .plain_values import as_plain, as_setting
+from .framing import frame_mesh, look_from
+from .pose import check_view
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
-from .standard_views import check_view
-from .transform import NO_TRANSFORM, Transform
+from .settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, DEFAULT_LIGHT, Light, Wireframe, check_sampling
+from .sources import NO_TRANSFORM, MeshSource, Transform
 from .upright import AUTO, find_upright
 from .vectors import Vector, check_vector, is_vector
-from .wide_framing import look_from
-from .wireframe import Wireframe
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
@@ -472,3 +466,25 @@ def _make_source(mesh: MeshLike) -> MeshSource:
     if isinstance(mesh, str | os.PathLike):
         return MeshSource(path=os.fspath(mesh))
     return MeshSource(mesh=as_mesh(mesh))
+
+
+def as_plain(value: Any) -> Any:
+    """Return a setting without Python's own types: a dataclass as a dict, an array or a tuple as a list."""
+    if dataclasses.is_dataclass(value):
+        return {each.name: as_plain(getattr(value, each.name)) for each in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {name: as_plain(item) for name, item in value.items()}
+    if value is None or isinstance(value, str | bool):
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    return [as_plain(item) for item in value]
+
+
+def as_setting(value: Any) -> Any:
+    """Return a value of JSON as settings have it: lists are tuples, at every depth."""
+    if isinstance(value, dict):
+        return {name: as_setting(item) for name, item in value.items()}
+    return tuple(map(as_setting, value)) if isinstance(value, list) else value

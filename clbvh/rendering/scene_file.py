@@ -2,78 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, SceneError
-from ..scene.serialize import is_saved_scene
 from ..support.regular_file import read_regular
-from ..support.resources import find_folder
 from .cut import Cut
-from .load_objects import load_objects
-from .material_tables import NO_MATERIALS, read_materials, take_material
-from .mesh_files import open_mesh_file
 from .object_tables import given, read_mesh_source, read_objects, read_transform
+from .objects import SceneObject, load_objects
 from .projection import Projection, from_named
-from .scene import Light, Scene
-from .scene_object import SceneObject
-from .toml_table import TomlTable, refuse_unknown
+from .scene import Scene
+from .settings import Light, Wireframe
+from .toml_tables import NO_MATERIALS, TomlTable, read_materials, refuse_unknown, take_material
 from .upright import AUTO
 from .vectors import Vector
-from .wireframe import Wireframe
-
-SCENE_SUFFIX = ".toml"
 
 _OBJECTS, _MATERIALS = "object", "material"
 _TABLES = ("mesh", "transform", "camera", "light", "environment", "image")
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
-
-
-def open_scene(source: str | os.PathLike[str]) -> Scene:
-    """Return the scene of a path or a name; a file that `Scene.save` wrote is recognised by its content.
-
-    Parameters
-    ----------
-    source : str or path
-        A scene file (``.toml``), the name of a shipped scene (``knot``), the name of a known mesh (``bunny``), a mesh
-        file, or a file that `Scene.save` wrote. Objects of a scene file, and the parts of an OBJ, GLB or glTF file with
-        several of them, are loaded now; a single mesh is loaded when it is needed.
-
-    Raises
-    ------
-    SceneError
-        The scene file is missing, or has an unknown key or an invalid value.
-    MeshError
-        An object of the scene cannot be loaded.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> scene = clbvh.open_scene("knot")
-    >>> scene.mesh.shape, scene.width, scene.height
-    ('knot', 800, 450)
-    >>> len(clbvh.open_scene("meadow").instances)
-    10001
-    """
-    try:
-        text = os.fspath(source)
-    except TypeError as error:
-        raise SceneError(f"a scene is a Scene, or the name or path of one, not {source!r}") from error
-    if text.endswith(SCENE_SUFFIX):
-        return read_scene(Path(text))
-    if is_saved_scene(text):
-        return Scene.load(text)
-    shipped = find_folder("scenes") / f"{text}{SCENE_SUFFIX}"
-    if not Path(text).exists() and Path(text).name == text and not Path(text).suffix:
-        if shipped.is_file():
-            return read_scene(shipped)
-        names = sorted(path.stem for path in shipped.parent.glob(f"*{SCENE_SUFFIX}"))
-        raise SceneError(f"{text}: no such file, and no shipped scene: these are {', '.join(names)}")
-    return open_mesh_file(text)
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from ..trace.device_tree import DeviceTree
 from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from ..trace.rays.pack import pack_rays
+from .band_painters import OneRayPainter
 from .camera import Camera
 from .frame import FrameRenderer
 from .framing import frame_mesh
-from .one_ray import OneRayPainter
 from .scene import MeshSource, Scene
 from .view import make_view
 

@@ -1,23 +1,50 @@
-"""Turntables: an animation of a scene that turns once around."""
+"""Turntables: animations of a scene that turns once around, as GIF by Pillow or as MP4 by ffmpeg."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from numbers import Integral
-from typing import Any
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from numbers import Integral, Real
+from pathlib import Path
+from types import ModuleType
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..errors import ConfigError
-from .as_scene import SceneLike, as_scene
-from .formats.animation import DEFAULT_FRAME_RATE, check_animation, write_animation
-from .render_options import RenderOptions
+from ..support.atomic_file import as_path, check_target, write_atomically
+from ..support.temporary_folder import TemporaryFolder
+from .open_scene import SceneLike, as_scene
+from .pose import STANDARD_VIEWS
 from .renderer import Renderer
-from .standard_views import STANDARD_VIEWS
+from .subjects import RenderOptions
 from .vectors import Vector
+
+ANIMATION_SUFFIXES = (".gif", ".mp4")
+
+DEFAULT_FRAME_RATE = 25.0
+
+_MOST_FRAME_RATE = 1000.0
+
+# GIF counts in these, and viewers slow down animations that are faster than two of them.
+_GIF_TICK_MS, _LEAST_GIF_TICKS = 10, 2
+
+_FOLDER_PREFIX = ".clbvh-video-"
+
+# Constant rate factor of x264; 18 is taken for visually lossless.
+_VIDEO_QUALITY = "18"
+
+# The colours are converted and marked as those of HDTV, and the index stands first, for players on a web page.
+_VIDEO_OPTIONS = [
+    *("-crf", _VIDEO_QUALITY, "-vf", "scale=out_color_matrix=bt709:out_range=tv"),
+    *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-movflags", "+faststart"),
+]
+
+_Frame = NDArray[np.uint8]
 
 DEFAULT_FRAMES = 72
 
@@ -117,3 +144,119 @@ def check_frame_count(frames: int) -> None:
     """Raise `ConfigError` for a number of frames that is out of range."""
     if isinstance(frames, bool) or not isinstance(frames, Integral) or not 1 <= int(frames) <= _MOST_FRAMES:
         raise ConfigError(f"the frames of a turn are a whole number from 1 to {_MOST_FRAMES:,}, not {frames!r}")
+
+
+def check_animation(path: str | os.PathLike[str], frames_per_s: float) -> Path:
+    """Return the path; raise `ConfigError` unless an animation can be written; for checks before the work begins."""
+    path = as_path(path)
+    check_animation_path(path)
+    if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
+        raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")
+    return path
+
+
+def check_animation_path(path: Path) -> None:
+    """Raise `ConfigError` unless an animation can be written there; see `check_animation`."""
+    suffix = path.suffix.lower()
+    if suffix not in ANIMATION_SUFFIXES:
+        raise ConfigError(f"{path}: the name of an animation must end in {' or '.join(ANIMATION_SUFFIXES)}")
+    check_target(path)
+    if suffix == ".mp4":
+        _import_ffmpeg()
+
+
+def write_animation(
+    path: str | os.PathLike[str], frames: Iterable[_Frame], frames_per_s: float = DEFAULT_FRAME_RATE
+) -> None:
+    """Write an animation as GIF, which repeats for ever, or MP4 (H.264), by the suffix of the name.
+
+    The file appears when it is complete: an error in between, or Ctrl-C, leaves nothing behind.
+
+    Parameters
+    ----------
+    path : str or path
+    frames : iterable of (height, width, 3) uint8
+        All of one size; at least one. They are taken one at a time.
+    frames_per_s : float
+        GIF takes the nearest whole number of 1/100 s for a frame, at least 2.
+
+    Raises
+    ------
+    ConfigError
+        Another suffix, no frames, frames of another shape, a file that cannot be written, or an MP4 file and
+        imageio-ffmpeg is not installed.
+
+    Notes
+    -----
+    A frame of a GIF has 256 colours. H.264 has colours of 2 x 2 pixels, so the last column and the last row are
+    repeated where a side is odd.
+    """
+    path = check_animation(path, frames_per_s)
+    checked, rate = _check_frames(frames), float(frames_per_s)
+    if path.suffix.lower() == ".gif":
+        write_atomically(path, lambda file: _write_gif(file, checked, rate))
+    else:
+        write_atomically(path, lambda file: _write_mp4(file, checked, rate, path.resolve().parent))
+
+
+def _check_frames(frames: Iterable[_Frame]) -> Iterator[_Frame]:
+    """Yield the frames; raise `ConfigError` for one that is no picture or has another size than the first."""
+    shape = None
+    for number, frame in enumerate(frames):
+        shape = frame.shape if shape is None else shape
+        if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or frame.shape != shape or not frame.size:
+            raise ConfigError(
+                f"the frames of an animation are uint8 of one shape (height, width, 3), but frame {number} is "
+                f"{frame.dtype} of the shape {frame.shape}, and the first one has {shape}"
+            )
+        yield np.ascontiguousarray(frame)
+    if shape is None:
+        raise ConfigError("an animation has at least one frame")
+
+
+def _write_gif(file: BinaryIO, frames: Iterator[_Frame], frames_per_s: float) -> None:
+    from PIL import Image
+
+    images = (Image.fromarray(frame) for frame in frames)
+    ticks = max(_LEAST_GIF_TICKS, round(1000 / _GIF_TICK_MS / frames_per_s))
+    first = next(images)
+    first.save(file, format="GIF", save_all=True, append_images=images, duration=ticks * _GIF_TICK_MS, loop=0)
+
+
+def _write_mp4(file: BinaryIO, frames: Iterator[_Frame], frames_per_s: float, parent: Path) -> None:
+    ffmpeg = _import_ffmpeg()
+    first = _pad_to_even(next(frames))
+    height, width, _ = first.shape
+    # ffmpeg writes to names only, and goes back in the file at its end. The folder of the result has room for it.
+    with TemporaryFolder(parent, _FOLDER_PREFIX) as folder:
+        video = folder.path / "video.mp4"
+        writer = ffmpeg.write_frames(
+            str(video), (width, height), fps=frames_per_s, codec="libx264", quality=None, macro_block_size=1,
+            ffmpeg_log_level="error", output_params=_VIDEO_OPTIONS,
+        )  # fmt: skip
+        # Closing it waits for ffmpeg.
+        with closing(writer):
+            writer.send(None)
+            writer.send(first)
+            for frame in frames:
+                writer.send(_pad_to_even(frame))
+        if not video.is_file() or not video.stat().st_size:
+            raise ConfigError(f"ffmpeg made no video of {width} x {height} pixels; it has said why")
+        with video.open("rb") as made:
+            shutil.copyfileobj(made, file)
+
+
+def _pad_to_even(frame: _Frame) -> _Frame:
+    """Return a frame with even sides: the last column and the last row are repeated where needed."""
+    height, width, _ = frame.shape
+    if height % 2 == 0 and width % 2 == 0:
+        return frame
+    return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+
+
+def _import_ffmpeg() -> ModuleType:
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise ConfigError(f"MP4 files need imageio-ffmpeg: run 'pip install imageio-ffmpeg' ({error})") from error
+    return imageio_ffmpeg

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.up import Y_UP, Z_UP, find_up, guess_up_of_points, sample_points
-from .scene_extent import SceneExtent
 from .vectors import Vector
+from .view_bounds import SceneExtent
 
 if TYPE_CHECKING:
     from .scene import Scene

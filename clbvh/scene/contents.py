@@ -1,4 +1,4 @@
-"""The content of a scene as users see it: geometries are added, and placed by transforms.
+"""The content of a scene as users see it: geometries are added, placed by transforms, and found by id or name.
 
 Owns the kinds of sources. Must not know of trees, devices, cameras and pictures.
 """
@@ -6,28 +6,26 @@ Owns the kinds of sources. Must not know of trees, devices, cameras and pictures
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from numbers import Integral
 from typing import Any, Self, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
-from .arguments import check_colour, check_mask, check_material, shorten
-from .geometry import Geometry
-from .instance import ALL_BITS, Instance
-from .lookup import SceneLookup
-from .names import name_of_file
+from .handles import ALL_BITS, Geometry, Instance, check_colour, check_mask, check_material, shorten
 from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
-from .store import SceneStore
+from .state import SceneState
+from .store import SceneStore, name_of_file
 from .transforms import check_transform, check_transforms
 
 
-class SceneContents(SceneLookup):
+class SceneContents:
     """Geometries and their instances. `clbvh.Scene` adds the settings of a picture to it."""
 
     def __init__(self) -> None:
@@ -267,6 +265,138 @@ class SceneContents(SceneLookup):
         look = check_colour(colour), check_material(material)
         return self._store.place(geometry, matrices, names, geometry.name, check_mask(mask), *look)
 
+    @property
+    def geometries(self) -> tuple[Geometry, ...]:
+        """All geometries; the index is the id."""
+        return self._store.handles()[0]
+
+    @property
+    def instances(self) -> tuple[Instance, ...]:
+        """All instances; the index is the id."""
+        return self._store.handles()[1]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is placed, so that no ray hits anything."""
+        return not self._store.has_instances
+
+    def find(self, name: str) -> Instance:
+        """Return the instance of a name.
+
+        Raises
+        ------
+        SceneError
+            No instance has the name.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.find("icosphere").id
+        0
+        """
+        found = self._store.find_instance(name)
+        if found is None:
+            raise SceneError(_say_unknown("instance", name, [instance.name for instance in self.instances]))
+        return found
+
+    def find_geometry(self, name: str) -> Geometry:
+        """Return the geometry of a name.
+
+        Raises
+        ------
+        SceneError
+            No geometry has the name.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.find_geometry("icosphere").id
+        0
+        """
+        found = self._store.find_geometry(name)
+        if found is None:
+            raise SceneError(_say_unknown("geometry", name, [geometry.name for geometry in self.geometries]))
+        return found
+
+    def snapshot(self) -> SceneState:
+        """Return what the scene holds now. It is immutable, and the same object until something is added.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.snapshot().geometry_ids
+        array([0], dtype=int32)
+        """
+        return self._store.snapshot()
+
+    def geometry_id(self, geometry: Geometry) -> int:
+        """Return the id of a geometry; raise `SceneError` unless it is one of this scene.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> ball = clbvh.Scene().add(clbvh.make_shape("icosphere", triangles=320))
+        >>> clbvh.Scene().geometry_id(ball)
+        Traceback (most recent call last):
+        clbvh.errors.SceneError: Geometry(0, 'icosphere', ...) belongs to another scene: add its shape to this one
+        """
+        if not isinstance(geometry, Geometry):
+            raise SceneError(f"expected a geometry that Scene.add returned, not {shorten(geometry)}")
+        if geometry.owner is not self._store:
+            raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
+        return geometry.id
+
+    def instance_ids(self, instances: Instance | int | Iterable[Instance | int]) -> NDArray[np.int64]:
+        """Return the ids of instances, (n,) int64.
+
+        Parameters
+        ----------
+        instances : Instance or int, or a sequence of instances or ids
+            The tuple `Scene.instances` itself takes no time, nor does an array of ids.
+
+        Raises
+        ------
+        SceneError
+            One is not an instance of this scene.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.instance_ids([scene.find("icosphere")])
+        array([0])
+        """
+        mine = self.instances
+        if instances is mine:
+            return np.arange(len(mine))
+        if isinstance(instances, Instance | int):
+            instances = (instances,)
+        if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
+            ids = instances.astype(np.int64)
+        else:
+            try:
+                given = list(instances)
+            except TypeError:
+                raise SceneError(f"expected instances that Scene.place returned, not {shorten(instances)}") from None
+            ids = np.array([self._instance_id(instance) for instance in given], np.int64)
+        wrong = (ids < 0) | (ids >= len(mine))
+        if wrong.any():
+            raise SceneError(f"there is no instance {ids[wrong][0]}: the scene has {len(mine):,} (from 0)")
+        return ids
+
+    def _instance_id(self, instance: Instance | int) -> int:
+        if isinstance(instance, Integral) and not isinstance(instance, bool):
+            number = int(instance)
+            return number if abs(number) <= np.iinfo(np.int64).max else -1
+        if not isinstance(instance, Instance):
+            raise SceneError(f"expected an instance that Scene.place returned, not {shorten(instance)}")
+        if instance.geometry.owner is not self._store:
+            raise SceneError(f"{instance!r} belongs to another scene")
+        return instance.id
+
     def __copy__(self) -> Self:
         """Return a scene of the same geometries and instances; what is added to either is not in the other."""
         copied = object.__new__(type(self))
@@ -294,3 +424,8 @@ def _find_parts(source: Any) -> Parts:
 def _default_name(source: object, shape: Shape) -> str:
     """Return the name of a geometry whose user gave none."""
     return name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
+
+
+def _say_unknown(kind: str, name: object, names: list[str]) -> str:
+    known = ", ".join(map(shorten, names[:5])) + (", ..." if len(names) > 5 else "")
+    return f"the scene has no {kind} {shorten(name)}; " + (f"it has {known}" if names else "it has none")

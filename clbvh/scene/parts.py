@@ -19,9 +19,9 @@ from ..geometry.as_mesh import HasTriangles, mesh_of_object
 from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
-from .instance import ALL_BITS, Colour, colour_of_row
-from .names import name_of_file
+from .handles import ALL_BITS, Colour, colour_of_row
 from .state import SceneState
+from .store import name_of_file
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.appearance.material import Material
+from ..geometry.dressed import with_material
 from ..geometry.mesh import Mesh
 from ..geometry.shape import Shape
 from ..geometry.spheres import Spheres
@@ -136,3 +137,37 @@ class SceneState:
         (Mesh('knot', vertices=497, faces=994),)
         """
         return dataclasses.replace(self, shapes=(*self.shapes[:geometry_id], shape, *self.shapes[geometry_id + 1 :]))
+
+
+def dress_shapes(state: SceneState) -> tuple[tuple[Shape, ...], NDArray[np.integer]]:
+    """Return shapes with their looks, and the shape of each instance.
+
+    Returns
+    -------
+    shapes : tuple of Mesh or Spheres
+        The geometries, by their ids; then one for each pair of a geometry and a material that instances have of their
+        own. It shares the arrays of its geometry.
+    shape_ids : (n,) int
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from clbvh.scene.state import dress_shapes
+    >>> scene = clbvh.Scene()
+    >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320))
+    >>> plain, golden = scene.place(ball), scene.place(ball, material=clbvh.Material(metallic=1.0))
+    >>> shapes, shape_ids = dress_shapes(scene.snapshot())
+    >>> len(shapes), shape_ids
+    (2, array([0, 1]))
+    """
+    shape_ids = state.geometry_ids.astype(np.int64)
+    own = np.flatnonzero(state.material_ids >= 0)
+    if len(own) == 0:
+        return state.shapes, shape_ids
+    pairs = np.stack((state.geometry_ids[own], state.material_ids[own]), axis=1)
+    chosen, numbers = np.unique(pairs, axis=0, return_inverse=True)
+    shape_ids[own] = len(state.shapes) + numbers.reshape(-1)
+    dressed = (
+        with_material(state.shapes[geometry], state.materials[material]) for geometry, material in chosen.tolist()
+    )
+    return (*state.shapes, *dressed), shape_ids

@@ -7,7 +7,8 @@ they differ only in the settings of their pictures.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,9 +17,7 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.shape import Shape
-from .geometry import Geometry
-from .instance import ALL_BITS, Colour, Instance, colour_of_row
-from .names import UniqueNames
+from .handles import ALL_BITS, Colour, Geometry, Instance, colour_of_row
 from .state import SceneState
 
 # The top tree counts instances as a mesh counts faces.
@@ -279,3 +278,81 @@ def _grow(rows: NDArray[Any], count: int, needed: int) -> NDArray[Any]:
     grown = np.empty((max(needed, 2 * len(rows)), *rows.shape[1:]), rows.dtype)
     grown[:count] = rows[:count]
     return grown
+
+
+_MAX_SHOWN = 60  # characters of a wrong value in a message
+
+
+class UniqueNames:
+    """The names of all things of one kind, and their ids, which count up from 0.
+
+    Parameters
+    ----------
+    kind : str
+        For messages, with its article: ``"a geometry"``.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._ids: dict[str, int] = {}
+        self._next_number: dict[str, int] = {}
+
+    def __len__(self) -> int:
+        return len(self._ids)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._ids)
+
+    def find(self, name: object) -> int | None:
+        """Return the id of a name."""
+        return self._ids.get(name) if isinstance(name, str) else None
+
+    def check(self, name: object) -> None:
+        """Raise `SceneError` unless a name is a text that nothing else has."""
+        if not _is_name(name):
+            raise SceneError(f"the name of {self._kind} must be a text that is not empty, not {_show(name)}")
+        if name in self._ids:
+            raise SceneError(f"the scene has {self._kind} with the name {_show(name)} already: choose another one")
+
+    def add(self, name: str) -> str:
+        """Add a name that `check` has accepted."""
+        self._ids[name] = len(self._ids)
+        return name
+
+    def add_numbered(self, wish: str) -> str:
+        """Add a name and return it: the wish itself, or with the first free number from 2 behind it.
+
+        The wish comes from a file or a mesh, so it may be anything.
+        """
+        name = wish = _clean(str(wish)).strip() or self._kind.split()[-1]
+        number = self._next_number.get(wish, 2)
+        while name in self._ids:
+            name = f"{wish} {number}"
+            number += 1
+        self._next_number[wish] = number
+        return self.add(name)
+
+    def copy(self) -> UniqueNames:
+        """Return names that grow apart from these."""
+        names = UniqueNames(self._kind)
+        names._ids, names._next_number = self._ids.copy(), self._next_number.copy()
+        return names
+
+
+def _is_name(value: object) -> bool:
+    """Return whether a value is a text that is not empty and can be written into a file."""
+    return isinstance(value, str) and bool(value.strip()) and value == _clean(value)
+
+
+def _clean(text: str) -> str:
+    """Return a text without halves of characters, which JSON allows and UTF-8 does not."""
+    return text.encode("utf-8", "replace").decode()
+
+
+def name_of_file(path: str) -> str:
+    """Return the name of what a file holds: the file's without its suffix."""
+    return Path(path).stem or path
+
+
+def _show(value: object) -> str:
+    return repr(value)[:_MAX_SHOWN]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..device.session import DeviceSession
+from ..rendering.band_painters import OneRayPainter
 from ..rendering.frame import FrameRenderer
-from ..rendering.one_ray import OneRayPainter
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view
 from ..trace.device_tree import DeviceTree

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..scene.geometry import Geometry
-from ..scene.instance import Instance
+from ..scene.handles import Geometry, Instance
 from .device_tree import DeviceTree
 from .tracer_base import TracerBase
 from .tree_copies import TreeCopies

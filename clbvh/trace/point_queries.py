@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import OpenMeshWarning
-from ..scene.geometry import Geometry
-from ..scene.instance import Instance
+from ..scene.handles import Geometry, Instance
 from .launch import Caster
 from .points.ambient_occlusion import check_sampling, find_open_shares
 from .points.hemispheres import Hemispheres

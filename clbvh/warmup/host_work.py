@@ -18,8 +18,7 @@ from ..geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh
-from ..rendering.heat_map import draw_heat_map_of
-from ..rendering.ray_cost import measure_rays
+from ..rendering.heat_map import draw_heat_map_of, measure_rays
 from ..scene.contents import SceneContents
 from ..stats import measure_tree
 from ..stats.ladder_work import count_ladder_work

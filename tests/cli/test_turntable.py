@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from clbvh.cli import turntable
-from clbvh.rendering.formats import animation
+from clbvh.rendering import turntable as animation
 from clbvh.rendering.turntable import DEFAULT_FRAMES
 
 from .command import refuses, run_clbvh

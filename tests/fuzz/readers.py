@@ -29,10 +29,10 @@ from clbvh.device.settings import find_settings, settings_path
 from clbvh.errors import ClbvhError
 from clbvh.geometry import Mesh, Spheres
 from clbvh.geometry.loading.spheres_file import read_spheres
-from clbvh.rendering.mesh_source import MeshSource
+from clbvh.rendering.objects import SpheresSource
 from clbvh.rendering.scene import Scene
 from clbvh.rendering.scene_file import parse_scene, read_scene
-from clbvh.rendering.spheres_source import SpheresSource
+from clbvh.rendering.sources import MeshSource
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.support.cache_folder import CACHE_VARIABLE
 

@@ -8,8 +8,7 @@ import trimesh
 
 import clbvh
 from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene, Spheres
-from clbvh.rendering import frame as frame_module
-from clbvh.rendering.film import sample_painter
+from clbvh.rendering import band_painters as sample_painter, frame as frame_module
 from clbvh.rendering.view import _LIGHT_SPREAD
 
 # Pixels a side of most pictures, and the widest difference in standard errors of the mean of all pixels.

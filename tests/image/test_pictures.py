@@ -7,10 +7,10 @@ import pytest
 
 import clbvh
 from clbvh.errors import ConfigError, ValidationError
-from clbvh.rendering import brute_limit, frame as frame_module, refine_pixels as refine_module
+from clbvh.rendering import frame as frame_module, picture as refine_module, subjects as brute_limit
 from clbvh.rendering.render import RenderOptions
 from clbvh.rendering.scene import Light, MeshSource, Scene
-from clbvh.rendering.transform import Transform
+from clbvh.rendering.sources import Transform
 from clbvh.structs import REPORT_SHADINGS
 
 KNOT = Scene(MeshSource(shape="knot", triangles=4000, seed=1), width=96, height=64)

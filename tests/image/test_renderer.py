@@ -13,10 +13,9 @@ from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene
 from clbvh.device import program
 from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
-from clbvh.rendering import frame as frame_module
-from clbvh.rendering.film import sample_painter
+from clbvh.rendering import band_painters as sample_painter, frame as frame_module
 from clbvh.rendering.scene import MeshSource
-from clbvh.rendering.transform import Transform
+from clbvh.rendering.sources import Transform
 
 from ..concurrency.threads import run_in_threads
 

@@ -12,7 +12,7 @@ import clbvh
 from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.registry import BUILDERS
 from clbvh.errors import ConfigError, SceneError, ValidationError
-from clbvh.rendering import brute_limit, frame as frame_module
+from clbvh.rendering import frame as frame_module, subjects as brute_limit
 from clbvh.structs import REPORT_SHADINGS
 
 from ..concurrency.threads import run_in_threads

@@ -11,8 +11,7 @@ import pytest
 import clbvh
 from clbvh.geometry.appearance.appearance import Appearance
 from clbvh.geometry.appearance.srgb import srgb_to_linear
-from clbvh.rendering import frame as frame_module
-from clbvh.rendering.film import sample_painter
+from clbvh.rendering import band_painters as sample_painter, frame as frame_module
 from clbvh.rendering.scene import Light, MeshSource, Scene
 
 KNOT = Scene(MeshSource(shape="knot", triangles=4000, seed=1), width=96, height=64)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.film.environment_tables import find_axes, make_environment_tables, solid_angles
+from clbvh.rendering.film.environment_map import find_axes, make_environment_tables, solid_angles
 from clbvh.rendering.film.light_tables import LUMINANCE
 from clbvh.structs import LAYOUTS, VIEW
 

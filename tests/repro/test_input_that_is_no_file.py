@@ -11,7 +11,7 @@ import pytest
 from clbvh import Bvh, load_mesh
 from clbvh.errors import MeshError, SceneError, TreeFileError
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.scene_file import open_scene
+from clbvh.rendering.open_scene import open_scene
 
 TIMEOUT_S = 60
 

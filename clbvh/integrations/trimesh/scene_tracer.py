@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import DeviceError, SceneError
 from ...geometry import Mesh
 from ...scene.contents import SceneContents
-from ...scene.geometry import Geometry
+from ...scene.handles import Geometry
 from ...scene.parts import make_affine
 from ...scene.transforms import check_transforms
 from ...trace import Tracer

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ConfigError
-from ...geometry import Shape
+from ...errors import ConfigError, SceneError
+from ...geometry import Mesh, Shape
+from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
 from ...geometry.appearance.srgb import srgb_to_linear
+from ...scene.transforms import check_transform
+from ...trace.hits.by_geometry import group_by_geometry
 from ...trace.hits.hits import Hits
+from ...trace.hits.placed_locations import turn_normals
+from ...trace.hits.surface import SceneSurface, SurfacePoints
 from ..camera import Camera
 from ..picture import Picture
-from .motion import NextPose
-from .shading_normals import find_shading_normals
-from .texture_coordinates import find_texture_coordinates
-
-DEFAULT_CHANNELS = ("rgb", "alpha", "depth", "normal", "instance_id")
+from ..scene import Scene
+from ..subjects import SceneObjects
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +179,163 @@ CHANNELS = {
         lambda subject: subject.next_pose.find_motion(subject.picture), "vector", _vector("motion", "XY"), 8
     ),
 }  # fmt: skip
+
+
+# Hits at a time: their vectors stay in the cache.
+_CHUNK_HITS = 1 << 14
+
+# The sum of unit vectors is no direction if its square is smaller: they cancel each other.
+_LEAST_SQUARE = 2.0**-40
+
+# The last angle and the smooth normals of meshes that are alive: 36 bytes per face, 0.6 s for a million faces.
+_known: WeakKeyDictionary[Mesh, tuple[float, NDArray[np.float32]]] = WeakKeyDictionary()
+
+
+def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: float) -> NDArray[np.float64]:
+    """Return (..., 3) float64: unit normals on the side from which the rays came, NaN on a miss.
+
+    Parameters
+    ----------
+    hits : Hits
+        They know the sides of their rays.
+    shapes : sequence of Mesh or Spheres
+        By the geometry ids of the hits.
+    crease_angle : float
+        Degrees. Meshes without normals are smooth over edges that turn by less; 0: over none.
+    """
+    normals = np.array(hits.normals(facing=True)).reshape(-1, 3)
+    prims, us, vs, instances = (
+        np.asarray(values).reshape(-1) for values in (hits.prim_id, hits.u, hits.v, hits.instance_id)
+    )
+    for geometry, of_geometry in group_by_geometry(np.asarray(hits.geometry_id).reshape(-1)):
+        shape = shapes[geometry]
+        if not isinstance(shape, Mesh):
+            continue
+        corners = _find_corner_normals(shape, float(crease_angle))
+        for begin in range(0, len(of_geometry), _CHUNK_HITS):
+            rows = of_geometry[begin : begin + _CHUNK_HITS]
+            a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
+            blended = a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
+            squares = np.einsum("ij,ij->i", blended, blended)
+            is_direction = squares > _LEAST_SQUARE
+            blended /= np.sqrt(np.where(is_direction, squares, 1.0))[:, None]
+            if hits.scene_surface is not None:
+                blended = turn_normals(hits.scene_surface.arrays, instances[rows], blended)
+            # To the side of the face, on which the ray came: files do not always agree with the order of corners.
+            sides = np.einsum("ij,ij->i", blended, normals[rows])
+            is_kept = is_direction & (sides != 0) & np.isfinite(sides)
+            normals[rows] = np.where(is_kept[:, None], blended * np.sign(sides)[:, None], normals[rows])
+    return normals.reshape(*hits.prim_id.shape, 3)
+
+
+def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32]:
+    """Return (F, 3, 3) float32: unit normals at the corners of faces."""
+    if mesh.appearance is not None and mesh.appearance.normals is not None:
+        return mesh.appearance.normals
+    angle, normals = _known.get(mesh, (-1.0, None))
+    if normals is None or angle != crease_angle:
+        normals = smooth_normals_by_angle(mesh, crease_angle)
+        _known[mesh] = crease_angle, normals
+    return normals
+
+
+def find_texture_coordinates(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.float32]:
+    """Return (..., 2) float32: NaN on a miss, and on shapes without texture coordinates.
+
+    Parameters
+    ----------
+    hits : Hits
+    shapes : sequence of Mesh or Spheres
+        By the geometry ids of the hits.
+    """
+    result = np.full((hits.prim_id.size, 2), np.nan, np.float32)
+    prims, us, vs = (np.asarray(values).reshape(-1) for values in (hits.prim_id, hits.u, hits.v))
+    for geometry, of_geometry in group_by_geometry(np.asarray(hits.geometry_id).reshape(-1)):
+        shape = shapes[geometry]
+        corners = shape.appearance.uvs if isinstance(shape, Mesh) and shape.appearance is not None else None
+        if corners is None:
+            continue
+        for begin in range(0, len(of_geometry), _CHUNK_HITS):
+            rows = of_geometry[begin : begin + _CHUNK_HITS]
+            a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
+            result[rows] = a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
+    return result.reshape(*hits.prim_id.shape, 2)
+
+
+# Pixels whose points are in memory at a time.
+_CHUNK_PIXELS = 1 << 20
+
+
+class NextPose:
+    """The second pose of a camera and of instances, checked.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of the first pose.
+    camera : Camera or None
+        None: that of the picture.
+    transforms : mapping of instances, ids or names to (4, 4) float, or None
+        From the coordinates of each instance's geometry to the scene's. The others stay where they are.
+
+    Raises
+    ------
+    SceneError
+        No camera, an instance that the scene does not have, or a matrix that is not finite, not affine or singular.
+    """
+
+    def __init__(
+        self, scene: Scene, camera: Camera | None = None, transforms: Mapping[Any, ArrayLike] | None = None
+    ) -> None:
+        if camera is not None and not isinstance(camera, Camera):
+            raise SceneError(f"the next camera must be a clbvh.Camera, not {camera!r}")
+        if transforms is not None and not isinstance(transforms, Mapping):
+            raise SceneError(f"the next transforms must be a mapping, {{instance: matrix, ...}}, not {transforms!r}")
+        self._scene, self._camera = scene, camera
+        keys = [scene.find(key) if isinstance(key, str) else key for key in transforms or {}]
+        self._ids = scene.instance_ids(keys) if keys else np.empty(0, np.int64)
+        self._matrices = np.stack(
+            [
+                check_transform(matrix, f"the next transform of {key!r}")
+                for key, matrix in zip(keys, (transforms or {}).values(), strict=True)
+            ]
+            or [np.eye(4)]
+        )[: len(keys)]
+
+    def check(self) -> None:
+        """Raise `ConfigError` unless there is anything that can differ from the first pose."""
+        if self._camera is None and not len(self._ids):
+            raise ConfigError("the channel motion needs a second pose: give next_camera or next_transforms")
+
+    def find_motion(self, picture: Picture) -> NDArray[np.float32]:
+        """Return (height, width, 2) float32: pixels to the right and downwards, NaN on a miss; see `Images`."""
+        self.check()
+        height, width = picture.found.shape
+        camera = self._camera or picture.camera
+        hits = picture.hits
+        motion = np.full((height * width, 2), np.nan, np.float32)
+        locate = self._make_locator(picture)
+        seen = np.flatnonzero(hits.is_hit)
+        for begin in range(0, len(seen), _CHUNK_PIXELS):
+            pixels = seen[begin : begin + _CHUNK_PIXELS]
+            centres = np.stack((pixels % width + 0.5, pixels // width + 0.5), axis=-1)
+            of_pixels = hits.take(pixels)
+            points = SurfacePoints(of_pixels.prim_id, of_pixels.instance_id, of_pixels.u, of_pixels.v)
+            motion[pixels] = camera.project(locate(points, of_pixels.locations), width, height)[0] - centres
+        return motion.reshape(height, width, 2)
+
+    def _make_locator(self, picture: Picture) -> Any:
+        """Return the function from points on surfaces, and their locations, to the locations in the second pose."""
+        if not len(self._ids):
+            return lambda points, locations: locations
+        objects = picture.objects
+        if isinstance(objects, SceneObjects):
+            if (newest := int(self._ids.max())) >= objects.instance_count:
+                raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
+            state = objects.state.with_transforms(self._ids, self._matrices)
+            surface = SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)
+            return lambda points, locations: surface.locate(points)
+        # One mesh, whose coordinates have the scene's transform in them.
+        first = self._scene.transform.matrix if self._scene.is_one_mesh else np.eye(4)
+        change = self._matrices[-1] @ np.linalg.inv(first)
+        return lambda points, locations: locations @ change[:3, :3].T + change[:3, 3]

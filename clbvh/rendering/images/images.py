@@ -1,21 +1,31 @@
-"""The images of one view, as arrays by the names of their channels."""
+"""The images of one view, as arrays by the names of their channels, and how they follow from a picture."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, SceneError
+from ...geometry import Shape
 from ...support.atomic_file import write_atomically
+from ...support.memory import check_memory
 from ..camera import Camera
-from .save_exr import list_exr_channels, write_images_exr
-from .save_files import check_file_targets, write_image_files
-from .targets import FILES_SUFFIXES, check_images_path
+from ..picture import Picture
+from ..scene import Scene
+from .channels import CHANNELS, NextPose, Subject, check_channels
+from .files import (
+    FILES_SUFFIXES,
+    check_file_targets,
+    check_images_path,
+    list_exr_channels,
+    write_image_files,
+    write_images_exr,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,3 +178,44 @@ class Images(Mapping[str, NDArray[Any]]):
         described["geometry_names"] = np.array(self.geometry_names, np.str_)
         described["instance_names"] = np.array(self.instance_names, np.str_)
         return described
+
+
+# Hits in float64, and vectors on the way to them.
+_PIXEL_BYTES = 100
+
+
+def make_images(
+    scene: Scene,
+    render: Callable[..., Picture],
+    channels: Iterable[str],
+    next_camera: Camera | None,
+    next_transforms: Mapping[Any, ArrayLike] | None,
+    shading: str | None,
+    samples: int | None,
+    **arguments: Any,
+) -> Images:
+    """Return the images of `Renderer.images` by its `render`, whose other arguments are `arguments`."""
+    names = check_channels(channels)
+    next_pose = NextPose(scene, next_camera, next_transforms)
+    if "motion" in names:
+        next_pose.check()
+    if any(CHANNELS[name].needs_shading for name in names):
+        keeps_film = "colour" in names or "alpha" in names
+        picture = render(shading=shading, samples=samples, keeps_film=keeps_film, **arguments)
+    else:
+        # One ray for each pixel, and none to the light.
+        picture = render(shading="normal", samples=1, **arguments)
+    pixel_bytes = _PIXEL_BYTES + sum(CHANNELS[name].pixel_bytes for name in names)
+    check_memory("the images", picture.found.size * pixel_bytes, SceneError)
+    shapes, geometry_names, instance_names = _list_objects(picture)
+    subject = Subject(picture, shapes, next_pose, scene.smooth)
+    arrays = {name: CHANNELS[name].find(subject) for name in names}
+    return Images(arrays, picture.camera, geometry_names=geometry_names, instance_names=instance_names)
+
+
+def _list_objects(picture: Picture) -> tuple[tuple[Shape, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return the shapes and the names of the geometries, and the names of the instances, by their ids."""
+    if picture.mesh is not None:
+        return (picture.mesh,), (picture.mesh.name,), (picture.mesh.name,)
+    state = picture.objects.state
+    return tuple(state.shapes), tuple(state.names), tuple(state.instance_names)

@@ -24,8 +24,7 @@ from ...geometry.shape import Shape
 from ...geometry.sphere_boxes import mesh_of
 from ...geometry.spheres import Spheres
 from ...scene.contents import SceneContents
-from ...scene.geometry import Geometry
-from ...scene.instance import Instance
+from ...scene.handles import Geometry, Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ..device_tree import DeviceTree

@@ -8,7 +8,7 @@ import trimesh
 
 import clbvh
 from clbvh.rendering.bulk import find_bulk
-from clbvh.rendering.scene_extent import SceneExtent
+from clbvh.rendering.view_bounds import SceneExtent
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)
 CREATE = trimesh.creation

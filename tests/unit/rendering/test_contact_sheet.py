@@ -8,7 +8,7 @@ import pytest
 import clbvh
 from clbvh.rendering.contact_sheet import _describe, _round_down
 from clbvh.rendering.pixel_font import FONT, GROUND, INK, TIMES, draw_text, width_of
-from clbvh.rendering.standard_views import STANDARD_VIEWS
+from clbvh.rendering.pose import STANDARD_VIEWS
 
 BOX = ([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 WIDTH, HEIGHT = 80, 60

@@ -9,7 +9,7 @@ from clbvh.errors import MeshError, SceneError
 from clbvh.geometry import Mesh, Spheres
 from clbvh.rendering.scene import Scene
 from clbvh.rendering.scene_file import read_scene
-from clbvh.rendering.transform import Transform
+from clbvh.rendering.sources import Transform
 
 
 @pytest.fixture

@@ -11,12 +11,11 @@ import trimesh
 from clbvh import make_shape
 from clbvh.errors import MeshError, SceneError
 from clbvh.geometry.loading.several_parts import may_have_parts
-from clbvh.rendering.mesh_files import open_mesh_file, open_mesh_files
-from clbvh.rendering.mesh_source import MeshSource
+from clbvh.rendering.open_scene import open_mesh_file, open_mesh_files, open_scene
 from clbvh.rendering.scene import Scene
-from clbvh.rendering.scene_extent import SceneExtent
-from clbvh.rendering.scene_file import open_scene
+from clbvh.rendering.sources import MeshSource
 from clbvh.rendering.upright import find_upright
+from clbvh.rendering.view_bounds import SceneExtent
 
 from ..geometry.gltf_files import Gltf
 

@@ -10,10 +10,9 @@ import pytest
 
 from clbvh.errors import SceneError
 from clbvh.rendering.object_tables import read_objects
-from clbvh.rendering.repeat import Grid, Scatter
+from clbvh.rendering.objects import Grid, Scatter, SpheresSource
 from clbvh.rendering.scene import MeshSource
-from clbvh.rendering.spheres_source import SpheresSource
-from clbvh.rendering.transform import Transform
+from clbvh.rendering.sources import Transform
 
 
 def read(text: str):

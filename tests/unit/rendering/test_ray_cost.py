@@ -8,7 +8,7 @@ import pytest
 from clbvh import Mesh, build, make_shape
 from clbvh.rendering.camera import Camera
 from clbvh.rendering.framing import frame_mesh
-from clbvh.rendering.ray_cost import measure_rays
+from clbvh.rendering.heat_map import measure_rays
 
 
 def test_a_closed_surface_sends_half_its_rays_inwards():

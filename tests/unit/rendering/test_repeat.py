@@ -7,8 +7,8 @@ import pytest
 
 from clbvh import make_shape
 from clbvh.errors import SceneError
-from clbvh.rendering.repeat import MAX_COPIES, Grid, Scatter
-from clbvh.rendering.transform import Transform
+from clbvh.rendering.objects import MAX_COPIES, Grid, Scatter
+from clbvh.rendering.sources import Transform
 from clbvh.support import memory
 
 UP = (0.0, 1.0, 0.0)

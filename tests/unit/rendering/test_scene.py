@@ -6,8 +6,8 @@ import pytest
 
 import clbvh
 from clbvh.errors import MeshError, SceneError
+from clbvh.rendering.open_scene import open_scene
 from clbvh.rendering.scene import Light, MeshSource, Scene
-from clbvh.rendering.scene_file import open_scene
 
 BUNNY = MeshSource(name="bunny")
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Spheres, make_shape
-from clbvh.rendering import scene_extent
+from clbvh.rendering import view_bounds as scene_extent
 from clbvh.rendering.framing import frame_mesh, frame_turn
-from clbvh.rendering.scene_extent import SceneExtent
-from clbvh.rendering.view_bounds import Reaches, box_in
+from clbvh.rendering.view_bounds import Reaches, SceneExtent, box_in
 
 from .test_camera import project
 

@@ -8,10 +8,10 @@ import pytest
 import clbvh
 from clbvh.errors import SceneError
 from clbvh.rendering.framing import frame_mesh, measure_side
+from clbvh.rendering.pose import STANDARD_VIEWS, find_sides
 from clbvh.rendering.projection import Fisheye, Orthographic, Panorama
-from clbvh.rendering.scene_extent import SceneExtent
-from clbvh.rendering.standard_views import STANDARD_VIEWS, find_sides
 from clbvh.rendering.view import sky_direction
+from clbvh.rendering.view_bounds import SceneExtent
 
 # Towards the camera, and up in the picture, where y is up and where z is.
 SIDES = {

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Fisheye, Mesh, Orthographic, Panorama, Scene, SceneError, Spheres
 from clbvh.rendering.framing import frame_mesh, frame_turn
-from clbvh.rendering.scene_extent import SceneExtent
+from clbvh.rendering.view_bounds import SceneExtent
 
 HEIGHT = 100
 MARGIN = 0.06

@@ -11,8 +11,7 @@ import clbvh
 from clbvh import Wireframe
 from clbvh.errors import SceneError
 from clbvh.geometry.appearance.srgb import linear_to_srgb
-from clbvh.rendering import frame as frame_module
-from clbvh.rendering.film import sample_painter
+from clbvh.rendering import band_painters as sample_painter, frame as frame_module
 
 WIDTH, HEIGHT = 96, 64
 FRAME = {"eye": (0.5, 0.4, 3), "look_at": (0, 0, 0), "up": (0.1, 1, 0.2)}

@@ -14,7 +14,7 @@ from clbvh.errors import SceneError
 from clbvh.geometry.dressed import with_material
 from clbvh.rendering.film.look_tables import Looks, make_look_tables
 from clbvh.scene import serialize
-from clbvh.scene.dressed import dress_shapes
+from clbvh.scene.state import dress_shapes
 
 GOLD = clbvh.Material("gold", metallic=1.0)
 TILES = clbvh.Texture("tiles", np.arange(24, dtype=np.uint8).reshape(2, 3, 4))

@@ -12,7 +12,7 @@ import trimesh
 
 import clbvh
 from clbvh.errors import MeshError, SceneError
-from clbvh.rendering.as_scene import as_scene
+from clbvh.rendering.open_scene import as_scene
 
 BALL = clbvh.make_shape("icosphere", triangles=80)
 KNOT = clbvh.make_shape("knot", triangles=200)

@@ -8,8 +8,8 @@ import pytest
 from clbvh import Tracer, build
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, DeviceMemoryError
+from clbvh.rendering.band_painters import OneRayPainter
 from clbvh.rendering.frame import FrameRenderer
-from clbvh.rendering.one_ray import OneRayPainter
 from clbvh.rendering.scene import MeshSource, Scene
 from clbvh.rendering.view import make_view
 from clbvh.trace.device_tree import DeviceTree

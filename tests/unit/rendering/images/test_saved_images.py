@@ -11,12 +11,10 @@ import pytest
 from PIL import Image
 
 from clbvh import Camera, ConfigError
-from clbvh.rendering.camera_file import read_camera
-from clbvh.rendering.formats.exr import read_exr
+from clbvh.rendering.film.hdr_files import read_exr
 from clbvh.rendering.images.channels import CHANNELS
+from clbvh.rendering.images.files import check_images_path, encode_channel, read_camera
 from clbvh.rendering.images.images import Images
-from clbvh.rendering.images.save_files import encode_channel
-from clbvh.rendering.images.targets import check_images_path
 
 from ..formats.test_png import decode
 

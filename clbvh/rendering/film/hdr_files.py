@@ -1,19 +1,70 @@
-"""Radiance files, ``.hdr``: pixels of red, green and blue with a common exponent.
+"""Files of linear light: Radiance, which is read here, and OpenEXR, by the optional library of that name.
 
-The format: Ward, "Real Pixels", Graphics Gems II, 1991, and Radiance's own "The RADIANCE Picture Format".
+Radiance: Ward, "Real Pixels", Graphics Gems II, 1991, and "The RADIANCE Picture Format". Pixels are red, green and blue
+with a common exponent. imageio reads neither format without a library that it downloads.
 """
 
 from __future__ import annotations
 
+import io
+import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import SceneError
+from ...errors import ConfigError, SceneError
 from ...support.memory import check_memory
 from ...support.regular_file import read_errors_as, read_regular
+
+ENVIRONMENT_SUFFIXES = (".hdr", ".exr")
+
+
+def read_environment_map(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+    """Return the linear colours of an environment map, (height, width, 3) float32, row 0 at the top.
+
+    Parameters
+    ----------
+    path : str or path
+        A Radiance file, ``.hdr``, or an OpenEXR file, ``.exr``, with the channels R, G and B, or with Y alone. Values
+        below 0, which resampling leaves, become 0.
+
+    Raises
+    ------
+    SceneError
+        Another suffix, a file that cannot be read or is damaged, other channels, or a value that is not finite.
+    ConfigError
+        An ``.exr`` file, and OpenEXR is not installed.
+    """
+    with read_errors_as(SceneError, path):
+        path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in ENVIRONMENT_SUFFIXES:
+        raise SceneError(f"{path}: the name of an environment map must end in {' or '.join(ENVIRONMENT_SUFFIXES)}")
+    pixels = read_radiance(path) if suffix == ".hdr" else _read_exr_colours(path)
+    if not np.isfinite(pixels).all():
+        raise SceneError(f"{path}: an environment map must hold finite values, but some are not")
+    return np.maximum(pixels, np.float32(0))
+
+
+def _read_exr_colours(path: Path) -> NDArray[np.float32]:
+    channels = read_exr(path)
+    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+    missing = [name for name in names if name not in channels]
+    if missing:
+        raise SceneError(
+            f"{path}: an environment map must have the channels R, G and B, or Y, and this file has "
+            f"{', '.join(sorted(channels))}"
+        )
+    parts = [channels[name] for name in names]
+    if len({part.shape for part in parts}) != 1:
+        raise SceneError(f"{path}: the channels of an environment map must have one size")
+    return np.stack(parts, axis=-1).astype(np.float32)
+
 
 _MAGIC = (b"#?RADIANCE", b"#?RGBE")
 _FORMAT = b"32-bit_rle_rgbe"
@@ -137,3 +188,72 @@ def _read_compressed_row(content: bytes, at: int, width: int) -> tuple[bytearray
         if len(channels) > end:
             return None, at
     return channels, at
+
+
+_TYPES = (np.float16, np.float32, np.uint32)
+
+
+def import_openexr() -> ModuleType:
+    """Return the library, or raise a `ConfigError` that says how to install it."""
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise ConfigError(f"EXR files need OpenEXR: run 'pip install OpenEXR' ({error})") from error
+    return OpenEXR
+
+
+def write_exr(
+    file: BinaryIO, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
+) -> None:
+    """Write an OpenEXR file: scan lines, ZIP compression.
+
+    Parameters
+    ----------
+    file : binary file
+        Open for writing; it can seek.
+    channels : mapping of str to (height, width) float16, float32 or uint32
+        By their names, such as ``"R"``, or ``"depth.Z"`` in the layer ``depth``. At least one, all of one shape.
+    attributes : mapping of str to str, optional
+        Notes in the header.
+
+    Raises
+    ------
+    ConfigError
+        OpenEXR is not installed, or the channels have other shapes or types.
+    """
+    openexr = import_openexr()
+    shapes = {pixels.shape for pixels in channels.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
+        raise ConfigError(
+            f"the channels of an EXR file are arrays of one shape (height, width), not {shapes or 'none'}"
+        )
+    for name, pixels in channels.items():
+        if pixels.dtype not in _TYPES:
+            raise ConfigError(f"the channel {name!r} of an EXR file is float16, float32 or uint32, not {pixels.dtype}")
+    head = {**(attributes or {}), "compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
+    # Copies of the arrays only where they are strided; the library puts objects of its own into the dictionary.
+    openexr.File(head, {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}).write(file)
+
+
+def read_exr(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the channels of the first part of an OpenEXR file, each (height, width) float16, float32 or uint32.
+
+    Raises
+    ------
+    ConfigError
+        OpenEXR is not installed.
+    SceneError
+        The file cannot be read.
+    """
+    openexr = import_openexr()
+    with read_errors_as(SceneError, path):
+        content = read_regular(Path(path))
+    try:
+        read = openexr.File(io.BytesIO(content), separate_channels=True)
+        channels = {name: channel.pixels for name, channel in read.channels().items()}
+    except Exception as error:
+        # The library raises RuntimeError, ValueError and others.
+        raise SceneError(f"{path}: this is no OpenEXR file, or a damaged one: {error}") from error
+    if not channels:
+        raise SceneError(f"{path}: this OpenEXR file has no channels")
+    return channels

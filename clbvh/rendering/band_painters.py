@@ -1,4 +1,4 @@
-"""Shadings with samples: the light of many rays a pixel is added up on a film, which is then developed."""
+"""The painters of a band: one ray through the centre of each pixel, or samples that are added up on a film."""
 
 from __future__ import annotations
 
@@ -10,13 +10,114 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...device.program import build_kernel
-from ...device.session import DeviceSession
-from ...structs import CELL_PIXELS, SHADINGS
-from ...trace.traced_tree import TracedTree
-from ..frame import Band
-from ..view_entry_points import AT_THE_ROOT, ViewEntryPoints
-from ..world_arguments import world_arguments
+from ..device.program import build_kernel
+from ..device.session import DeviceSession
+from ..structs import CELL_PIXELS, SHADINGS
+from ..trace.rays.entry_points import find_entry_points
+from ..trace.traced_tree import TracedTree
+from .frame import Band
+
+# Those that a mesh without a scene, or a scene, has none of.
+_NONE: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
+
+
+def world_arguments(tree: TracedTree) -> dict[str, Any]:
+    """Return the arguments by their names."""
+    return _NONE | tree.arguments
+
+
+_KERNEL = "view_entry_points"
+
+# The arguments of rays that begin at the root.
+AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
+
+
+class ViewEntryPoints:
+    """Finds the entry points of a camera's rays.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : DeviceTree or DeviceScene
+    tile : (int, int)
+        Columns and rows of the work-groups that cast the rays.
+    margin : float
+        Pixels around the centre of each pixel in which its rays are.
+    """
+
+    def __init__(self, session: DeviceSession, tree: TracedTree, tile: tuple[int, int], margin: float) -> None:
+        self._tree, self._tile, self._margin = tree, tile, np.float32(margin)
+        self._kernel = build_kernel(session, _KERNEL, tree.defines) if tree.has_entry_points else None
+
+    def find(self, band: Band) -> dict[str, Any]:
+        """Return the arguments of kernels that say where the rays of a band begin, by their names."""
+        if self._kernel is None:
+            return AT_THE_ROOT
+        has_instances = self._tree.has_instances
+        others = {} if has_instances else {"top_nodes": None, "instances": None, "tiles": None}
+        starts = find_entry_points(
+            band.session, self._tree, self._kernel, band.memory.buffer("entry points", for_mapping=False),
+            (band.width, band.row_count), self._tile, margin=self._margin,
+            tile_buffer=band.memory.buffer("tiles", for_mapping=False) if has_instances else None,
+            **others, **band.rows,
+        )  # fmt: skip
+        return AT_THE_ROOT | starts
+
+
+class OneRayPainter:
+    """Casts one ray for each pixel, and colours what it hits; see cl/kernels/render.cl.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : DeviceTree or DeviceScene
+    tile : (int, int), optional
+        Columns and rows of a work-group; by default those of the device's settings.
+    colours : (n, 3) float, optional
+        Linear colours of the instances; NaN, and by default: that of the view.
+    has_cut : bool
+        Whether the views have a cut.
+    has_wireframe : bool
+        Whether they have lines.
+
+    Raises
+    ------
+    KernelBuildError
+        The device's compiler refuses the kernel.
+    """
+
+    def __init__(
+        self,
+        session: DeviceSession,
+        tree: TracedTree,
+        tile: tuple[int, int] | None = None,
+        colours: NDArray[np.floating] | None = None,
+        *,
+        has_cut: bool = False,
+        has_wireframe: bool = False,
+    ) -> None:
+        own = np.full((1, 3), np.nan) if colours is None else colours
+        has_own = ~np.isnan(own).any(axis=1, keepdims=True)
+        rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
+        self._arguments = world_arguments(tree) | {"instance_colours": session.upload(rows)}
+        self._tile = tile or session.settings.tile
+        self._kernel = build_kernel(
+            session, "render", {**tree.defines, "HAS_CUT": int(has_cut), "HAS_WIREFRAME": int(has_wireframe)}
+        )
+        self._entry_points = ViewEntryPoints(session, tree, self._tile, 0.0)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of the largest buffer for each pixel, beside those of the band."""
+        return 0
+
+    def paint(self, band: Band) -> None:
+        """Fill the colours and the hits of a band."""
+        band.session.run(
+            self._kernel, (band.width, band.row_count), self._tile, **self._arguments, **self._entry_points.find(band),
+            **band.rows, colours=band.colours, hits=band.hits,
+        )  # fmt: skip
+
 
 # The kernel that makes colours of the film; it knows no tree.
 DEVELOP = "develop"

@@ -1,9 +1,10 @@
-"""Images as PNG or PPM files, one for each channel: numbers of 16 bits, with the scale beside them."""
+"""Files of images: one EXR or a PNG or PPM for each channel, checked before the work begins; JSON files of cameras."""
 
 from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterable, Mapping
 from numbers import Real
 from pathlib import Path
@@ -12,12 +13,67 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError
+from ...errors import ConfigError, SceneError
 from ...geometry.appearance.srgb import linear_to_srgb
-from ...support.atomic_file import check_target, write_atomically
+from ...support.atomic_file import as_path, check_target, write_atomically
+from ...support.regular_file import read_errors_as, read_regular
+from ..camera import Camera
+from ..film.hdr_files import import_openexr, write_exr
 from ..formats.png import encode_png
 from ..formats.ppm import encode_ppm
 from .channels import CHANNELS
+
+IMAGES_SUFFIXES = (".exr", ".npz", ".png", ".ppm")
+
+# One file for each channel.
+FILES_SUFFIXES = (".png", ".ppm")
+
+
+def check_images_path(path: str | os.PathLike[str], channels: Iterable[str] = ()) -> Path:
+    """Return the path of images; raise `ConfigError` unless these channels can be written there."""
+    target = as_path(path)
+    suffix = target.suffix.lower()
+    if suffix not in IMAGES_SUFFIXES:
+        raise ConfigError(f"{target}: the name of images must end in {', '.join(IMAGES_SUFFIXES)}")
+    names = tuple(channels)
+    if suffix in FILES_SUFFIXES:
+        check_file_targets(target, names)
+        return target
+    check_target(target)
+    if suffix == ".exr":
+        import_openexr()
+        if names:
+            list_exr_channels(names)
+    return target
+
+
+def list_exr_channels(channels: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the EXR channels of each channel that has some; raise `ConfigError` if none has."""
+    names = {channel: CHANNELS[channel].exr_names for channel in channels if CHANNELS[channel].exr_names}
+    if not names:
+        raise ConfigError("an EXR file has no 8-bit colours: ask for the channel colour in place of rgb")
+    return names
+
+
+def write_images_exr(path: Path, arrays: Mapping[str, NDArray[Any]], facts: Mapping[str, NDArray[Any]]) -> None:
+    """Write an EXR file.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of channels to arrays
+    facts : mapping of str to array
+        Camera and names; they become attributes in JSON.
+    """
+    parts: dict[str, NDArray[Any]] = {}
+    for channel, names in list_exr_channels(arrays).items():
+        array = arrays[channel]
+        # The same 32 bits: -1 becomes the largest number.
+        array = array.view(np.uint32) if array.dtype == np.int32 else array.astype(np.float32, copy=False)
+        parts.update(zip(names, np.moveaxis(array.reshape(*array.shape[:2], -1), 2, 0), strict=True))
+    attributes = {name: json.dumps(values.tolist()) for name, values in facts.items()}
+    write_atomically(path, lambda file: write_exr(file, parts, attributes))
+
 
 _MOST_BYTE, _MOST, _MOST_COLOUR = 255, 2**16 - 1, 2**24 - 1
 
@@ -173,3 +229,44 @@ def _show_facts(facts: Mapping[str, Any]) -> str:
 
 def _file_of(path: Path, channel: str) -> Path:
     return path.with_name(f"{path.stem}-{channel}{path.suffix.lower()}")
+
+
+_NEEDED = ("intrinsics", "camera_to_world", "size")
+_OPTIONAL = ("convention", "pixel_centres")
+
+_MOST_BYTES = 1 << 26
+
+
+def read_camera(path: str | os.PathLike[str]) -> Camera:
+    """Return the camera of a JSON file.
+
+    Parameters
+    ----------
+    path : str or path
+        An object with `intrinsics` (3, 3), `camera_to_world` (4, 4), `size` (width, height) and, if needed,
+        `convention` and `pixel_centres`: the arguments of `Camera.from_intrinsics`. Other keys are left alone.
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read, or it describes no camera.
+    """
+    with read_errors_as(SceneError, path):
+        content = read_regular(Path(path), max_bytes=_MOST_BYTES)
+    try:
+        facts = json.loads(content)
+    except ValueError as error:
+        raise SceneError(f"{path}: this is no JSON file: {error}") from error
+    if not isinstance(facts, dict):
+        raise SceneError(f"{path}: a camera file holds an object with {', '.join(_NEEDED)}")
+    if missing := [key for key in _NEEDED if key not in facts]:
+        raise SceneError(f"{path}: a camera file needs {', '.join(_NEEDED)}, and here is no {missing[0]}")
+    try:
+        return Camera.from_intrinsics(
+            facts["intrinsics"],
+            facts["camera_to_world"],
+            facts["size"],
+            **{key: facts[key] for key in _OPTIONAL if key in facts},
+        )
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from error

@@ -1,0 +1,152 @@
+"""The handles that users hold, a geometry and its instance in a scene, and the checks of what they are placed with.
+
+Owns nothing: the scene's store does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from numbers import Integral
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SceneError
+from ..geometry.appearance.material import Material
+from ..geometry.shape import Shape
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Geometry:
+    """A shape that a scene holds; `Scene.add` makes it, and `Scene.place` places it.
+
+    Attributes
+    ----------
+    id : int
+        Its number in the scene, from 0 in the order of adding: the `geometry_id` of hits.
+    name : str
+        Unique among the geometries of the scene.
+    shape : Mesh or Spheres
+        In its own coordinates, those of the file.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> scene = clbvh.Scene()
+    >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320))
+    >>> ball
+    Geometry(0, 'icosphere', Mesh('icosphere', vertices=162, faces=320))
+    """
+
+    id: int
+    name: str
+    shape: Shape
+    owner: Any = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"Geometry({self.id}, {self.name!r}, {self.shape!r})"
+
+
+# Bits of a mask. A ray sees the instances whose mask shares a bit with its own.
+MASK_BITS = 32
+ALL_BITS = 2**MASK_BITS - 1
+
+Colour: TypeAlias = tuple[float, float, float]
+"""Linear red, green and blue, 0 to 1."""
+
+
+def colour_of_row(row: NDArray[np.float64]) -> Colour | None:
+    """Return the colour of a row of `SceneState.colours`; None for NaN."""
+    return None if np.isnan(row).any() else (float(row[0]), float(row[1]), float(row[2]))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Instance:
+    """A geometry at a position in a scene; `Scene.place` makes it.
+
+    Attributes
+    ----------
+    id : int
+        Its number in the scene, from 0 in the order of placing: the `instance_id` of hits.
+    name : str
+        Unique among the instances of the scene.
+    geometry : Geometry
+    mask : int, 0 to 2^32 - 1
+        A ray sees the instance if its own mask shares a bit with this one.
+    colour : (3,) float, or None
+        Linear colour in pictures; None: that of the picture's surfaces.
+    material : Material, or None
+        Of all its primitives; None: those of the geometry.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> scene = clbvh.Scene()
+    >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320), name="ball")
+    >>> left, right = scene.place(ball), scene.place(ball, clbvh.Transform(translate=(5, 0, 0)))
+    >>> left
+    Instance(0, 'ball', of='ball')
+    >>> right.id, right.name, right.geometry is ball
+    (1, 'ball 2', True)
+    """
+
+    id: int
+    name: str
+    geometry: Geometry
+    mask: int
+    colour: tuple[float, float, float] | None = None
+    material: Material | None = None
+
+    @property
+    def transform(self) -> NDArray[np.float64]:
+        """(4, 4) float64: from the geometry's coordinates to the scene's; a copy.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene()
+        >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.place(ball, clbvh.Transform(translate=(5, 0, 0))).transform[:3, 3]
+        array([5., 0., 0.])
+        """
+        return self.geometry.owner.transform(self.id)
+
+    def __repr__(self) -> str:
+        return f"Instance({self.id}, {self.name!r}, of={self.geometry.name!r})"
+
+
+_MAX_SHOWN = 60  # characters of a wrong value in a message
+
+
+def check_mask(mask: int) -> int:
+    """Return the mask of instances; raise `SceneError` unless it is one."""
+    if isinstance(mask, bool) or not isinstance(mask, Integral) or not 0 <= mask <= ALL_BITS:
+        raise SceneError(f"a mask must be a whole number from 0 to 2^32 - 1, not {shorten(mask)}")
+    return int(mask)
+
+
+def check_colour(colour: ArrayLike | None) -> Colour | None:
+    """Return the colour of instances, if there is one; raise `SceneError` unless it is a colour."""
+    if colour is None:
+        return None
+    try:
+        array = np.asarray(colour)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0)
+    if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise SceneError(f"a colour must be three finite numbers: linear red, green and blue, not {shorten(colour)}")
+    return float(array[0]), float(array[1]), float(array[2])
+
+
+def check_material(material: Any) -> Material | None:
+    """Return the material of instances, if there is one; raise `SceneError` unless it is a material."""
+    if material is not None and not isinstance(material, Material):
+        raise SceneError(f"a material must be a clbvh.Material, not {shorten(material)}")
+    return material
+
+
+def shorten(value: object) -> str:
+    """Return a wrong value as a message quotes it."""
+    text = repr(value)
+    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}..."
