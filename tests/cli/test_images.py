@@ -9,6 +9,7 @@ import pytest
 
 import clbvh
 from clbvh.cli.images import DEFAULT_CHANNELS
+from clbvh.rendering import settings
 from clbvh.rendering.images import channels
 from clbvh.rendering.images.images import Images
 
@@ -115,7 +116,7 @@ def test_a_wrong_file_is_found_before_the_work(mesh, tmp_path):
 
 
 def test_the_defaults_and_the_channels_of_the_help_are_those_of_the_package():
-    assert tuple(DEFAULT_CHANNELS.split(",")) == channels.DEFAULT_CHANNELS
+    assert tuple(DEFAULT_CHANNELS.split(",")) == settings.DEFAULT_CHANNELS
     help_text = " ".join(run_clbvh("images", "--help").stdout.replace("\u2502", " ").split())
     for name in channels.CHANNELS:
         assert name in help_text
