@@ -337,7 +337,7 @@ class Camera:
                [0, 1, 1, 0]])
         """
         width, height = self.size_for(width, height)
-        seen = self.ray_model(width, height).sees(*pixel_centres_of(width, height, range(height)))
+        seen = self._ray_model(width, height).sees(*pixel_centres_of(width, height, range(height)))
         return np.array(np.broadcast_to(seen, (height, width)))
 
     def project(
@@ -377,7 +377,7 @@ class Camera:
         width, height = self.size_for(width, height)
         seen = read_points("the points that a camera projects", points, 3) - np.asarray(self.eye, np.float64)
         x, y, z = (seen @ axis for axis in self.axes())
-        film_x, film_y = self.ray_model(width, height).film(x, y, z)
+        film_x, film_y = self._ray_model(width, height).film(x, y, z)
         return np.stack(((film_x + 1) * (width / 2), (1 - film_y) * (height / 2)), axis=-1), z
 
     def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
@@ -473,15 +473,15 @@ class Camera:
         check_size(width, height)
         return int(width), int(height)
 
-    def ray_model(self, width: int, height: int) -> RayModel:
-        """Return how points of a picture of this size become rays; for the package itself."""
+    def _ray_model(self, width: int, height: int) -> RayModel:
+        """Return how points of a picture of this size become rays."""
         return find_ray_model(self.projection, self.lens, self.fov, width, height)
 
     def _make_rays(
         self, width: int, height: int, film_x: NDArray[np.float64], film_y: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         eye = np.asarray(self.eye, np.float64)
-        return make_rays(self.axes(), eye, self.ray_model(width, height), film_x, film_y)
+        return make_rays(self.axes(), eye, self._ray_model(width, height), film_x, film_y)
 
     def _lens_for(self, width: int, height: int) -> Lens:
         """Return the intrinsics of a picture of this size."""

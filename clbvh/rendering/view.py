@@ -13,7 +13,7 @@ from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
 from .camera import Camera
-from .camera_rays import FisheyeModel, ParallelModel, PinholeModel
+from .camera_rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
 from .cut import Cut
 from .lens import window_of
 from .projection import Fisheye, Panorama, name_of
@@ -193,7 +193,7 @@ def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width:
     SceneError
         A length is too large for float32, or the aspect ratio is not that of the camera's lens.
     """
-    model = camera.ray_model(width, height)
+    model = find_ray_model(camera.projection, camera.lens, camera.fov, width, height)
     right, up, middle = axes = camera.axes()
     kind = name_of(camera.projection)
     match model:
