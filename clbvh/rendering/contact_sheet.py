@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .image_files import encode_picture, write_picture
+from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
 from .picture import Picture
-from .pixel_font import FONT_ROWS, GAP, GROUND, INK, TIMES, draw_text, width_of
 from .pose import STANDARD_VIEWS
 from .renderer import Renderer
 from .subjects import RenderOptions
@@ -160,7 +159,7 @@ def _describe(view: str, size: tuple[float, float]) -> list[str]:
 
 
 def _join(lengths: tuple[float, ...]) -> str:
-    return f" {TIMES} ".join(map(_short, lengths))
+    return " x ".join(map(_short, lengths))
 
 
 def _short(length: float) -> str:
@@ -170,7 +169,7 @@ def _short(length: float) -> str:
 def _caption(rgb: NDArray[np.uint8], texts: list[str]) -> NDArray[np.uint8]:
     """Return a view with the first of the texts that fits below it."""
     width, scale = rgb.shape[1], _scale_of(rgb.shape[1])
-    strip = np.empty(((FONT_ROWS + 4 * GAP) * scale, width, 3), np.uint8)
+    strip = np.empty(((TEXT_ROWS + 4 * GAP) * scale, width, 3), np.uint8)
     strip[:] = GROUND
     text = next((text for text in texts if width_of(text, scale) <= width), texts[-1])
     draw_text(strip, text, 2 * GAP * scale, width // 2, scale)
@@ -192,7 +191,7 @@ def _draw_panel(
     (across, high), (deep, _) = sizes["front"], sizes["right"]
     # The name of a scene of several objects is their number.
     lines = [*dict.fromkeys((picture.name, _count(picture))), _join((across, high, deep))]
-    step = (FONT_ROWS + 5 * GAP) * scale
+    step = (TEXT_ROWS + 5 * GAP) * scale
     length = _round_down(_RULER_SHARE * width * pixel_size)
     top = max(0, (height - (len(lines) + 2) * step) // 2)
     for number, line in enumerate([*lines, _short(length)]):
@@ -218,7 +217,7 @@ def _count(picture: Picture) -> str:
 
 def _fit(text: str, width: int, scale: int) -> str:
     """Return the beginning of a text that fits."""
-    return text[: max(1, width // width_of("x", scale))]
+    return next((text[:end] for end in range(len(text), 1, -1) if width_of(text[:end], scale) <= width), text[:1])
 
 
 def _round_down(length: float) -> float:

@@ -18,7 +18,7 @@ from ..support.host_threads import HostThreads
 from ..trace.oracle.visits import HostTraversal, Visits, count_visits
 from ..trace.scene.visits import SceneTraversal, SceneVisits
 from .camera import Camera
-from .pixel_font import FONT_COLUMNS, FONT_ROWS, GAP, GROUND, draw_text
+from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
 from .subjects import SceneObjects
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
@@ -121,10 +121,10 @@ def _colour_of(shares: NDArray[np.float64]) -> NDArray[np.uint8]:
 def _draw_bar(width: int, highest: int, title: str) -> NDArray[np.uint8]:
     """Return a colour bar with a title above and numbers below."""
     scale = max(1, width // 400)
-    text_rows = (FONT_ROWS + 2 * GAP) * scale
+    text_rows = (TEXT_ROWS + 2 * GAP) * scale
     bar = np.empty((4 * text_rows, width, 3), np.uint8)
     bar[:] = GROUND
-    margin = min(4 * FONT_COLUMNS * scale, width // 4)
+    margin = min(20 * scale, width // 4)
     length = max(1, width - 2 * margin)
     bar[2 * text_rows : 3 * text_rows - GAP * scale, margin : margin + length] = _colour_of(
         np.linspace(0, 1, length)[None]

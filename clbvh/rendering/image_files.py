@@ -1,10 +1,13 @@
-"""Files of pictures and of hits, written completely or not at all."""
+"""Files of pictures and of hits, written completely or not at all, and text in pictures: by imageio and Pillow."""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +15,22 @@ from numpy.typing import NDArray
 from ..errors import ConfigError
 from ..support.atomic_file import as_path, check_target, write_atomically
 from ..trace.hits.hits import Hits
-from .formats.png import encode_png
-from .formats.ppm import encode_ppm
 
 PICTURE_SUFFIXES = (".ppm", ".png")
 HITS_SUFFIX = ".npz"
 
 _CHANNELS_WITH_ALPHA = 4
+
+# Of zlib. For 3840 x 2160 pixels, level 6 takes five times as long and saves a tenth of the bytes.
+_PNG_LEVEL = 1
+
+# Rows of a capital letter, and of the gaps around it, at the scale 1; the size of such a font.
+TEXT_ROWS, GAP = 7, 1
+_FONT_SIZE = 10
+
+# sRGB, of letters and of what is behind them.
+INK = (235, 238, 242)
+GROUND = (20, 24, 29)
 
 
 def check_picture_path(path: Path) -> None:
@@ -71,7 +83,41 @@ def encode_picture(rgb: NDArray[np.uint8], suffix: str) -> bytes:
     suffix : str
         One of `PICTURE_SUFFIXES`.
     """
-    return encode_ppm(rgb) if suffix == ".ppm" else encode_png(rgb)
+    if suffix == ".ppm":
+        return encode_ppm(rgb)
+    import imageio.v3  # here, because it takes 60 ms and pictures need not be files
+
+    return imageio.v3.imwrite("<bytes>", rgb, plugin="pillow", extension=".png", compress_level=_PNG_LEVEL)
+
+
+def encode_ppm(pixels: NDArray[Any]) -> bytes:
+    """Return the bytes of a PPM file, (height, width, 3) uint8 or uint16, or of a PGM file, (height, width)."""
+    kind, most = "P5" if pixels.ndim == 2 else "P6", np.iinfo(pixels.dtype).max
+    head = f"{kind}\n{pixels.shape[1]} {pixels.shape[0]}\n{most}\n".encode()
+    # The high byte comes first.
+    return head + pixels.astype(pixels.dtype.newbyteorder(">"), copy=False).tobytes()
+
+
+def draw_text(pixels: NDArray[np.uint8], text: str, top: int, middle: int, scale: int) -> None:
+    """Draw text into (height, width, 3) pixels, centred at a column; what does not fit is cut off at its end."""
+    from PIL import Image, ImageDraw
+
+    image = Image.fromarray(pixels)
+    place = max(0, middle - width_of(text, scale) // 2), top + TEXT_ROWS * scale
+    ImageDraw.Draw(image).text(place, text, fill=INK, font=_load_font(scale), anchor="ls")
+    pixels[:] = np.asarray(image)
+
+
+def width_of(text: str, scale: int) -> int:
+    """Return the pixels that a text takes."""
+    return math.ceil(_load_font(scale).getlength(text))
+
+
+@cache
+def _load_font(scale: int) -> Any:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(_FONT_SIZE * scale)
 
 
 def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_names: Sequence[str]) -> None:

@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
+from functools import partial
 from numbers import Integral, Real
 from pathlib import Path
 from types import ModuleType
@@ -121,7 +122,7 @@ def render_turntable(
     ...     Path(folder, "ball.gif").is_file()
     True
     """
-    check_animation(path, frames_per_s)
+    target = check_animation(path, frames_per_s)
     check_frame_count(frames)
     # A tree is not built again; its scene has the default settings.
     opaque = source if isinstance(source, Bvh) else as_scene(source).with_changes(transparent=False)
@@ -137,7 +138,7 @@ def render_turntable(
                 yield renderer.render(camera=camera, shading=shading, samples=samples, **size).rgb
                 on_frame(number + 1, frames)
 
-        write_animation(path, draw_frames(), frames_per_s)
+        write_animation(target, draw_frames(), frames_per_s)
 
 
 def check_frame_count(frames: int) -> None:
@@ -149,69 +150,26 @@ def check_frame_count(frames: int) -> None:
 def check_animation(path: str | os.PathLike[str], frames_per_s: float) -> Path:
     """Return the path; raise `ConfigError` unless an animation can be written; for checks before the work begins."""
     path = as_path(path)
-    check_animation_path(path)
-    if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
-        raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")
-    return path
-
-
-def check_animation_path(path: Path) -> None:
-    """Raise `ConfigError` unless an animation can be written there; see `check_animation`."""
     suffix = path.suffix.lower()
     if suffix not in ANIMATION_SUFFIXES:
         raise ConfigError(f"{path}: the name of an animation must end in {' or '.join(ANIMATION_SUFFIXES)}")
     check_target(path)
     if suffix == ".mp4":
         _import_ffmpeg()
+    if isinstance(frames_per_s, bool) or not isinstance(frames_per_s, Real) or not 0 < frames_per_s <= _MOST_FRAME_RATE:
+        raise ConfigError(f"frames_per_s must be above 0 and at most {_MOST_FRAME_RATE:g}, not {frames_per_s!r}")
+    return path
 
 
-def write_animation(
-    path: str | os.PathLike[str], frames: Iterable[_Frame], frames_per_s: float = DEFAULT_FRAME_RATE
-) -> None:
-    """Write an animation as GIF, which repeats for ever, or MP4 (H.264), by the suffix of the name.
+def write_animation(path: Path, frames: Iterable[_Frame], frames_per_s: float = DEFAULT_FRAME_RATE) -> None:
+    """Write frames, (height, width, 3) uint8 of one size, to a path that `check_animation` has accepted.
 
-    The file appears when it is complete: an error in between, or Ctrl-C, leaves nothing behind.
-
-    Parameters
-    ----------
-    path : str or path
-    frames : iterable of (height, width, 3) uint8
-        All of one size; at least one. They are taken one at a time.
-    frames_per_s : float
-        GIF takes the nearest whole number of 1/100 s for a frame, at least 2.
-
-    Raises
-    ------
-    ConfigError
-        Another suffix, no frames, frames of another shape, a file that cannot be written, or an MP4 file and
-        imageio-ffmpeg is not installed.
-
-    Notes
-    -----
-    A frame of a GIF has 256 colours. H.264 has colours of 2 x 2 pixels, so the last column and the last row are
-    repeated where a side is odd.
+    The file appears when it is complete: an error in between, or Ctrl-C, leaves nothing behind. A frame of a GIF has
+    256 colours. H.264 has colours of 2 x 2 pixels, so the last column and the last row are repeated where a side is
+    odd.
     """
-    path = check_animation(path, frames_per_s)
-    checked, rate = _check_frames(frames), float(frames_per_s)
-    if path.suffix.lower() == ".gif":
-        write_atomically(path, lambda file: _write_gif(file, checked, rate))
-    else:
-        write_atomically(path, lambda file: _write_mp4(file, checked, rate, path.resolve().parent))
-
-
-def _check_frames(frames: Iterable[_Frame]) -> Iterator[_Frame]:
-    """Yield the frames; raise `ConfigError` for one that is no picture or has another size than the first."""
-    shape = None
-    for number, frame in enumerate(frames):
-        shape = frame.shape if shape is None else shape
-        if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3 or frame.shape != shape or not frame.size:
-            raise ConfigError(
-                f"the frames of an animation are uint8 of one shape (height, width, 3), but frame {number} is "
-                f"{frame.dtype} of the shape {frame.shape}, and the first one has {shape}"
-            )
-        yield np.ascontiguousarray(frame)
-    if shape is None:
-        raise ConfigError("an animation has at least one frame")
+    write = _write_gif if path.suffix.lower() == ".gif" else partial(_write_mp4, parent=path.resolve().parent)
+    write_atomically(path, lambda file: write(file, iter(frames), float(frames_per_s)))
 
 
 def _write_gif(file: BinaryIO, frames: Iterator[_Frame], frames_per_s: float) -> None:

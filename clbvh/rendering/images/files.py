@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import struct
+import zlib
 from collections.abc import Iterable, Mapping
 from numbers import Real
 from pathlib import Path
@@ -19,8 +21,7 @@ from ...support.atomic_file import as_path, check_target, write_atomically
 from ...support.regular_file import read_errors_as, read_regular
 from ..camera import Camera
 from ..film.hdr_files import import_openexr, write_exr
-from ..formats.png import encode_png
-from ..formats.ppm import encode_ppm
+from ..image_files import encode_ppm
 from .channels import CHANNELS
 
 IMAGES_SUFFIXES = (".exr", ".npz", ".png", ".ppm")
@@ -81,6 +82,9 @@ _MOST_BYTE, _MOST, _MOST_COLOUR = 255, 2**16 - 1, 2**24 - 1
 _DIRECTION_SCALE = 32767
 
 _NOTE = "clbvh"
+
+# Each row as its difference to the row above.
+_PNG_UP_FILTER = 2
 
 
 class Coded(NamedTuple):
@@ -143,7 +147,7 @@ def write_image_files(
         if target.suffix == ".ppm":
             files[target] = encode_ppm(coded.pixels)
         else:
-            files[target] = encode_png(coded.pixels, {_NOTE: json.dumps({"channel": channel, **notes[channel]})})
+            files[target] = _encode_png(coded.pixels, json.dumps({"channel": channel, **notes[channel]}))
     described = {name: values.tolist() for name, values in facts.items()}
     files[path.with_suffix(".json")] = _show_facts({**described, "channels": notes}).encode()
     for target, content in files.items():
@@ -170,6 +174,25 @@ def encode_channel(channel: str, array: NDArray[Any], depth_scale: float | None 
     if kind == "distance" and (not len(values) or values.min() > 0):
         return _encode_distances(channel, array, float(values.max(initial=0.0)), depth_scale)
     return _encode_vectors(array, is_known, values)
+
+
+def _encode_png(pixels: NDArray[Any], note: str) -> bytes:
+    """Return a PNG file of grey or colours with a note in ASCII; written here, as Pillow has no colours of 16 bits."""
+    height, width = pixels.shape[:2]
+    rows = np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder(">"))).view(np.uint8).reshape(height, -1)
+    filtered = np.full((height, 1 + rows.shape[1]), _PNG_UP_FILTER, np.uint8)
+    filtered[:, 1:] = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))
+    colour_type = 0 if pixels.ndim == 2 else 2
+    chunks = {
+        b"IHDR": struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, colour_type, 0, 0, 0),
+        b"tEXt": f"{_NOTE}\0{note}".encode(),
+        b"IDAT": zlib.compress(filtered.data, level=1),
+        b"IEND": b"",
+    }
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks.items()
+    )
 
 
 def _encode_ids(channel: str, ids: NDArray[np.int32]) -> Coded:

@@ -8,8 +8,7 @@ import pytest
 from clbvh import Camera, Fisheye, build, make_shape
 from clbvh.errors import ConfigError
 from clbvh.rendering.framing import frame_mesh
-from clbvh.rendering.heat_map import QUANTITIES, _colour_of, count_picture, draw_heat_map, draw_heat_map_of
-from clbvh.rendering.pixel_font import FONT
+from clbvh.rendering.heat_map import _colour_of, count_picture, draw_heat_map, draw_heat_map_of
 from clbvh.trace.oracle.visits import count_visits
 
 
@@ -53,11 +52,6 @@ def test_a_few_bright_pixels_do_not_darken_the_others():
 @pytest.mark.parametrize("width", [1, 5, 33, 800, 3840])
 def test_pictures_of_any_width(width):
     assert draw_heat_map(np.ones((2, width), int), "nodes").shape[1] == width
-
-
-def test_every_sign_of_the_titles_is_in_the_font():
-    assert set("".join(QUANTITIES.values()) + " PER RAY0123456789") <= FONT.keys()
-    assert all(len(rows) == 7 and max(rows) < 32 for rows in FONT.values())
 
 
 def test_an_unknown_quantity_is_refused():

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 import sys
+import zlib
 
 import numpy as np
 import pytest
@@ -16,11 +18,33 @@ from clbvh.rendering.images.channels import CHANNELS
 from clbvh.rendering.images.files import check_images_path, encode_channel, read_camera
 from clbvh.rendering.images.images import Images
 
-from ..formats.test_png import decode
-
 HEIGHT, WIDTH = 5, 7
 CAMERA = Camera(eye=(1, 2, 3), look_at=(0, 0, 0))
 MISSES = np.arange(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH) % 4 == 0
+
+
+def read_chunks(data):
+    """Yield the kind and the content of each chunk; the check sums are compared."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at = 8
+    while at < len(data):
+        length, kind = struct.unpack(">I4s", data[at : at + 8])
+        content = data[at + 8 : at + 8 + length]
+        assert struct.unpack(">I", data[at + 8 + length : at + 12 + length])[0] == zlib.crc32(kind + content)
+        yield kind, content
+        at += 12 + length
+
+
+def decode(data):
+    """Return the pixels of a file that uses the filter of the row above alone, (height, width, channels)."""
+    chunks = dict(read_chunks(data))
+    width, height, bits, colour_type, *others = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
+    assert others == [0, 0, 0]
+    channel_count = {0: 1, 4: 2, 2: 3, 6: 4}[colour_type]
+    rows = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, -1)
+    assert (rows[:, 0] == 2).all()
+    plain = np.cumsum(rows[:, 1:], axis=0, dtype=np.uint8)
+    return plain.reshape(-1).view(f">u{bits // 8}").reshape(height, width, channel_count)
 
 
 def make_arrays(seed=0):
