@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ..bvh import Bvh
 from ..geometry import Mesh, MeshLike, Shape, Spheres, as_mesh
-from ..geometry.sphere_boxes import mesh_of
+from ..geometry.box_mesh import mesh_of
 from .options import BuildOptions
 from .registry import DEFAULT_BUILDER, find_builder
 from .subtree_pool import SubtreePool

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from ..geometry.shapes.icosphere import make_icosphere
+from ..geometry.shapes.solids import make_icosphere
 from ..trace.rays.ray_rows import RayRows
 
 # Rays or points of each kind, see `make_rays` and `make_points`.

@@ -1,6 +1,9 @@
-"""Makes a `Mesh` of anything that describes one: an object, a path, or two arrays.
+"""A `Mesh` of anything that describes one: an object such as a `trimesh.Trimesh`, a path, or two arrays.
 
-Owns the list of accepted types. Must not know what is done with the mesh.
+Owns the list of accepted types, and the looks of trimesh's objects: colours of vertices or faces, or texture
+coordinates with a material. Colours are sRGB, but for the factors of a `PBRMaterial`, which are linear as in glTF
+files. Normals are not taken: those that trimesh has read cannot be told from those that it has computed, which smooth
+over every edge.
 """
 
 from __future__ import annotations
@@ -9,12 +12,135 @@ import dataclasses
 import os
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
+from .appearance.appearance import Appearance
+from .appearance.material import OPAQUE, Material, Texture
+from .appearance.srgb import srgb_to_linear
+from .loading.file_mesh import Problems, finish_looks, spread_colours, spread_uvs
 from .loading.load import load_mesh
 from .mesh import Mesh
-from .trimesh_looks import read_trimesh_looks
+
+_MAX_BYTE = 255
+
+
+def read_trimesh_looks(mesh: Any, faces: NDArray[np.integer], name: str) -> Appearance | None:
+    """Return the looks of an object's triangles, None if it says nothing of them.
+
+    Looks that cannot be used become one `AppearanceWarning`.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+        Or anything else; what it has in `visual` is read.
+    faces : (F, 3) int
+        The triangles, checked.
+    name : str
+        Of the object, for the warning.
+    """
+    visual: Any = getattr(mesh, "visual", None)
+    kind = getattr(visual, "kind", None)
+    if kind is None:
+        return None
+    problems = Problems()
+    looks: dict[str, NDArray] = {}
+    materials: list[Material] = []
+    with problems.drop("the colours"):
+        if kind == "vertex":
+            looks["colours"] = spread_colours(_as_colours(visual.vertex_colors), faces)
+        elif kind == "face":
+            colours = _as_colours(visual.face_colors)
+            if len(colours) != len(faces):
+                raise MeshError(f"there are {len(colours):,} for {len(faces):,} faces")
+            looks["colours"] = spread_colours(colours, np.repeat(np.arange(len(faces))[:, None], 3, axis=1))
+    if kind == "texture":
+        if getattr(visual, "uv", None) is not None:
+            with problems.drop("the texture coordinates"):
+                looks["uvs"] = spread_uvs(np.asarray(visual.uv, np.float64)[:, :2], faces)
+        with problems.drop("the material"):
+            several = list(getattr(visual.material, "materials", None) or [])
+            if several and visual.face_materials is not None:
+                ids = np.asarray(visual.face_materials).astype(np.int32)
+                if len(ids) != len(faces) or not 0 <= ids.min() <= ids.max() < len(several):
+                    raise MeshError("its numbers do not fit the faces")
+                looks["material_ids"] = ids
+            textures: dict[tuple[int, bool, bool], Texture] = {}
+            materials = [_make_material(one, textures) for one in several or [visual.material]]
+    problems.warn(name)
+    return finish_looks(looks, materials)
+
+
+def _as_colours(values: Any) -> NDArray[np.uint8]:
+    colours = np.asarray(values)
+    if colours.dtype != np.uint8 or colours.ndim != 2 or colours.shape[1] not in (3, 4):
+        raise MeshError(f"they are {colours.dtype} of shape {colours.shape}, not uint8 of shape (n, 4)")
+    if colours.shape[1] == 3:
+        colours = np.column_stack((colours, np.full(len(colours), OPAQUE, np.uint8)))
+    return np.ascontiguousarray(colours)
+
+
+def _make_material(material: Any, textures: dict[tuple[int, bool, bool], Texture]) -> Material:
+    """Return a material of a `PBRMaterial`, or of a `SimpleMaterial`."""
+
+    def texture(image: Any, *, is_srgb: bool = True, is_opaque: bool = True) -> Texture | None:
+        if image is None:
+            return None
+        key = id(image), is_srgb, is_opaque
+        if key not in textures:
+            pixels = np.array(image.convert("RGBA"))
+            if is_opaque:
+                pixels[..., 3] = OPAQUE
+            textures[key] = Texture(str(getattr(material, "name", None) or "texture"), pixels, is_srgb)
+        return textures[key]
+
+    name = str(getattr(material, "name", None) or "")
+    if not hasattr(material, "baseColorFactor"):
+        diffuse = _as_shares(getattr(material, "diffuse", None), (1.0, 1.0, 1.0, 1.0))
+        red, green, blue = (float(value) for value in srgb_to_linear(diffuse[:3]))
+        gloss = max(0.0, float(getattr(material, "glossiness", None) or 0.0))
+        return Material(
+            name,
+            (red, green, blue),
+            alpha=diffuse[3],
+            roughness=(2 / (gloss + 2)) ** 0.25 if gloss > 0 else Material.roughness,  # as in MTL files
+            base_colour_texture=texture(getattr(material, "image", None), is_opaque=False),
+        )
+    factor = _as_shares(material.baseColorFactor, (1.0, 1.0, 1.0, 1.0))
+    light = _as_shares(getattr(material, "emissiveFactor", None), (0.0, 0.0, 0.0))
+    mode = getattr(material, "alphaMode", None) or "OPAQUE"
+    cutoff = getattr(material, "alphaCutoff", None)
+    return Material(
+        name,
+        (factor[0], factor[1], factor[2]),
+        alpha=1.0 if mode == "OPAQUE" else factor[3],
+        alpha_cutoff=None if mode != "MASK" else 0.5 if cutoff is None else float(cutoff),
+        metallic=_as_share(getattr(material, "metallicFactor", None)),
+        roughness=_as_share(getattr(material, "roughnessFactor", None)),
+        emission=(light[0], light[1], light[2]),
+        base_colour_texture=texture(getattr(material, "baseColorTexture", None), is_opaque=mode == "OPAQUE"),
+        metallic_roughness_texture=texture(getattr(material, "metallicRoughnessTexture", None), is_srgb=False),
+        emission_texture=texture(getattr(material, "emissiveTexture", None)),
+        normal_texture=texture(getattr(material, "normalTexture", None), is_srgb=False),
+    )
+
+
+def _as_shares(values: Any, default: tuple[float, ...]) -> list[float]:
+    """Return numbers from 0 to 1, as many as the default has; whole numbers are shares of 255."""
+    if values is None:
+        return list(default)
+    array = np.asarray(values)
+    shares = array / _MAX_BYTE if array.dtype.kind in "iu" and array.dtype.itemsize == 1 else array.astype(np.float64)
+    shares = np.append(shares, default[len(shares) :])
+    if len(shares) < len(default) or not np.isfinite(shares).all():
+        raise MeshError(f"it has the colour {values}")
+    return [float(share) for share in np.clip(shares, 0, 1)[: len(default)]]
+
+
+def _as_share(value: Any) -> float:
+    return 1.0 if value is None else min(1.0, max(0.0, float(value)))
+
 
 _MAX_SHOWN = 60  # characters of a wrong value in a message
 

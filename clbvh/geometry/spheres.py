@@ -1,26 +1,27 @@
 """Spheres in memory, checked, and once more in the local coordinates that trees and devices use.
 
-Owns the checks of centres and radii. Must not know of files or trees.
+Owns the checks of centres and radii, and `Shape`: a mesh or spheres. Must not know of files or trees.
 """
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
 from ..support.memory import check_memory
-from .appearance.appearance import Appearance, check_fit
+from .appearance.appearance import Appearance, check_fit, make_unchecked
 from .appearance.material import Material
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
-from .mesh import MAX_FACE_COUNT
+from .mesh import MAX_FACE_COUNT, Mesh
 
 # Centre and radius in the user's coordinates and in local ones.
 _BYTES_PER_SPHERE = 48
@@ -277,3 +278,41 @@ def _find_frame(
         half = max(float(np.max(upper / 2 - lower / 2)), float(radii.max()))
         # Far from zero, float64 may round the sides of the box away.
         return find_frame(lower, upper, name, subject="the group of spheres is", least_half=half * _ROOM)
+
+
+Shape: TypeAlias = Mesh | Spheres
+"""The shape of a geometry: a triangle mesh, or spheres. Both have `prim_count`, `origin`, `scale` and `fingerprint`."""
+
+
+_Shape = TypeVar("_Shape", Mesh, Spheres)
+
+
+def with_material(shape: _Shape, material: Material) -> _Shape:
+    """Return a shape all of whose primitives have one material.
+
+    Parameters
+    ----------
+    shape : Mesh or Spheres
+        Its normals and texture coordinates are kept; its colours and materials are not.
+    material : Material
+
+    Returns
+    -------
+    Mesh or Spheres
+        Shares all arrays with the given one.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from clbvh.geometry.spheres import with_material
+    >>> ball = clbvh.make_shape("icosphere", triangles=320)
+    >>> with_material(ball, clbvh.Material(metallic=1.0)).appearance
+    Appearance(materials=1)
+    """
+    looks = shape.appearance
+    normals, uvs = (None, None) if looks is None else (looks.normals, looks.uvs)
+    # Neither by a constructor, which would copy the arrays and check them again.
+    dressed = copy.copy(shape)
+    appearance = make_unchecked(normals=normals, uvs=uvs, colours=None, materials=(material,), material_ids=None)
+    object.__setattr__(dressed, "appearance", appearance)
+    return dressed

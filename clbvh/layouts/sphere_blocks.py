@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Spheres
-from ..geometry.sphere_boxes import bound_sphere, sphere_reach
+from ..geometry.box_mesh import bound_sphere, sphere_reach
 from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS
 from ..support.compiled import compiled
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh, Spheres
-from ..geometry.shape import Shape
+from ..geometry.spheres import Shape
 from ..geometry.spikes import LEAST_GAP as SPIKE_GAP, find_spikes
 from ..geometry.strays import LEAST_GAP, find_strays
 from .view_bounds import SceneExtent

@@ -15,9 +15,8 @@ from ..builders.build import build
 from ..bvh.bvh import Bvh
 from ..bvh.sah_cost import sah_cost
 from ..errors import SceneError
-from ..geometry.box_mesh import box_mesh
+from ..geometry.box_mesh import box_mesh, mesh_of
 from ..geometry.mesh import Mesh
-from ..geometry.sphere_boxes import mesh_of
 from ..layouts.device_arrays import measure_device_bytes
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS

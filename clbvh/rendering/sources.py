@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry import Mesh, load_mesh
 from ..geometry.appearance.material import Material
-from ..geometry.dressed import with_material
 from ..geometry.fetch import find_known_mesh
 from ..geometry.shapes.make_shape import make_shape
+from ..geometry.spheres import with_material
 from .vectors import Vector, check_vector, is_vector
 
 

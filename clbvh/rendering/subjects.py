@@ -18,7 +18,7 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
-from ..geometry.sphere_boxes import mesh_of
+from ..geometry.box_mesh import mesh_of
 from ..scene.state import SceneState, dress_shapes
 from ..trace.device_tree import BRUTE, DeviceTree, check_layout
 from ..trace.hits.scene_arrays import make_scene_arrays

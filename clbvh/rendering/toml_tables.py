@@ -12,8 +12,7 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from ..errors import MeshError, SceneError
-from ..geometry.appearance.material import Material
-from ..geometry.appearance.texture import Texture
+from ..geometry.appearance.material import Material, Texture
 from ..geometry.loading.texture_files import decode_image
 from ..support.regular_file import read_regular
 from .vectors import Vector

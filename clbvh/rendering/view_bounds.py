@@ -20,7 +20,7 @@ from .pose import find_sides, make_axes
 from .vectors import Vector, as_vector
 
 if TYPE_CHECKING:
-    from ..geometry.shape import Shape
+    from ..geometry.spheres import Shape
 
 
 # Around what is seen, as a share of the picture.

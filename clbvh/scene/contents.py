@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
-from ..geometry.shape import Shape
-from ..geometry.spheres import Spheres
+from ..geometry.spheres import Shape, Spheres
 from .handles import ALL_BITS, Geometry, Instance, check_colour, check_mask, check_material, shorten
 from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
 from .state import SceneState

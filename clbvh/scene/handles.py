@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
-from ..geometry.shape import Shape
+from ..geometry.spheres import Shape
 
 
 @dataclass(frozen=True, eq=False, repr=False)

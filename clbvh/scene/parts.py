@@ -18,7 +18,7 @@ from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasTriangles, mesh_of_object
 from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
-from ..geometry.shape import Shape
+from ..geometry.spheres import Shape
 from .handles import ALL_BITS, Colour, colour_of_row
 from .state import SceneState
 from .store import name_of_file

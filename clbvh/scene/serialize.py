@@ -48,11 +48,9 @@ from numpy.typing import NDArray
 
 from ..errors import MeshError, SceneError
 from ..geometry.appearance.appearance import Appearance, check_fit
-from ..geometry.appearance.material import Material
-from ..geometry.appearance.texture import Texture
+from ..geometry.appearance.material import Material, Texture
 from ..geometry.mesh import Mesh
-from ..geometry.shape import Shape
-from ..geometry.spheres import Spheres
+from ..geometry.spheres import Shape, Spheres
 from ..support.atomic_file import as_path, check_target, write_atomically
 from ..support.memory import check_memory
 from ..support.regular_file import open_regular, read_errors_as

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.appearance.material import Material
-from ..geometry.dressed import with_material
 from ..geometry.mesh import Mesh
-from ..geometry.shape import Shape
-from ..geometry.spheres import Spheres
+from ..geometry.spheres import Shape, Spheres, with_material
 
 
 @dataclass(frozen=True, eq=False)

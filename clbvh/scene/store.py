@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
-from ..geometry.shape import Shape
+from ..geometry.spheres import Shape
 from .handles import ALL_BITS, Colour, Geometry, Instance, colour_of_row
 from .state import SceneState
 

@@ -14,7 +14,7 @@ from ..builders.ladder import LADDER
 from ..builders.options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, MAX_DEPTH
 from ..bvh import Bvh, validate_tree
 from ..geometry import Mesh, Spheres, load_mesh
-from ..geometry.appearance.smooth_normals import smooth_normals_by_angle
+from ..geometry.appearance.normals import smooth_normals_by_angle
 from ..geometry.shapes.make_shape import make_shape
 from ..layouts.device_arrays import make_device_arrays
 from ..rendering.framing import frame_mesh

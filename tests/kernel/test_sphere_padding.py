@@ -7,7 +7,7 @@ box makes room; see docs/internals/padding.md.
 import numpy as np
 import pytest
 
-from clbvh.geometry.sphere_boxes import sphere_boxes
+from clbvh.geometry.box_mesh import sphere_boxes
 from clbvh.structs import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM, SPHERE
 
 from ..profiles import seeds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from clbvh.geometry.loading.polygons import cut_fans
+from clbvh.geometry.loading.file_mesh import cut_fans
 
 
 @given(sizes=st.lists(st.integers(3, 12), min_size=1, max_size=6))

@@ -29,7 +29,7 @@ def test_more_triangles_than_a_mesh_can_have(write, count, shape):
 
 
 def test_more_triangles_than_fit_the_memory(monkeypatch):
-    from clbvh.geometry import face_limit, make_shape
+    from clbvh.geometry import make_shape, mesh as face_limit
 
     monkeypatch.setattr(face_limit, "free_memory_bytes", lambda: 10**9)
     with pytest.raises(ConfigError, match="10,000,000 triangles need about 1,500 MB of memory, but 1,000 MB are free"):

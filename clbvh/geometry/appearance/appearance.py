@@ -1,6 +1,6 @@
 """The looks of a shape: values at the corners of its faces, and the materials of its faces.
 
-Owns the checks of the arrays. Must not know of files, nor of the shape itself.
+Owns the checks of the arrays, and vectors of length 1. Must not know of files, nor of the shape itself.
 """
 
 from __future__ import annotations
@@ -14,9 +14,58 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import MeshError
 from ..arrays import as_array, check_numbers
-from .material import Material
-from .texture import OPAQUE
-from .unit_vectors import normalize
+from .material import OPAQUE, Material
+
+_LEAST_SQUARE, _MOST_SQUARE = 1e-200, 1e200
+
+# Unit vectors whose components were rounded to float32, or to six digits, have squares this near to 1.
+_UNIT_TOLERANCE = 4e-6
+
+
+def normalize(vectors: NDArray[np.number]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return vectors of length 1, and which of them have a direction.
+
+    Parameters
+    ----------
+    vectors : (..., 3) float
+
+    Returns
+    -------
+    unit : (..., 3) float32
+        Those that are zero or not finite become (0, 0, 1).
+    has_direction : (...) bool
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        squares = np.einsum("...i,...i->...", vectors, vectors, dtype=np.float64)
+        if (np.abs(squares - 1) < _UNIT_TOLERANCE).all():
+            return vectors.astype(np.float32), np.ones(squares.shape, np.bool_)
+        # The squares of the rest may underflow or overflow.
+        has_direction = (squares > _LEAST_SQUARE) & (squares < _MOST_SQUARE)
+        unit = (vectors / np.sqrt(squares)[..., None]).astype(np.float32)
+        if not has_direction.all():
+            odd = np.asarray(vectors[~has_direction], np.float64)
+            scaled = odd / np.abs(odd).max(axis=-1, keepdims=True)
+            scaled /= np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, None]
+            is_number = np.isfinite(scaled).all(axis=-1)
+            unit[~has_direction] = np.where(is_number[:, None], scaled, (0, 0, 1))
+            has_direction[~has_direction] = is_number
+    return unit, has_direction
+
+
+def find_flat_normals(corners: NDArray[np.number]) -> NDArray[np.float32]:
+    """Return the unit normals of triangles, (n, 3) float32; (0, 0, 1) for those without an area.
+
+    Parameters
+    ----------
+    corners : (n, 3, 3) float
+        The points at the corners of each triangle.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        points = np.asarray(corners, np.float64)
+        u, v = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+        # To a size of about 1: the product of tiny sides could underflow.
+        u, v = (side / np.abs(side).max(axis=1, keepdims=True, initial=0) for side in (u, v))
+        return normalize(np.nan_to_num(np.cross(u, v)))[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,13 +19,10 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
-from ..face_limit import check_face_count
+from ..mesh import check_face_count
+from .file_mesh import FileMesh, FileNode, FileParts, Problems, cut_fans, drop_loose_vertices
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
-from .gltf_looks import GltfLooks
-from .joined_looks import LooksPiece, join_looks
-from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
-from .polygons import cut_fans
-from .problems import Problems
+from .gltf_looks import GltfLooks, LooksPiece, join_looks
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_COUNT = 7  # the modes below are points and lines

@@ -1,19 +1,319 @@
-"""The looks of a primitive of a glTF file: its attributes at the corners of triangles."""
+"""The looks in a glTF file: attributes of primitives, materials and textures.
+
+Factors are linear, as in `Material`; the textures of colours are sRGB. Of a material all textures are placed as that
+of its base colour, or as its first one.
+
+Khronos Group, "glTF 2.0 Specification", 2021, section 3.9, and the extensions that are named below.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ...support.regular_file import read_regular
+from ..appearance.appearance import Appearance, find_flat_normals, turn_normals
+from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import linear_to_srgb_bytes, to_bytes
-from .corner_values import spread_colours, spread_normals, spread_uvs
-from .gltf_data import GltfData, get_object
-from .gltf_materials import GltfMaterials
-from .joined_looks import LooksPiece
-from .problems import Problems
+from .file_mesh import Problems, finish_looks, spread_colours, spread_normals, spread_uvs
+from .gltf_data import GltfData, get_list, get_object, get_whole, is_scheme
+from .texture_files import decode_image, find_file
+
+# Of corners whose part has none of them: the middle of no texture, and white, which tints nothing.
+_FILLERS = {"uvs": ((3, 2), np.float32, 0), "colours": ((3, 4), np.uint8, 255)}
+
+
+class LooksPiece(NamedTuple):
+    """The looks of a part: arrays of corners by name, one material, and the triangles that they belong to."""
+
+    arrays: Mapping[str, NDArray]
+    material: Material | None
+    points: NDArray[np.floating]
+    faces: NDArray[np.integer]
+
+    def moved(
+        self, matrix: NDArray[np.float64], points: NDArray[np.floating], faces: NDArray[np.integer], *, is_turned: bool
+    ) -> LooksPiece:
+        """Return the piece of moved points.
+
+        Parameters
+        ----------
+        matrix : (4, 4) float64
+            By which the points were moved.
+        points, faces : (V, 3) float and (F, 3) int
+        is_turned : bool
+            Whether the corners of the faces are listed backwards now, because the matrix mirrors.
+        """
+        arrays = dict(self.arrays)
+        if "normals" in arrays and not (matrix == np.eye(4)).all():
+            with np.errstate(all="ignore"):
+                turned = turn_normals(arrays["normals"], matrix)
+            arrays["normals"] = -turned if is_turned else turned
+        if is_turned:
+            arrays = {name: np.ascontiguousarray(values[:, ::-1]) for name, values in arrays.items()}
+        return LooksPiece(arrays, self.material, points, faces)
+
+
+def join_looks(pieces: Sequence[LooksPiece]) -> Appearance | None:
+    """Return the looks of parts that follow each other; None if none of them has any.
+
+    Where some parts have normals, the others have those of their faces.
+    """
+    arrays: dict[str, NDArray] = {}
+    if any("normals" in piece.arrays for piece in pieces):
+        arrays["normals"] = _concatenate([_find_normals(piece) for piece in pieces])
+    for name, (shape, dtype, filler) in _FILLERS.items():
+        if any(name in piece.arrays for piece in pieces):
+            fillers = [np.broadcast_to(np.array(filler, dtype), (len(piece.faces), *shape)) for piece in pieces]
+            arrays[name] = _concatenate(
+                [piece.arrays.get(name, filled) for piece, filled in zip(pieces, fillers, strict=True)]
+            )
+    used = dict.fromkeys(piece.material for piece in pieces)
+    if list(used) == [None] or not used:
+        return finish_looks(arrays, [])
+    numbers = {material: number for number, material in enumerate(used)}
+    if len(used) > 1:
+        ids = np.array([numbers[piece.material] for piece in pieces], np.int32)
+        arrays["material_ids"] = np.repeat(ids, [len(piece.faces) for piece in pieces])
+    # A part without a material in the midst of others is like a mesh without one; its colours are not tinted.
+    plain = Material(base_colour=(1.0, 1.0, 1.0)) if "colours" in arrays else Material()
+    return finish_looks(arrays, [material or plain for material in used])
+
+
+def _find_normals(piece: LooksPiece) -> NDArray[np.float32]:
+    if "normals" in piece.arrays:
+        return piece.arrays["normals"]
+    return np.repeat(find_flat_normals(piece.points[piece.faces])[:, None], 3, axis=1)
+
+
+def _concatenate(arrays: list[NDArray]) -> NDArray:
+    return np.ascontiguousarray(arrays[0]) if len(arrays) == 1 else np.concatenate(arrays)
+
+
+_REPEAT = 10497
+_WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
+_TRANSFORM = "KHR_texture_transform"
+_DEFAULT_CUTOFF = 0.5
+_OPAQUE_MODE, _MASK_MODE, _BLEND_MODE = "OPAQUE", "MASK", "BLEND"
+# Sources of a texture that an extension names instead; those of basisu cannot be decoded.
+_OTHER_SOURCES = ("EXT_texture_webp", "MSFT_texture_dds")
+_MOST_LIGHT, _MOST_SCALE = 1e12, 100.0
+
+
+class Placement(NamedTuple):
+    """How textures lie on a surface: the set of coordinates, and a (2, 3) matrix of them, None for none."""
+
+    uv_set: int
+    matrix: NDArray[np.float64] | None
+
+
+class GltfMaterials:
+    """The materials of a file, each read once."""
+
+    def __init__(self, gltf: GltfData, problems: Problems) -> None:
+        self._gltf = gltf
+        self._problems = problems
+        self._materials: dict[int, Material] = {}
+        self._pixels: dict[int, NDArray[np.uint8] | None] = {}
+        self._textures: dict[tuple[Any, ...], Texture | None] = {}
+
+    def read(self, index: Any) -> Material:
+        """Return a material; raise `MeshError` if it cannot be used."""
+        table = self._gltf.item("materials", index)
+        if index not in self._materials:
+            self._materials[index] = self._make(table)
+        return self._materials[index]
+
+    def is_opaque(self, index: Any) -> bool:
+        """Return whether a material ignores alpha."""
+        return self._gltf.item("materials", index).get("alphaMode", _OPAQUE_MODE) == _OPAQUE_MODE
+
+    def placement_of(self, index: Any) -> Placement:
+        """Return how the textures of a material lie."""
+        placements = [_read_placement(info) for info in _list_texture_infos(self._gltf.item("materials", index))]
+        if not placements:
+            return Placement(0, None)
+        keys = {(uv_set, None if matrix is None else matrix.tobytes()) for uv_set, matrix in placements}
+        if len(keys) > 1:
+            self._problems.add(f"the textures of materials[{index}] lie differently: all are placed as the first one")
+        return placements[0]
+
+    def _make(self, table: dict[str, Any]) -> Material:
+        pbr, extensions = get_object(table, "pbrMetallicRoughness"), get_object(table, "extensions")
+        factor = _read_numbers(pbr, "baseColorFactor", (1.0, 1.0, 1.0, 1.0))
+        metallic, roughness = _read_share(pbr, "metallicFactor", 1.0), _read_share(pbr, "roughnessFactor", 1.0)
+        base_info, metal_info = pbr.get("baseColorTexture"), pbr.get("metallicRoughnessTexture")
+        if old := get_object(extensions, _OLD):
+            factor, base_info = _read_numbers(old, "diffuseFactor", (1.0, 1.0, 1.0, 1.0)), old.get("diffuseTexture")
+            metallic, roughness, metal_info = 0.0, 1 - _read_share(old, "glossinessFactor", 1.0), None
+        mode = table.get("alphaMode", _OPAQUE_MODE)
+        if mode not in (_OPAQUE_MODE, _MASK_MODE, _BLEND_MODE):
+            mode = _OPAQUE_MODE
+        cutoff = max(0.0, _read_number(table, "alphaCutoff", _DEFAULT_CUTOFF)) if mode == _MASK_MODE else None
+        strength = _read_number(get_object(extensions, "KHR_materials_emissive_strength"), "emissiveStrength", 1.0)
+        emission = [
+            min(_MOST_LIGHT, max(0.0, light * strength)) for light in _read_numbers(table, "emissiveFactor", (0.0,) * 3)
+        ]
+        name = table.get("name")
+        return Material(
+            name=name if isinstance(name, str) else "",
+            base_colour=(factor[0], factor[1], factor[2]),
+            alpha=1.0 if mode == _OPAQUE_MODE else factor[3],
+            alpha_cutoff=cutoff,
+            metallic=metallic,
+            roughness=roughness,
+            emission=(emission[0], emission[1], emission[2]),
+            ior=max(1.0, _read_number(get_object(extensions, "KHR_materials_ior"), "ior", 1.5)),
+            transmission=_read_share(get_object(extensions, "KHR_materials_transmission"), "transmissionFactor", 0.0),
+            base_colour_texture=self._read_texture(base_info, is_srgb=True, is_opaque=mode == _OPAQUE_MODE),
+            metallic_roughness_texture=self._read_texture(metal_info, is_srgb=False),
+            emission_texture=self._read_texture(table.get("emissiveTexture"), is_srgb=True),
+            normal_texture=self._read_texture(table.get("normalTexture"), is_srgb=False),
+            normal_scale=_read_normal_scale(table.get("normalTexture")),
+        )
+
+    def _read_texture(self, info: Any, *, is_srgb: bool, is_opaque: bool = True) -> Texture | None:
+        """Return the texture that a material refers to; None if there is none, or if it cannot be used."""
+        if info is None:
+            return None
+        with self._problems.drop("a texture"):
+            if not isinstance(info, dict):
+                raise MeshError("its place in the material is no object")
+            table = self._gltf.item("textures", info.get("index"))
+            image = _find_source(table)
+            wrap = self._read_wrap(table)
+            key = image, is_srgb, is_opaque, wrap
+            if key not in self._textures:
+                self._textures[key] = None
+                pixels = self._read_pixels(image)
+                if pixels is not None:
+                    texture = Texture(self._name_of(image), pixels, is_srgb, wrap)
+                    self._textures[key] = _without_alpha(texture) if is_opaque else texture
+            return self._textures[key]
+        return None
+
+    def _read_wrap(self, texture: dict[str, Any]) -> tuple[str, str]:
+        sampler: dict[str, Any] = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
+        wrap_u, wrap_v = (sampler.get(key, _REPEAT) for key in ("wrapS", "wrapT"))
+        return _WRAPS.get(wrap_u, "repeat"), _WRAPS.get(wrap_v, "repeat")
+
+    def _name_of(self, image: int) -> str:
+        table = self._gltf.item("images", image)
+        uri = str(table.get("uri", ""))
+        return str(table.get("name") or (uri if uri and not uri.startswith("data:") else f"images[{image}]"))
+
+    def _read_pixels(self, image: int) -> NDArray[np.uint8] | None:
+        """Return the pixels of an image, decoded once; None if that has failed before."""
+        if image not in self._pixels:
+            self._pixels[image] = None
+            self._pixels[image] = decode_image(self._read_bytes(image))
+        return self._pixels[image]
+
+    def _read_bytes(self, image: int) -> bytes:
+        table = self._gltf.item("images", image)
+        if "bufferView" in table:
+            return self._gltf.read_view_bytes(table["bufferView"])
+        uri = table.get("uri")
+        if not isinstance(uri, str):
+            raise MeshError(f"images[{image}] has neither a buffer view nor a uri")
+        if (content := self._gltf.decode_uri(uri, f"images[{image}]")) is not None:
+            return content
+        if is_scheme(uri):
+            raise MeshError(f"images[{image}] is '{uri[:80]}', but only files are read")
+        path = find_file(self._gltf.folder, unquote(uri))
+        try:
+            return read_regular(path)
+        except FileNotFoundError:
+            raise MeshError(f"{path} is missing") from None
+        except (OSError, ValueError) as error:
+            raise MeshError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+_OLD = "KHR_materials_pbrSpecularGlossiness"
+
+
+def _list_texture_infos(material: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the places of textures in a material, that of the base colour first."""
+    pbr = get_object(material, "pbrMetallicRoughness")
+    old = get_object(get_object(material, "extensions"), _OLD)
+    infos = [
+        old.get("diffuseTexture") if old else pbr.get("baseColorTexture"),
+        None if old else pbr.get("metallicRoughnessTexture"),
+        material.get("emissiveTexture"),
+        material.get("normalTexture"),
+    ]
+    return [info for info in infos if isinstance(info, dict)]
+
+
+def _read_placement(info: dict[str, Any]) -> Placement:
+    transform = get_object(get_object(info, "extensions"), _TRANSFORM)
+    uv_set = get_whole(transform if "texCoord" in transform else info, "texCoord", 0)
+    if not transform.keys() & {"offset", "rotation", "scale"}:
+        return Placement(uv_set, None)
+    x, y = _read_numbers(transform, "offset", (0.0, 0.0))
+    width, height = _read_numbers(transform, "scale", (1.0, 1.0))
+    angle = _read_number(transform, "rotation", 0.0)
+    # By the text of the extension: translation * rotation * scale, with v downwards.
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return Placement(uv_set, np.array([[cosine * width, sine * height, x], [-sine * width, cosine * height, y]]))
+
+
+def _find_source(texture: dict[str, Any]) -> Any:
+    """Return the index of a texture's image."""
+    extensions = get_object(texture, "extensions")
+    for name in _OTHER_SOURCES:
+        if name in extensions:
+            return get_object(extensions, name).get("source")
+    if "source" not in texture:
+        raise MeshError(f"it has no image that is read{', but ' + ', '.join(extensions) if extensions else ''}")
+    return texture["source"]
+
+
+def _without_alpha(texture: Texture) -> Texture:
+    if texture.is_opaque:
+        return texture
+    pixels = texture.pixels.copy()
+    pixels[..., 3] = OPAQUE
+    return dataclasses.replace(texture, pixels=pixels)
+
+
+def _read_normal_scale(info: Any) -> float:
+    scale = _read_number(info, "scale", 1.0) if isinstance(info, dict) else 1.0
+    return min(_MOST_SCALE, max(-_MOST_SCALE, scale))
+
+
+def _read_share(table: dict[str, Any], key: str, default: float) -> float:
+    return min(1.0, max(0.0, _read_number(table, key, default)))
+
+
+def _read_number(table: dict[str, Any], key: str, default: float) -> float:
+    return _read_list([table.get(key, default)], 1, key)[0]
+
+
+def _read_numbers(table: dict[str, Any], key: str, default: tuple[float, ...]) -> list[float]:
+    """Return as many finite numbers as the default has; those of colours are limited to their range."""
+    numbers = _read_list(get_list(table, key), len(default), key) if key in table else list(default)
+    return [min(1.0, max(0.0, number)) for number in numbers] if key.endswith("Factor") else numbers
+
+
+def _read_list(values: list[Any], count: int, key: str) -> list[float]:
+    if len(values) != count or not all(isinstance(one, int | float) and not isinstance(one, bool) for one in values):
+        raise MeshError(f"'{key}' must be {count} numbers, not {str(values)[:40]}")
+    try:
+        numbers = [float(value) for value in values]
+    except OverflowError:
+        numbers = [math.inf]
+    if not all(map(math.isfinite, numbers)):
+        raise MeshError(f"'{key}' is not finite")
+    return numbers
+
 
 _OPAQUE = 255
 

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ...support.regular_file import read_regular
-from ..appearance.flat_faces import flatten
+from ..appearance.normals import flatten
 from ..mesh import Mesh
+from .file_mesh import FileMesh, FileNode, FileParts, Problems
 from .off import OFF_KEYWORD, read_off
-from .parts import FileMesh, FileNode, FileParts
 from .ply import read_ply
-from .problems import Problems
 from .stl import is_binary_stl, read_stl
 
 _Reader = Callable[[bytes, Path, Problems], Any]

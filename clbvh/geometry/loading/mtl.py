@@ -18,10 +18,9 @@ import numpy as np
 
 from ...errors import MeshError
 from ...support.regular_file import read_regular
-from ..appearance.material import Material
+from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import srgb_to_linear
-from ..appearance.texture import OPAQUE, Texture
-from .problems import Problems
+from .file_mesh import Problems
 from .texture_files import TextureFiles, find_file
 
 _MAX_BYTES = 1 << 26

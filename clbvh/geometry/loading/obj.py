@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from .file_mesh import FileMesh, FileNode, FileParts, Problems, count_triangles, cut_fans, drop_loose_vertices
 from .obj_lines import FACE, VERTEX, ObjLines, read_corners, resolve_indices
 from .obj_looks import ObjMesh, read_obj_looks
 from .obj_statements import ObjStatements
-from .parts import FileMesh, FileNode, FileParts, drop_loose_vertices
-from .polygons import count_triangles, cut_fans
-from .problems import Problems
 from .text_lines import join_polygons, read_coordinates, read_table
 
 # Comments end with their line even if that ends with a backslash, so they are dropped before lines are joined.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...support.compiled import compiled
-from .number_lines import are_number_lines
+from .ply import are_number_lines
 
 # The kinds of lines.
 VERTEX, UV, NORMAL, FACE, OTHER = range(1, 6)

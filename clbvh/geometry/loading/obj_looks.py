@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
 from ..appearance.material import Material
-from .corner_values import join_channels, spread_colours, spread_normals, spread_uvs
-from .finished_looks import finish_looks
+from .file_mesh import (
+    Problems,
+    count_triangles,
+    cut_fans,
+    finish_looks,
+    join_channels,
+    report_edges,
+    spread_colours,
+    spread_normals,
+    spread_uvs,
+)
 from .mtl import read_materials
 from .obj_lines import NORMAL, UV, ObjCorners, ObjLines, resolve_indices
 from .obj_statements import ObjStatements
-from .polygons import count_triangles, cut_fans, report_edges
-from .problems import Problems
 from .texture_files import TextureFiles
 
 # Numbers in the line of a vertex with a colour: behind x, y and z, or behind the weight.

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from .file_mesh import FileMesh, Problems, cut_fans, report_edges
 from .off_looks import OffLines, read_off_looks
-from .parts import FileMesh
-from .polygons import cut_fans, report_edges
-from .problems import Problems
 from .text_lines import join_polygons, read_coordinates, read_table
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.

@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
-from .corner_values import join_channels, spread_colours, spread_normals, spread_uvs
-from .finished_looks import finish_looks
-from .number_lines import are_number_lines
-from .polygons import count_triangles
-from .problems import Problems
+from .file_mesh import (
+    Problems,
+    count_triangles,
+    finish_looks,
+    join_channels,
+    spread_colours,
+    spread_normals,
+    spread_uvs,
+)
+from .ply import are_number_lines
 
 _CHANNELS = (3, 4)
 

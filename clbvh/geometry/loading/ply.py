@@ -1,6 +1,7 @@
-"""The PLY format: ASCII, binary little-endian and big-endian, with any properties and any polygons.
+"""The PLY format: ASCII, binary little-endian and big-endian, with any properties, any polygons and strips.
 
-Owns the header and the rows; numpy reads the numbers. No array is larger than the file allows.
+Owns the header and the rows; numpy reads the numbers, after a check of texts that numpy is not strict about. No array
+is larger than the file allows.
 
 Greg Turk, "The PLY Polygon File Format", 1994.
 """
@@ -15,12 +16,105 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from .number_lines import are_number_lines
-from .parts import FileMesh
+from ...support.compiled import compiled
+from ..mesh import check_face_count
+from .file_mesh import FileMesh, Problems, cut_fans, report_edges
 from .ply_looks import PlyColumn, PlyTriangles, has_looks, read_ply_looks
-from .polygons import cut_fans, report_edges
-from .problems import Problems
-from .strips import cut_strips
+
+# The kinds of characters.
+_DIGIT, _SIGN, _DOT, _EXPONENT, _SPACE, _NEWLINE, _OTHER = range(7)
+
+# The places in a number: between two, after its sign, in its digits, after a dot without digits, after the dot, after
+# the e, after its sign, and in its digits.
+_BETWEEN, _SIGNED, _WHOLE, _DOTTED, _FRACTION, _E, _E_SIGNED, _E_WHOLE, _WRONG = range(9)
+
+
+def _make_kinds() -> NDArray[np.uint8]:
+    kinds = np.full(256, _OTHER, np.uint8)
+    kinds[list(b"0123456789")] = _DIGIT
+    kinds[list(b"+-")], kinds[list(b".")], kinds[list(b"eE")] = _SIGN, _DOT, _EXPONENT
+    kinds[list(b" \t\r")], kinds[list(b"\n")] = _SPACE, _NEWLINE
+    return kinds
+
+
+def _make_steps() -> NDArray[np.uint8]:
+    """Return the next place for each place and each kind of the first four."""
+    steps = np.full((_WRONG, _SPACE), _WRONG, np.uint8)
+    steps[:, _DIGIT] = (_WHOLE, _WHOLE, _WHOLE, _FRACTION, _FRACTION, _E_WHOLE, _E_WHOLE, _E_WHOLE)
+    steps[_BETWEEN, _SIGN], steps[_E, _SIGN] = _SIGNED, _E_SIGNED
+    steps[_BETWEEN, _DOT] = steps[_SIGNED, _DOT] = _DOTTED
+    steps[_WHOLE, _DOT] = _FRACTION
+    steps[_WHOLE, _EXPONENT] = steps[_FRACTION, _EXPONENT] = _E
+    return steps
+
+
+_KINDS, _STEPS = _make_kinds(), _make_steps()
+
+
+@compiled
+def are_number_lines(text, numbers_per_line):
+    """Say whether each line of a text, (n,) uint8, holds this number of decimal numbers and nothing else."""
+    place, count = _BETWEEN, 0
+    for character in text:
+        kind = _KINDS[character]
+        if kind < _SPACE:
+            place = _STEPS[place, kind]
+            if place == _WRONG:
+                return False
+            continue
+        if place != _BETWEEN:
+            # A number ends with a digit, or with a dot behind one.
+            if place != _WHOLE and place != _FRACTION and place != _E_WHOLE:
+                return False
+            place, count = _BETWEEN, count + 1
+        if kind == _OTHER:
+            return False
+        if kind == _NEWLINE:
+            if count != numbers_per_line:
+                return False
+            count = 0
+    return True
+
+
+# In place of a vertex: the next one begins another strip.
+RESTART = -1
+
+
+def cut_strips(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Cut strips into triangles.
+
+    Parameters
+    ----------
+    corners : (n,) int
+        Vertex indices of all strips, concatenated; -1 ends a strip within a list as well.
+    sizes : (s,) int
+        Numbers per list.
+
+    Returns
+    -------
+    (F, 3) int
+        Triangles in the order of the strips, all wound like the first of their strip. Without those that have a vertex
+        twice: they lead a strip round a corner, and are no surface.
+
+    Raises
+    ------
+    MeshError
+        The triangles do not fit the memory.
+    """
+    check_face_count(len(corners))
+    numbers = np.insert(corners, np.cumsum(sizes)[:-1], RESTART)
+    if len(numbers) < 3:
+        return np.empty((0, 3), np.int64)
+    positions = np.arange(len(numbers))
+    begins = np.maximum.accumulate(np.where(numbers == RESTART, positions + 1, 0))
+    triangles = np.lib.stride_tricks.sliding_window_view(numbers, 3).copy()
+    # Every second triangle of a strip is wound the other way round.
+    is_odd = (positions - begins)[:-2] % 2 == 1
+    triangles[is_odd, 1:] = triangles[is_odd, :0:-1]
+    first, second, third = triangles.T
+    is_whole = (triangles != RESTART).all(axis=1)
+    return triangles[is_whole & (first != second) & (second != third) & (third != first)]
+
 
 _MAX_HEADER_BYTES = 1 << 20
 _HEADER = re.compile(rb"ply[ \t]*[\r\n](.*?[\r\n])end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
@@ -34,7 +128,6 @@ _STRIPS = "tristrips"
 _FACE_KINDS = ("face", _STRIPS)
 _KEYWORDS = ("format", "element", "property")
 _FACE_LISTS = ("vertex_indices", "vertex_index")
-_NEWLINE = ord("\n")
 _CHUNK_BYTES = 1 << 18  # searched at a time: they stay in the cache
 
 
@@ -214,7 +307,7 @@ def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
         begin += _CHUNK_BYTES
         if begin >= len(data):
             return -1
-    line_ends = np.flatnonzero(np.frombuffer(data[begin : begin + _CHUNK_BYTES], np.uint8) == _NEWLINE)
+    line_ends = np.flatnonzero(np.frombuffer(data[begin : begin + _CHUNK_BYTES], np.uint8) == ord("\n"))
     return begin + int(line_ends[line_count - 1]) + 1
 
 

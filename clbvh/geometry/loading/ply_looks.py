@@ -16,10 +16,16 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
 from ..appearance.material import Material
-from .corner_values import join_channels, spread_colours, spread_normals, spread_uvs
-from .finished_looks import finish_looks
-from .polygons import count_triangles, cut_fans
-from .problems import Problems
+from .file_mesh import (
+    Problems,
+    count_triangles,
+    cut_fans,
+    finish_looks,
+    join_channels,
+    spread_colours,
+    spread_normals,
+    spread_uvs,
+)
 from .texture_files import TextureFiles
 
 _NORMALS = ("nx", "ny", "nz")

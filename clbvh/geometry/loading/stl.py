@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
-from ..appearance.material import Material
+from ..appearance.material import OPAQUE, Material
 from ..appearance.srgb import linear_to_srgb_bytes
-from ..appearance.texture import OPAQUE
-from ..equal_points import find_equal_points
-from .corner_values import spread_colours
-from .finished_looks import finish_looks
-from .parts import FileMesh
-from .problems import Problems
+from ..topology import find_equal_points
+from .file_mesh import FileMesh, Problems, finish_looks, spread_colours
 
 _COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ...support.memory import check_memory
 from ...support.regular_file import read_regular
-from ..appearance.texture import MAX_TEXTURE_SIDE, Texture
-from .problems import Problems
+from ..appearance.material import MAX_TEXTURE_SIDE, Texture
+from .file_mesh import Problems
 
 # Of Pillow's formats those that are nothing but pixels; EPS, for example, would start another program.
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "SGI", "ICO", "JPEG2000")

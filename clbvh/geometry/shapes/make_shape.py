@@ -16,15 +16,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ...errors import ConfigError, MeshError
-from ..face_limit import check_face_count
-from ..mesh import Mesh
-from .blocks import make_cube, make_square
-from .clouds import make_blobs, make_boxes
-from .icosphere import make_icosphere
-from .knot import make_knot
+from ..mesh import Mesh, check_face_count
 from .palace import make_palace
-from .solids import Solid
-from .terrain import make_terrain
+from .solids import Solid, make_blobs, make_boxes, make_cube, make_icosphere, make_square
+from .terrain import make_knot, make_terrain
 
 SHAPES: dict[str, Callable[..., Solid]] = {
     "knot": make_knot,

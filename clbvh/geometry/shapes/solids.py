@@ -1,6 +1,11 @@
-"""Plain solids, the parts of procedural shapes: vertices in float64 and faces in int64."""
+"""Plain solids: boxes, the unit sphere, clouds of either, and the parts of other procedural shapes.
+
+Vertices are float64, faces int64.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,3 +75,120 @@ def make_lathe(centre: ArrayLike, radii: ArrayLike, heights: ArrayLike, sides: i
     here, above = ring * sides, (ring + 1) * sides
     faces = cut_quads(here + column, above + column, above + next_column, here + next_column)
     return rings.reshape(-1, 3) + np.asarray(centre, np.float64), faces
+
+
+_HALF = 0.5
+_SQUARE_CORNERS = np.array([[-_HALF, 0, -_HALF], [-_HALF, 0, _HALF], [_HALF, 0, _HALF], [_HALF, 0, -_HALF]])
+_SQUARE_FACES = cut_quads(*np.arange(4).reshape(4, 1))
+
+
+def make_square(triangles: int, generator: np.random.Generator) -> Solid:
+    """Return a square of side 1 that faces up, around the origin."""
+    require_triangles("square", triangles, len(_SQUARE_FACES))
+    return _SQUARE_CORNERS.copy(), _SQUARE_FACES
+
+
+def make_cube(triangles: int, generator: np.random.Generator) -> Solid:
+    """Return a cube of side 1 around the origin."""
+    require_triangles("cube", triangles, len(CUBE_FACES))
+    return make_box([-_HALF] * 3, [_HALF] * 3)
+
+
+def make_icosphere(triangles: int, generator: np.random.Generator) -> Solid:
+    """Return the sphere; the generator is not drawn from."""
+    require_triangles("icosphere", triangles, 20)
+    frequency = math.isqrt(triangles // 20)
+    golden = (1 + math.sqrt(5)) / 2
+    tips = np.array([[0, y, golden * z] for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    tips = np.concatenate((tips, np.roll(tips, 1, axis=1), np.roll(tips, 2, axis=1)))
+    # The faces of the icosahedron are the triples of tips at distance 2 from each other.
+    near = np.isclose(np.linalg.norm(tips[:, None] - tips[None], axis=2), 2)
+    sides = np.array(
+        [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]]
+    )
+    inward = np.linalg.det(tips[sides]) < 0
+    sides[inward] = sides[inward][:, ::-1]
+
+    # Each side gets a triangular lattice; the weights of its three tips are whole numbers that add up to `frequency`.
+    weight_a, weight_b = np.divmod(np.arange((frequency + 1) ** 2), frequency + 1)
+    kept = weight_a + weight_b <= frequency
+    weights = np.column_stack((weight_a, weight_b, frequency - weight_a - weight_b))[kept]
+    position_of = np.cumsum(kept) - 1
+    at = position_of[np.flatnonzero(kept & (weight_a + weight_b < frequency))]
+    a, b = weights[at, 0], weights[at, 1]
+    up = np.column_stack(
+        (
+            position_of[a * (frequency + 1) + b],
+            position_of[(a + 1) * (frequency + 1) + b],
+            position_of[a * (frequency + 1) + b + 1],
+        )
+    )
+    has_down = a + b < frequency - 1
+    corner = position_of[((a + 1) * (frequency + 1) + b + 1)[has_down]]
+    down = np.column_stack((up[has_down, 2], up[has_down, 1], corner))
+    cells = np.concatenate((up, down))
+
+    # Points on a common edge have equal tips with equal weights, so whole numbers identify them.
+    marks = np.sort(np.where(weights > 0, sides[:, None, :] * (frequency + 1) + weights, 0), axis=2)
+    base = 12 * (frequency + 1)
+    keys = (marks[..., 0] * base + marks[..., 1]) * base + marks[..., 2]
+    _, first, vertex_of = np.unique(keys, return_index=True, return_inverse=True)
+    points = np.einsum("nw,swx->snx", weights.astype(np.float64), tips[sides]).reshape(-1, 3)[first]
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return points, vertex_of.reshape(len(sides), -1)[:, cells].reshape(-1, 3)
+
+
+def make_blobs(triangles: int, generator: np.random.Generator, *, spread: float = 1.0, size: float = 1.0) -> Solid:
+    """Return the cloud; `make_shape` describes the options."""
+    require_triangles("blobs", triangles, 20)
+    # The roundest balls of which there are at least 300.
+    frequency = next((n for n in (8, 4, 2) if triangles >= 300 * 20 * n * n), 1)
+    ball, ball_faces = make_icosphere(20 * frequency**2, generator)
+    count = triangles // len(ball_faces)
+    centres, radii = _scatter(count, generator, spread, size)
+
+    # Each ball has its own dents: a few waves across it.
+    waves = generator.normal(size=(count, 3, 3)) * 1.6
+    phases = generator.uniform(0, 2 * np.pi, (count, 3, 1))
+    dents = np.sin(waves @ ball.T + phases).mean(axis=1)
+    vertices = centres[:, None, :] + (radii[:, None] * (1 + 0.15 * dents))[..., None] * ball
+    return _repeat_faces(vertices, ball_faces)
+
+
+def make_boxes(triangles: int, generator: np.random.Generator, *, spread: float = 1.0, size: float = 1.0) -> Solid:
+    """Return the cloud; `make_shape` describes the options."""
+    require_triangles("boxes", triangles, 12)
+    count = triangles // 12
+    centres, radii = _scatter(count, generator, spread, size)
+
+    # A random rotation is a random unit quaternion (Ken Shoemake, "Uniform Random Rotations", 1992).
+    q = generator.normal(size=(count, 4))
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    ).transpose(2, 0, 1)
+    sides = radii[:, None] * generator.uniform(0.35, 1.0, (count, 3))
+    vertices = centres[:, None, :] + (CUBE_CORNERS * sides[:, None, :]) @ rotation.transpose(0, 2, 1)
+    return _repeat_faces(vertices, CUBE_FACES)
+
+
+def _scatter(
+    count: int, generator: np.random.Generator, spread: float, size: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return centres in a ball, (count, 3), and radii so large that neighbours overlap, (count,)."""
+    direction = generator.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    centres = spread * np.cbrt(generator.uniform(size=count))[:, None] * direction
+    radii = size * spread / np.cbrt(count) * np.exp(generator.normal(-0.1, 0.35, count))
+    return centres, radii
+
+
+def _repeat_faces(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Solid:
+    """Return n copies of one mesh as one: (n, v, 3) vertices, each copy with the same (f, 3) faces."""
+    count, vertex_count, _ = vertices.shape
+    offsets = np.arange(count)[:, None, None] * vertex_count
+    return vertices.reshape(-1, 3), (faces[None] + offsets).reshape(-1, 3)

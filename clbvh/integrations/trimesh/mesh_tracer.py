@@ -17,7 +17,7 @@ from ...bvh import Bvh
 from ...bvh.sah_cost import sah_cost
 from ...errors import DeviceError, MeshError, QueryError
 from ...geometry import Mesh
-from ...geometry.vertex_faces import VertexFaces, find_vertex_faces
+from ...geometry.appearance.normals import VertexFaces, find_vertex_faces
 from ...trace import ClosestPoints, Tracer
 from ...trace.points.facing import choose_facing
 from ...trace.points.nearest_vertex import find_nearest_vertices

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from ...errors import SceneError
 from ...geometry import Mesh
-from ...geometry.appearance.material import Material
-from ...geometry.appearance.texture import OPAQUE
-from ...geometry.shape import Shape
-from ...geometry.spheres import Spheres
+from ...geometry.appearance.material import OPAQUE, Material
+from ...geometry.spheres import Shape, Spheres
 from ...structs import LIGHT, LIGHT_CHOICE
 
 # Weights of linear red, green and blue in the luminance (ITU-R BT.709).

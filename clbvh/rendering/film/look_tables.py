@@ -13,11 +13,9 @@ from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh
 from ...geometry.appearance.appearance import Appearance
-from ...geometry.appearance.material import Material
-from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
-from ...geometry.appearance.tangents import find_tangents
-from ...geometry.appearance.texture import Texture
-from ...geometry.shape import Shape
+from ...geometry.appearance.material import Material, Texture
+from ...geometry.appearance.normals import find_tangents, smooth_normals_by_angle
+from ...geometry.spheres import Shape
 from ...layouts.pack_normals import pack_normals, pack_tangents
 from ...structs import LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS
 from .light_tables import is_drawable_light

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
-from ...geometry.appearance.smooth_normals import smooth_normals_by_angle
+from ...geometry.appearance.normals import smooth_normals_by_angle
 from ...geometry.appearance.srgb import srgb_to_linear
 from ...scene.transforms import check_transform
 from ...trace.hits.by_geometry import group_by_geometry

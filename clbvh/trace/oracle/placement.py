@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.shape import Shape
+from ...geometry.spheres import Shape
 
 # Rotations, mirrors and uniform scales in float64 stretch all directions alike, but for this.
 _SIMILAR = 2.0**-40

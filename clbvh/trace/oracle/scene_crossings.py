@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...geometry.mesh import Mesh
-from ...geometry.shape import Shape
+from ...geometry.spheres import Shape
 from ...support.compiled import compiled
 from .placement import Blur, Placement, SceneLike, place_instances, scene_radius
 from .triangle_verdict import judge_triangle, make_frame, project

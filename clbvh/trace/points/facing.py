@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ...geometry.vertex_faces import VertexFaces
+from ...geometry.appearance.normals import VertexFaces
 from ...structs import NO_PRIM
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
-from ...geometry.shape import Shape
+from ...geometry.spheres import Shape
 from ...scene.state import SceneState
 from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
 from ...support.host_threads import HostThreads

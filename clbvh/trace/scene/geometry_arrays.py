@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...errors import SceneError
 from ...geometry import Mesh
-from ...geometry.shape import Shape
+from ...geometry.spheres import Shape
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
 from ...structs import PRIM_KINDS

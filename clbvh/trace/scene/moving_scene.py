@@ -20,9 +20,8 @@ from ...bvh.refit import fit_nodes
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh
-from ...geometry.shape import Shape
-from ...geometry.sphere_boxes import mesh_of
-from ...geometry.spheres import Spheres
+from ...geometry.box_mesh import mesh_of
+from ...geometry.spheres import Shape, Spheres
 from ...scene.contents import SceneContents
 from ...scene.handles import Geometry, Instance
 from ...scene.state import SceneState

@@ -9,7 +9,7 @@ from clbvh import BuildOptions, Mesh, Spheres, validate_tree
 from clbvh.builders.build import build_over, build_tree
 from clbvh.builders.ladder import LADDER
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
-from clbvh.geometry.sphere_boxes import sphere_boxes
+from clbvh.geometry.box_mesh import sphere_boxes
 
 
 def make_spheres(count, seed=0):

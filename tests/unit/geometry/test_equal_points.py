@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh.geometry import equal_points
-from clbvh.geometry.equal_points import find_equal_points, find_points
+from clbvh.geometry import topology as equal_points
+from clbvh.geometry.topology import find_equal_points, find_points
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -4,9 +4,8 @@ import numpy as np
 import trimesh
 
 import clbvh
-from clbvh.geometry.appearance.find_normals import find_corner_normals
-from clbvh.geometry.appearance.flat_faces import flatten
-from clbvh.geometry.appearance.flat_normals import find_flat_normals
+from clbvh.geometry.appearance.appearance import find_flat_normals
+from clbvh.geometry.appearance.normals import find_corner_normals, flatten
 
 KNOT = clbvh.make_shape("knot", triangles=500)
 

@@ -11,7 +11,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
-from clbvh.geometry import face_limit
+from clbvh.geometry import mesh as face_limit
 
 from .gltf_files import CODES, Gltf, pack_glb
 

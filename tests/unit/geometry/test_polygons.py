@@ -7,9 +7,9 @@ import pytest
 
 from clbvh import load_mesh
 from clbvh.errors import AppearanceWarning, MeshError
-from clbvh.geometry import face_limit
+from clbvh.geometry import mesh as face_limit
+from clbvh.geometry.loading.file_mesh import cut_fans
 from clbvh.geometry.loading.load import load_parts
-from clbvh.geometry.loading.polygons import cut_fans
 
 
 def test_polygons_become_fans_where_they_stand():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Spheres
-from clbvh.geometry.sphere_boxes import mesh_of, sphere_boxes
+from clbvh.geometry.box_mesh import mesh_of, sphere_boxes
 
 # The share of its radius by which a box is larger than its sphere, and the most that it may be larger besides, in
 # roundings of the box's coordinates.

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from clbvh.errors import MeshError
-from clbvh.geometry.loading.problems import Problems
+from clbvh.geometry.loading.file_mesh import Problems
 from clbvh.geometry.loading.texture_files import TextureFiles, decode_image, find_file
 
 

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from clbvh import Mesh
-from clbvh.geometry import watertight
+from clbvh.geometry import topology as watertight
 
 SPHERE = trimesh.creation.icosphere(subdivisions=3)
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, Tracer, make_shape
-from clbvh.geometry.vertex_faces import find_vertex_faces
+from clbvh.geometry.appearance.normals import find_vertex_faces
 from clbvh.trace.points.facing import choose_facing
 from clbvh.trace.points.refine import ClosestPoints
 

@@ -1,0 +1,273 @@
+"""Meshes as files have them, and the steps that their readers share: polygons, values of corners, problems.
+
+Polygons become fans of triangles where they stand. Values are spread from the lists of the file to the corners of its
+triangles. What is wrong with the looks becomes one warning for all of it, and the triangles are read nevertheless.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import AppearanceWarning, MeshError
+from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
+from ..appearance.material import Material
+from ..appearance.srgb import to_bytes
+from ..mesh import check_face_count
+
+
+class FileMesh(NamedTuple):
+    """A mesh as the file has it, (V, 3) float and (F, 3) int, and its looks. The name may be empty.
+
+    Where the file has no normals and declares faces flat, `flat_faces` is (F,) bool.
+    """
+
+    name: str
+    vertices: NDArray[np.number]
+    faces: NDArray[np.integer]
+    appearance: Appearance | None = None
+    flat_faces: NDArray[np.bool_] | None = None
+
+
+class FileNode(NamedTuple):
+    """A mesh, by its index, at a position that a (4, 4) float64 matrix gives. The name may be empty."""
+
+    name: str
+    mesh: int
+    matrix: NDArray[np.float64]
+
+
+class FileParts(NamedTuple):
+    """The meshes that the nodes place, and the nodes, both in the order of the file."""
+
+    meshes: list[FileMesh]
+    nodes: list[FileNode]
+
+
+def drop_loose_vertices(
+    vertices: NDArray[np.float64], faces: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+    """Return the vertices that faces refer to, in their order, and the faces with the new indices."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    if len(used) == len(vertices):
+        return vertices, faces
+    return vertices[used], renumbered.reshape(faces.shape)
+
+
+_MAX_SHOWN = 3  # problems in a warning
+_MAX_DETAIL_LENGTH = 200  # characters of an error's message
+_PACKAGE = Path(__file__).parents[2]
+
+
+class Problems:
+    """Sentences about attributes that cannot be used."""
+
+    def __init__(self) -> None:
+        self._sentences: dict[str, None] = {}
+
+    def add(self, sentence: str) -> None:
+        """Remember a sentence; equal ones count as one."""
+        self._sentences[sentence] = None
+
+    @contextmanager
+    def drop(self, subject: str) -> Iterator[None]:
+        """Turn any error of the statements into a sentence: what they would have set is dropped.
+
+        Files may hold anything, and decoders raise anything.
+        """
+        try:
+            yield
+        except Exception as error:
+            detail = " ".join(str(error).split())[:_MAX_DETAIL_LENGTH] or type(error).__name__
+            self.add(f"{subject} cannot be used: {detail}")
+
+    def warn(self, source: str) -> None:
+        """Issue one `AppearanceWarning` about a file, if there is a sentence."""
+        if not self._sentences:
+            return
+        sentences = list(self._sentences)
+        rest = f"; and {len(sentences) - _MAX_SHOWN} more" if len(sentences) > _MAX_SHOWN else ""
+        text = f"{source}: {'; '.join(sentences[:_MAX_SHOWN])}{rest}"
+        warnings.warn(text, AppearanceWarning, stacklevel=_count_own_frames())
+
+
+def _count_own_frames() -> int:
+    """Return the stack level of the first caller outside of clbvh, as `warn` counts from the method above."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(f"{_PACKAGE}{os.sep}"):
+        frame, level = frame.f_back, level + 1
+    return level
+
+
+# The colours of a file that has no materials are not tinted.
+_WHITE = Material(base_colour=(1.0, 1.0, 1.0))
+
+
+def finish_looks(arrays: Mapping[str, NDArray], materials: Sequence[Material]) -> Appearance | None:
+    """Return an appearance of checked arrays, None if there is nothing to say.
+
+    Colours without a material are those of a white one. A material that differs in nothing from the one that every
+    surface has is none.
+    """
+    if not materials and "colours" in arrays:
+        materials = [_WHITE]
+    if not arrays and all(material == Material() for material in materials):
+        return None
+    return make_unchecked(**arrays, materials=tuple(materials))
+
+
+_MAX_BYTE = 255
+
+
+def spread_normals(
+    normals: NDArray[np.number],
+    ids: NDArray[np.integer],
+    vertices: NDArray[np.number],
+    faces: NDArray[np.integer],
+) -> NDArray[np.float32]:
+    """Return unit normals at corners, (F, 3, 3) float32. Corners without one have that of their face.
+
+    Parameters
+    ----------
+    normals : (n, 3) float
+        Of any length. Those of length 0 are none.
+    ids : (F, 3) int
+        The normal of each corner; -1 where it has none.
+    vertices, faces : (V, 3) float and (F, 3) int
+        The triangles.
+
+    Raises
+    ------
+    MeshError
+        A normal is not finite, or an id is out of range.
+    """
+    check_ids(ids, len(normals))
+    if not np.isfinite(normals).all():
+        raise MeshError("some are not finite")
+    unit, has_direction = normalize(normals)
+    if has_direction.all() and (len(ids) == 0 or ids.min() >= 0):
+        return np.take(unit, ids, axis=0)  # three times as fast as an index
+    # The last one is for the id -1.
+    spread = np.concatenate((unit, np.zeros((1, 3), np.float32)))[ids]
+    missing = ~np.append(has_direction, False)[ids]
+    lacking = np.flatnonzero(missing.any(axis=1))
+    # A face that has a vertex out of range is refused later.
+    flat = find_flat_normals(vertices[np.clip(faces[lacking], 0, len(vertices) - 1)])
+    spread[lacking] = np.where(missing[lacking][..., None], flat[:, None], spread[lacking])
+    return spread
+
+
+def spread_uvs(uvs: NDArray[np.number], ids: NDArray[np.integer]) -> NDArray[np.float32]:
+    """Return texture coordinates at corners, (F, 3, 2) float32; (0, 0) where the id is -1.
+
+    Raises
+    ------
+    MeshError
+        A coordinate is not finite, or an id is out of range.
+    """
+    check_ids(ids, len(uvs))
+    with np.errstate(over="ignore"):
+        small = uvs.astype(np.float32)
+    if not np.isfinite(small).all():
+        raise MeshError("some are not finite")
+    if len(ids) and ids.min() < 0:
+        small = np.concatenate((small, np.zeros((1, 2), np.float32)))
+    # Two numbers are one of eight bytes: gathered ten times as fast.
+    pairs = np.ascontiguousarray(small).view(np.uint64)[:, 0]
+    return pairs[ids][..., None].view(np.float32)
+
+
+def join_channels(channels: list[NDArray[np.number]], dtype: np.dtype) -> NDArray[np.uint8]:
+    """Return colours, (n, 4) uint8, of three or four lists of numbers.
+
+    Parameters
+    ----------
+    channels : list of (n,) number
+        Red, green, blue and perhaps alpha.
+    dtype : dtype
+        The type of the file: whole numbers are shares of 255, or of the greatest of 16 bits; others are shares of 1,
+        but of 255 if one is above 1.
+
+    Raises
+    ------
+    ValueError
+        A number is NaN.
+    """
+    whole = dtype.kind in "iu"
+    if whole and all(channel.dtype == np.uint8 for channel in channels):
+        values = np.column_stack(channels)
+    else:
+        numbers = np.column_stack(channels)
+        if whole:
+            most = np.iinfo(np.uint16).max if dtype.itemsize == 2 else _MAX_BYTE
+        else:
+            most = _MAX_BYTE if len(numbers) and np.nanmax(numbers, initial=0) > 1 else 1
+        values = to_bytes(numbers / np.float32(most))
+    if values.shape[1] == 3:
+        values = np.column_stack((values, np.full(len(values), _MAX_BYTE, np.uint8)))
+    return np.ascontiguousarray(values)
+
+
+def check_ids(ids: NDArray[np.integer], count: int) -> None:
+    """Raise `MeshError` if an id is out of range; -1 is allowed."""
+    if len(ids) and not -1 <= int(ids.min()) <= int(ids.max()) < count:
+        raise MeshError(f"a corner refers to one that is not among the {count:,}")
+
+
+def spread_colours(colours: NDArray[np.uint8], ids: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return colours at corners, (F, 3, 4) uint8, of a list, (n, 4) uint8."""
+    check_ids(ids, len(colours))
+    # Four bytes are one number: gathered four times as fast.
+    return colours.view(np.uint32)[:, 0][ids][..., None].view(np.uint8)
+
+
+def count_triangles(sizes: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Return the number of triangles of each polygon, (p,), of its number of corners."""
+    return np.maximum(sizes.astype(np.int64) - 2, 0)
+
+
+def report_edges(sizes: NDArray[np.integer], problems: Problems) -> None:
+    """Say how many polygons of these numbers of corners have no triangle."""
+    if edge_count := np.count_nonzero(sizes < 3):
+        problems.add(f"{edge_count:,} of {len(sizes):,} faces have fewer than three corners, and are left out")
+
+
+def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Cut polygons into fans around their first corners.
+
+    A fan covers a convex polygon exactly. It reaches out of a concave one, unless the first corner is the concave one.
+
+    Parameters
+    ----------
+    corners : (n,) int
+        Vertex indices of all polygons, concatenated.
+    sizes : (p,) int
+        Corners per polygon.
+
+    Returns
+    -------
+    (F, 3) int
+        Triangles in the order of the polygons, with their winding. Polygons with fewer than three corners have none.
+
+    Raises
+    ------
+    MeshError
+        The triangles do not fit the memory: a large polygon has hardly more corners than triangles, and a corner may
+        be one byte of a file.
+    """
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    triangle_counts = count_triangles(sizes)
+    check_face_count(int(triangle_counts.sum()))
+    # Triangle k of a polygon has its corners 0, k + 1 and k + 2.
+    first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
+    step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
+    return corners[np.column_stack((first, first + step + 1, first + step + 2))]

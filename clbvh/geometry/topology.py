@@ -1,0 +1,217 @@
+"""What the vertices of a mesh share: equal points, normals at them, and whether the faces enclose a volume."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..support.compiled import compiled
+
+# Odd numbers without a pattern.
+_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+
+
+class EqualPoints(NamedTuple):
+    """Groups of points whose coordinates have the same bits.
+
+    Attributes
+    ----------
+    first : (P,) int64
+        The first point of each group, ascending.
+    ids : (n,) int64
+        The group of each point.
+    """
+
+    first: NDArray[np.int64]
+    ids: NDArray[np.int64]
+
+
+def find_equal_points(points: NDArray[np.floating]) -> EqualPoints:
+    """Find the groups of equal points among (n, 3) float32 or float64, in O(n log n).
+
+    0.0 and -0.0 differ.
+    """
+    if len(points) == 0:
+        return EqualPoints(np.empty(0, np.int64), np.empty(0, np.int64))
+    order, is_new = _sort(np.ascontiguousarray(points).view(f"u{points.itemsize}"))
+    first = np.minimum.reduceat(order, np.flatnonzero(is_new))
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    ids = np.empty(len(points), np.int64)
+    ids[order] = rank[np.cumsum(is_new) - 1]
+    return EqualPoints(np.sort(first), ids)
+
+
+def _sort(bits: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return an order in which equal rows are neighbours, and where one differs from the row before."""
+    # One key is sorted ten times as fast as three.
+    keys = _find_keys(bits)
+    order = np.argsort(keys)
+    is_new = _differ_from_before(bits[order])
+    if (is_new != _differ_from_before(keys[order][:, None])).any():
+        # Different points with the same key: a forged file has them, no other one does.
+        order = np.lexsort(bits.T)
+        is_new = _differ_from_before(bits[order])
+    return order, is_new
+
+
+def _find_keys(bits: NDArray[np.unsignedinteger]) -> NDArray[np.uint64]:
+    wide = bits.astype(np.uint64)
+    # Doubles that were floats end with zeros, which no product would mix.
+    folded = wide ^ (wide >> np.uint64(32))
+    return np.asarray((folded * _FACTORS).sum(axis=1, dtype=np.uint64))
+
+
+def _differ_from_before(rows: NDArray[np.unsignedinteger]) -> NDArray[np.bool_]:
+    is_new = np.ones(len(rows), np.bool_)
+    is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return is_new
+
+
+def find_points(vertices: NDArray[np.float64]) -> EqualPoints:
+    """Find the vertices with equal coordinates among (V, 3), whatever the sign of their zeros."""
+    return find_equal_points(vertices + 0.0)
+
+
+@compiled(error_model="numpy")
+def measure_corner(vertices, faces, scale, face, corner):
+    """Return a face's normal at a corner, not of length 1, its length, and the angle in radians.
+
+    Without an area all are 0. `scale` is a power of two that brings the mesh to a size of about 1.
+    """
+    own, following, last = faces[face, corner], faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+    ux = (vertices[following, 0] - vertices[own, 0]) * scale
+    uy = (vertices[following, 1] - vertices[own, 1]) * scale
+    uz = (vertices[following, 2] - vertices[own, 2]) * scale
+    vx = (vertices[last, 0] - vertices[own, 0]) * scale
+    vy = (vertices[last, 1] - vertices[own, 1]) * scale
+    vz = (vertices[last, 2] - vertices[own, 2]) * scale
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    largest = max(abs(nx), abs(ny), abs(nz))
+    if largest == 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    # Divided by the largest component first: the squares of a small triangle's normal could underflow.
+    nx, ny, nz = nx / largest, ny / largest, nz / largest
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx, ny, nz, length, math.atan2(length * largest, ux * vx + uy * vy + uz * vz)
+
+
+# The sum of unit vectors is no direction if it is shorter than this share of their weights: they cancel each other.
+_LEAST_SHARE = 2.0**-40
+
+
+def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float) -> NDArray[np.float64]:
+    """Return (V, 3) float64: unit normals at the vertices; see `Mesh.vertex_normals`.
+
+    The angle makes the normal independent of how a surface is cut into triangles: Thürmer and Wüthrich, "Computing
+    vertex normals from polygonal facets", 1998. O(V log V + F), one after the other in the order of the faces.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int32
+    scale : float
+        A power of two that brings the mesh to a size of about 1.
+    """
+    first, point_ids = find_points(vertices)
+    sums = np.zeros((len(first), 4))
+    _add_normals(vertices, faces, scale, point_ids, sums)
+    _normalize(sums)
+    return sums[point_ids, :3]
+
+
+@compiled(error_model="numpy")
+def _add_normals(vertices, faces, scale, point_ids, sums):
+    """Add each face's unit normal, times its angle, and the angle, to the points of its corners."""
+    for face in range(len(faces)):
+        for corner in range(3):
+            nx, ny, nz, length, angle = measure_corner(vertices, faces, scale, face, corner)
+            if length > 0.0:
+                point = point_ids[faces[face, corner]]
+                sums[point, 0] += angle * nx / length
+                sums[point, 1] += angle * ny / length
+                sums[point, 2] += angle * nz / length
+                sums[point, 3] += angle
+
+
+@compiled(error_model="numpy")
+def _normalize(sums):
+    for point in range(len(sums)):
+        x, y, z = sums[point, 0], sums[point, 1], sums[point, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        if not length > _LEAST_SHARE * sums[point, 3]:
+            length = np.nan
+        sums[point, 0], sums[point, 1], sums[point, 2] = x / length, y / length, z / length
+
+
+# Faces processed at a time, so that the temporary arrays stay in the processor's cache.
+_CHUNK_FACES = 1 << 14
+
+# One start value for each half of the 128 bits, from the binary digits of pi and of e.
+_SEEDS = (0x243F6A8885A308D3, 0xADF85458A2BB4A9A)
+
+
+def is_closed(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> bool:
+    """Return whether every edge belongs to an even number of triangles.
+
+    Each edge is hashed to 128 bits, and the exclusive or of all hashes is taken: edges that occur an even number of
+    times cancel, in one pass and without sorting; the chance of two edges with equal hashes is negligible.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float32
+        Vertices at one point count as one: a file may list them once for each triangle.
+    faces : (F, 3) int32
+    """
+    return all(_do_edges_cancel(_hash_points(vertices, np.uint64(seed)), faces) for seed in _SEEDS)
+
+
+def is_joined(vertex_count: int, faces: NDArray[np.int32]) -> bool:
+    """Return whether every edge between two vertex indices belongs to an even number of triangles.
+
+    A mesh of such faces is closed wherever its vertices are.
+
+    Parameters
+    ----------
+    vertex_count : int
+    faces : (F, 3) int32
+    """
+    indices = np.arange(vertex_count, dtype=np.uint64)
+    return all(_do_edges_cancel(_mix(_mix(indices) ^ np.uint64(seed)), faces) for seed in _SEEDS)
+
+
+def _do_edges_cancel(point_hashes: NDArray[np.uint64], faces: NDArray[np.int32]) -> bool:
+    """Return whether the exclusive or of the hashes of all edges is zero."""
+    total = np.uint64(0)
+    for begin in range(0, len(faces), _CHUNK_FACES):
+        total ^= _hash_edges(point_hashes[faces[begin : begin + _CHUNK_FACES]])
+    return bool(total == 0)
+
+
+def _hash_points(points: NDArray[np.float32], seed: np.uint64) -> NDArray[np.uint64]:
+    """Return (V,) hashes, equal for points with equal coordinates."""
+    bits = (points + np.float32(0)).view(np.uint32).astype(np.uint64)  # the sum turns -0 into 0
+    hashes = np.full(len(points), seed)
+    for axis in range(3):
+        hashes = _mix(hashes ^ bits[:, axis])
+    return hashes
+
+
+def _hash_edges(corners: NDArray[np.uint64]) -> np.uint64:
+    """Return the exclusive or of the hashes of the triangles' edges, which have no direction and no zero length."""
+    total = np.uint64(0)
+    for corner in range(3):
+        one, other = corners[:, corner], corners[:, (corner + 1) % 3]
+        hashes = _mix(one + other)
+        total ^= np.bitwise_xor.reduce(hashes[one != other], initial=0)
+    return total
+
+
+def _mix(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return a bijective hash of 64-bit values (finalizer of SplitMix64; Steele, Lea and Flood, 2014)."""
+    values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return values ^ (values >> np.uint64(31))
