@@ -13,6 +13,22 @@ import json
 import sys
 from pathlib import Path
 
+# PoCL compiles a kernel for each size of work-groups, and once more for launches of this many work-items along an axis.
+LARGE_LAUNCH = 1 << 16
+
+
+def note_launches() -> None:
+    """Let every kernel note its kinds of launch, in `launched`."""
+    from clbvh.device.kernel import Kernel
+
+    enqueue = Kernel.enqueue
+
+    def noted(self, queue, work_size, work_group, arguments):
+        vars(self).setdefault("launched", set()).add((work_group, max(work_size) >= LARGE_LAUNCH))
+        return enqueue(self, queue, work_size, work_group, arguments)
+
+    Kernel.enqueue = noted
+
 
 def run_all(tasks: list[list[str] | str]) -> None:
     """Run commands and code, one after the other."""
@@ -42,13 +58,15 @@ def list_code() -> dict[str, list[str]]:
         compiled += [f"{name}{types}" for types in misses]
     for opened in context._contexts.values():
         for (_, options), kernels in opened._kernels.items():
-            versions += [
-                f"{kernel.name} {options} {launch}" for kernel in kernels.values() for launch in kernel._launched
+            launches = [
+                (kernel.name, launch) for kernel in kernels.values() for launch in vars(kernel).get("launched", ())
             ]
+            versions += [f"{name} {options} {launch}" for name, launch in launches]
     return {"versions": versions, "compiled": compiled}
 
 
 if __name__ == "__main__":
     target = Path(sys.argv[1]).absolute()  # a task may change both
+    note_launches()
     run_all(json.load(sys.stdin))
     target.write_text(json.dumps(list_code()))

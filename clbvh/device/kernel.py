@@ -7,12 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import InternalError
-from .compile_timer import CompileTimer
-
-# PoCL compiles a kernel for each size of work-groups, and once more for launches of this many work-items along an axis.
-_LARGE_LAUNCH = 1 << 16
-
-_NS_PER_MS = 1e6
 
 
 class Kernel:
@@ -37,7 +31,6 @@ class Kernel:
         self._cl_kernel = cl_kernel
         # The driver takes the arguments one by one, before the launch.
         self._one_launch = threading.Lock()
-        self._launched: set[tuple[tuple[int, ...], bool]] = set()
 
     def bind(self, **arguments: Any) -> list[Any]:
         """Return arguments in the order of the declaration.
@@ -56,20 +49,6 @@ class Kernel:
         return [arguments[name] for name in self.argument_names]
 
     def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
-        """Start the kernel and return its event.
-
-        Waits for the first launch of each kind, in which a driver may compile, to time the compilation.
-        """
-        kind = work_group, max(work_size) >= _LARGE_LAUNCH
-        if kind in self._launched:
-            return self._launch(queue, work_size, work_group, arguments)
-        with CompileTimer(announces=False) as timer:
-            event = self._launch(queue, work_size, work_group, arguments)
-            event.wait()
-            timer.run_ms = (event.profile.end - event.profile.start) / _NS_PER_MS
-        self._launched.add(kind)
-        return event
-
-    def _launch(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
+        """Start the kernel and return its event."""
         with self._one_launch:
             return self._cl_kernel(queue, work_size, work_group, *arguments)
