@@ -149,7 +149,7 @@ class FetchError(ClbvhError, RuntimeError):
 
 
 class PoolError(ClbvhError, RuntimeError):
-    """A worker process failed, ended or stopped answering, or there is no memory to share with it.
+    """A worker process failed or ended, or there is no memory to share with it.
 
     Examples
     --------

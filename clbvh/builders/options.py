@@ -12,6 +12,7 @@ MAX_BINS = 64
 MAX_LEAF_SIZE = 255
 MIN_FRONTIER = 4
 MAX_FRONTIER = 8192
+MAX_WORKERS = 1024  # a slip of the keyboard must not start a hundred thousand
 DEFAULT_QUALITY = "default"
 FAST_QUALITY = "fast"
 HIGH_QUALITY = "high"
@@ -88,3 +89,11 @@ class BuildOptions:
             raise ConfigError(f"task_threshold must be at least 1, not {self.task_threshold}")
         if not MIN_FRONTIER <= self.frontier <= MAX_FRONTIER:
             raise ConfigError(f"frontier must be {MIN_FRONTIER} to {MAX_FRONTIER}, not {self.frontier}")
+
+
+def check_workers(workers: int | None) -> None:
+    """Raise `ConfigError` unless this is a number of workers, or None."""
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, Integral)):
+        raise ConfigError(f"workers must be a whole number, not {workers!r}")
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
+        raise ConfigError(f"workers must be 1 to {MAX_WORKERS}, not {workers}")

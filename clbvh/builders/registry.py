@@ -7,14 +7,14 @@ from collections.abc import Callable
 from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
+from .executor import Executor
 from .ladder.variants import VARIANTS
 from .options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions
 from .sah.build_sah import build_sah
-from .subtree_pool import SubtreePool
 
 DEFAULT_BUILDER = "sah"
 
-Builder = Callable[[Mesh, SubtreePool | None, BuildOptions], Bvh]
+Builder = Callable[[Mesh, Executor, BuildOptions], Bvh]
 
 BUILDERS = (DEFAULT_BUILDER, *VARIANTS)
 

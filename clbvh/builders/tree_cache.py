@@ -1,7 +1,7 @@
-"""Trees that are kept for later runs: one file per mesh and set of build options.
+"""The tree of a mesh: built, or taken from a folder that keeps trees for later runs.
 
-Owns the names of the files, and the size of them all: trees that have not been used for the longest time go first.
-Their content, which is not trusted, belongs to `bvh.serialize`.
+Owns that decision, the names of the files, one per mesh and set of build options, and the size of them all: trees that
+have not been used for the longest time go first. Their content, which is not trusted, belongs to `bvh.serialize`.
 """
 
 from __future__ import annotations
@@ -11,14 +11,19 @@ import hashlib
 import json
 import os
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
 from ..support.cache_folder import find_cache
+from ..support.stopwatch import Stopwatch
 from ..support.version import __version__
-from .options import BuildOptions
+from .build import build_tree, choose_workers
+from .options import BuildOptions, check_workers
+from .registry import BUILDERS, DEFAULT_BUILDER, check_builder
 
 SUFFIX = ".tree"
 
@@ -33,6 +38,88 @@ _MOST_DIGITS = 12
 # Hexadecimal digits in a file's name. Collisions do no harm: the file holds the whole fingerprint.
 _MESH_DIGITS = 32
 _RECIPE_DIGITS = 16
+
+
+@dataclass(frozen=True)
+class TreeOptions:
+    """The builder of a tree, its options, its threads and its cache.
+
+    Attributes
+    ----------
+    builder : str
+        A builder of `clbvh.build`.
+    workers : int or None
+        Threads that build, at most; None: one per usable processor.
+    build : BuildOptions
+    cache : Path or None
+        Folder in which trees are looked up and kept; None for no cache.
+    """
+
+    builder: str = DEFAULT_BUILDER
+    workers: int | None = None
+    build: BuildOptions = field(default_factory=BuildOptions)
+    cache: Path | None = None
+
+    allowed_builders: ClassVar[tuple[str, ...]] = BUILDERS
+
+    def __post_init__(self) -> None:
+        check_builder(self.builder, self.build, self.allowed_builders)
+        check_workers(self.workers)
+        if self.cache is not None and not isinstance(self.cache, Path):
+            raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class BuildResult:
+    """A tree and its origin.
+
+    Attributes
+    ----------
+    bvh : Bvh
+    workers : int
+        Threads that built it; 0 for a tree from the cache.
+    from_cache : bool
+    timings_ms : dict of str to float
+        cache, build.
+    notes : tuple of str
+        Facts that a user should know but that are no errors: a damaged file in the cache, or a full disk.
+    """
+
+    bvh: Bvh
+    workers: int
+    from_cache: bool
+    timings_ms: dict[str, float]
+    notes: tuple[str, ...] = ()
+
+
+def get_tree(mesh: Mesh, options: TreeOptions) -> BuildResult:
+    """Return the tree of a mesh, from the cache if it is there.
+
+    Raises
+    ------
+    ConfigError, MeshError
+        See `clbvh.build`; or the folder of the cache cannot be created. A failing cache is no error, but a note.
+    """
+    watch = Stopwatch()
+    notes = []
+    bvh, path = None, None
+    if options.cache is not None:
+        make_folder(options.cache)
+        path = cache_path(options.cache, mesh, options.builder, options.build)
+        bvh, note = take_tree(path, mesh)
+        notes.append(note)
+        watch.lap("cache")
+
+    workers = 0
+    if bvh is None:
+        workers = choose_workers(mesh.face_count, options.builder, options.build, options.workers)
+        bvh = build_tree(mesh, options.builder, None, options.build, options.workers)
+        watch.lap("build")
+        if path is not None:
+            notes.append(keep_tree(path, bvh))
+            watch.lap("cache")
+    timings_ms = {phase: watch.laps_ms.get(phase, 0.0) for phase in ("cache", "build")}
+    return BuildResult(bvh, workers, workers == 0, timings_ms, tuple(filter(None, notes)))
 
 
 def find_tree_cache() -> Path:

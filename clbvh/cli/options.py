@@ -50,8 +50,8 @@ Builder = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(
-        help="Processes that build the tree; 1: only this one.",
-        show_default="one per processor, for large meshes",
+        help="Threads that build the tree, at most.",
+        show_default="one per usable processor",
         rich_help_panel=TREE_PANEL,
     ),
 ]

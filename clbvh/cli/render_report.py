@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 # The rows of the time table, in the order of the work.
 _PHASES = {
     "load": "load the mesh, find its local coordinates",
-    "pool_start": "start the workers, alongside: not in the total",
     "cache": "look the tree up in the cache, or keep it there",
     "build": "build the tree",
     "open": "open the device",

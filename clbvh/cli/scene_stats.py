@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from .tables import add_time, describe_options, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
-    from ..builders.tree_maker import TreeOptions
+    from ..builders.tree_cache import TreeOptions
     from ..bvh import Bvh
     from ..geometry import Mesh
     from ..rendering.scene import Scene
@@ -22,7 +22,6 @@ _MOST_ROWS = 40
 
 _PHASES = {
     "load": "load and place the objects",
-    "pool_start": "start the workers: not in the total",
     "build": "build the trees of both levels",
     "measure": "the measures above",
     "compile": "compile functions, in a first run only",
@@ -47,33 +46,32 @@ def show_scene_stats(
         Of an interior node, in primitive tests.
     as_json : bool
     """
-    from ..builders.tree_maker import TreeMaker
+    from ..builders.tree_cache import get_tree
     from ..rendering.scene_stats import measure_scene
     from ..support.stopwatch import add_total
 
     state = scene.snapshot()
     watch.lap("load")
-    workers, pool_start_ms = 1, 0.0
-    with TreeMaker(wanted, max(shape.prim_count for shape in state.shapes)) as maker:
+    workers = 1
 
-        def build_tree(mesh: Mesh) -> Bvh:
-            nonlocal workers, pool_start_ms
-            watch.lap("measure")
-            made = maker.make(mesh)
-            watch.lap("build")
-            workers, pool_start_ms = made.workers, made.timings_ms["pool_start"]
-            return made.bvh
+    def build_tree(mesh: Mesh) -> Bvh:
+        nonlocal workers
+        watch.lap("measure")
+        made = get_tree(mesh, wanted)
+        watch.lap("build")
+        workers = max(workers, made.workers)
+        return made.bvh
 
-        measured = measure_scene(state, build_tree, traversal_cost=traversal_cost)
+    measured = measure_scene(state, build_tree, traversal_cost=traversal_cost)
     watch.lap("measure")
     laps = {phase: watch.laps_ms[phase] for phase in ("load", "build", "measure")}
-    phases_ms = {"load": laps["load"], "pool_start": pool_start_ms, **laps, **watch.code_ms}
+    phases_ms = {**laps, **watch.code_ms}
     report = {
         "scene": measured.as_dict(),
         "build": {
             **describe_options(wanted),
             "workers": workers,
-            "timings_ms": add_total(phases_ms, watch.total_ms, overlapping=("pool_start",)),
+            "timings_ms": add_total(phases_ms, watch.total_ms),
         },
     }
     if as_json:

@@ -57,7 +57,7 @@ def stats(
     as_json: options.AsJson = False,
 ) -> None:
     """Build a tree and measure it."""
-    from ..builders.tree_maker import TreeMaker, TreeOptions
+    from ..builders.tree_cache import TreeOptions, get_tree
     from ..errors import ConfigError
     from ..rendering.open_scene import open_scene
     from ..stats import measure_tree
@@ -84,10 +84,9 @@ def stats(
         return
 
     watch = Stopwatch()
-    with TreeMaker(wanted, scene.only_mesh().estimate_face_count()) as maker:
-        mesh = scene.transform.apply(scene.only_mesh().load())
-        watch.lap("load")
-        made = maker.make(mesh)
+    mesh = scene.transform.apply(scene.only_mesh().load())
+    watch.lap("load")
+    made = get_tree(mesh, wanted)
     watch.lap("build")
     measured = measure_tree(made.bvh, traversal_cost=traversal_cost, overlap_sample=None if exact else OVERLAP_SAMPLE)
     watch.lap("measure")
@@ -95,13 +94,12 @@ def stats(
     watch.lap("rays")
     phases_ms = {
         "load": watch.laps_ms["load"],
-        "pool_start": made.timings_ms["pool_start"],
         "build": made.timings_ms["build"],
         "measure": watch.laps_ms["measure"],
         **({"rays": watch.laps_ms["rays"]} if rays else {}),
         **watch.code_ms,
     }
-    timings_ms = add_total(phases_ms, watch.total_ms, overlapping=("pool_start",))
+    timings_ms = add_total(phases_ms, watch.total_ms)
     if plot is not None:
         write_tree_plot(plot, measured, f"{mesh.name}, builder {builder}")
 
@@ -196,7 +194,6 @@ def _make_time_table(build: dict[str, Any]) -> Any:
 
     descriptions = {
         "load": "load the mesh, find its local coordinates",
-        "pool_start": "start the workers, alongside: not in the total",
         "build": f"builder {build['builder']}, {describe_workers(build['workers'])}; of this:",
         "measure": "the measures above",
         "rays": "cast on the host, step for step as layout bvh2",

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..builders.tree_maker import TreeOptions
+    from ..builders.tree_cache import TreeOptions
 
 
 def make_facts() -> Any:

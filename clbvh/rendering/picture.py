@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.tree_maker import MadeTree
+from ..builders.tree_cache import BuildResult
 from ..bvh import Bvh, sah_cost
 from ..device.info import DeviceInfo
 from ..device.timing import EventTimes
@@ -59,12 +59,12 @@ class Picture:
     device : DeviceInfo
     layout : str
     workers : int
-        Processes that built the tree; 0 when it came from the cache or was given.
+        Threads that built the tree; 0 when it came from the cache or was given.
     timings : dict of str to float
-        Milliseconds: load, pool_start (alongside other phases), cache (look the tree up, keep it), build, open (the
+        Milliseconds: load, cache (look the tree up, keep it), build, open (the
         device), layout (arrange the tree for the device), compile (functions and kernels, which are kept for the next
         run), load_code (those that were kept), upload, kernel, download (the device's own times), other (between these
-        phases), and total: the wall time, the sum of all but pool_start. No other phase includes compile or load_code,
+        phases), and total: the wall time, the sum of all. No other phase includes compile or load_code,
         which are those of all threads. In a picture of a `Renderer`, the phases of its set-up are 0: see
         `Renderer.timings`.
     is_transparent : bool
@@ -273,18 +273,14 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
     return refined.as_hits(ids, (height, width), mesh=None, scene_surface=mesh)
 
 
-# Runs alongside other phases.
-_OVERLAPPING = ("pool_start",)
-
-
-def list_setup_ms(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> dict[str, float]:
+def list_setup_ms(watch: Stopwatch, made: BuildResult | None, upload_ms: float) -> dict[str, float]:
     """Return the timings of a `Renderer`; see `Picture.timings`.
 
     Parameters
     ----------
     watch : Stopwatch
         With the laps load, open and layout.
-    made : MadeTree or None
+    made : BuildResult or None
         The tree, if the renderer has made one.
     upload_ms : float
         Time of the uploads, which are part of the lap layout.
@@ -292,7 +288,7 @@ def list_setup_ms(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> 
     code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
     phases_ms = {
         "load": laps_ms["load"],
-        **(dict.fromkeys(("pool_start", "cache", "build"), 0.0) if made is None else made.timings_ms),
+        **(dict.fromkeys(("cache", "build"), 0.0) if made is None else made.timings_ms),
         "open": laps_ms["open"],
         # The tree is uploaded as it is arranged; the upload has a row of its own.
         "layout": max(laps_ms["layout"] - upload_ms, 0.0),
@@ -301,11 +297,11 @@ def list_setup_ms(watch: Stopwatch, made: MadeTree | None, upload_ms: float) -> 
         "kernel": 0.0,
         "download": 0.0,
     }
-    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
+    return add_total(phases_ms, total_ms)
 
 
 def list_picture_ms(setup_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
     """Return the timings of a `Picture`: its own phases; those of the set-up take no time."""
     own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
     phases_ms = {phase: own_ms.get(phase, 0.0) for phase in setup_ms if phase not in ("other", "total")}
-    return add_total(phases_ms, total_ms, overlapping=_OVERLAPPING)
+    return add_total(phases_ms, total_ms)

@@ -121,7 +121,7 @@ class Renderer(ContextManager):
         watch = Stopwatch()
         with ExitStack() as stack:
             self.scene = as_scene(source)
-            subject = _find_subject(self.scene, source, options, stack)
+            subject = _find_subject(self.scene, source, options)
             self._subject = subject
 
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
@@ -577,17 +577,15 @@ def _make_progress(
     return Progress(samples, float(time_limit_s), on_samples, is_stopped)
 
 
-def _find_subject(
-    scene: Scene, source: SceneLike, options: RenderOptions, stack: ExitStack
-) -> MeshSubject | SceneSubject:
-    """Return what pictures of a scene show; the workers start now."""
+def _find_subject(scene: Scene, source: SceneLike, options: RenderOptions) -> MeshSubject | SceneSubject:
+    """Return what pictures of a scene show."""
     if scene.is_one_mesh:
-        return MeshSubject(scene, None, source if isinstance(source, Bvh) else None, options, stack)
+        return MeshSubject(scene, None, source if isinstance(source, Bvh) else None, options)
     state = scene.snapshot()
     # A mesh that is placed once, where it is, needs no instance, unless it has a colour of its own.
     if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None and not state.materials:
-        return MeshSubject(scene, cast(Mesh, state.shapes[0]), None, options, stack)
-    return SceneSubject(state, options, stack)
+        return MeshSubject(scene, cast(Mesh, state.shapes[0]), None, options)
+    return SceneSubject(state, options)
 
 
 def _framing_of(scene: Scene) -> tuple[object, ...]:

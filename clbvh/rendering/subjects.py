@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from ..builders.build import build
 from ..builders.options import MAX_DEPTH
 from ..builders.registry import BUILDERS, leaf_limit
-from ..builders.tree_maker import MadeTree, TreeMaker, TreeOptions
+from ..builders.tree_cache import BuildResult, TreeOptions, get_tree
 from ..bvh import Bvh, validate_tree
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
@@ -154,8 +153,6 @@ class MeshSubject:
     bvh : Bvh or None
         Its tree, where there is one.
     options : RenderOptions
-    stack : ExitStack
-        Ends the workers, which start now.
 
     Attributes
     ----------
@@ -163,21 +160,15 @@ class MeshSubject:
         In the scene's coordinates.
     bvh : Bvh or None
         None with the builder ``"brute"``.
-    made : MadeTree or None
+    made : BuildResult or None
         The tree, if it was made here.
     """
 
-    def __init__(
-        self, scene: Scene, mesh: Mesh | None, bvh: Bvh | None, options: RenderOptions, stack: ExitStack
-    ) -> None:
+    def __init__(self, scene: Scene, mesh: Mesh | None, bvh: Bvh | None, options: RenderOptions) -> None:
         self._scene, self._options = scene, options
         self._loaded = mesh
         self.bvh = bvh if options.builder != BRUTE else None
-        self.made: MadeTree | None = None
-        self._maker: TreeMaker | None = None
-        if options.builder != BRUTE and bvh is None:
-            face_count = mesh.face_count if mesh is not None else scene.only_mesh().estimate_face_count()
-            self._maker = stack.enter_context(TreeMaker(options, face_count))
+        self.made: BuildResult | None = None
 
     def load(self) -> None:
         """Find the mesh."""
@@ -186,11 +177,11 @@ class MeshSubject:
 
     def build(self) -> None:
         """Find the tree."""
-        if self._maker is not None:
-            self.made = self._maker.make(self.mesh)
-            self.bvh = self.made.bvh
-        elif self.bvh is None:
+        if self._options.builder == BRUTE:
             check_brute_limit(self.mesh.face_count, "triangles")
+        elif self.bvh is None:
+            self.made = get_tree(self.mesh, self._options)
+            self.bvh = self.made.bvh
 
     def put(self, session: DeviceSession) -> DeviceTree:
         """Put the mesh and its tree on the device."""
@@ -234,15 +225,13 @@ class SceneSubject:
     ----------
     state : SceneState
     options : RenderOptions
-    stack : ExitStack
-        Ends the workers, which start now.
 
     Attributes
     ----------
     mesh, bvh
         None: there is no single one.
     extent : SceneExtent
-    made : MadeTree or None
+    made : BuildResult or None
         The sums over all trees, and one of the trees; None with the builder ``"brute"``.
 
     Raises
@@ -256,20 +245,16 @@ class SceneSubject:
     mesh = None
     bvh = None
 
-    def __init__(self, state: SceneState, options: RenderOptions, stack: ExitStack) -> None:
+    def __init__(self, state: SceneState, options: RenderOptions) -> None:
         if state.instance_count == 0:
             raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
         self._state, self._options = state, options
-        self._maker: TreeMaker | None = None
         if options.builder == BRUTE:
             prim_counts = [shape.prim_count for shape in state.shapes]
             check_brute_limit(sum(prim_counts[geometry] for geometry in state.geometry_ids.tolist()), "primitives")
-        else:
-            expected_count = sum(shape.prim_count for shape in state.shapes)
-            self._maker = stack.enter_context(TreeMaker(options, expected_count))
         self._trees: tuple[Bvh | None, ...] | None = None
         self._merging = NOTHING_MERGED
-        self.made: MadeTree | None = None
+        self.made: BuildResult | None = None
 
     def load(self) -> None:
         """Find where everything is."""
@@ -278,14 +263,14 @@ class SceneSubject:
 
     def build(self) -> None:
         """Make the trees of merged meshes, and of each geometry that is not merged; none with ``"brute"``."""
-        maker, state = self._maker, self._state
+        state = self._state
         self._surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        if maker is None:
+        if self._options.builder == BRUTE:
             return
-        made: list[MadeTree] = []
+        made: list[BuildResult] = []
 
         def make(mesh: Mesh) -> Bvh:
-            made.append(maker.make(mesh))
+            made.append(get_tree(mesh, self._options))
             return made[-1].bvh
 
         self._merging = Merging.find(state, self._surface, make)
@@ -294,12 +279,11 @@ class SceneSubject:
             None if geometry_id in merged else make(mesh_of(shape)) for geometry_id, shape in enumerate(state.shapes)
         )
         timings_ms = {phase: sum(each.timings_ms[phase] for each in made) for phase in ("cache", "build")}
-        self.made = MadeTree(
+        self.made = BuildResult(
             made[0].bvh,
             max(each.workers for each in made),
             all(each.from_cache for each in made),
-            # The workers start once.
-            {"pool_start": made[-1].timings_ms["pool_start"], **timings_ms},
+            timings_ms,
             tuple(dict.fromkeys(note for each in made for note in each.notes)),
         )
 

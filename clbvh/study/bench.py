@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..builders.build import build
-from ..builders.subtree_pool import SubtreePool
+from ..builders.processes.pool import SubtreePool
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..geometry import Mesh, load_mesh
@@ -88,11 +88,8 @@ class Bench(ContextManager):
         return pool
 
     def tree(self, mesh: str, builder: str = "sah") -> Bvh:
-        """Return a mesh's tree, built by all workers."""
-        return self.once(
-            ("tree", mesh, builder),
-            lambda: build(self.mesh(mesh), builder=builder, pool=self.pool(usable_cores())),
-        )
+        """Return a mesh's tree."""
+        return self.once(("tree", mesh, builder), lambda: build(self.mesh(mesh), builder=builder))
 
     def camera(self, mesh: str, width: int, height: int) -> Camera:
         """Return the camera that sees all of a mesh, as `clbvh render` does."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..builders.build import build
-from ..builders.subtree_pool import SubtreePool
+from ..builders.processes.pool import SubtreePool
 from ..bvh import Bvh
 from ..geometry import Mesh
 

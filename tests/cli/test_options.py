@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from clbvh import BuildOptions
-from clbvh.builders.tree_maker import TreeOptions
+from clbvh.builders.tree_cache import TreeOptions
 from clbvh.cli import options
 from clbvh.errors import ConfigError
 

@@ -7,6 +7,7 @@ import dataclasses
 from hypothesis import example, given, strategies as st
 
 from clbvh import BuildOptions, validate_tree
+from clbvh.builders.build import build_tree
 from clbvh.builders.ladder import LADDER
 from clbvh.builders.options import MAX_DEPTH
 
@@ -35,10 +36,10 @@ def bytes_of(bvh):
 @given(mesh=st.one_of(SOUPS, HAND_PICKED), options=OPTIONS)
 def test_variants_that_share_a_split_make_the_same_right_tree(mesh, options):
     for names in SAME_TREE:
-        trees = [LADDER[name](mesh, None, options) for name in names]
+        trees = [build_tree(mesh, name, None, options) for name in names]
         validate_tree(trees[0], max_depth=MAX_DEPTH, max_leaf_size=options.leaf_size)
         assert len({bytes_of(tree) for tree in trees}) == 1
-    frontier = LADDER["frontier"](mesh, None, options)
+    frontier = build_tree(mesh, "frontier", None, options)
     validate_tree(frontier, max_depth=MAX_DEPTH, max_leaf_size=options.frontier)
 
 
@@ -47,8 +48,10 @@ def test_variants_that_share_a_split_make_the_same_right_tree(mesh, options):
 @example(mesh=make_soup(3000, seed=1), options=BuildOptions(leaf_size=1), name="atomic")
 @example(mesh=make_soup(3000, seed=1), options=BuildOptions(leaf_size=1), name="naive")
 def test_the_bytes_do_not_depend_on_workers_nor_thresholds(mesh, options, name, pools):
-    serial = LADDER[name](mesh, None, options)
+    serial = build_tree(mesh, name, None, options)
     for workers in WORKERS:
         for threshold in THRESHOLDS:
-            parallel = LADDER[name](mesh, pools[workers], dataclasses.replace(options, task_threshold=threshold))
-            assert bytes_of(parallel) == bytes_of(serial), f"{workers} workers, threshold {threshold}"
+            cut = dataclasses.replace(options, task_threshold=threshold)
+            in_processes = build_tree(mesh, name, pools[workers], cut)
+            in_threads = build_tree(mesh, name, None, cut, workers)
+            assert bytes_of(in_processes) == bytes_of(in_threads) == bytes_of(serial), f"{workers} workers, {threshold}"

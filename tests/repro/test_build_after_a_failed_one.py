@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, SubtreePool, build, validate_tree
-from clbvh.builders.workers.arena import Arena
+from clbvh.builders.processes import pool as pool_module
 from clbvh.errors import PoolError
 
 
@@ -17,19 +17,19 @@ def random_mesh(seed, triangles):
 
 @pytest.mark.parametrize("failing", [0, 1])
 def test_a_pool_whose_build_ran_out_of_memory_builds_the_next_mesh_right(monkeypatch, failing):
-    create = Arena.create
+    create = pool_module.SharedArray
     sizes = []
 
-    def refuse_one_array(self, shape, dtype):
+    def refuse_one_array(shape, dtype):
         sizes.append(shape)
         if len(sizes) == 1 + failing:
             raise PoolError("no memory left")
-        return create(self, shape, dtype)
+        return create(shape, dtype)
 
     with SubtreePool(workers=2) as pool:
         build(random_mesh(0, 500), pool=pool, task_threshold=7)
         with monkeypatch.context() as patch:
-            patch.setattr(Arena, "create", refuse_one_array)
+            patch.setattr(pool_module, "SharedArray", refuse_one_array)
             with pytest.raises(PoolError, match="no memory left"):
                 build(random_mesh(1, 1000), pool=pool, task_threshold=7)
         bvh = build(random_mesh(2, 1000), pool=pool, task_threshold=7)

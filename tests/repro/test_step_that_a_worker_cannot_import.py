@@ -24,10 +24,18 @@ def return_a_function(arrays):
 
 
 def test_the_error_holds_the_workers_traceback(step_known_only_here):
-    with SubtreePool(workers=1) as pool, pytest.raises(PoolError, match="No module named 'module_of_the_coordinator'"):
-        pool.map(step_known_only_here, [()])
+    with (
+        SubtreePool(workers=1) as pool,
+        pytest.raises(PoolError, match="No module named 'module_of_the_coordinator'"),
+        pool.open_executor() as executor,
+    ):
+        executor.map(step_known_only_here, [()])
 
 
 def test_a_result_that_cannot_be_sent_is_an_error_too():
-    with SubtreePool(workers=1) as pool, pytest.raises(PoolError, match=r"(?s)worker 0 failed.*pickle"):
-        pool.map(return_a_function, [()])
+    with (
+        SubtreePool(workers=1) as pool,
+        pytest.raises(PoolError, match=r"(?s)worker 0 failed.*pickle"),
+        pool.open_executor() as executor,
+    ):
+        executor.map(return_a_function, [()])

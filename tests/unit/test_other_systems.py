@@ -67,9 +67,10 @@ print(len(names))
 
 USE = """
 import pathlib
-from clbvh.builders.workers import arena
+from clbvh.builders.processes import shared_memory
 from clbvh.support import memory
-memory._PROC = arena._OWN_FILES = pathlib.Path("no such folder")
+memory._PROC = pathlib.Path("no such folder")
+assert not shared_memory._HAS_ANONYMOUS_FILES
 mesh = clbvh.make_shape("icosphere", triangles=80)
 bvh = clbvh.build(mesh)
 with clbvh.Tracer(bvh) as tracer:

@@ -8,8 +8,6 @@ Owns the order of the steps. The tree is the same, byte for byte, for any number
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,13 +16,10 @@ from ...geometry import Mesh
 from ...structs import BOX_LANES, NODE
 from ...support.ranges import cut_range
 from ...support.stopwatch import Stopwatch
+from ..executor import Executor
 from ..options import MAX_DEPTH, BuildOptions
 from ..prim_refs import BOUNDS_CENTROIDS, MeshSlice
-from ..sah.build_sah import SMALL_MESH
 from ..sah.rule import Rule, make_rule
-from ..subtree_pool import SubtreePool
-from ..warm_up import make_small_mesh, prepare_workers
-from ..workers.executor import CallingProcess, Executor, open_executor
 from . import steps
 from .box_tree import build_box_tree
 from .codes import bound_vertices, count_cells, make_grid
@@ -43,8 +38,8 @@ _TREELET_SIZE = 1024
 _TASKS_PER_WORKER = 8
 
 
-def build_hlbvh(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
-    """Build in as few milliseconds as possible; see `clbvh.build` for the parameters.
+def build_hlbvh(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+    """Build in as few milliseconds as possible; see `clbvh.build` for the options.
 
     Returns
     -------
@@ -53,28 +48,12 @@ def build_hlbvh(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> 
 
     Notes
     -----
-    O(n log n) in the number of triangles. Besides the mesh and the result it needs 70 bytes per triangle; a pool keeps
-    up to 1 GiB of them for the next build.
+    O(n log n) in the number of triangles. Besides the mesh and the result it needs 70 bytes per triangle.
     """
-    # Compiled code is loaded before time is taken.
-    _warm_up()
-    if mesh.face_count < SMALL_MESH and options.task_threshold is None:
-        pool = None
-    with open_executor(pool) as executor:
-        prepare_workers(executor, steps.warm_up)
-        return _build(mesh, executor, options)
-
-
-@cache
-def _warm_up() -> None:
-    _build(make_small_mesh(), CallingProcess(), BuildOptions())
-
-
-def _build(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
     rule = make_rule(options)
-    executor.borrow("prim_refs", (2, mesh.face_count, BOX_LANES), np.float32)
-    executor.borrow("prim_ids", (mesh.face_count,), np.int32)
+    executor.create("prim_refs", (2, mesh.face_count, BOX_LANES), np.float32)
+    executor.create("prim_ids", (mesh.face_count,), np.int32)
 
     # One primitive reference per primitive, those of neighbours in one treelet.
     treelets = _fill_treelets(mesh, executor)

@@ -9,7 +9,7 @@ from ...structs import BOX_LANES, NODE_COUNT, NODE_FIRST
 from ...support.compiled import compiled
 from ...support.ranges import cut_range
 from ..depth_first import Placement, order_top, place_subtree
-from ..workers.executor import Executor
+from ..executor import Executor
 
 
 def join_treelets(

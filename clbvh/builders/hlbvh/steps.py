@@ -8,18 +8,13 @@ The arrays, for n primitives:
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ...structs import BOX_LANES
+from ..executor import Arrays
 from ..sah.rule import Rule
-from ..warm_up import make_small_arrays
-from ..workers.executor import Arrays
 from .grow import grow_treelets
-
-_WARM_UP_RULE = Rule(2, 1, 1.0)
 
 
 def grow_subtrees(
@@ -30,14 +25,3 @@ def grow_subtrees(
     slots = arrays["prim_refs"].reshape(-1, BOX_LANES)
     grow_treelets(slots, treelets, rule, arrays["prim_ids"], boxes, node_counts)
     return boxes, node_counts
-
-
-def warm_up(arrays: Arrays) -> None:
-    """Load the compiled code into this process."""
-    _grow_something()
-
-
-@cache
-def _grow_something() -> None:
-    arrays = make_small_arrays()
-    grow_subtrees(arrays, np.array([[0, len(arrays["prim_ids"])]]), _WARM_UP_RULE)

@@ -5,23 +5,22 @@ Owns the order of the phases. Differences between variants are fields of `Varian
 
 from __future__ import annotations
 
-from functools import cache, partial
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
-from ...errors import InternalError
+from ...errors import InternalError, PoolError
 from ...geometry import Mesh
 from ...structs import NODE, NODE_LANES
 from ...support.ranges import cut_range
 from ...support.stopwatch import Stopwatch
 from ..depth_first import place_top
+from ..executor import Executor
 from ..options import BuildOptions
-from ..subtree_pool import SubtreePool
-from ..warm_up import make_small_mesh, prepare_workers
-from ..workers.executor import Arrays, CallingProcess, Executor, open_executor
 from . import steps
 from .divide import Rule
 from .heap import COUNTER_WORDS, WORDS
@@ -36,22 +35,22 @@ DEFAULT_BINS = 8
 _TASKS_PER_WORKER = 8
 
 
-def build_variant(variant: Variant, mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     """Build a tree by one variant of the ladder.
 
     Parameters
     ----------
     variant : Variant
     mesh : Mesh
-    pool : SubtreePool or None
-        Worker processes for a parallel variant. Without one, the calling process builds.
+    executor : Executor
+        The workers of a pool, as in the report, or threads; one thread for a variant that is not parallel.
     options : BuildOptions
         Of these `bins`, `leaf_size`, `task_threshold` and `frontier` are heeded, where the variant has them.
 
     Returns
     -------
     Bvh
-        The same bytes for any pool and any threshold. No leaf lies deeper than 64. Its phases: "share" (the mesh
+        The same bytes for any executor and any threshold. No leaf lies deeper than 64. Its phases: "share" (the mesh
         for the workers), "metadata", "top" (tasks that divide one range each), "subtrees", and "flatten" or
         "convert" (linked nodes are flattened) or "compact" (nodes move to their indices in the tree).
 
@@ -64,29 +63,6 @@ def build_variant(variant: Variant, mesh: Mesh, pool: SubtreePool | None, option
     -----
     O(n log n) in the number of triangles, from `median` on; O(n log² n) for the variants that sort.
     """
-    # Compiled code is loaded before time is taken.
-    _warm_up(variant.name)
-    with open_executor(pool if variant.parallel else None) as executor:
-        prepare_workers(executor, prepare, variant.name)
-        return _build(variant, mesh, executor, options)
-
-
-LADDER = {name: partial(build_variant, variant) for name, variant in VARIANTS.items()}
-
-
-def prepare(arrays: Arrays, name: str) -> None:
-    """Load all compiled code of a variant into this process, and free the trees of an interrupted build; a step."""
-    _warm_up(name)
-    steps.free_held(arrays)
-
-
-@cache
-def _warm_up(name: str) -> None:
-    """Build a small tree with a top."""
-    _build(VARIANTS[name], make_small_mesh(), CallingProcess(), BuildOptions(leaf_size=1, task_threshold=2))
-
-
-def _build(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
     count = mesh.face_count
     rule = Rule(variant.how, options.bins or DEFAULT_BINS, variant.leaf_size(options), variant.copies)
@@ -107,7 +83,7 @@ def _build(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptio
     # The top, one task per node.
     if variant.nodes is Nodes.COUNTER:
         executor.create("blocks", (2 * count, WORDS), np.int64)
-        executor.create("counter", (COUNTER_WORDS,), np.int64)
+        executor.create("counter", (COUNTER_WORDS,), np.int64)[:] = 0
     root = TopNode(0, count, 0, np.arange(count, dtype=np.int32) if variant.copies else None)
     divide_top(executor, root, rule, _choose_threshold(variant, executor, count, options))
     watch.lap("top")
@@ -116,6 +92,9 @@ def _build(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptio
     finish = {Nodes.HEAP: _finish_linked, Nodes.COUNTER: _finish_counted, Nodes.ROWS: _finish_rows}[variant.nodes]
     nodes = finish(variant, executor, root, rule, watch)
     return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
+
+
+LADDER = {name: partial(build_variant, variant) for name, variant in VARIANTS.items()}
 
 
 def _choose_threshold(variant: Variant, executor: Executor, count: int, options: BuildOptions) -> int:
@@ -132,16 +111,20 @@ def _finish_linked(
 ) -> NDArray[np.float32]:
     """Build linked subtrees; each worker keeps its own, and flattens them when all are built."""
     subtrees = _subtrees(root)
-    for node, node_count in zip(subtrees, _build_all(executor, steps.build_and_hold, subtrees, rule), strict=True):
-        node.node_count = node_count
-    watch.lap("subtrees")
+    try:
+        node_counts = _build_all(executor, steps.build_and_hold, subtrees, rule)
+        for node, node_count in zip(subtrees, node_counts, strict=True):
+            node.node_count = node_count
+        watch.lap("subtrees")
 
-    nodes, finished = _place(executor, root, subtrees)
-    written = sum(executor.run_on_each(steps.flatten_held, finished))
-    if written != len(subtrees):
-        raise InternalError(f"{len(subtrees)} subtrees were built, but {written} became rows")
-    watch.lap("flatten" if variant.flattens else "convert")
-    executor.run_on_each(steps.free_held)
+        nodes, finished = _place(executor, root, subtrees)
+        written = sum(executor.run_on_each(steps.flatten_held, finished))
+        if written != len(subtrees):
+            raise InternalError(f"{len(subtrees)} subtrees were built, but {written} became rows")
+        watch.lap("flatten" if variant.flattens else "convert")
+    finally:
+        with suppress(PoolError):  # of workers that are gone, and their nodes with them
+            executor.run_on_each(steps.free_held)
     return nodes
 
 

@@ -17,7 +17,6 @@ With a range comes its own list of primitives in variants whose nodes have one, 
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..depth_first import WHOLE_TREE, Placement, place_subtree
-from ..workers.executor import Arrays
+from ..executor import Arrays
 from .divide import Rule, Task, bound_range, divide, make_scratch
 from .heap import COUNT, LEFT, NODE_BYTES, RIGHT, Heap, allocate_node, free_nodes, make_private_heap
 from .linked import LinkedTask, build_linked, flatten
@@ -35,14 +34,9 @@ from .rows import build_rows
 Ids = NDArray[np.int32] | None
 
 
-class _Held(threading.local):
-    """Linked trees of this process that are not flattened yet; each thread that builds has its own."""
-
-    def __init__(self) -> None:
-        self.roots: dict[int, int] = {}  # index of the first primitive -> address of the root
-
-
-_held = _Held()
+# Linked trees of this process that are not flattened yet: (address of the build's index array, first primitive) ->
+# address of the root.
+_held: dict[tuple[int, int], int] = {}
 
 
 class Halves(NamedTuple):
@@ -94,7 +88,7 @@ def divide_range(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> Halves:
 def build_and_hold(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> int:
     """Build a linked subtree in this process's own heap and keep it there; return its number of nodes."""
     heap = make_private_heap()
-    _held.roots[task.begin] = _build_linked(arrays, task, ids, rule, heap)
+    _held[_build_of(arrays), task.begin] = _build_linked(arrays, task, ids, rule, heap)
     return int(heap.counter[0])
 
 
@@ -111,16 +105,18 @@ def build_flat(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> int:
 
 def flatten_held(arrays: Arrays, subtrees: Sequence[Finished]) -> int:
     """Flatten those subtrees that this process holds; return how many there are."""
-    mine = [subtree for subtree in subtrees if subtree.begin in _held.roots]
+    build = _build_of(arrays)
+    mine = [subtree for subtree in subtrees if (build, subtree.begin) in _held]
     for subtree in mine:
-        flatten(0, _held.roots[subtree.begin], subtree.placement, arrays["nodes"])
+        flatten(0, _held[build, subtree.begin], subtree.placement, arrays["nodes"])
     return len(mine)
 
 
 def free_held(arrays: Arrays) -> None:
-    """Free all linked trees that this process holds, those of an interrupted build included."""
-    while _held.roots:
-        free_nodes(_held.roots.popitem()[1])
+    """Free all linked trees of this build that this process holds."""
+    build = _build_of(arrays)
+    for key in [key for key in _held.copy() if key[0] == build]:
+        free_nodes(_held.pop(key))
 
 
 def link_counted(arrays: Arrays, top: Sequence[tuple[int, NDArray[np.float32], Sequence[int]]]) -> int:
@@ -143,6 +139,11 @@ def place_subtrees(arrays: Arrays, subtrees: Sequence[Finished]) -> None:
     """Copy subtrees to their indices in the whole tree."""
     for begin, node_count, placement in subtrees:
         place_subtree(arrays["rows"], 2 * begin, node_count, 0, placement, arrays["nodes"])
+
+
+def _build_of(arrays: Arrays) -> int:
+    """Return the number of a build in this process."""
+    return int(arrays["prim_ids"].ctypes.data)
 
 
 def _prims(arrays: Arrays) -> Cached | Recomputed:

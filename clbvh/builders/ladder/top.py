@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...structs import NODE_COUNT, NODE_FIRST, NODE_MAX
 from ..depth_first import WHOLE_TREE, Placement
-from ..workers.executor import Executor
+from ..executor import Executor
 from . import steps
 from .divide import Rule, Task
 from .prims import BOX

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from ...bvh import Bvh, sah_cost
 from ...geometry import Mesh
 from ...structs import BOX_LANES, EXPANDED_FIRST, NODE
-from ...support.host_threads import HostThreads
 from ...support.stopwatch import Stopwatch
+from ..executor import Executor
 from ..options import DEFAULT_QUALITY, MAX_DEPTH, BuildOptions
 from ..prim_refs import fill_slice
 from ..sah.build_sah import build_sah
-from ..subtree_pool import SubtreePool
 from .collapse import choose_leaves, collapse
 from .expand_leaves import expand_leaves
 from .expanded_tree import ROOT, ExpandedTree, count_prims, list_descendants
@@ -40,7 +39,7 @@ _SMALLEST_PART = 4096  # a few milliseconds: nothing to share
 _PASSES = 4
 
 
-def build_high(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+def build_high(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     """Build the default tree and optimise it; see `clbvh.build` for the parameters.
 
     Returns
@@ -50,18 +49,17 @@ def build_high(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> B
 
     Notes
     -----
-    Uses as many threads of this process as the pool has workers. Besides the mesh and two trees it takes about 110
-    bytes per triangle.
+    Rearranges in threads of this process, as many as there are workers. Besides the mesh and two trees it takes about
+    110 bytes per triangle.
     """
-    start = _build_start(mesh, pool, options)
+    start = _build_start(mesh, executor, options)
     watch = Stopwatch()
     tree = _expand(start)
     watch.lap("expand_leaves")
 
     order = np.empty(2 * mesh.face_count, np.int32)
     parts = _choose_parts(tree.links, _list_nodes(tree.links, order))
-    threads = HostThreads(1) if pool is None else pool.threads
-    threads.run(_rearrange, [(tree, *part) for part in parts])
+    executor.threads.run(_rearrange, [(tree, *part) for part in parts])
     watch.lap("reinsert")
 
     better = _collapse(tree, _list_nodes(tree.links, order), mesh, options)
@@ -70,14 +68,14 @@ def build_high(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> B
     return replace(cheapest, timings_ms={**start.timings_ms, **watch.laps_ms})
 
 
-def _build_start(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
+def _build_start(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     """Return the cheaper one of two finished trees."""
     plain = replace(options, quality=DEFAULT_QUALITY)
-    start = build_sah(mesh, pool, plain)
+    start = build_sah(mesh, executor, plain)
     if options.bins is not None:
         return start
     watch = Stopwatch()
-    finer = build_sah(mesh, pool, replace(plain, bins=_FINER_BINS))
+    finer = build_sah(mesh, executor, replace(plain, bins=_FINER_BINS))
     cheapest = _cheapest((start, finer), options)
     watch.lap("finer bins")
     return replace(cheapest, timings_ms={**start.timings_ms, **watch.laps_ms})

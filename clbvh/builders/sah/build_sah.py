@@ -6,8 +6,6 @@ and any task threshold.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from ...bvh import Bvh
@@ -15,11 +13,9 @@ from ...geometry import Mesh
 from ...structs import BOX_LANES, NODE
 from ...support.ranges import cut_range
 from ...support.stopwatch import Stopwatch
+from ..executor import Executor
 from ..options import BuildOptions
 from ..prim_refs import Bounds, fill_slice
-from ..subtree_pool import SubtreePool
-from ..warm_up import make_small_mesh
-from ..workers.executor import Executor, open_executor
 from . import steps
 from .compact import compact
 from .exhaustive_split import MAX_EXHAUSTIVE
@@ -28,17 +24,14 @@ from .rule import DEFAULT_BINS, Rule, make_rule
 from .subtree import SubtreeTask
 from .top import split_top
 
-# Below this many primitives the calling process alone is faster than a pool.
-SMALL_MESH = 20_000
-
 # Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees. Each doubling costs
 # the threads one more level of the top.
 _RANGES_PER_WORKER = 16
 _SMALLEST_RANGE = 10_000
 
 
-def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
-    """Build with the surface area heuristic; see `clbvh.build` for the parameters.
+def build_sah(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+    """Build with the surface area heuristic; see `clbvh.build` for the options.
 
     Returns
     -------
@@ -47,28 +40,12 @@ def build_sah(mesh: Mesh, pool: SubtreePool | None, options: BuildOptions) -> Bv
 
     Notes
     -----
-    O(n log n) in the number of triangles. Besides the mesh and the result it needs 68 bytes per triangle; a pool keeps
-    up to 1 GiB of them for the next build.
+    O(n log n) in the number of triangles. Besides the mesh and the result it needs 64 bytes per triangle.
     """
-    if mesh.face_count < SMALL_MESH and options.task_threshold is None:
-        pool = None
-    if pool is not None:
-        _warm_up()
-    with open_executor(pool) as executor:
-        return _build(mesh, executor, options)
-
-
-@cache
-def _warm_up() -> None:
-    """Load the compiled code of this process, while it would otherwise wait for its workers to start."""
-    build_sah(make_small_mesh(), None, BuildOptions(task_threshold=1))
-
-
-def _build(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     watch = Stopwatch()
     count = mesh.face_count
-    executor.borrow("prim_refs", (2, count, BOX_LANES), np.float32)
-    executor.borrow("prim_ids", (count,), np.int32)
+    executor.create("prim_refs", (2, count, BOX_LANES), np.float32)
+    prim_ids = executor.create("prim_ids", (count,), np.int32)
 
     # One primitive reference per primitive.
     root = Range(0, count, 0, 0, _fill_prim_refs(mesh, executor))
@@ -84,7 +61,6 @@ def _build(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
 
     # Into depth-first order, without gaps.
     nodes = compact(executor, root)
-    prim_ids = executor.keep("prim_ids")
     watch.lap("compact")
     return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
 

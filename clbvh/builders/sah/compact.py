@@ -11,8 +11,8 @@ from ...geometry.boxes import load_box, store_box
 from ...structs import BOX_LANES, NODE_COUNT, NODE_FIRST
 from ...support.compiled import compiled
 from ..depth_first import index_of, place_top
+from ..executor import Executor
 from ..prim_refs import BOUNDS_BOX
-from ..workers.executor import Executor
 from .ranges import Range
 from .subtree import finish_node, slot_of
 

@@ -9,20 +9,11 @@ in place. The arrays, for n primitives:
 
 from __future__ import annotations
 
-from ..warm_up import make_small_arrays, make_small_bounds
-from ..workers.executor import Arrays
+from ..executor import Arrays
 from .rule import Rule
 from .subtree import SubtreeTask, build_subtree
-
-_WARM_UP_RULE = Rule(2, 1, 1.0)
 
 
 def build_one(arrays: Arrays, task: SubtreeTask, rule: Rule) -> int:
     """Build the subtree of a range; return its number of nodes."""
     return build_subtree(arrays["prim_refs"], task, rule, arrays["prim_ids"])
-
-
-def warm_up() -> None:
-    """Compile, or load from numba's cache, all that the step above calls."""
-    arrays = make_small_arrays()
-    build_one(arrays, SubtreeTask(0, len(arrays["prim_ids"]), 0, 0, make_small_bounds()), _WARM_UP_RULE)

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...structs import BOX_LANES
+from ..executor import Executor
 from ..halving import middle_of
 from ..prim_refs import Bounds
-from ..workers.executor import Executor
 from .level import LEFT_COUNT, Level, bin_slices, choose_splits, make_level, partition_slices
 from .partition import bound_halves
 from .ranges import Range

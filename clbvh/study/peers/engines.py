@@ -64,7 +64,7 @@ class Engine:
 
 
 class Clbvh(Engine):
-    """clbvh, with the layout that suits the device, and a pool for the build."""
+    """clbvh, with the layout that suits the device."""
 
     name = "clbvh"
     queries = ("build", "coherent", "shuffled", "scattered", "any", "all", "points")
@@ -74,12 +74,10 @@ class Clbvh(Engine):
 
         self._clbvh = clbvh
         self._mesh = clbvh.Mesh.from_arrays(vertices, faces)
-        self._pool = clbvh.SubtreePool()
-        self._pool.wait_ready()
         self._tracer: Any = None
 
     def build(self) -> None:
-        self._bvh = self._clbvh.build(self._mesh, pool=self._pool)
+        self._bvh = self._clbvh.build(self._mesh)
 
     def prepare(self, query: str, items: dict[str, Array]) -> Callable[[], int]:
         if self._tracer is None:
@@ -100,7 +98,6 @@ class Clbvh(Engine):
     def close(self) -> None:
         if self._tracer is not None:
             self._tracer.close()
-        self._pool.close()
 
 
 class Open3D(Engine):

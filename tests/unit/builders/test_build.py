@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 
 import numpy as np
 import pytest
 
-from clbvh import Mesh, SubtreePool, build, sah_cost, validate_tree
-from clbvh.builders.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH
-from clbvh.builders.sah import build_sah as sah_module
-from clbvh.errors import MeshError
+from clbvh import BuildOptions, Mesh, SubtreePool, build, sah_cost, validate_tree
+from clbvh.builders import build as build_module
+from clbvh.builders.options import DEFAULT_QUALITY, FAST_QUALITY, MAX_DEPTH, QUALITIES
+from clbvh.errors import ConfigError, MeshError
 from clbvh.geometry.shapes.make_shape import make_shape
 
 from ...soup import make_soup
@@ -178,13 +179,52 @@ class Untouchable:
         raise AssertionError(f"pool.{name} was used")
 
 
+@pytest.mark.parametrize(
+    ("face_count", "threads"), [(2, 1), (19_999, 1), (20_000, 2), (60_000, 6), (90_000, 7), (10**7, 7)]
+)
+def test_a_thread_is_started_for_every_ten_thousand_triangles(face_count, threads, monkeypatch):
+    monkeypatch.setattr(build_module, "usable_cores", lambda: 7)
+    options = BuildOptions()
+    assert build_module.choose_workers(face_count, "sah", options, None) == threads
+    assert build_module.choose_workers(face_count, "flat", options, 3) == min(threads, 3)
+    assert build_module.choose_workers(face_count, "sequential", options, 3) == 1
+    assert build_module.choose_workers(face_count, "sah", BuildOptions(task_threshold=1), 5) == 5
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_the_bytes_do_not_depend_on_the_number_of_threads(quality):
+    mesh = make_shape("knot", triangles=60_000, seed=1)
+    alone = build(mesh, workers=1, quality=quality)
+    for options in ({}, {"workers": 3}, {"workers": 5, "task_threshold": 777}):
+        bvh = build(mesh, quality=quality, **options)
+        assert bvh.nodes.tobytes() == alone.nodes.tobytes(), options
+        assert bvh.prim_ids.tobytes() == alone.prim_ids.tobytes(), options
+
+
+def test_a_build_leaves_no_thread():
+    before = threading.active_count()
+    build(make_soup(1000, seed=1), workers=3, task_threshold=10)
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize(("workers", "message"), [(0, "must be 1 to 1024, not 0"), (2.5, "must be a whole number")])
+def test_a_wrong_number_of_workers_is_refused(workers, message):
+    with pytest.raises(ConfigError, match=message):
+        build(make_soup(10, seed=1), workers=workers)
+
+
+def test_workers_and_a_pool_exclude_each_other():
+    with pytest.raises(ConfigError, match="leave workers or pool out"):
+        build(make_soup(10, seed=1), workers=2, pool=Untouchable())
+
+
 def test_a_small_mesh_does_not_touch_the_pool():
     bvh = build(make_soup(100, seed=10), pool=Untouchable())
     assert list(bvh.timings_ms) == ["metadata", "top", "subtrees", "compact"]
 
 
 def test_from_a_size_on_the_pool_builds(monkeypatch, pool):
-    monkeypatch.setattr(sah_module, "SMALL_MESH", 100)
+    monkeypatch.setattr(build_module, "PRIMS_PER_WORKER", 50)
     begin = time.perf_counter()
     bvh = build(make_soup(100, seed=10), pool=pool)
     wall_ms = 1e3 * (time.perf_counter() - begin)

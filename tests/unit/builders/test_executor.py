@@ -1,14 +1,16 @@
-"""Arrays by name and steps on them, in the calling process and in the workers of a pool."""
+"""Arrays by name and steps on them, in threads and in the workers of a pool."""
 
 from __future__ import annotations
 
 import os
+import threading
+import time
 
 import numpy as np
 import pytest
 
 from clbvh import SubtreePool
-from clbvh.builders.workers.executor import CallingProcess, open_executor
+from clbvh.builders.executor import ThreadExecutor
 
 
 @pytest.fixture(scope="module")
@@ -17,9 +19,14 @@ def pool():
         yield pool
 
 
-@pytest.fixture(params=["calling process", "pool"])
+@pytest.fixture(params=["one thread", "threads", "processes"])
 def executor(request, pool):
-    with open_executor(pool if request.param == "pool" else None) as executor:
+    kinds = {
+        "one thread": lambda: ThreadExecutor(1),
+        "threads": lambda: ThreadExecutor(2),
+        "processes": pool.open_executor,
+    }
+    with kinds[request.param]() as executor:
         yield executor
 
 
@@ -36,22 +43,22 @@ def total(arrays, name):
     return float(arrays[name].sum())
 
 
-def process(arrays):
-    return os.getpid()
+def sleep_and_tell(arrays, seconds):
+    time.sleep(seconds)
+    return os.getpid(), threading.get_ident()
 
 
 def test_a_step_sees_and_changes_the_arrays(executor):
     created = executor.create("created", (3,), np.int64)
-    assert created.tolist() == [0, 0, 0]
-    borrowed = executor.borrow("borrowed", (2, 2), np.float32)
-    borrowed[:] = 1
+    created[:] = 0
     executor.share("shared", np.full(5, 2.0))
-    assert executor.map(add, [("created", 1), ("created", 2)]) == [1, 2]
-    assert executor.map(total, [("borrowed",), ("shared",)]) == [4, 10]
+    executor.map(add, [("created", 1)])
+    assert executor.map(add, [("created", 2)]) == [2]
+    assert executor.map(total, [("created",), ("shared",)]) == [9, 10]
     assert created.tolist() == [3, 3, 3]
-    assert set(map(tuple, executor.run_on_each(list_names))) == {("borrowed", "created", "shared")}
-    executor.discard("created", "shared")
-    assert executor.map(list_names, [()]) == [["borrowed"]]
+    assert set(map(tuple, executor.run_on_each(list_names))) == {("created", "shared")}
+    executor.discard("shared")
+    assert executor.map(list_names, [()]) == [["created"]]
 
 
 def test_results_of_many_tasks_come_in_their_order(executor):
@@ -60,35 +67,38 @@ def test_results_of_many_tasks_come_in_their_order(executor):
     assert executor.map(add, []) == []
 
 
-def test_a_step_runs_once_on_every_worker(executor):
-    workers = executor.run_on_each(process)
-    assert len(workers) == executor.workers
-    assert (os.getpid() in workers) == isinstance(executor, CallingProcess)
+def test_all_workers_take_part_and_a_free_one_takes_the_next_task(executor):
+    executor.map(sleep_and_tell, [(0.1,)] * 2)  # every process has imported this module
+    who = executor.map(sleep_and_tell, [(1,), (0,), (0,), (0,), (0,)])
+    assert len(set(who)) == executor.workers
+    if executor.workers > 1:
+        assert who.count(who[0]) == 1
 
 
-def test_arrays_that_were_kept_or_created_outlive_the_build(pool):
+def test_a_step_runs_once_in_every_process(executor):
+    workers = executor.run_on_each(sleep_and_tell, 0)
+    if isinstance(executor, ThreadExecutor):
+        assert workers == [(os.getpid(), threading.get_ident())]
+    else:
+        assert len(workers) == executor.workers
+        assert os.getpid() not in [process for process, _ in workers]
+
+
+def test_arrays_outlive_the_build_and_workers_let_go_of_them(pool):
+    kept = []
     for number in range(2):
-        with open_executor(pool) as executor:
-            executor.borrow("borrowed", (3,), np.int64)[:] = number
-            executor.share("created", np.full(3, number))
-            kept, created = executor.keep("borrowed"), executor.arrays["created"]
-        with open_executor(pool) as executor:
-            executor.borrow("borrowed", (3,), np.int64)[:] = 9
-        assert kept.tolist() == created.tolist() == [number] * 3
+        with pool.open_executor() as executor:
+            kept.append(executor.create("array", (3,), np.int64))
+            kept[-1][:] = number
+            assert executor.map(total, [("array",)]) == [3 * number]
+    assert [array.tolist() for array in kept] == [[0, 0, 0], [1, 1, 1]]
+    with pool.open_executor() as executor:
+        assert executor.run_on_each(list_names) == [[], []]
 
 
-def test_a_shared_array_may_be_read_only():
+def test_a_shared_array_may_be_read_only(executor):
     array = np.arange(3)
     array.flags.writeable = False
-    with open_executor(None) as executor:
-        executor.share("array", array)
-        assert executor.arrays["array"].flags.writeable
-        assert executor.map(total, [("array",)]) == [3]
-
-
-def test_workers_keep_only_what_the_next_build_may_use(pool):
-    with open_executor(pool) as executor:
-        executor.borrow("borrowed", (3,), np.int64)
-        executor.create("created", (3,), np.int64)
-        executor.map(list_names, [()])
-    assert pool.map(list_names, [()] * 2) == [["borrowed"]] * 2
+    executor.share("array", array)
+    assert executor.arrays["array"].flags.writeable
+    assert executor.map(total, [("array",)]) == [3]

@@ -12,9 +12,11 @@ import pytest
 from numba import njit
 
 from clbvh import BuildOptions, Mesh, SubtreePool, make_shape, sah_cost, validate_tree
+from clbvh.builders import build as build_module
+from clbvh.builders.build import build_tree
+from clbvh.builders.executor import ThreadExecutor
 from clbvh.builders.ladder import DEFAULT_BINS, LADDER, VARIANTS, build_variant as build_variant, order, steps
-from clbvh.builders.ladder.divide import Rule, Task
-from clbvh.builders.ladder.halves import BINS, SELECT, SORT
+from clbvh.builders.ladder.halves import BINS, SELECT
 from clbvh.builders.ladder.heap import COUNTER_WORDS, NODE_BYTES, WORDS, Heap, allocate_node
 from clbvh.builders.ladder.linked import build_linked
 from clbvh.builders.ladder.order import select, sort_range
@@ -22,8 +24,6 @@ from clbvh.builders.ladder.prims import Cached, Recomputed, fill_cache
 from clbvh.builders.ladder.rows import build_rows
 from clbvh.builders.ladder.variants import Nodes
 from clbvh.builders.options import MAX_DEPTH
-from clbvh.builders.workers import executor
-from clbvh.builders.workers.arena import Arena
 from clbvh.errors import InternalError
 
 from ...rays import mesh_as_on_device
@@ -42,6 +42,10 @@ TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
 def pool():
     with SubtreePool(workers=2) as pool:
         yield pool
+
+
+def build_by(name, mesh, pool, options):
+    return build_tree(mesh, name, pool, options)
 
 
 def from_corners(corners):
@@ -114,10 +118,10 @@ def test_a_variant_changes_one_thing(name, before, change):
 def test_every_variant_gives_a_right_tree_whoever_builds_it(name, mesh_name, pool):
     mesh = MESHES[mesh_name]()
     options = BuildOptions(bins=8, leaf_size=2, frontier=16)
-    bvh = LADDER[name](mesh, None, options)
+    bvh = build_by(name, mesh, None, options)
     validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=16 if name == "frontier" else 2)
     for threshold in (None, 1, 60):
-        parallel = LADDER[name](mesh, pool, dataclasses.replace(options, task_threshold=threshold))
+        parallel = build_by(name, mesh, pool, dataclasses.replace(options, task_threshold=threshold))
         assert bytes_of(parallel) == bytes_of(bvh), f"threshold {threshold}"
 
 
@@ -127,7 +131,7 @@ def test_the_first_five_variants_build_the_tree_of_medians(mesh_name, leaf_size)
     mesh = MESHES[mesh_name]()
     nodes, prim_ids = build_by_reference(mesh, halve_by_median, leaf_size)
     for name in MEDIAN_NAMES:
-        assert bytes_of(LADDER[name](mesh, None, BuildOptions(leaf_size=leaf_size))) == (
+        assert bytes_of(build_by(name, mesh, None, BuildOptions(leaf_size=leaf_size))) == (
             nodes.tobytes(), prim_ids.tobytes()
         ), name  # fmt: skip
 
@@ -138,7 +142,7 @@ def test_the_others_build_the_tree_of_bins(mesh_name, leaf_size, bins):
     mesh = MESHES[mesh_name]()
     nodes, prim_ids = build_by_reference(mesh, cut_between_bins, leaf_size, bins)
     for name in BIN_NAMES:
-        assert bytes_of(LADDER[name](mesh, None, BuildOptions(bins, leaf_size))) == (
+        assert bytes_of(build_by(name, mesh, None, BuildOptions(bins, leaf_size))) == (
             nodes.tobytes(), prim_ids.tobytes()
         ), name  # fmt: skip
 
@@ -149,7 +153,7 @@ def test_no_box_holds_a_negative_zero():
     vertices = random.choice(np.array([-1, -0.0, 0.0, 1], np.float32), (300, 3))
     mesh = mesh_as_on_device(vertices, np.arange(300).reshape(-1, 3))
     for names in (MEDIAN_NAMES, BIN_NAMES):
-        trees = [LADDER[name](mesh, None, BuildOptions(bins=3)) for name in names]
+        trees = [build_by(name, mesh, None, BuildOptions(bins=3)) for name in names]
         assert len({bytes_of(tree) for tree in trees}) == 1
         for field in ("aabb_min", "aabb_max"):
             zeros = trees[0].nodes[field][trees[0].nodes[field] == 0]
@@ -160,23 +164,23 @@ def test_no_box_holds_a_negative_zero():
 def test_the_frontier_is_the_size_of_the_leaves():
     mesh = make_soup(3000, seed=4)
     for frontier in (4, 100):
-        stopped = LADDER["frontier"](mesh, None, BuildOptions(leaf_size=1, frontier=frontier))
-        assert bytes_of(stopped) == bytes_of(LADDER["flat"](mesh, None, BuildOptions(leaf_size=frontier)))
-    whole = LADDER["frontier"](mesh, None, BuildOptions(frontier=8192))
+        stopped = build_by("frontier", mesh, None, BuildOptions(leaf_size=1, frontier=frontier))
+        assert bytes_of(stopped) == bytes_of(build_by("flat", mesh, None, BuildOptions(leaf_size=frontier)))
+    whole = build_by("frontier", mesh, None, BuildOptions(frontier=8192))
     assert whole.node_count == 1
     assert whole.prim_ids.tolist() == list(range(3000))
 
 
 def test_bins_make_a_tree_nearly_as_good_as_the_median():
     mesh = make_shape("knot", triangles=5000, seed=1)
-    costs = {name: sah_cost(LADDER[name](mesh, None, BuildOptions(bins=8))) for name in ("median", "bin")}
+    costs = {name: sah_cost(build_by(name, mesh, None, BuildOptions(bins=8))) for name in ("median", "bin")}
     assert costs["bin"] < 1.1 * costs["median"]
 
 
 def test_the_depth_limit_is_reached_and_kept():
-    bvh = LADDER["bin"](make_exponential(1.5), None, BuildOptions(bins=2, leaf_size=1))
+    bvh = build_by("bin", make_exponential(1.5), None, BuildOptions(bins=2, leaf_size=1))
     assert bvh.depth == MAX_DEPTH
-    assert LADDER["median"](make_exponential(1.5), None, BuildOptions(leaf_size=1)).depth < 12
+    assert build_by("median", make_exponential(1.5), None, BuildOptions(leaf_size=1)).depth < 12
 
 
 @pytest.mark.parametrize(
@@ -194,7 +198,7 @@ def test_each_phase_is_timed(name, phases, pool):
     mesh = make_soup(5000, seed=5)
     for who in (None, pool):
         begin = time.perf_counter()
-        bvh = LADDER[name](mesh, who, BuildOptions())
+        bvh = build_by(name, mesh, who, BuildOptions())
         wall_ms = 1e3 * (time.perf_counter() - begin)
         assert list(bvh.timings_ms) == phases
         assert all(lap > 0 for lap in bvh.timings_ms.values())
@@ -204,11 +208,11 @@ def test_each_phase_is_timed(name, phases, pool):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_mesh_is_not_changed_and_may_be_one_that_nobody_may_write_to(name):
     mesh = make_soup(300, seed=5)
-    LADDER[name](mesh, None, BuildOptions())
+    build_by(name, mesh, None, BuildOptions())
     compiled = [len(function.signatures) for function in (build_linked, build_rows, fill_cache)]
     before = mesh.local_vertices.tobytes(), mesh.faces.tobytes()
     mesh.local_vertices.flags.writeable = mesh.faces.flags.writeable = False
-    bvh = LADDER[name](mesh, None, BuildOptions())
+    bvh = build_by(name, mesh, None, BuildOptions())
     assert bvh.mesh is mesh
     assert compiled == [len(function.signatures) for function in (build_linked, build_rows, fill_cache)]
     assert (mesh.local_vertices.tobytes(), mesh.faces.tobytes()) == before
@@ -223,10 +227,10 @@ class Untouchable:
 
 def test_only_the_first_variant_leaves_the_workers_alone():
     mesh = make_soup(100, seed=5)
-    LADDER["sequential"](mesh, Untouchable(), BuildOptions())
+    build_by("sequential", mesh, Untouchable(), BuildOptions())
     for name in NAMES[1:]:
         with pytest.raises(AssertionError, match="was used"):
-            LADDER[name](mesh, Untouchable(), BuildOptions())
+            build_by(name, mesh, Untouchable(), BuildOptions())
 
 
 @pytest.mark.parametrize("name", LINEAR_NAMES)
@@ -236,10 +240,10 @@ def test_no_mesh_takes_quadratic_time(name):
         from_corners(np.broadcast_to(TRIANGLE, (count, 3, 3))),
         from_corners(np.arange(1, count + 1)[:, None, None] * np.array([[-1, -1, -1], [1, 1, 1], [1, -1, 1]])),
     ]
-    LADDER[name](make_soup(10, seed=1), None, BuildOptions())  # the compiled code is loaded
+    build_by(name, make_soup(10, seed=1), None, BuildOptions())  # the compiled code is loaded
     for mesh in meshes:
         begin = time.process_time()
-        bvh = LADDER[name](mesh, None, BuildOptions(leaf_size=1, frontier=8192))
+        bvh = build_by(name, mesh, None, BuildOptions(leaf_size=1, frontier=8192))
         # 0.4 s at most on a 2-core x86-64 server; 2.5e9 steps would take longer than this.
         assert time.process_time() - begin < 3
         assert bvh.depth == math.ceil(math.log2(count)) or name == "frontier"
@@ -306,7 +310,7 @@ def test_the_worst_input_of_all_ends_a_selection_by_a_sort(monkeypatch):
     assert comparisons < 3 * count * math.log2(count)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _allocate_many(heap, references):
     for index in range(len(references)):
         references[index] = allocate_node(heap)
@@ -322,80 +326,75 @@ def allocate_many(arrays, count):
 ROUNDS = 20
 
 
-def test_workers_that_count_together_lose_no_number(pool):
+@pytest.fixture(params=["threads", "processes"])
+def executor(request, pool):
+    with pool.open_executor() if request.param == "processes" else ThreadExecutor(2) as executor:
+        yield executor
+
+
+def test_workers_that_count_together_lose_no_number(executor):
     count = 2_000_000
-    with Arena() as arena:
-        handles = {"blocks": arena.create((1, WORDS), np.int64)[0]}
-        handles["counter"], counter = arena.create((COUNTER_WORDS,), np.int64)
-        pool.attach(handles)
-        pool.map(allocate_many, [(1,)] * 2)  # the compiled code is loaded
-        end = 2
-        for _ in range(ROUNDS):
-            references = np.array(pool.map(allocate_many, [(count,)] * 2))
-            begin, end = end, end + 2 * count
-            assert counter.tolist() == [end] + [0] * (COUNTER_WORDS - 1)
-            assert (np.sort(references, axis=None) == np.arange(begin, end) * NODE_BYTES).all()
-            # Each of them got numbers from between the other's: both counted at the same time.
-            if (np.diff(references) > NODE_BYTES).any(axis=1).all():
-                break
-        else:
-            pytest.fail(f"in {ROUNDS} rounds the workers never counted at the same time")
-        pool.attach({})
+    executor.create("blocks", (1, WORDS), np.int64)
+    counter = executor.create("counter", (COUNTER_WORDS,), np.int64)
+    counter[:] = 0
+    executor.map(allocate_many, [(1,)] * 2)  # the compiled code is loaded
+    end = 2
+    for _ in range(ROUNDS):
+        references = np.array(executor.map(allocate_many, [(count,)] * 2))
+        begin, end = end, end + 2 * count
+        assert counter.tolist() == [end] + [0] * (COUNTER_WORDS - 1)
+        assert (np.sort(references, axis=None) == np.arange(begin, end) * NODE_BYTES).all()
+        # Each of them got numbers from between the other's: both counted at the same time.
+        if (np.diff(references) > NODE_BYTES).any(axis=1).all():
+            break
+    else:
+        pytest.fail(f"in {ROUNDS} rounds the workers never counted at the same time")
 
 
 def test_every_node_of_the_atomic_variant_is_counted(monkeypatch, pool):
     counted = []
     link = steps.link_counted
 
-    class Spy(executor.CallingProcess):
+    class Spy(ThreadExecutor):
         def map(self, step, tasks):
             results = super().map(step, tasks)
             if step is link:
                 counted.append((self.arrays["counter"].copy(), results))
             return results
 
-    LADDER["atomic"](make_soup(10, seed=1), None, BuildOptions())
-    monkeypatch.setattr(executor, "CallingProcess", Spy)
-    bvh = LADDER["atomic"](make_soup(1000, seed=1), None, BuildOptions(task_threshold=50))
+    build_by("atomic", make_soup(10, seed=1), None, BuildOptions())
+    monkeypatch.setattr(build_module, "ThreadExecutor", Spy)
+    bvh = build_by("atomic", make_soup(1000, seed=1), None, BuildOptions(task_threshold=50))
     ((counter, (node_count,)),) = counted
     assert counter[0] == node_count == bvh.node_count
 
 
 def count_held(arrays):
-    return len(steps._held.roots)
-
-
-def hold_one_more(arrays):
-    mesh = make_soup(10, seed=1)
-    held = {"vertices": mesh.local_vertices, "faces": mesh.faces, "prim_ids": np.arange(10, dtype=np.int32)}
-    return steps.build_and_hold(held, Task(0, 10, 0), None, Rule(SORT, 8, 1, copies=False))
+    return len(steps._held)
 
 
 def test_workers_keep_no_linked_nodes_after_a_build(pool):
-    assert pool.map(hold_one_more, [(), ()]) == [19, 19]
-    assert pool.map(count_held, [(), ()]) == [1, 1]
     mesh = make_soup(500, seed=7)
-    first = LADDER["flatten"](mesh, pool, BuildOptions(task_threshold=20))
-    assert pool.map(count_held, [(), ()]) == [0, 0]
-    assert bytes_of(first) == bytes_of(LADDER["flatten"](mesh, None, BuildOptions()))
+    first = build_by("flatten", mesh, pool, BuildOptions(task_threshold=20))
+    with pool.open_executor() as executor:
+        assert executor.run_on_each(count_held) == [0, 0]
+    assert bytes_of(first) == bytes_of(build_by("flatten", mesh, None, BuildOptions()))
     assert count_held({}) == 0
 
 
-def test_a_build_in_another_thread_leaves_the_linked_nodes_of_this_one_alone():
-    hold_one_more({})
-    with ThreadPoolExecutor(1) as other:
-        bvh = other.submit(LADDER["flatten"], make_soup(500, seed=7), None, BuildOptions()).result()
-        assert other.submit(count_held, {}).result() == 0
-    validate_tree(bvh)
-    assert count_held({}) == 1
-    steps.free_held({})
+def test_builds_of_several_threads_leave_each_others_linked_nodes_alone():
+    meshes = [make_soup(500, seed=seed) for seed in range(8)]
+    with ThreadPoolExecutor(4) as others:
+        trees = list(others.map(lambda mesh: build_by("flatten", mesh, None, BuildOptions(task_threshold=20)), meshes))
+    for mesh, tree in zip(meshes, trees, strict=True):
+        assert bytes_of(tree) == bytes_of(build_by("flat", mesh, None, BuildOptions()))
     assert count_held({}) == 0
 
 
 def test_a_subtree_that_gets_lost_is_an_error(monkeypatch):
     monkeypatch.setattr(steps, "flatten_held", lambda arrays, placements: 0)
     with pytest.raises(InternalError, match="1 subtrees were built, but 0 became rows"):
-        LADDER["flatten"](make_soup(100, seed=1), None, BuildOptions())
+        build_by("flatten", make_soup(100, seed=1), None, BuildOptions())
     monkeypatch.undo()
-    LADDER["flatten"](make_soup(100, seed=1), None, BuildOptions())
+    build_by("flatten", make_soup(100, seed=1), None, BuildOptions())
     assert count_held({}) == 0

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build, validate_tree
-from clbvh.builders import tree_maker
-from clbvh.builders.tree_cache import cache_path, find_tree_cache
-from clbvh.builders.tree_maker import TreeMaker, TreeOptions
+from clbvh.builders.tree_cache import TreeOptions, cache_path, find_tree_cache, get_tree
 from clbvh.errors import ConfigError
 
 from ...soup import make_soup
@@ -25,37 +23,11 @@ def cached(tmp_path):
 
 
 def make(options, mesh=MESH):
-    with TreeMaker(options, mesh.face_count) as maker:
-        return maker.make(mesh)
+    return get_tree(mesh, options)
 
 
 def file_of(options, mesh=MESH):
     return cache_path(options.cache, mesh, options.builder, options.build)
-
-
-class FakePool:
-    """Counts the pools that are open; builds nothing."""
-
-    opened = closed = 0
-
-    def __init__(self, workers):
-        self.workers = workers or 7
-        self.start_ms = 1.5
-
-    def __enter__(self):
-        type(self).opened += 1
-        return self
-
-    def __exit__(self, *error):
-        type(self).closed += 1
-
-
-@pytest.fixture
-def fake_pool(monkeypatch):
-    FakePool.opened = FakePool.closed = 0
-    monkeypatch.setattr(tree_maker, "SubtreePool", FakePool)
-    monkeypatch.setattr(tree_maker, "build_tree", lambda mesh, builder, pool, options: build(mesh))
-    return FakePool
 
 
 def test_without_a_cache_the_tree_is_built(tmp_path):
@@ -63,7 +35,7 @@ def test_without_a_cache_the_tree_is_built(tmp_path):
     assert made.bvh.nodes.tobytes() == build(MESH, leaf_size=1).nodes.tobytes()
     assert (made.from_cache, made.workers, made.notes) == (False, 1, ())
     assert made.timings_ms["build"] > 0
-    assert made.timings_ms["cache"] == made.timings_ms["pool_start"] == 0
+    assert made.timings_ms["cache"] == 0
 
 
 def test_the_second_time_the_tree_comes_from_the_cache(cached):
@@ -162,10 +134,10 @@ def test_a_full_disk_is_no_end(cached, monkeypatch):
     assert "No space left" in note
 
 
-def test_a_folder_that_cannot_be_made_is_found_before_the_work(tmp_path):
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match="trees cannot be kept in this folder"):
-        TreeMaker(TreeOptions(cache=tmp_path / "file" / "folder"), 1)
+        make(TreeOptions(cache=tmp_path / "file" / "folder"))
 
 
 def test_the_cache_lies_in_the_cache_of_the_user(monkeypatch, tmp_path):
@@ -173,49 +145,7 @@ def test_the_cache_lies_in_the_cache_of_the_user(monkeypatch, tmp_path):
     assert find_tree_cache() == tmp_path / "trees"
 
 
-def test_workers_start_before_the_mesh_is_there(fake_pool):
-    with TreeMaker(TreeOptions(workers=2), 1) as maker:
-        assert fake_pool.opened == 1
-        made = maker.make(MESH)
-    assert fake_pool.closed == 1
-    assert (made.workers, made.timings_ms["pool_start"]) == (2, 1.5)
-
-
-def test_workers_end_when_the_mesh_fails(fake_pool):
-    with pytest.raises(RuntimeError), TreeMaker(TreeOptions(workers=2), 1):
-        raise RuntimeError
-    assert (fake_pool.opened, fake_pool.closed) == (1, 1)
-
-
-@pytest.mark.parametrize(("workers", "expected"), [(None, 0), (1, 0), (2, 1)])
-def test_small_meshes_have_workers_only_when_they_are_wanted(fake_pool, workers, expected):
-    make(TreeOptions(workers=workers))
-    assert fake_pool.opened == fake_pool.closed == expected
-
-
-def test_a_script_that_asks_for_no_workers_has_none(fake_pool):
-    """It may have no guard against being imported by them."""
-    with TreeMaker(TreeOptions(), 10**7):
-        assert fake_pool.opened == 0
-
-
-def test_large_meshes_have_workers_of_themselves(fake_pool):
-    with TreeMaker(TreeOptions(workers=None), 10**7):
-        assert fake_pool.opened == 1
-    with TreeMaker(TreeOptions(workers=1), 10**7):
-        assert fake_pool.opened == 1
-
-
-def test_with_a_cache_workers_start_only_when_there_is_something_to_build(fake_pool, cached):
-    wanted = dataclasses.replace(cached, workers=2)
-    with TreeMaker(wanted, 10**7) as maker:
-        assert fake_pool.opened == 0
-        assert maker.make(MESH).workers == 2
-    assert make(wanted).from_cache
-    assert fake_pool.opened == fake_pool.closed == 1
-
-
-def test_real_workers_fill_the_cache_with_the_same_tree(cached):
+def test_threads_fill_the_cache_with_the_same_tree(cached):
     wanted = dataclasses.replace(cached, workers=2, build=BuildOptions(task_threshold=100))
     made = make(wanted)
     assert (made.workers, made.from_cache) == (2, False)
@@ -234,7 +164,7 @@ def test_options_are_checked():
             kind(builder="magic")
         with pytest.raises(ConfigError, match="workers must be 1 to 1024, not 0"):
             kind(workers=0)
-        with pytest.raises(ConfigError, match="workers must be 1 to 1024, not 'two'"):
+        with pytest.raises(ConfigError, match="workers must be a whole number, not 'two'"):
             kind(workers="two")
         with pytest.raises(ConfigError, match=r"cache must be a pathlib\.Path or None"):
             kind(cache="folder")

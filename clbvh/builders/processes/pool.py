@@ -1,0 +1,249 @@
+"""Worker processes that build subtrees in shared memory: the report's form of a parallel build.
+
+Owns the processes, and hands out tasks. Workers are new Python programs that talk through pipes: nothing is forked,
+since an OpenCL driver may run threads, and the user's script is not imported, so it needs no guard. Must know nothing
+of meshes and trees.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from queue import SimpleQueue
+from typing import Any
+
+from numpy.typing import DTypeLike, NDArray
+
+from ...errors import PoolError
+from ...support.context_manager import ContextManager
+from ...support.host_threads import HostThreads, usable_cores
+from ..executor import Executor, Step, Task
+from ..options import check_workers
+from .shared_memory import ArrayHandle, SharedArray
+
+# The program of a worker. It imports the default builder at once, while nobody waits for it.
+_PROGRAM = "import sys; sys.path[:] = {path!r}; import {module}.worker as worker, {builder}; worker.serve()"
+_BUILDER = "clbvh.builders.sah.build_sah"
+
+# A worker that is not busy ends sooner, once it has started.
+_STOP_PATIENCE_S = 2.0
+
+
+class SubtreePool(ContextManager):
+    """Worker processes that build subtrees, and serve many builds.
+
+    Builds need none: without a pool they run in threads, as fast and with nothing to start. The processes start in the
+    background at once. Use the pool as a context manager.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes; the number of usable processors without it.
+
+    Raises
+    ------
+    ConfigError
+        A number of workers below 1 or above 1024.
+    PoolError
+        The workers cannot start. From any use: a worker failed or died. The pool is closed then, and cannot be used
+        again.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> mesh = clbvh.make_shape("icosphere", triangles=30_000)
+    >>> with clbvh.SubtreePool(workers=2) as pool:
+    ...     bvh = clbvh.build(mesh, pool=pool)
+    >>> bvh.nodes.tobytes() == clbvh.build(mesh).nodes.tobytes()
+    True
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        check_workers(workers)
+        self.workers = int(workers or usable_cores())
+        self._owner = os.getpid()
+        self._threads = HostThreads(self.workers)
+        # Threads that use one pool take turns, also to close it.
+        self._turn = threading.RLock()
+        self._workers: list[_Worker] = []
+        # Also called when the pool is garbage, and when the program ends.
+        self._stop = weakref.finalize(self, _stop_all, self._workers, self._owner)
+        for number in range(self.workers):
+            self._workers.append(_Worker(number))
+
+    def wait_ready(self) -> None:
+        """Return when every worker has started.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.SubtreePool(workers=1) as pool:
+        ...     pool.wait_ready()  # an error of a worker is raised here, not in the first build
+        """
+        with self.open_executor() as executor:
+            executor.run_on_each(_do_nothing)
+
+    @contextmanager
+    def open_executor(self) -> Iterator[Executor]:
+        """Open the executor of one build; builds of other threads wait."""
+        if os.getpid() != self._owner:
+            raise PoolError(
+                "the pool belongs to the process that this one was forked from: create another one, or build without"
+            )
+        with self._turn:
+            if not self._stop.alive:
+                raise PoolError("the pool is closed: create another one")
+            with _PoolExecutor(self._threads, self._workers, self._stop) as executor:
+                yield executor
+
+    def close(self) -> None:
+        """End the workers, after the builds of other threads. In a forked child nothing happens."""
+        if os.getpid() == self._owner:
+            with self._turn:
+                self._stop()
+                self._threads.close()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(workers={self.workers}{'' if self._stop.alive else ', closed'})"
+
+
+class _Worker:
+    """One worker process, and the pipes to it."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        program = _PROGRAM.format(path=sys.path, module=__package__, builder=_BUILDER)
+        try:
+            self._process: Any = subprocess.Popen(
+                [sys.executable, "-c", program],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                # Ctrl-C reaches the coordinator alone, which decides what it means.
+                process_group=0 if os.name == "posix" else None,
+            )
+        except OSError as error:
+            raise PoolError(f"the worker processes do not start: {error}") from error
+
+    def run(self, handles: dict[str, ArrayHandle], step: Step, task: Task) -> Any:
+        """Return the result of a step."""
+        message = pickle.dumps((handles, step, task))
+        try:
+            pickle.dump(message, self._process.stdin)
+            self._process.stdin.flush()
+            answer = pickle.load(self._process.stdout)
+        except (EOFError, OSError, ValueError, pickle.UnpicklingError):
+            self.join()
+            raise PoolError(
+                f"worker {self._number} died (exit code {self._process.returncode}); a negative code is the signal "
+                "that killed it, and -9 often means that the system ran out of memory"
+            ) from None
+        succeeded, value = pickle.loads(answer)
+        if not succeeded:
+            raise PoolError(f"worker {self._number} failed:\n{value}")
+        return value
+
+    def kill(self) -> None:
+        """Kill the process, whatever it does."""
+        self._process.kill()
+
+    def close_pipe(self) -> None:
+        """Let the process end as soon as it is idle."""
+        with suppress(OSError):  # a message that it has not taken
+            self._process.stdin.close()
+
+    def join(self) -> None:
+        """Wait for the end of the process, and kill it when patience ends."""
+        try:
+            self._process.wait(_STOP_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+
+
+class _PoolExecutor(Executor):
+    """The workers of a pool, with shared memory for the arrays."""
+
+    def __init__(self, threads: HostThreads, workers: list[_Worker], stop: Any) -> None:
+        super().__init__(threads)
+        self._workers = workers
+        self._stop = stop
+        self._shared: dict[str, SharedArray] = {}
+        self._errors: list[BaseException] = []  # the first one is the reason of the others
+
+    def create(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """Return a new array of zeros in shared memory."""
+        self._shared[name] = SharedArray(shape, dtype)
+        self.arrays[name] = self._shared[name].array
+        return self.arrays[name]
+
+    def share(self, name: str, array: NDArray[Any]) -> None:
+        """Copy an array into shared memory."""
+        self.create(name, array.shape, array.dtype)[...] = array
+
+    def discard(self, *names: str) -> None:
+        """Let go of arrays; workers do so with their next task."""
+        for name in names:
+            del self.arrays[name]
+            self._shared.pop(name).close()
+
+    def map(self, step: Step, tasks: Sequence[Task]) -> list[Any]:
+        """Run tasks on whichever worker is free; one thread of this process waits for each worker."""
+        idle: SimpleQueue[_Worker] = SimpleQueue()
+        for worker in self._workers:
+            idle.put(worker)
+
+        def run_on_idle(*task: Any) -> Any:
+            worker = idle.get()
+            try:
+                return self._run(worker, step, task)
+            finally:
+                idle.put(worker)
+
+        return self._in_threads(run_on_idle, tasks)
+
+    def run_on_each(self, step: Step, *task: Any) -> list[Any]:
+        """Run a step once on every worker."""
+        return self._in_threads(self._run, [(worker, step, task) for worker in self._workers])
+
+    def close(self) -> None:
+        """Give up all shared memory, here and in the workers."""
+        self.discard(*list(self.arrays))
+        if self._stop.alive:
+            self.run_on_each(_do_nothing)
+
+    def _in_threads(self, run: Callable[..., Any], argument_lists: Sequence[Task]) -> list[Any]:
+        try:
+            return self.threads.run(run, argument_lists)
+        except PoolError:
+            raise self._errors[0] from None
+
+    def _run(self, worker: _Worker, step: Step, task: Task) -> Any:
+        try:
+            return worker.run({name: shared.handle for name, shared in self._shared.items()}, step, task)
+        except BaseException as error:
+            self._errors.append(error)
+            # Others may still write to arrays that are about to go, and a pipe may hold half a message.
+            for each in self._workers:
+                each.kill()
+            self._stop()
+            raise
+
+
+def _do_nothing(arrays: Any) -> None:
+    """Start, or let go of arrays; a step."""
+
+
+def _stop_all(workers: list[_Worker], owner: int) -> None:
+    """End all workers; the end of a pool."""
+    if os.getpid() == owner:
+        for worker in workers:
+            worker.close_pipe()
+        for worker in workers:
+            worker.join()

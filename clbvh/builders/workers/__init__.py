@@ -1,1 +1,0 @@
-"""Worker processes and the memory they share; no geometry."""
