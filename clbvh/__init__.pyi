@@ -56,13 +56,8 @@ from .scene.handles import Geometry as Geometry, Instance as Instance
 from .scene.state import SceneState as SceneState
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
 from .support.version import __version__ as __version__
-from .trace import (
-    AllHits as AllHits,
-    ClosestPoints as ClosestPoints,
-    Hits as Hits,
-    Normals as Normals,
-    Progress as Progress,
-    Traceable as Traceable,
-    Tracer as Tracer,
-)
-from .trace.ambient_occlusion import ambient_occlusion as ambient_occlusion
+from .trace.hits.hits import AllHits as AllHits, Hits as Hits
+from .trace.hits.surface import Normals as Normals
+from .trace.points.refine import ClosestPoints as ClosestPoints
+from .trace.rays.pieces import Progress as Progress
+from .trace.tracer import Traceable as Traceable, Tracer as Tracer

@@ -26,9 +26,10 @@ def main() -> None:
     reach = options.distance * np.ptp(mesh.vertices, axis=0).max()
     used = np.unique(mesh.faces)  # a vertex of no face has no normal
     sky = np.ones(len(mesh.vertices))
-    sky[used] = clbvh.ambient_occlusion(
-        mesh, mesh.vertices[used], mesh.vertex_normals[used], rays=options.rays, max_distance=reach
-    )
+    with clbvh.Tracer(mesh) as tracer:
+        sky[used] = tracer.ambient_occlusion(
+            mesh.vertices[used], mesh.vertex_normals[used], rays=options.rays, max_distance=reach
+        )
     grey = np.round(255 * sky).astype(np.uint8)
     colours = np.stack([grey, grey, grey, np.full_like(grey, 255)], axis=1)
     trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colours, process=False).export(options.output)

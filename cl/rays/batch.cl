@@ -11,7 +11,7 @@
 // rays[ray_count]             packed_ray_t: local coordinates; t in lengths of the direction
 // row_length                  rays per row
 // order[ray_count]            ray_id of each ray: its number on the host, which is the index of its results. Neighbours
-//                             in the batch should be close together in space, see clbvh/trace/rays/sort.py. NULL:
+//                             in the batch should be close together in space, see clbvh/trace/rays/coherence.py. NULL:
 //                             the identity
 // entry_points[tile_count]    node_t: the node at which the rays of each tile begin, see cl/traversal/entry_point.cl.
 //                             NULL: all begin at the root

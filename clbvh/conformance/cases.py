@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from ..geometry.shapes.solids import make_icosphere
-from ..trace.rays.ray_rows import RayRows
+from ..trace.rays.batch import RayRows
 
 # Rays or points of each kind, see `make_rays` and `make_points`.
 _AROUND, _AT_VERTICES, _AT_EDGES, _INSIDE, _LIMITED = 72, 60, 48, 30, 30

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
 from ..structs import CELL_PIXELS, SHADINGS
-from ..trace.rays.entry_points import find_entry_points
-from ..trace.traced_tree import TracedTree
+from ..trace.traced_tree import TracedTree, find_entry_points
 from .frame import Band
 
 # Those that a mesh without a scene, or a scene, has none of.

@@ -15,8 +15,8 @@ from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..support.host_threads import HostThreads
+from ..trace.oracle.scene_visits import SceneTraversal, SceneVisits
 from ..trace.oracle.visits import HostTraversal, Visits, count_visits
-from ..trace.scene.visits import SceneTraversal, SceneVisits
 from .camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
 from .subjects import SceneObjects

@@ -26,9 +26,9 @@ from ..support.host_threads import HostThreads
 from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.hits import Hits
 from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
+from ..trace.hits.scene_arrays import triangles_of
 from ..trace.hits.surface import SceneSurface
 from ..trace.rays.batch import RayBatch, read_rays
-from ..trace.triangles import triangles_of
 from .camera import Camera
 from .cut import Cut
 from .image_files import encode_picture, write_picture

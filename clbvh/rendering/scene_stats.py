@@ -21,7 +21,7 @@ from ..layouts.device_arrays import measure_device_bytes
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
 from ..trace.hits.scene_arrays import make_scene_arrays
-from ..trace.scene.placed import find_boxes
+from ..trace.scene.top_tree import find_boxes
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from ..geometry.shapes.make_shape import make_shape
 from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY
 from ..trace.device_tree import DeviceTree
 from ..trace.rays.batch import TreeBox, read_rays
-from ..trace.rays.entry_points import ENTRY_POINT_KERNEL, find_entry_points
 from ..trace.rays.pack import pack_rays
+from ..trace.traced_tree import ENTRY_POINT_KERNEL, find_entry_points
 from .band_painters import OneRayPainter
 from .camera import Camera
 from .frame import FrameRenderer

@@ -1,23 +1,38 @@
-"""A mesh and its tree in a device's memory, ready for a traversal kernel."""
+"""A mesh and its tree in a device's memory, ready for a traversal kernel, and the copies that let the mesh move.
+
+An update writes into a copy that no query uses, and queries that begin later use that one. So a query sees one mesh
+from beginning to end, an update waits for none, and one that fails or is interrupted has changed nothing. Two copies
+are enough for one thread; with queries in other threads there is one for each mesh that they still use, and one more.
+
+A copy is in use as long as its caster is alive: a query holds the caster that it began with. Nothing has to be given
+back, so nothing is lost when Ctrl-C strikes.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
+from dataclasses import dataclass
 from threading import Lock
-from typing import Any, Self
+from typing import Any, Self, cast
+from weakref import ref
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..device.session import DeviceSession
 from ..errors import ConfigError
 from ..geometry import Mesh
-from ..layouts.device_arrays import list_prims, make_device_arrays
+from ..layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
+from ..layouts.refit_arrays import RefitArrays, read_topology
 from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
-from .tree_buffers import TreeBuffers
-from .triangles import Triangles, triangles_of
-from .wide_arrays import WideArrays
+from .hits.scene_arrays import Triangles, triangles_of
+from .launch import Caster
+from .rays.batch import TreeBox
+from .traced_tree import WideArrays
 
 BRUTE = "brute"
 
@@ -172,3 +187,177 @@ def pad_stack(layout: str, needed: int, depth: int) -> int:
             f"holds {_LONGEST_STACK}"
         )
     return max(_COMMON_STACK.get(layout, _STACK_STEP), _STACK_STEP * math.ceil(needed / _STACK_STEP))
+
+
+# The arrays of a tree, by the names of the kernels' arguments.
+_NAMES = ("nodes", "blocks")
+
+
+class TreeBuffers:
+    """The nodes and the blocks of a tree, each in a buffer.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Owns the buffers.
+    arrays : DeviceArrays
+
+    Attributes
+    ----------
+    arguments : dict of str to buffer
+        By the names of the kernels' arguments.
+    """
+
+    def __init__(self, session: DeviceSession, arrays: DeviceArrays) -> None:
+        self._session = session
+        by_name: dict[str, NDArray[np.void]] = {name: getattr(arrays, name) for name in _NAMES}
+        self._shapes = {name: (len(array), array.dtype) for name, array in by_name.items()}
+        self.arguments: dict[str, Any] = {name: session.upload(array) for name, array in by_name.items()}
+        self._held: list[NDArray[np.uint8]] = []
+
+    def twin(self) -> TreeBuffers:
+        """Return buffers of the same sizes, which are not allocated yet."""
+        twin = TreeBuffers.__new__(TreeBuffers)
+        twin._session, twin._shapes, twin.arguments, twin._held = self._session, self._shapes, {}, []
+        return twin
+
+    def hold(self) -> list[NDArray[np.uint8]]:
+        """Return the bytes of nodes and blocks to read, until the buffers are written or released; neither is empty."""
+        self._held = [self._session.hold_mapped(self.arguments[name], self._byte_count(name)) for name in _NAMES]
+        return self._held
+
+    def _let_go(self) -> None:
+        while self._held:
+            self._session.end_mapping(self._held.pop())
+
+    def allocate(self) -> None:
+        """Allocate the buffers that are missing.
+
+        Raises
+        ------
+        DeviceError
+            The device has no room for them; then there are none.
+        """
+        try:
+            for name in self._shapes.keys() - self.arguments.keys():
+                self.arguments[name] = self._session.allocate(self._byte_count(name), writable=False)
+        except BaseException:
+            self.release()
+            raise
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of the buffers that are on the device."""
+        return sum(map(self._byte_count, list(self.arguments)))
+
+    def _byte_count(self, name: str) -> int:
+        count, dtype = self._shapes[name]
+        return count * dtype.itemsize
+
+    @contextmanager
+    def mapped(self, session: DeviceSession, *, write: bool) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
+        """Map nodes and blocks into the host's memory as arrays; neither may be empty.
+
+        Parameters
+        ----------
+        session : DeviceSession
+            The one that owns the buffers, or a branch of it.
+        write : bool
+            True: the caller fills both arrays completely. False: the caller only reads them.
+        """
+        if write:
+            self._let_go()
+        nodes, blocks = (session.mapped(self.arguments[name], *self._shapes[name], write=write) for name in _NAMES)
+        with nodes as node_array, blocks as block_array:
+            yield node_array, block_array
+
+    def release(self) -> None:
+        """Give the buffers back before the session ends."""
+        self._let_go()
+        while self.arguments:
+            self._session.release(self.arguments.popitem()[1])
+
+
+@dataclass(eq=False)
+class _Copy:
+    """Buffers, and the last caster that was given them; None if there was none."""
+
+    buffers: TreeBuffers
+    caster: ref[Caster] | None = None
+
+    @property
+    def is_free(self) -> bool:
+        return self.caster is None or self.caster() is None
+
+
+class TreeCopies:
+    """The copies of one tree; for one update at a time.
+
+    Parameters
+    ----------
+    caster : Caster
+        At the tree as it was built, the first copy.
+    """
+
+    def __init__(self, caster: Caster) -> None:
+        self._copies = [_Copy(_tree_of(caster).buffers, ref(caster))]
+        self._arrays: RefitArrays | None = None
+        self._built_cost = 0.0
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of all copies on the device."""
+        return sum(held.buffers.byte_count for held in list(self._copies))
+
+    def move(self, caster: Caster, mesh: Mesh, session: DeviceSession) -> Caster:
+        """Return a caster at a copy of the tree whose mesh has moved.
+
+        Parameters
+        ----------
+        caster : Caster
+            The newest one; it stays as it is.
+        mesh : Mesh
+            With the same faces.
+        session : DeviceSession
+            A branch of the caster's session, for this thread.
+
+        Raises
+        ------
+        DeviceError
+            The device has no room for another copy, or its driver refuses.
+        """
+        tree = _tree_of(caster)
+        arrays, held = self._arrays, self._take_free(tree)
+        if arrays is None:
+            with tree.buffers.mapped(session, write=False) as built:
+                arrays = RefitArrays(read_topology(*built, tree.layout))
+        with held.buffers.mapped(session, write=True) as target:
+            if self._arrays is None:
+                # The cost of the tree as it was built: only those who update ask how it has grown.
+                arrays.write(tree.mesh, *target, caster.threads)
+                self._built_cost, self._arrays = arrays.sah_cost, arrays
+            arrays.write(mesh, *target, caster.threads)
+        # Queries have queues of their own, which do not wait for this one.
+        session.finish()
+        copied = tree.moved(mesh, held.buffers, arrays.sah_cost / self._built_cost)
+        moved = caster.over(copied, TreeBox(mesh.origin, mesh.scale, arrays.half))
+        held.caster = ref(moved)
+        return moved
+
+    def _take_free(self, tree: DeviceTree) -> _Copy:
+        """Return a copy that no query uses, a new one if there is none; release any other unused copies."""
+        free = [held for held in self._copies if held.is_free]
+        if not free:
+            free = [_Copy(tree.buffers.twin())]
+            self._copies += free
+        for surplus in free[1:]:
+            self._copies.remove(surplus)
+            surplus.buffers.release()
+        # Listed above first: Ctrl-C in between would leave buffers that nobody knows.
+        free[0].buffers.allocate()
+        return free[0]
+
+
+def _tree_of(caster: Caster) -> DeviceTree:
+    """Return the tree of a caster at a mesh."""
+    return cast(DeviceTree, caster.tree)

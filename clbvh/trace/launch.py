@@ -7,6 +7,7 @@ know of each other.
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
 import time
@@ -15,7 +16,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +25,18 @@ from ..device.kernel import Kernel
 from ..device.program import build_kernel
 from ..device.reusable_buffer import ReusableBuffer
 from ..device.session import DeviceSession
+from ..errors import DeviceMemoryError
 from ..structs import HIT, PACKED_RAY, SCENE_LOW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
+from .host.walk import cast_on_host, count_steps
 from .rays.batch import RayBatch, TreeBox
-from .rays.entry_points import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, find_entry_points
 from .rays.pack import find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, StepCounter, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
-from .traced_tree import TracedTree
-from .wide_arrays import WideArrays
+from .traced_tree import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, TracedTree, WideArrays, find_entry_points
 
+_Rest = ParamSpec("_Rest")
 _Result = TypeVar("_Result")
 
 
@@ -254,9 +256,6 @@ class Call(MemoryLoan):
             return None
 
         def count(batch: RayBatch) -> float:
-            # Not above: pictures do without.
-            from .host.cast import count_steps
-
             tree = self._tree.on_host()
             return math.inf if tree is None else count_steps(tree, self.box, batch)
 
@@ -391,9 +390,6 @@ class Call(MemoryLoan):
 
     def cast_on_host(self, tree: WideArrays, query: Query, batch: RayBatch, **arguments: Any) -> NDArray[Any]:
         """Return what the kernel of a query finds for each ray, of a tree from `on_host`; of hits, only `prim_id`."""
-        # Not above: pictures do without.
-        from .host.cast import cast_on_host
-
         most_crossings = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
         return self.run_on_host(cast_on_host, tree, self.box, batch, most_crossings)
 
@@ -429,3 +425,25 @@ class Call(MemoryLoan):
 
 def _copy(source: NDArray[Any], first: int, last: int, target: NDArray[Any]) -> None:
     target[:] = source[first:last]
+
+
+def cut_smaller_when_full(
+    query: Callable[Concatenate[Caster, _Rest], _Result],
+) -> Callable[Concatenate[Caster, _Rest], _Result]:
+    """Decorate a query that takes a `Caster` first and can begin again: it does so while its pieces can be halved.
+
+    Whether a batch fits is known only when the driver refuses it: other programs use the same memory. The pieces stay
+    small for later queries of the caster. The user's progress begins again, too.
+    """
+
+    @functools.wraps(query)
+    def ask(caster: Caster, /, *arguments: _Rest.args, **named: _Rest.kwargs) -> _Result:
+        while True:
+            tried = caster.halvings
+            try:
+                return query(caster, *arguments, **named)
+            except DeviceMemoryError:
+                if not caster.cut_smaller(tried):
+                    raise
+
+    return ask

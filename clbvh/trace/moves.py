@@ -1,10 +1,11 @@
-"""The changes of a tracer: vertices and transforms that move between queries.
+"""What a tracer shares with its queries, and its changes: vertices and transforms that move between queries.
 
-How trees follow is in `tree_copies` and `scene/moving_scene`.
+How trees follow is in `device_tree` and `scene/moving_scene`.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable
 from typing import cast
 
@@ -13,13 +14,23 @@ from numpy.typing import ArrayLike
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..scene.handles import Geometry, Instance
-from .device_tree import DeviceTree
-from .tracer_base import TracerBase
-from .tree_copies import TreeCopies
+from ..support.context_manager import ContextManager
+from .device_tree import DeviceTree, TreeCopies
+from .launch import Caster
+from .scene.moving_scene import MovingScene
 
 
-class Moves(TracerBase):
-    """The methods of a `Tracer` that move the mesh or the scene, and tell where it is."""
+class Moves(ContextManager):
+    """A mesh or a scene on one device, with the methods of a `Tracer` that move it and tell where it is."""
+
+    # Each query reads it once, because a move replaces it.
+    _caster: Caster
+    # Of a tracer of a mesh: its trees on the device, the one in use and the one that a move writes.
+    _copies: TreeCopies | None
+    # Of a tracer of a scene.
+    _scene: MovingScene | None
+    # Held by a move, so that two of them do not write at the same time.
+    _updating: threading.Lock
 
     def update(self, vertices: ArrayLike) -> None:
         """Move the vertices of the mesh: the tree is refitted and uploaded; buffers and kernels are kept.
@@ -214,3 +225,8 @@ class Moves(TracerBase):
         scene = self._known_scene()
         with self._caster.open_call() as call, self._updating:
             self._caster = scene.set_spheres(self._caster, geometry, centres, radii, call.memory.session)
+
+    def _known_scene(self) -> MovingScene:
+        if self._scene is None:
+            raise ConfigError("this tracer has no instances: open it with a clbvh.Scene, or call update(vertices)")
+        return self._scene

@@ -14,16 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import OpenMeshWarning
 from ..scene.handles import Geometry, Instance
 from .launch import Caster
-from .points.ambient_occlusion import check_sampling, find_open_shares
-from .points.hemispheres import Hemispheres
+from .moves import Moves
+from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_shares
 from .points.queries import SeenPoints, closest_points, is_contained, signed_distances
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
 from .scene.device_scene import DeviceScene
-from .tracer_base import TracerBase
 
 
-class PointQueries(TracerBase):
+class PointQueries(Moves):
     """The queries of a `Tracer` whose arguments are points."""
 
     # Whether somebody was told that a mesh has no inside.

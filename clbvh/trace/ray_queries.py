@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError
-from .hits.all_hits import find_all_hits, find_hits_by_depth
+from .hits.all_hits import find_all_hits
 from .hits.closest import count_hits, find_any_hits, find_closest_hits, find_closest_prims
 from .hits.hits import AllHits, Hits
 from .launch import NO_LIMIT, Caster
+from .moves import Moves
 from .rays.batch import RayBatch, read_rays
 from .rays.pieces import Progress
-from .tracer_base import TracerBase
 
 
-class RayQueries(TracerBase):
+class RayQueries(Moves):
     """The queries of a `Tracer` whose arguments are rays."""
 
     def closest_hit(
@@ -197,48 +197,6 @@ class RayQueries(TracerBase):
         limit = _check_max_hits(max_hits)
         caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
         return find_all_hits(caster, batch, shape, limit, progress, with_locations=with_locations)
-
-    def hits_by_depth(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
-        max_hits: int | None = None,
-        with_locations: bool = False,
-        mask: ArrayLike | None = None,
-        progress: Progress | None = None,
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
-        """Return the crossings that `all_hits` finds: the first ones of all rays, then the second ones, and so on.
-
-        Parameters and errors are those of `all_hits`.
-
-        Returns
-        -------
-        prim_id : (m,) int64
-            Faces of the mesh.
-        ray_id : (m,) int64
-            The ray of each crossing, in the order of the rays at each depth.
-        locations : (m, 3) float64, the file's coordinates, or None
-            Only found `with_locations`.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> import trimesh
-        >>> tracer = clbvh.Tracer(trimesh.creation.box())
-        >>> prim_id, ray_id, locations = tracer.hits_by_depth(
-        ...     [[0.1, 0.2, 5], [0.1, 0.3, 5]], [[0, 0, -1], [0, 0, -1]], with_locations=True
-        ... )
-        >>> ray_id
-        array([0, 1, 0, 1])
-        >>> locations[:, 2]
-        array([ 0.5,  0.5, -0.5, -0.5])
-        """
-        limit = _check_max_hits(max_hits)
-        caster, batch, shape = self._read_rays(origins, directions, t_min, t_max, mask)
-        return find_hits_by_depth(caster, batch, shape, limit, progress, with_locations=with_locations)
 
     def _read_rays(
         self, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike, mask: ArrayLike | None

@@ -1,10 +1,20 @@
-"""What queries need of a tree on a device, whether it is that of a mesh or of a scene."""
+"""What queries need of a tree on a device, whether it is that of a mesh or of a scene.
+
+Its members, its wide form as compiled functions take it, and the entry points of rays, see
+cl/traversal/entry_point.cl. Knows nothing of numba, so that it costs nothing to import.
+"""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
+
+from ..device.kernel import Kernel
+from ..device.reusable_buffer import ReusableBuffer
+from ..device.session import DeviceSession
+from ..structs import SCENE_TILE
 
 
 class TracedTree(Protocol):
@@ -76,3 +86,88 @@ class TracedTree(Protocol):
 
     def on_host(self) -> Any:
         """Return the tree as the host sees it, a `WideArrays`, for calls that are running; None where it does not."""
+
+
+class WideArrays(NamedTuple):
+    """A tree in the layout `bvh4` or `bvh8` as 4-byte lanes: floats, and the same as integers.
+
+    Attributes
+    ----------
+    nodes : (N * 7 * width,) float32
+    node_ints : (N * 7 * width,) int32
+    blocks : (G * 10 * width,) float32
+    block_ints : (G * 10 * width,) int32
+    slots : tuple of int
+        0 to width - 1: the type tells the compiler the width, so that loops over children become vector instructions.
+    stack_size : int
+    """
+
+    nodes: NDArray[np.float32]
+    node_ints: NDArray[np.int32]
+    blocks: NDArray[np.float32]
+    block_ints: NDArray[np.int32]
+    slots: tuple[int, ...]
+    stack_size: int
+
+    @classmethod
+    def of(cls, nodes: NDArray[Any], blocks: NDArray[Any], width: int, stack_size: int) -> Self:
+        """Return views of `structs.WIDE_NODES[width]` and `structs.TRIANGLE_BLOCKS[width]`, or of their bytes."""
+        node_lanes, block_lanes = (items.view(np.float32).reshape(-1) for items in (nodes, blocks))
+        for lanes in (node_lanes, block_lanes):
+            lanes.flags.writeable = False
+        return cls(
+            node_lanes, node_lanes.view(np.int32), block_lanes, block_lanes.view(np.int32), tuple(range(width)),
+            stack_size,
+        )  # fmt: skip
+
+
+# Kernels that find the entry points of rays in memory: in a tree, and in a scene.
+ENTRY_POINT_KERNEL = "tile_entry_points"
+SCENE_ENTRY_POINT_KERNEL = f"scene_{ENTRY_POINT_KERNEL}"
+
+# Tiles of a work-group.
+_WORK_GROUP = (16, 1)
+
+
+def find_entry_points(
+    session: DeviceSession,
+    tree: TracedTree,
+    kernel: Kernel,
+    buffer: ReusableBuffer,
+    work_size: tuple[int, int],
+    tile: tuple[int, int],
+    *,
+    tile_buffer: ReusableBuffer | None = None,
+    **arguments: Any,
+) -> dict[str, Any]:
+    """Return the buffers that say where the rays of each tile begin, by the names of the kernels' arguments.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : TracedTree
+        In the same session; it has entry points.
+    kernel : Kernel
+    buffer : ReusableBuffer
+        Where the entry points go; valid until its next use.
+    work_size : (int, int)
+        Columns and rows of the work-items that cast the rays.
+    tile : (int, int)
+        Columns and rows of their work-groups.
+    tile_buffer : ReusableBuffer, optional
+        Where the instances that each tile meets go; of a scene only.
+    **arguments
+        The kernel's arguments that describe the rays.
+    """
+    columns, rows = (-(-length // edge) for length, edge in zip(work_size, tile, strict=True))
+    tile_count = columns * rows
+    written = {"entry_points": buffer.take(tile_count * tree.node_bytes)}
+    read = {"nodes": tree.arguments["nodes"]}
+    if tile_buffer is not None:
+        written["tiles"] = tile_buffer.take(tile_count * SCENE_TILE.itemsize)
+        read |= {name: tree.arguments[name] for name in ("top_nodes", "instances")}
+    session.run(
+        kernel, (columns, rows), _WORK_GROUP,
+        tile_width=np.int32(tile[0]), tile_height=np.int32(tile[1]), **read, **written, **arguments,
+    )  # fmt: skip
+    return written

@@ -14,21 +14,19 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..geometry import MeshLike, as_mesh
 from ..scene.contents import SceneContents
-from .device_tree import DeviceTree, check_layout
+from .device_tree import DeviceTree, TreeCopies, check_layout
 from .launch import Caster
-from .moves import Moves
 from .point_queries import PointQueries
 from .ray_queries import RayQueries
 from .rays.batch import TreeBox
 from .scene.device_scene import DeviceScene
 from .scene.moving_scene import MovingScene
-from .tree_copies import TreeCopies
 
 Traceable: TypeAlias = SceneContents | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
 
 
-class Tracer(RayQueries, PointQueries, Moves):
+class Tracer(RayQueries, PointQueries):
     """Casts rays at one mesh on one device; a context manager.
 
     Any number of threads may use one tracer. A child that was forked cannot: its queries raise `DeviceError`, and

@@ -16,8 +16,8 @@ from ..integrations.trimesh import ProximityQuery, RayMeshIntersector, max_tange
 from ..rendering.render import RenderOptions, render
 from ..rendering.scene import MeshSource, Scene
 from ..structs import REPORT_SHADINGS
-from ..trace import Tracer
-from ..trace.scene.merge_rule import LEAST_COUNT
+from ..trace.scene.merging import LEAST_COUNT
+from ..trace.tracer import Tracer
 from .host_work import TRIANGLES, make_mesh
 
 # Beyond this a driver may compile a kernel once more, and batches in no order are sorted.
@@ -54,9 +54,7 @@ def cast_all(bvh: Bvh, device: DeviceInfo, layout: str, dtype: DTypeLike) -> Non
             tracer.count_hits(origins, directions)
             crossings = tracer.all_hits(origins, directions, max_hits=4)
             crossings.locations, crossings.counts  # noqa: B018
-            tracer.all_hits(origins, directions)
-            tracer.hits_by_depth(origins, directions)
-            tracer.hits_by_depth(origins, directions, with_locations=True)
+            tracer.all_hits(origins, directions, with_locations=True)
             points = make(*shape)
             tracer.closest_point(points)
             tracer.contains(points)
@@ -100,10 +98,8 @@ def use_scene(device: DeviceInfo, layout: str, *, has_spheres: bool) -> None:
             tracer.closest_prim(origins, directions)
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
-            tracer.all_hits(origins, directions)
             tracer.all_hits(origins, directions, with_locations=True)
-            tracer.hits_by_depth(origins, directions)
-            tracer.hits_by_depth(origins, directions, with_locations=True)
+            tracer.all_hits(origins, directions, with_locations=True)
             tracer.closest_point(origins)
             tracer.closest_point(origins, instance=instances[0])
             tracer.contains(origins)

@@ -23,8 +23,8 @@ from ..scene.contents import SceneContents
 from ..stats import measure_tree
 from ..stats.ladder_work import count_ladder_work
 from ..structs import LAYOUT_WIDTHS, WIDE_NODES
-from ..trace.oracle.wide_visits import count_wide_visits
-from ..trace.scene.visits import SceneTraversal
+from ..trace.oracle.scene_visits import SceneTraversal
+from ..trace.oracle.visits import count_wide_visits
 
 # Enough for a top with several subtrees.
 TRIANGLES = 3_000

@@ -225,7 +225,7 @@ with clbvh.Tracer(mesh) as tracer:
         hits = tracer.closest_hit(origins, directions)
         seen = hits[hits.is_hit]
         seen.offset_origins(), seen.offset_origins(towards=seen.normals)
-        tracer.hits_by_depth(origins, directions)
+        tracer.all_hits(origins, directions, with_locations=True)
         tracer.all_hits(origins, directions, max_hits=3).locations
     tracer.update(mesh.vertices.astype("{dtype}") * 1.1)
     tracer.closest_hit(origins, directions)

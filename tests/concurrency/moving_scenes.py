@@ -8,7 +8,7 @@ import clbvh
 
 from ..deform import deform
 
-KINDS = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits", "hits_by_depth")
+KINDS = ("closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits")
 STATES = 4
 
 

@@ -7,7 +7,7 @@ from dataclasses import is_dataclass
 import numpy as np
 
 KINDS = (
-    "closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits", "hits_by_depth",
+    "closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits",
     "closest_point", "contains", "signed_distance",
 )  # fmt: skip
 OF_POINTS = KINDS[-3:]

@@ -67,7 +67,7 @@ class TestTracer:
         large = [
             query
             for query in make_queries(mesh, [LARGE], seed=2)
-            if is_long() or query[0] in ("closest_hit", "hits_by_depth", "closest_point")
+            if is_long() or query[0] in ("closest_hit", "all_hits", "closest_point")
         ]
         queries = [*large, *make_queries(mesh, [3], seed=3)]
         expected = [ask(tracer, *query) for query in queries]

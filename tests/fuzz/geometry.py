@@ -23,7 +23,7 @@ from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
 from clbvh.trace.oracle.reference import find_differences, find_wrong_crossings
-from clbvh.trace.points.closest_point import find_closest_points
+from clbvh.trace.points.queries import find_closest_points
 from clbvh.trace.rays.batch import TreeBox, read_points, read_rays
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from clbvh.integrations.trimesh import install
-from clbvh.integrations.trimesh.mesh_tracer import MeshTracer
+from clbvh.integrations.trimesh.tracers import MeshTracer
 
 PAGE = Path(__file__).parents[2] / "docs" / "trimesh.md"
 

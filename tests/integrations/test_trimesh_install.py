@@ -15,7 +15,7 @@ import trimesh
 
 from clbvh.errors import ConfigError, DeviceError
 from clbvh.integrations import trimesh as engine
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, mesh_tracer, tracers
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, tracers, tracers as mesh_tracer
 
 RAY = [[0.1, 0.2, 5]], [[0, 0, -1]]
 PATCHED = ("closest_point", "signed_distance", "longest_ray", "max_tangent_sphere", "thickness")

@@ -8,8 +8,8 @@ import trimesh
 
 from clbvh.device import program
 from clbvh.errors import DeviceError, MeshError
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, following_tracer, mesh_tracer
-from clbvh.trace import Tracer
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, following_tracer, tracers as mesh_tracer
+from clbvh.trace.tracer import Tracer
 
 FRAMES = 8
 RAYS = np.random.default_rng(101).uniform(-1, 1, (2, 400, 3))

@@ -16,9 +16,9 @@ from clbvh.integrations.trimesh import (
     following_tracer,
     install,
     is_installed,
-    mesh_tracer,
+    tracers as mesh_tracer,
 )
-from clbvh.trace.points.inside import GENERIC_DIRECTIONS
+from clbvh.trace.points.queries import GENERIC_DIRECTIONS
 
 # Declared by the embree engine of trimesh 5.
 SIGNATURES = {

@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
-from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, scene_tracer
-from clbvh.trace import Tracer
+from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, following_tracer as scene_tracer
+from clbvh.trace.tracer import Tracer
 
 TO = trimesh.transformations.translation_matrix
 # Rays near an edge may hit either side of it: transformed vertices are rounded.

@@ -6,7 +6,7 @@ import pytest
 from clbvh import BuildOptions
 from clbvh.builders.build import build_over
 from clbvh.layouts.device_arrays import make_device_arrays
-from clbvh.layouts.sphere_blocks import gather_spheres
+from clbvh.layouts.leaf_blocks import gather_spheres
 from clbvh.structs import BVH2_NODE, HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
 
 from ..profiles import seeds

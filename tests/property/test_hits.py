@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from clbvh import Mesh, Tracer, build
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 from clbvh.trace.oracle.reference import find_differences, find_wrong_crossings
 
 from ..kernel.casting import open_caster

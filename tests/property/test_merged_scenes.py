@@ -6,9 +6,9 @@ from hypothesis import given, strategies as st
 
 from clbvh import Tracer
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.oracle.scene_points import ScenePoints
 
 from ..profiles import examples, seeds
+from ..scene_points import ScenePoints
 from ..unit.trace.scene_states import affine, make_state
 from .random_scenes import GRID, KINDS, LINEAR, MASKS, MESH_KINDS, RAYS, RandomScene, make_rays, scale_scene
 from .test_scenes import check_against_the_oracle, compare_layouts, make_limits

@@ -9,9 +9,9 @@ from hypothesis import given
 from clbvh.errors import OpenMeshWarning
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import BRUTE
-from clbvh.trace.oracle.scene_points import ScenePoints
 
 from ..profiles import examples, seeds
+from ..scene_points import ScenePoints
 from ..state_tracer import open_tracer
 from .random_scenes import LINEAR, RAY_MASKS, make_scene, random_scenes
 

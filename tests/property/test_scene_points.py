@@ -6,9 +6,9 @@ from hypothesis import given, strategies as st
 
 from clbvh import Tracer
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.oracle.scene_points import ScenePoints
 
 from ..profiles import examples, seeds
+from ..scene_points import ScenePoints
 from ..unit.trace.scene_states import ALL
 from .random_scenes import GRID, LINEAR, make_scene, random_scenes, scale_scene
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import clbvh
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import SceneSurface
 
 from ..profiles import examples

@@ -1,7 +1,7 @@
 """A tracer that follows something of trimesh, a mesh or a scene, which may change between two queries.
 
-Owns the locks, the device's memory, and trying again. What has changed, and what becomes of it, is known by
-`mesh_tracer.py` and `scene_tracer.py`.
+Owns the locks, the device's memory, and trying again; and what has changed of a scene, which trimesh's own hashes tell,
+of the graph and of each mesh. Meshes are followed by `tracers.py`. Must not know who queries it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from numbers import Integral
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -18,9 +18,14 @@ from numpy.typing import NDArray
 
 from ...device.info import DeviceInfo
 from ...device.owner_process import check_process, is_inherited
-from ...errors import ConfigError, QueryError
-from ...trace import Tracer
+from ...errors import ConfigError, DeviceError, QueryError, SceneError
+from ...geometry import Mesh
+from ...scene.contents import SceneContents
+from ...scene.handles import Geometry
+from ...scene.parts import make_affine
+from ...scene.transforms import check_transforms
 from ...trace.device_tree import check_layout
+from ...trace.tracer import Tracer
 
 Known = TypeVar("Known")
 
@@ -74,7 +79,7 @@ class FollowingTracer(ABC, Generic[Known]):
 
     def cast(self, thing: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a ray query of the tracer; rays that it refuses hit nothing."""
-        return self._ask(thing, lambda tracer, known: cast_any_rays(tracer, query, rays, **more))
+        return self.ask(thing, lambda tracer, known: cast_any_rays(tracer, query, rays, **more))
 
     def close(self) -> None:
         """Give the device's and the host's memory back, after the queries of other threads."""
@@ -123,7 +128,8 @@ class FollowingTracer(ABC, Generic[Known]):
         self._announced_bytes = 0
         return tracer
 
-    def _ask(self, thing: Any, query: Callable[[Tracer, Known], Any]) -> Any:
+    def ask(self, thing: Any, query: Callable[[Tracer, Known], Any]) -> Any:
+        """Return the answer to a query that is given a tracer of the thing as it is now, and what is known of it."""
         self.last_use = time.monotonic()
         while True:
             tracer, known = self._open(thing)
@@ -159,3 +165,170 @@ def cast_any_rays(tracer: Tracer, query: str, rays: tuple[NDArray[Any], NDArray[
             raise
         origins[bad], directions[bad] = 0.0, 1.0
         return getattr(tracer, query)(origins, directions, t_max=np.where(bad, -1.0, np.inf), **more)
+
+
+class SceneNodes(NamedTuple):
+    """The nodes of a scene that place a triangle mesh, in the order of its graph.
+
+    Attributes
+    ----------
+    names : (n,) object
+        Names of the nodes.
+    geometries : (n,) object
+        The name of each node's geometry.
+    """
+
+    names: NDArray[np.object_]
+    geometries: NDArray[np.object_]
+
+    def is_same(self, other: SceneNodes) -> bool:
+        """Return whether the same nodes place the same geometries."""
+        return self.names.tolist() == other.names.tolist() and self.geometries.tolist() == other.geometries.tolist()
+
+
+class _Follower:
+    """A scene of ours that was made of one of trimesh, and what it knows of that one; a tracer opens with it.
+
+    Parameters
+    ----------
+    nodes : SceneNodes
+    transforms : (n, 4, 4) float64
+    meshes : dict of str to trimesh.Trimesh
+        By the name of the geometry.
+    """
+
+    def __init__(self, nodes: SceneNodes, transforms: NDArray[np.float64], meshes: dict[Any, Any]) -> None:
+        self.nodes = nodes
+        self.contents = SceneContents()
+        self.contents_of = {name: hash(mesh) for name, mesh in meshes.items()}
+        self.geometries: dict[Any, Geometry] = {}
+        self.meshes: dict[Any, Mesh] = {}
+        for name, mesh in meshes.items():
+            self.meshes[name] = Mesh.from_arrays(mesh.vertices, mesh.faces, name=str(name))
+            self.geometries[name] = self.contents.add(self.meshes[name])
+        for geometry, transform in zip(nodes.geometries, transforms, strict=True):
+            self.contents.place(self.geometries[geometry], transform)
+        # None while it is not known what the tracer has: Ctrl-C may strike in the middle of a change.
+        self.transforms: NDArray[np.float64] | None = transforms
+        self.graph_key: Any = None
+
+    def move(self, tracer: Tracer, transforms: NDArray[np.float64]) -> None:
+        """Set the transforms that have changed."""
+        known, self.transforms = self.transforms, None
+        moved = np.arange(len(transforms))
+        if known is not None:
+            moved = moved[(known != transforms).any(axis=(1, 2))]
+        if len(moved):
+            tracer.set_transforms(moved, transforms[moved])
+        self.transforms = transforms
+
+    def deform(self, tracer: Tracer, name: Any, mesh: Any) -> None:
+        """Set the vertices of a mesh whose faces are as before."""
+        self.contents_of.pop(name, None)
+        tracer.set_vertices(self.geometries[name], np.asarray(mesh.vertices))
+        self.contents_of[name] = hash(mesh)
+
+    def can_deform(self, name: Any, mesh: Any) -> bool:
+        """Return whether a mesh has the faces of the one that was known, and as many vertices."""
+        return has_faces(self.meshes[name], np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+class SceneTracer(FollowingTracer["_Follower"]):
+    """A tracer of one scene of trimesh: opened when first needed, moved or opened again when the scene has changed."""
+
+    # As long as there is a tracer.
+    _follower: _Follower | None = None
+
+    def nodes(self, scene: Any) -> SceneNodes:
+        """Return the nodes of the scene as it is now."""
+        with self._lock:
+            known = self._follower
+            if known is not None and known.graph_key is not None and known.graph_key == _graph_key(scene):
+                return known.nodes
+        return _read_nodes(scene)[0]
+
+    def _take(self) -> Tracer | None:
+        self._follower = None
+        return super()._take()
+
+    def _forget(self) -> None:
+        self._follower = None
+
+    def _follow_open(self, scene: Any) -> tuple[Tracer, _Follower]:
+        """Return a tracer of the scene as it is now, and what it follows: both new ones if they cannot be moved."""
+        tracer, known = self._tracer, self._follower
+        key = _graph_key(scene)
+        if tracer is not None and known is not None and not tracer.is_closed:
+            is_as_known = known.graph_key is not None and known.graph_key == key
+            if is_as_known and all(known.contents_of.get(name) == hash(mesh) for name, mesh in _meshes(scene, known)):
+                return tracer, known
+            nodes, transforms = (known.nodes, known.transforms) if is_as_known else _read_nodes(scene)
+            if transforms is not None and nodes.is_same(known.nodes):
+                try:
+                    if self._update(tracer, known, scene, transforms):
+                        known.graph_key = key
+                        return tracer, known
+                except DeviceError:
+                    pass  # no room for a second copy: open another one in place of this one
+        self._take()
+        if tracer is not None:
+            tracer.close()
+        nodes, transforms = _read_nodes(scene)
+        if len(nodes.names) == 0:
+            raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
+        follower = _Follower(nodes, transforms, {name: scene.geometry[name] for name in nodes.geometries})
+        tracer = self._open_new(follower.contents)
+        follower.graph_key = key
+        self._tracer, self._follower = tracer, follower
+        return tracer, follower
+
+    @staticmethod
+    def _update(tracer: Tracer, known: _Follower, scene: Any, transforms: NDArray[np.float64]) -> bool:
+        """Move nodes and vertices to where they are now; return false if a mesh has other faces."""
+        changed = [(name, mesh) for name, mesh in _meshes(scene, known) if known.contents_of.get(name) != hash(mesh)]
+        if not all(known.can_deform(name, mesh) for name, mesh in changed):
+            return False
+        known.graph_key = None
+        known.move(tracer, transforms)
+        for name, mesh in changed:
+            known.deform(tracer, name, mesh)
+        return True
+
+
+def _graph_key(scene: Any) -> tuple[Any, ...]:
+    """Return what changes when a node is moved, added or taken away, or gets another geometry."""
+    return hash(scene.graph), scene.graph.base_frame, tuple(scene.geometry)
+
+
+def _meshes(scene: Any, known: _Follower) -> Iterator[tuple[Any, Any]]:
+    """Yield the name and the mesh of each known geometry."""
+    return ((name, scene.geometry[name]) for name in known.geometries)
+
+
+def _read_nodes(scene: Any) -> tuple[SceneNodes, NDArray[np.float64]]:
+    """Return the nodes that place triangle meshes, and their transforms, (n, 4, 4) float64.
+
+    Raises
+    ------
+    SceneError
+        A transform is singular, or not finite; the message names the node.
+    """
+    import trimesh
+
+    rows = []
+    for node in scene.graph.nodes_geometry:
+        matrix, geometry = scene.graph[node]
+        mesh = scene.geometry.get(geometry)
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            rows.append((node, geometry, make_affine(matrix)))
+    names, geometries = (np.empty(len(rows), object) for _ in range(2))
+    for index, (node, geometry, _) in enumerate(rows):
+        names[index], geometries[index] = node, geometry
+    matrices = np.array([matrix for _, _, matrix in rows]).reshape(-1, 4, 4)
+    transforms = check_transforms(matrices, lambda index: f"the transform of the node {names[index]!r}")
+    return SceneNodes(names, geometries), transforms
+
+
+def has_faces(mesh: Mesh, vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Return whether a mesh has these faces and this number of vertices."""
+    return len(mesh.vertices) == len(vertices) and np.array_equal(mesh.faces, faces)

@@ -17,11 +17,10 @@ from trimesh import proximity as trimesh_proximity, ray as trimesh_ray
 
 from ...device.info import DeviceInfo
 from . import proximity, thickness
-from .current_options import Installed
 from .following_tracer import EngineOptions, read_options
 from .proximity import ProximityQuery
 from .ray import RayMeshIntersector
-from .tracers import find_tracer, forget_kept
+from .tracers import Installed, find_tracer, forget_kept
 
 # Functions of `trimesh.proximity`, which its own classes and other modules of trimesh look up there when called.
 _FUNCTIONS: dict[str, Callable[..., Any]] = {

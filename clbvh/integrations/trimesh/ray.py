@@ -14,7 +14,8 @@ from ...device.info import DeviceInfo
 from ...device.select import choose_device
 from ...device.settings import find_settings
 from ...errors import DeviceError, MeshError, QueryError
-from ...trace.points.inside import GENERIC_DIRECTIONS
+from ...trace.hits.hits import AllHits
+from ...trace.points.queries import GENERIC_DIRECTIONS
 from .following_tracer import EngineOptions, read_options
 from .tracers import find_tracer, read_mesh
 
@@ -154,17 +155,18 @@ class RayMeshIntersector:
             nothing = np.empty(0, np.int64)
             return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
         if multiple_hits:
-            hits = self._cast("hits_by_depth", rays, max_hits=int(max_hits), with_locations=return_locations)
-            return hits if return_locations else hits[:2]
+            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
+            order, index_ray = order_by_depth(hits)
+            index_tri = hits.prim_id[order].astype(np.int64)
+            return (index_tri, index_ray, hits.locations[order]) if return_locations else (index_tri, index_ray)
         if return_locations:
             hits = self._cast("closest_hit", rays)
             index_ray = np.flatnonzero(hits.is_hit)
             hits = hits.take(index_ray)
-        else:
-            prim_id = self._cast("closest_prim", rays)
-            index_ray = np.flatnonzero(prim_id >= 0)
-            return prim_id[index_ray].astype(np.int64), index_ray
-        return hits.prim_id.astype(np.int64), index_ray, hits.locations
+            return hits.prim_id.astype(np.int64), index_ray, hits.locations
+        prim_id = self._cast("closest_prim", rays)
+        index_ray = np.flatnonzero(prim_id >= 0)
+        return prim_id[index_ray].astype(np.int64), index_ray
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
         """Return (n,) int32: the first triangle that each ray hits, -1 if there is none.
@@ -290,6 +292,15 @@ class RayMeshIntersector:
     def __deepcopy__(self, memo: dict[int, Any]) -> RayMeshIntersector:
         # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
         return self.__copy__()
+
+
+def order_by_depth(hits: AllHits) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the order of all rays' first hits, then all second hits, and so on; and the ray of each in that order."""
+    ray_id = hits.ray_id
+    depth = np.arange(len(ray_id)) - hits.offsets[ray_id]
+    # Stable, and in linear time where numpy sorts short integers by their digits.
+    order = np.argsort(depth.astype(np.min_scalar_type(int(depth.max(initial=0)))), kind="stable")
+    return order, ray_id[order]
 
 
 def read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:

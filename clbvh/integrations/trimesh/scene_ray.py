@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...device.info import DeviceInfo
 from ...errors import QueryError, SceneError
-from ...trace.points.inside import GENERIC_DIRECTIONS
-from .following_tracer import EngineOptions, read_options
-from .ray import MAX_HITS, read_rays
-from .scene_tracer import SceneTracer
+from ...trace.points.queries import GENERIC_DIRECTIONS
+from .following_tracer import EngineOptions, SceneTracer, read_options
+from .ray import MAX_HITS, order_by_depth, read_rays
 from .tracers import make_room
 
 # Points whose rays are cast at a time; their crossings are on the host.
@@ -180,11 +179,8 @@ class SceneRay:
             found: tuple[NDArray[Any], ...] = (nothing, nothing.copy(), nothing.copy(), np.empty((0, 3)))
         elif multiple_hits:
             hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
-            index_ray = hits.ray_id
-            depth = np.arange(len(index_ray)) - hits.offsets[index_ray]
-            # Stable, and in linear time where numpy sorts short integers by their digits.
-            order = np.argsort(depth.astype(np.min_scalar_type(int(depth.max(initial=0)))), kind="stable")
-            found = hits.prim_id[order].astype(np.int64), index_ray[order], hits.instance_id[order].astype(np.int64)
+            order, index_ray = order_by_depth(hits)
+            found = hits.prim_id[order].astype(np.int64), index_ray, hits.instance_id[order].astype(np.int64)
             if return_locations:
                 found = (*found, hits.locations[order])
         else:

@@ -16,9 +16,9 @@ from ...geometry import Mesh, Shape
 from ...geometry.appearance.normals import smooth_normals_by_angle
 from ...geometry.appearance.srgb import srgb_to_linear
 from ...scene.transforms import check_transform
-from ...trace.hits.by_geometry import group_by_geometry
 from ...trace.hits.hits import Hits
-from ...trace.hits.placed_locations import turn_normals
+from ...trace.hits.interpolate import group_by_geometry
+from ...trace.hits.locations import turn_normals
 from ...trace.hits.surface import SceneSurface, SurfacePoints
 from ..camera import Camera
 from ..picture import Picture

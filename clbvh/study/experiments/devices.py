@@ -7,7 +7,7 @@ import numpy as np
 from ...device.select import survey_devices
 from ...errors import DeviceError
 from ...structs import LAYOUT_WIDTHS
-from ...trace import Tracer
+from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..case import Case, Experiment, NotMeasuredError, Sample
 from ..page.drawing import Axis, Series, draw_bars

@@ -5,8 +5,7 @@ from __future__ import annotations
 from ...layouts.device_arrays import measure_device_bytes
 from ...structs import LAYOUT_WIDTHS
 from ...support.host_threads import usable_cores
-from ...trace.oracle.visits import HostTraversal
-from ...trace.oracle.wide_visits import count_wide_visits
+from ...trace.oracle.visits import HostTraversal, count_wide_visits
 from ..bench import Bench
 from ..builds import build_timed
 from ..case import Case, Experiment, Sample

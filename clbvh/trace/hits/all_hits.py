@@ -1,24 +1,210 @@
-"""All hits in their final order, refined on the way there: ray by ray, or depth by depth."""
+"""All hits of each ray, in two steps: the device finds the crossings, and the host refines them in float64, ray by ray.
+
+One kernel keeps the nearest few hits of each ray; rays that may have more are cast again with four times the room,
+until none has. What comes back is compacted, so memory is bounded by the hits that exist, and by a constant on the
+device.
+"""
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import SCENE_HIT
+from ...structs import HIT_PRIM_ID, NO_PRIM, SCENE_HIT, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from ..launch import Caster
-from ..rays.batch import RayBatch
-from ..rays.pieces import Progress
-from .crossings import find_crossings, running_sums
+from ...support.prefetch import prefetch
+from ..launch import FIRST_HITS, Call, Caster, cut_smaller_when_full
+from ..rays.batch import RayBatch, check_room
+from ..rays.pieces import Progress, RayPiece
 from .hits import AllHits
-from .refine import HitIds, RefinedHits, refine_crossings
+from .refine import HitIds, RefinedHits, store_hits
+from .refine_block import BLOCK_HITS, PREFETCH_HITS, RefineBlock, locate, refine_block
+from .scene_arrays import SceneArrays, Triangles
 
-# Two cache lines, in counters of 8 bytes. Counters of several threads in one cache line cost all that threads gain.
-_PADDING = 16
+# Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
+MOST_SLOTS = 2**21
+
+# Slots of each ray in the first round, and their growth from round to round. Few rays of real meshes need a second one.
+FIRST_SLOTS = 8
+SLOT_GROWTH = 4
+
+# Count and source of a ray.
+_RAY_BYTES = 12
+
+# The source of a ray's crossings: the number of a segment, and the offset in it in this many bits.
+OFFSET_BITS = 40
+OFFSET_MASK = (1 << OFFSET_BITS) - 1
+
+# The primitive of a hit is the upper half of one of its 8-byte words.
+_PRIM_WORD, _PRIM_SHIFT = HIT_PRIM_ID // 2, 32
+
+# Prefetch distance in rays.
+_PREFETCH_RAYS = 16
+
+# Rays that are made contiguous at a time, where they are not.
+_MOST_RAYS = 2**20
+
+
+class Crossings(NamedTuple):
+    """The crossings of rays, as the device found them.
+
+    Attributes
+    ----------
+    counts : (n,) int32
+        Crossings of each ray.
+    sources : (n,) int64
+        Index of a ray's first crossing in `found`, as a segment and an offset; anything for a ray without crossings.
+        The others follow in the order along the ray.
+    segment_begins : (segments + 1,) int64
+        Begin of each segment in `found`.
+    found : (m, lanes) float32
+        `structs.HIT` or `structs.SCENE_HIT` as lanes.
+    """
+
+    counts: NDArray[np.int32]
+    sources: NDArray[np.int64]
+    segment_begins: NDArray[np.int64]
+    found: NDArray[np.float32]
+
+
+@dataclass
+class _Search:
+    """A search for crossings: the request, and the results so far; see `Crossings`."""
+
+    call: Call
+    max_hits: int | None
+    progress: Progress | None
+    counts: NDArray[np.int32]
+    sources: NDArray[np.int64]
+    segments: list[NDArray[np.int64]] = field(default_factory=list)
+
+
+@cut_smaller_when_full
+def find_crossings(
+    caster: Caster, batch: RayBatch, shape: tuple[int, ...], max_hits: int | None, progress: Progress | None
+) -> Crossings:
+    """Return the crossings of each ray, the nearest `max_hits` at most."""
+    count = batch.ray_count
+    check_room(count, _RAY_BYTES)
+    with caster.open_call() as call:
+        search = _Search(call, max_hits, progress, np.zeros(count, np.int32), np.zeros(count, np.int64))
+        # One slot more than a ray can have crossings is never taken.
+        most_slots = caster.tree.most_crossings + 1
+        rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, most_slots)
+        while rays.ray_count > 0:
+            crowded = _search_round(search, rays, ray_ids, shape, slots)
+            # Only the first round has the shape of a picture, and the user's progress.
+            rays, ray_ids, shape, search.progress = batch.take(crowded), crowded, (len(crowded),), None
+            slots = min(slots * SLOT_GROWTH, most_slots)
+
+    segment_begins = running_sums(np.array([len(segment) for segment in search.segments], np.int64))
+    found = np.empty((segment_begins[-1], caster.tree.hit_dtype.itemsize // 8), np.int64)
+
+    def join(begin: int, segment: NDArray[np.int64]) -> None:
+        found[begin : begin + len(segment)] = segment
+
+    caster.threads.run(join, list(zip(segment_begins[:-1].tolist(), search.segments, strict=True)))
+    return Crossings(search.counts, search.sources, segment_begins, found.view(np.float32))
+
+
+def _search_round(
+    search: _Search, batch: RayBatch, ray_ids: NDArray[np.int64] | None, shape: tuple[int, ...], slots: int
+) -> NDArray[np.int64]:
+    """Find the nearest crossings of rays, and return the indices of those whose slots are all taken.
+
+    `ray_ids` are the indices of the rays among the user's; None for all of them.
+    """
+    call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
+    most_rays = max(1, call.fit(call.hit_dtype, MOST_SLOTS) // wanted)
+    crowded = [np.empty(0, np.int64)]
+    for piece in call.cut_rays(batch, shape, most_rays=most_rays, progress=search.progress):
+        packed = call.pack_rays(batch, piece, in_ray_order=False)
+        with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
+            crowded += _compact_piece(
+                search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8)
+            )
+    return np.concatenate(crowded)
+
+
+def _compact_piece(
+    search: _Search, piece: RayPiece, ray_ids: NDArray[np.int64] | None, kept: NDArray[np.int64]
+) -> list[NDArray[np.int64]]:
+    """Add the hits of a piece to the search, without gaps; return the indices of its crowded rays, in parts."""
+    slots, words, threads = kept.shape[1], kept.shape[2], search.call.threads
+    users = (
+        piece.begin + piece.ray_ids().astype(np.int64) if ray_ids is None else ray_ids[piece.begin + piece.ray_ids()]
+    )
+
+    def compact(segment: int, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        hits, crowded = np.empty(((last - first) * slots, words), np.int64), np.empty(last - first, np.int64)
+        hit_count, crowded_count = _compact(
+            kept[first:last], users[first:last], slots == search.max_hits, segment << OFFSET_BITS,
+            hits, crowded, search.counts, search.sources,
+        )  # fmt: skip
+        # Most slots are empty: their memory is given back.
+        hits.resize((hit_count, words), refcheck=False)
+        return hits, crowded[:crowded_count].copy()
+
+    ranges = threads.ranges(len(kept))
+    parts = threads.run(compact, [(len(search.segments) + part, *bounds) for part, bounds in enumerate(ranges)])
+    search.segments += [hits for hits, _ in parts]
+    return [crowded for _, crowded in parts]
+
+
+@compiled
+def _compact(kept, users, is_enough, segment, hits, crowded, counts, sources):
+    """Copy the hits before the first miss of each ray, one behind the other.
+
+    Rays whose slots are all taken are listed instead, unless `is_enough`. Returns the numbers of hits copied and of
+    rays listed.
+    """
+    slots = kept.shape[1]
+    hit_count, crowded_count = 0, 0
+    for ray in range(len(users)):
+        coming = users[min(ray + _PREFETCH_RAYS, len(users) - 1)]
+        prefetch(counts, coming)
+        prefetch(sources, coming)
+        count = 0
+        while count < slots and kept[ray, count, _PRIM_WORD] >> _PRIM_SHIFT != NO_PRIM:
+            count += 1
+        if count == 0:
+            continue
+        user = users[ray]
+        if count == slots and not is_enough:
+            crowded[crowded_count] = user
+            crowded_count += 1
+            continue
+        counts[user], sources[user] = count, segment | hit_count
+        for slot in range(count):
+            for word in range(kept.shape[2]):
+                hits[hit_count, word] = kept[ray, slot, word]
+            hit_count += 1
+    return hit_count, crowded_count
+
+
+@compiled
+def source_index(source, segment_begins):
+    """Return the index of a ray's first crossing in `Crossings.found`."""
+    return segment_begins[source >> OFFSET_BITS] + (source & OFFSET_MASK)
+
+
+def running_sums(counts: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return (n + 1,) int64: the sum of the counts before each one, and of all."""
+    offsets = np.empty(len(counts) + 1, np.int64)
+    _sum_up(counts, offsets)
+    return offsets
+
+
+@compiled
+def _sum_up(counts, offsets):
+    # Three times as fast as numpy's sum of 4-byte numbers in 8 bytes.
+    offsets[0] = 0
+    for index in range(len(counts)):
+        offsets[index + 1] = offsets[index] + counts[index]
 
 
 def find_all_hits(
@@ -37,68 +223,119 @@ def find_all_hits(
     tree, surface = caster.tree, caster.tree.surface
     refined, ids = RefinedHits.make(total), HitIds.make(total, has_instances=tree.hit_dtype == SCENE_HIT)
     locations = np.empty((total, 3)) if with_locations else None
-    ranges = _cut_evenly(caster.threads, offsets)
-    next_slots = _make_counters(len(ranges), 1)
-    next_slots[:, 0] = [offsets[begin] for begin, _ in ranges]
 
-    def refine(begin: int, end: int, next_slot: NDArray[np.int64]) -> None:
-        refine_crossings(batch, surface, crossings, begin, end, next_slot, ids=ids, hits=refined, locations=locations)
+    def refine(begin: int, end: int) -> None:
+        _refine_rays(batch, surface, crossings, begin, end, int(offsets[begin]), refined, ids, locations)
 
-    caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
+    # Ranges of rays with about equally many crossings.
+    begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
+    caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
     hits = refined.as_hits(ids, (total,), mesh=tree.mesh, scene_surface=tree.scene_surface)
     return AllHits._of(hits, offsets, locations)
 
 
-def find_hits_by_depth(
-    caster: Caster,
+def _refine_rays(
     batch: RayBatch,
-    shape: tuple[int, ...],
-    max_hits: int | None,
-    progress: Progress | None,
-    *,
-    with_locations: bool = False,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64] | None]:
-    """Return the faces, rays and locations of crossings; see `Tracer.hits_by_depth`."""
-    crossings = find_crossings(caster, batch, shape, max_hits, progress)
-    offsets = running_sums(crossings.counts)
-    total = int(offsets[-1])
-    ranges = _cut_evenly(caster.threads, offsets)
+    surface: Triangles | SceneArrays,
+    crossings: Crossings,
+    begin: int,
+    end: int,
+    first_slot: int,
+    hits: RefinedHits,
+    ids: HitIds,
+    locations: NDArray[np.float64] | None,
+) -> None:
+    """Write the hits of rays `begin` to `end` in float64, ray after ray, from `first_slot` on.
 
-    # A counting sort by depth: how many rays of each range reach each depth, and so where its first one goes.
-    next_slots = _make_counters(len(ranges), int(crossings.counts.max(initial=0)))
-    caster.threads.run(
-        _count_depths, [(crossings.counts[slice(*bounds)], next_slots[part]) for part, bounds in enumerate(ranges)]
-    )
-    by_depth = next_slots.T
-    by_depth[:] = np.cumsum(by_depth).reshape(by_depth.shape) - by_depth
-
-    surface = caster.tree.surface
-    ids, ray_id = (
-        HitIds.make(total, has_instances=caster.tree.hit_dtype == SCENE_HIT, dtype=np.int64),
-        np.empty(total, np.int64),
-    )
-    locations = np.empty((total, 3)) if with_locations else None
-
-    def refine(begin: int, end: int, slots: NDArray[np.int64]) -> None:
-        refine_crossings(batch, surface, crossings, begin, end, slots, ids=ids, ray_id=ray_id, locations=locations)
-
-    caster.threads.run(refine, [(*bounds, next_slots[part]) for part, bounds in enumerate(ranges)])
-    return ids.prim_id, ray_id, locations
+    With one mesh, no t is smaller than that of the crossing before it on the ray. The device's order holds for all
+    queries, so that `all_hits` begins with what `closest_hit` finds; float64 may see two crossings that are closer than
+    float32 resolves in the other order. In a scene, the hits of a ray are in the order of t in float64: the device
+    resolves the distance of two instances less the farther they are from the ray's origin.
+    """
+    found_ints, block, slot = crossings.found.view(np.int32), RefineBlock.make(), first_slot
+    for first in range(begin, end, _MOST_RAYS):
+        last = min(first + _MOST_RAYS, end)
+        # Counts and sources of these rays alone: their indices agree with the part's.
+        of_part = crossings._replace(counts=crossings.counts[first:last], sources=crossings.sources[first:last])
+        slot = _refine(
+            batch.part(first, last), surface, of_part, found_ints, block, slot, hits, ids.prim_id, ids.instance_id,
+            locations,
+        )  # fmt: skip
+    counts = crossings.counts[begin:end]
+    if ids.instance_id is None:
+        _keep_order(counts, first_slot, hits.t)
+    else:
+        _sort_by_t(counts, first_slot, hits, ids.prim_id, ids.instance_id, locations)
 
 
-def _cut_evenly(threads: HostThreads, offsets: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return ranges of rays with about equally many crossings."""
-    begins = np.searchsorted(offsets, [begin for begin, _ in threads.ranges(int(offsets[-1]))]).tolist()
-    return list(itertools.pairwise([0, *begins[1:], len(offsets) - 1]))
-
-
-def _make_counters(range_count: int, count: int) -> NDArray[np.int64]:
-    """Return (range_count, count) zeros, the counters of each range apart from those of the others."""
-    return np.zeros((range_count, count + _PADDING), np.int64)[:, :count]
+@compiled(error_model="numpy")
+def _refine(rays, surface, crossings, found_ints, block, slot, hits, prim_id, instance_id, locations):
+    """Write the hits of rays from a slot on, and return the slot behind them."""
+    counts, sources, segment_begins = crossings.counts, crossings.sources, crossings.segment_begins
+    found = crossings.found
+    ray, depth = 0, 0
+    while ray < len(counts):
+        # List the next hits, and where they go.
+        count = 0
+        while ray < len(counts) and count < BLOCK_HITS:
+            if depth == counts[ray]:
+                ray, depth = ray + 1, 0
+                if ray + PREFETCH_HITS < len(counts):
+                    coming = source_index(sources[ray + PREFETCH_HITS], segment_begins)
+                    prefetch(found, found.shape[1] * coming + HIT_PRIM_ID)
+                continue
+            block.rays[count], block.targets[count] = ray, slot
+            block.sources[count] = source_index(sources[ray], segment_begins) + depth
+            slot += 1
+            depth += 1
+            count += 1
+        for hit in range(count):
+            prim_id[block.targets[hit]] = found_ints[block.sources[hit], HIT_PRIM_ID]
+        if instance_id is not None:
+            for hit in range(count):
+                instance_id[block.targets[hit]] = found_ints[block.sources[hit], SCENE_HIT_INSTANCE_ID]
+        refine_block(rays, surface, found_ints, block, count)
+        store_hits(rays.t_min, rays.t_max, block, count, hits)
+        if locations is not None:
+            locate(surface, found_ints, block, count, locations)
+    return slot
 
 
 @compiled
-def _count_depths(counts, tally):
+def _keep_order(counts, first_slot, t):
+    """Raise each t to that of the crossing before it on the ray."""
+    slot = first_slot
     for ray in range(len(counts)):
         for depth in range(counts[ray]):
-            tally[depth] += 1
+            if depth > 0:
+                t[slot] = max(t[slot], t[slot - 1])
+            slot += 1
+
+
+@compiled
+def _sort_by_t(counts, first_slot, hits, prim_id, instance_id, locations):
+    """Sort the hits of each ray by t; equal ones keep their order. Nearly all are in order already."""
+    t = hits.t
+    begin = first_slot
+    for ray in range(len(counts)):
+        end = begin + counts[ray]
+        for slot in range(begin + 1, end):
+            while slot > begin and t[slot] < t[slot - 1]:
+                _swap(slot, hits, prim_id, instance_id, locations)
+                slot -= 1
+        begin = end
+
+
+@compiled
+def _swap(slot, hits, prim_id, instance_id, locations):
+    """Swap a hit with the one before it."""
+    t, u, v, is_front = hits.t, hits.u, hits.v, hits.is_front
+    t[slot], t[slot - 1] = t[slot - 1], t[slot]
+    u[slot], u[slot - 1] = u[slot - 1], u[slot]
+    v[slot], v[slot - 1] = v[slot - 1], v[slot]
+    is_front[slot], is_front[slot - 1] = is_front[slot - 1], is_front[slot]
+    prim_id[slot], prim_id[slot - 1] = prim_id[slot - 1], prim_id[slot]
+    instance_id[slot], instance_id[slot - 1] = instance_id[slot - 1], instance_id[slot]
+    if locations is not None:
+        for axis in range(3):
+            locations[slot, axis], locations[slot - 1, axis] = locations[slot - 1, axis], locations[slot, axis]

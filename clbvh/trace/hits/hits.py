@@ -14,12 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ConfigError, QueryError
 from ...geometry import Mesh
 from ...structs import NO_PRIM
-from ..rays.batch import read_vectors
-from ..rays.broadcast import broadcast_shape
-from ..room import check_room
+from ..rays.batch import broadcast_shape, check_room, read_vectors
 from . import surface
 from .interpolate import interpolate
-from .normals import Normals
+from .surface import Normals
 
 # A start point, and one on each side of the triangle.
 _POINT_BYTES = 3 * 24

@@ -3,6 +3,9 @@
 A point on a triangle, rounded to float32 in the tracer's local coordinates, may be on either side of the triangle that
 the tracer has in float32, and the triangle test rounds as well. The distance is a bound on all these roundings, which
 docs/internals/offsets.md derives.
+
+The tracer takes a ray into an instance in float32, so that map rounds as well: the bound is in the object's local
+coordinates. The corners of a merged instance are in the coordinates of the merged mesh, and the bound is, too.
 """
 
 from __future__ import annotations
@@ -11,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ...structs import NO_PRIM
+from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
-from ..triangles import triangles_of
-from .locations import make_normal
+from .locations import make_normal, make_object_normal, turn_normal
+from .scene_arrays import SceneArrays, place_vector, to_object, triangles_of
 
 # Unit roundoffs of float32 and float64.
 ROUNDING = 2.0**-24
@@ -98,3 +101,231 @@ def _offset(triangles, local_vertices, centre, prim_ids, locations, is_front, po
         distance = highest + ROUNDINGS * ROUNDING * (reach + 1.0) * breadth + 2 * DOUBLE_ROUNDING * coarseness
         for axis in range(3):
             points[hit, axis] = locations[hit, axis] + distance * normal[axis] / scale
+
+
+_SPHERES = PRIM_KINDS["spheres"]
+
+# Roundings of float32 on the way into an instance, and of float64 on the way to the world: docs/internals/offsets.md.
+_ENTRY_ROUNDINGS = 16
+_DOUBLE_ROUNDINGS = 8
+
+# Roundings of float64 on the way into a merged mesh, by the same page, and of float32 between a point and the t of a
+# triangle: one more than in a mesh of its own, because the corners are not known as the device has them.
+_MERGED_DOUBLE_ROUNDINGS = 16
+_MERGED_ROUNDINGS = ROUNDINGS + 1
+
+# The distance from a merged triangle makes the bound on it larger by less than this share.
+_MERGED_GROWTH = 2.0**-17
+
+# Roundings of float32 relative to a sphere's radius, by the same page.
+_ROOT_ROUNDINGS = 40
+
+# No sphere has a smaller radius on the device.
+_LEAST_RADIUS = float(np.finfo(np.float32).tiny)
+
+# Relative error of the difference of two positions that the device has as pairs of float32.
+_PAIR_ROUNDING = 2.0**-45
+
+# Float32 cannot tell the sides of an object whose start points would need more; no distance would do.
+_MOST_GROWTH = 0.5
+
+
+def find_placed_offset_points(
+    arrays: SceneArrays,
+    scene_reach: float,
+    prim_id: NDArray[np.int32],
+    instance_id: NDArray[np.int32],
+    u: NDArray[np.floating],
+    v: NDArray[np.floating],
+    locations: NDArray[np.float64],
+    is_front: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Return (..., 3) float64, world units: a point above each primitive; NaN without one.
+
+    Parameters
+    ----------
+    arrays : SceneArrays
+    scene_reach : float
+        No coordinate of any instance is farther from the middle of the scene's box, in world units.
+    prim_id, instance_id : (...) int32
+    u, v : (...) float
+    locations : (..., 3) float64, world units
+        Where the points (u, v) of the primitives are.
+    is_front : (...) bool
+        Whether the outer side is above.
+    """
+    points = np.empty((*prim_id.shape, 3))
+    flat, from_flat = points.reshape(-1, 3), np.ascontiguousarray(locations).reshape(-1, 3)
+    prims, instances = (np.ascontiguousarray(values, np.int32).reshape(-1) for values in (prim_id, instance_id))
+    us, vs = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v))
+    fronts = np.ascontiguousarray(is_front).reshape(-1)
+
+    def offset(begin: int, end: int) -> None:
+        part = slice(begin, end)
+        _offset_placed(
+            arrays, scene_reach, prims[part], instances[part], us[part], vs[part], fronts[part], from_flat[part],
+            flat[part],
+        )  # fmt: skip
+
+    with HostThreads() as threads:
+        threads.for_ranges(len(flat), offset)
+    return points
+
+
+@compiled(error_model="numpy")
+def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locations, points):
+    corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
+    way, shares, weights = np.empty(3), np.empty(3), np.empty(3)
+    for hit in range(len(prim_ids)):
+        prim, instance = prim_ids[hit], instance_ids[hit]
+        if prim == NO_PRIM:
+            points[hit, 0] = points[hit, 1] = points[hit, 2] = np.nan
+            continue
+        geometry = arrays.geometry_id[instance]
+        scale = arrays.scale[geometry]
+        make_object_normal(arrays, instance, prim, us[hit], vs[hit], corners, normal)
+        if not is_front[hit]:
+            normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
+
+        # The point in the object's local coordinates, and the highest point of the tracer's primitive above it.
+        most, merged = np.inf, 0.0
+        if arrays.kind[geometry] == _SPHERES:
+            highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
+            highest += _ROOT_ROUNDINGS * ROUNDING * radius
+            most = np.inf if is_front[hit] else radius
+        else:
+            highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
+
+        # The way in the world on which a height of 1 is gained in the object: along the world's normal, on which it is
+        # shortest; inside of a sphere towards the centre, and no farther.
+        if np.isfinite(most):
+            way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
+        else:
+            gain = turn_normal(arrays, instance, normal, way)
+            if arrays.merged_scale[instance] > 0.0:
+                merged = gain * _bound_merged(
+                    arrays, instance, geometry, corners, local, way, locations, hit, scene_reach
+                )
+            way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
+        x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
+        shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
+        # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
+        for axis in range(3):
+            weights[axis] = 1.0 if np.isfinite(most) else abs(normal[axis])
+
+        rounding, growth = _bound_roundings(arrays, instance, weights, local, shares)
+        coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach)
+        height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
+        height = max(min(height, most) / scale, merged)
+        for axis in range(3):
+            points[hit, axis] = locations[hit, axis] + height * way[axis]
+
+
+@compiled
+def _bound_roundings(arrays, instance, weights, local, shares):
+    """Return how far float32 moves a ray and a primitive apart, and by how much more for a height of 1.
+
+    In local units. `weights` are those of the object's axes, and `shares` is how far a start point is moved along each
+    of them for a height of 1.
+    """
+    reach = 1.0 + max(abs(local[0]), abs(local[1]), abs(local[2]))
+    sideways = max(shares[0], shares[1], shares[2])
+    rounding, growth = 0.0, 0.0
+    for axis in range(3):
+        entry, growth_of_entry = 0.0, 0.0
+        for column in range(3):
+            condition = 0.0
+            for world_axis in range(3):
+                share = abs(arrays.inverse[instance, axis, world_axis])
+                condition += share * abs(arrays.linear[instance, world_axis, column])
+            entry += condition * (1.0 + abs(local[column]))
+            growth_of_entry += condition * shares[column]
+        rounding += weights[axis] * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
+        growth += weights[axis] * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
+    return ROUNDING * rounding, ROUNDING * growth
+
+
+@compiled
+def _bound_merged(arrays, instance, geometry, corners, local, normal, locations, hit, scene_reach):
+    """Return the distance along a unit normal of the world beyond which rays miss a merged triangle, in world units."""
+    scale, origin = arrays.merged_scale[instance], arrays.merged_origin
+    reach = 0.0
+    for axis in range(3):
+        reach = max(reach, abs(locations[hit, axis] - origin[instance, axis]) * scale)
+    roundings, coarseness = 0.0, 0.0
+    for axis in range(3):
+        place = 1.0 + abs(locations[hit, axis] - origin[instance, axis]) * scale
+        roundings += abs(normal[axis]) * (_MERGED_ROUNDINGS * (1.0 + reach) + _ENTRY_ROUNDINGS * place)
+        size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, axis)
+        moved = _PAIR_ROUNDING * scene_reach + _MERGED_DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
+        coarseness += abs(normal[axis]) * moved
+
+    # The normal of a sliver may be far from that of its plane, so its corners may reach above the point.
+    highest = 0.0
+    for corner in range(3):
+        x, y, z = place_vector(
+            arrays, instance,
+            corners[corner, 0] - arrays.origin[geometry, 0] - local[0] / arrays.scale[geometry],
+            corners[corner, 1] - arrays.origin[geometry, 1] - local[1] / arrays.scale[geometry],
+            corners[corner, 2] - arrays.origin[geometry, 2] - local[2] / arrays.scale[geometry],
+        )  # fmt: skip
+        highest = max(highest, normal[0] * x + normal[1] * y + normal[2] * z)
+    return (1.0 + _MERGED_GROWTH) * (highest + ROUNDING * roundings / scale + coarseness)
+
+
+@compiled
+def _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach):
+    """Return how far the roundings of world coordinates, in float64 and in pairs, move a point, in local units."""
+    coarseness = 0.0
+    for world_axis in range(3):
+        size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axis)
+        moved = _PAIR_ROUNDING * scene_reach + _DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
+        for axis in range(3):
+            coarseness += weights[axis] * abs(arrays.inverse[instance, axis, world_axis]) * moved
+    return coarseness * arrays.scale[geometry]
+
+
+@compiled
+def _add_magnitudes(arrays, instance, geometry, local, locations, hit, world_axis):
+    """Return the sum of the absolute values of which a world coordinate of a point is made, and of its own."""
+    scale = arrays.scale[geometry]
+    size = abs(locations[hit, world_axis]) + abs(arrays.offset[instance, world_axis])
+    for column in range(3):
+        place = abs(local[column]) / scale + abs(arrays.origin[geometry, column])
+        size += abs(arrays.linear[instance, world_axis, column]) * place
+    return size
+
+
+@compiled
+def _find_on_triangle(arrays, geometry, corners, u, v, normal, local):
+    """Write the local coordinates of a point; return how much higher the float32 triangle reaches along a normal."""
+    scale, highest = arrays.scale[geometry], 0.0
+    for axis in range(3):
+        a = corners[0, axis]
+        point = a + (u * (corners[1, axis] - a) + v * (corners[2, axis] - a))
+        local[axis] = (point - arrays.origin[geometry, axis]) * scale
+    for corner in range(3):
+        height = 0.0
+        for axis in range(3):
+            on_device = np.float32((corners[corner, axis] - arrays.origin[geometry, axis]) * scale)
+            height += (np.float64(on_device) - local[axis]) * normal[axis]
+        highest = max(highest, height)
+    return highest
+
+
+@compiled
+def _find_on_sphere(arrays, geometry, prim, normal, is_outside, local):
+    """Write the local coordinates of a point; return how far the float32 sphere reaches along a normal, and its radius.
+
+    From inside, that is the distance by which its surface lies within the sphere of float64.
+    """
+    scale, sphere = arrays.scale[geometry], arrays.first_sphere[geometry] + prim
+    radius = arrays.spheres[sphere, 3] * scale
+    side = 1.0 if is_outside else -1.0
+    height = 0.0
+    for axis in range(3):
+        centre = (arrays.spheres[sphere, axis] - arrays.origin[geometry, axis]) * scale
+        local[axis] = centre + side * radius * normal[axis]
+        height += (np.float64(np.float32(centre)) - local[axis]) * normal[axis]
+    height += side * max(np.float64(np.float32(radius)), _LEAST_RADIUS)
+    return max(height, 0.0), radius

@@ -1,4 +1,4 @@
-"""The arrays of a scene in one value, for the compiled functions that compute in float64 on placed geometries.
+"""The arrays of a mesh or of a scene in one value, for the compiled functions that compute in float64 on them.
 
 Owns the concatenation of the geometries' arrays, and the matrices of the instances with their inverses. Must not know
 of rays, hits and devices.
@@ -18,6 +18,29 @@ from ...structs import PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.memory import check_memory
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
+
+
+class Triangles(NamedTuple):
+    """What compiled functions need of a mesh.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64, the file's coordinates
+    faces : (F, 3) int32
+    scale : float
+        A power of two: local units in one unit of the file. Lengths are scaled by it before they are multiplied with
+        each other, so that no product leaves float64.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    scale: float
+
+
+def triangles_of(mesh: Mesh) -> Triangles:
+    """Return the arrays of a mesh."""
+    return Triangles(mesh.vertices, mesh.faces, mesh.scale)
+
 
 # Half the largest side of an instance's box lies between these powers of two, or is zero: the limits of `Mesh`.
 _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500

@@ -1,17 +1,91 @@
-"""The way of rays through a wide tree on the host, as in `cl/traversal/wide.cl`, with the steps counted.
+"""Few rays, cast by the calling thread on the host: the way of rays through a wide tree, with the steps counted.
 
-Boxes are tested as in `cl/boxes/aabb.cl`, with the padding of the device, and triangles to the last bit as on the
-device. So the crossings are those of the device, whatever nodes either visits: docs/internals/padding.md has the proof.
+To hand a launch to the driver and to be woken by it takes longer than to cast a few hundred rays. The tree is that of
+the device, where host and device share their memory. Rays are packed as for the device, and hits are refined by the
+usual float64 step. A sample of many rays tells what they cost.
+
+The traversal is that of `cl/traversal/wide.cl`. Boxes are tested as in `cl/boxes/aabb.cl`, with the padding of the
+device, and triangles to the last bit as on the device. So the crossings are those of the device, whatever nodes either
+visits: docs/internals/padding.md has the proof.
 """
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from typing import Any
 
-from ...structs import HIT_PRIM_ID, NO_PRIM, PACKED_RAY_DIRECTION, PACKED_RAY_T_MAX, PACKED_RAY_T_MIN
+import numpy as np
+from numpy.typing import NDArray
+
+from ...structs import (
+    HIT,
+    HIT_PRIM_ID,
+    NO_PRIM,
+    PACKED_RAY_DIRECTION,
+    PACKED_RAY_LANES,
+    PACKED_RAY_T_MAX,
+    PACKED_RAY_T_MIN,
+)
 from ...support.compiled import compiled
-from .lanes import count_others, lowest_bit, meet_boxes, pass_edges
-from .ray import cross_corners, make_host_ray, shear_corner
+from ..rays.batch import RayBatch, TreeBox
+from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
+from ..traced_tree import WideArrays
+from .lanes import count_others, cross_corners, lowest_bit, make_host_ray, meet_boxes, pass_edges, shear_corner
+
+
+def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int) -> NDArray[Any]:
+    """Return what a kernel finds for each ray of a batch.
+
+    Parameters
+    ----------
+    tree : WideArrays
+        Of a mesh.
+    box : TreeBox
+        Around it.
+    batch : RayBatch
+    most_crossings : int
+        0: the closest hit is wanted. Otherwise the number of crossings, up to this one.
+
+    Returns
+    -------
+    (n,) `structs.HIT` or int32
+        Of a hit, nothing but `prim_id` is valid.
+
+    Raises
+    ------
+    QueryError
+        A bad ray; see `pack_rays`.
+    """
+    found, bad = _find(tree, box, batch, most_crossings)
+    if bad != ALL_GOOD:
+        raise explain_bad_ray(batch, bad)
+    return found[:, ANSWER] if most_crossings else found.view(HIT).reshape(-1)
+
+
+def count_steps(tree: WideArrays, box: TreeBox, batch: RayBatch) -> float:
+    """Return how many nodes and leaves a ray of a batch visits for its closest hit, on average; at least one ray.
+
+    Of a batch with a bad ray, the answer is infinity.
+    """
+    found, bad = _find(tree, box, batch, 0)
+    return float(found[:, NODE_STEPS].mean() + found[:, LEAF_VISITS].mean()) if bad == ALL_GOOD else math.inf
+
+
+def _find(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings: int) -> tuple[NDArray[np.int32], int]:
+    """Return what `walk` finds for each ray, (n, FIELD_COUNT), and what `write_packed` returns."""
+    count = batch.ray_count
+    packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
+    return found, _cast(batch.part(0, count), box, tree, most_crossings, packed, found, NO_LOWS)
+
+
+@compiled
+def _cast(rays, box, tree, most_crossings, packed, found, no_lows):
+    """Pack rays and traverse the tree with them; return as `write_packed`."""
+    bad = write_packed(rays, box, None, packed, no_lows, no_lows)
+    if bad == ALL_GOOD:
+        walk(tree, packed, most_crossings, found)
+    return bad
+
 
 _ZERO, _INFINITY = np.float32(0.0), np.float32(np.inf)
 _NO_BITS, _LAST_BIT = np.uint32(0), np.uint32(1)

@@ -1,21 +1,35 @@
-"""The share of the hemisphere over each point that is open, by rays that are drawn and cast on the device."""
+"""The share of the hemisphere over each point that is open, by rays that are drawn and cast on the device.
+
+A point on a surface is there only to the rounding of its coordinates, and the tracer has the surface in float32. So a
+point is lifted along its normal by a bound on both; docs/internals/offsets.md derives it. What float32 rounds inside of
+an instance is added on the device (`cl/instances/lift.cl`), which knows the instances around the point.
+"""
 
 from __future__ import annotations
 
 import math
 from numbers import Integral
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ConfigError
-from ...structs import HEMISPHERE
-from ..launch import Caster, Query
-from ..less_memory import cut_smaller_when_full
+from ...errors import ConfigError, QueryError
+from ...structs import (
+    HEMISPHERE,
+    HEMISPHERE_LANES,
+    HEMISPHERE_MASK,
+    HEMISPHERE_NORMAL,
+    HEMISPHERE_NUMBER,
+    HEMISPHERE_POSITION_LOW,
+    HEMISPHERE_T_MAX,
+)
+from ...support.compiled import compiled
+from ..hits.offsets import DOUBLE_ROUNDING, ROUNDING
+from ..launch import Caster, Query, cut_smaller_when_full
+from ..rays.batch import Broadcast, TreeBox, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import Progress
-from ..room import check_room
-from .hemispheres import Hemispheres, pack_hemispheres
-from .order import find_point_order
+from .pack import find_point_order, take_masks, take_points
 
 AMBIENT_OCCLUSION = Query("ambient_occlusion", "open_counts", np.dtype(np.int32))
 
@@ -77,3 +91,206 @@ def find_open_shares(
             hides_all = not in_scene and hemispheres.masks is not None
             shares[begin:end] = np.where(rows.masks == 0, 1.0, open_counts / rays) if hides_all else open_counts / rays
     return shares.reshape(hemispheres.shape)
+
+
+# Roundings in the user's own dtype between a point on the surface and its coordinates: seven for a point that is made
+# of three corners, and one for those.
+_POINT_ROUNDINGS = 8
+
+# Roundings of float32 between a point and the t of a triangle: the 40 of docs/internals/offsets.md, and room for the
+# rounding of the corners and of the normal that the user gives.
+_SURFACE_ROUNDINGS = 64
+
+# Relative error of a position that the device has as a pair of float32.
+_PAIR_ROUNDING = 2.0**-45
+
+# A point farther away than this, in local units, is moved to that distance: what is seen from there is too small for a
+# ray to meet it, and float32 holds the coordinates.
+_FARTHEST = 2.0**24
+
+_FLOAT64 = np.dtype(np.float64)
+_ALL_GOOD = -1
+
+
+class Hemispheres(NamedTuple):
+    """Points, and the half-spaces into which their rays go, as the user gave them.
+
+    Attributes
+    ----------
+    points, normals : Broadcast of float32 or float64 vectors, the file's coordinates
+        Normals have any length above 0.
+    max_distance : Broadcast of float64, the file's units
+        Length of the rays.
+    masks : Broadcast of uint32, or None
+        The instances of a scene that are visible; None: all.
+    offset : float, the file's units
+        By which points are lifted off the surface beside the bound on rounding.
+    """
+
+    points: Broadcast
+    normals: Broadcast
+    max_distance: Broadcast
+    masks: Broadcast | None
+    offset: float
+
+    @classmethod
+    def read(
+        cls, points: ArrayLike, normals: ArrayLike, max_distance: ArrayLike, mask: ArrayLike | None, offset: float
+    ) -> Hemispheres:
+        """Return them without a copy where possible.
+
+        Raises
+        ------
+        QueryError
+            Wrong shapes, shapes that do not broadcast, masks that are no numbers of 32 bits, or a length or an offset
+            that is negative or NaN.
+        """
+        vectors = read_vectors(points, "points"), read_vectors(normals, "normals")
+        try:
+            shape = broadcast_shape(vectors[0].shape[:-1], vectors[1].shape[:-1])
+        except ValueError:
+            raise QueryError(
+                "points and normals must have shapes that broadcast against each other, "
+                f"not {vectors[0].shape} and {vectors[1].shape}"
+            ) from None
+        if not (np.ndim(offset) == 0 and 0.0 <= offset < np.inf):
+            raise QueryError(f"offset must be a number from 0, not {offset}")
+        return cls(
+            Broadcast.to_shape(vectors[0], 1, shape),
+            Broadcast.to_shape(vectors[1], 1, shape),
+            read_lengths(max_distance, "max_distance", shape),
+            None if mask is None else read_masks(mask, shape, "points"),
+            float(offset),
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape that points and normals are broadcast to."""
+        return self.points.shape
+
+    def take(self, begin: int, end: int, box: TreeBox) -> HemisphereRows:
+        """Return a range of them, counted in C order, as compiled functions take them.
+
+        Raises
+        ------
+        QueryError
+            A value is not finite, a normal has length zero, or a point is too far away; the message names the first.
+        """
+        points = take_points(self.points, begin, end, box).astype(_FLOAT64, copy=False)
+        normals = self.normals.part(begin, end, _FLOAT64)
+        bad = _find_bad(normals)
+        if bad != _ALL_GOOD:
+            subject = self.normals.subject("normals", begin + bad)
+            if np.isfinite(normals[bad]).all():
+                raise QueryError(f"{subject} has length zero")
+            raise QueryError(f"{subject} is not finite: {normals[bad]}")
+        rounding = ROUNDING if self.points.items.dtype == np.float32 else DOUBLE_ROUNDING
+        return HemisphereRows(
+            points, normals, self.max_distance.part(begin, end, _FLOAT64), take_masks(self.masks, begin, end),
+            _POINT_ROUNDINGS * rounding, self.offset,
+        )  # fmt: skip
+
+
+class HemisphereRows(NamedTuple):
+    """Points and their half-spaces in contiguous arrays; an array with a single row holds it for all.
+
+    Attributes
+    ----------
+    points, normals : (n, 3) or (1, 3) float64, the file's coordinates
+    max_distance : (n,) or (1,) float64
+    masks : (n,) or (1,) uint32
+    rounding : float
+        Bound on the relative error of the points' coordinates.
+    offset : float
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    max_distance: NDArray[np.float64]
+    masks: NDArray[np.uint32]
+    rounding: float
+    offset: float
+
+
+def pack_hemispheres(
+    rows: HemisphereRows,
+    box: TreeBox,
+    order: NDArray[np.int32],
+    first_number: int,
+    packed: NDArray[np.void],
+    *,
+    in_scene: bool,
+) -> None:
+    """Write points as the device takes them.
+
+    Parameters
+    ----------
+    rows : HemisphereRows
+    box : TreeBox
+    order : (m,) int32
+        Points to write, by their indices.
+    first_number : int
+        The number of the point with index 0; samples depend on a point's number, and not on the order.
+    packed : (m,) `structs.HEMISPHERE`, written
+    in_scene : bool
+        Whether the device lifts the points over the surfaces that it has in float32.
+    """
+    lanes = packed.view(np.float32).reshape(-1, HEMISPHERE_LANES)
+    surface_rounding = 0.0 if in_scene else _SURFACE_ROUNDINGS * ROUNDING
+    pair_rounding = _PAIR_ROUNDING * float(box.half.max()) if in_scene else 0.0
+    _pack(
+        rows, rows.masks.view(np.int32), order, first_number, box.centre, box.scale, surface_rounding, pair_rounding,
+        lanes, lanes.view(np.int32),
+    )  # fmt: skip
+
+
+@compiled
+def _find_bad(normals):
+    """Return the index of the first normal that is not finite, or of length zero, or _ALL_GOOD."""
+    for row in range(len(normals)):
+        total, longest = 0.0, 0.0
+        for axis in range(3):
+            # Infinity minus infinity is NaN.
+            total += normals[row, axis] - normals[row, axis]
+            longest = max(longest, abs(normals[row, axis]))
+        if total != 0.0 or longest == 0.0:
+            return row
+    return _ALL_GOOD
+
+
+@compiled
+def _pack(rows, masks, order, first_number, centre, scale, surface_rounding, pair_rounding, packed, packed_ints):
+    local, normal = np.empty(3), np.empty(3)
+    for slot in range(len(order)):
+        point = order[slot]
+        point_row = point if len(rows.points) > 1 else 0
+        normal_row = point if len(rows.normals) > 1 else 0
+        longest, squared = 0.0, 0.0
+        for axis in range(3):
+            longest = max(longest, abs(rows.normals[normal_row, axis]))
+        for axis in range(3):
+            normal[axis] = rows.normals[normal_row, axis] / longest
+            squared += normal[axis] ** 2
+        length = np.sqrt(squared)
+
+        reach, breadth, coarseness = 0.0, 0.0, 0.0
+        for axis in range(3):
+            normal[axis] /= length
+            local[axis] = (rows.points[point_row, axis] - centre[axis]) * scale
+            reach = max(reach, abs(local[axis]))
+            breadth += abs(normal[axis])
+            coarseness += abs(normal[axis]) * abs(rows.points[point_row, axis])
+        share = _FARTHEST / reach if reach > _FARTHEST else 1.0
+        reach = min(reach, _FARTHEST)
+        lift = (surface_rounding * (1.0 + reach) + pair_rounding) * breadth
+        lift += (rows.rounding * coarseness + rows.offset) * scale
+
+        for axis in range(3):
+            position = local[axis] * share + lift * normal[axis]
+            packed[slot, axis] = position
+            packed[slot, HEMISPHERE_POSITION_LOW + axis] = position - np.float64(packed[slot, axis])
+            packed[slot, HEMISPHERE_NORMAL + axis] = normal[axis]
+        max_distance = rows.max_distance[point] if len(rows.max_distance) > 1 else rows.max_distance[0]
+        packed[slot, HEMISPHERE_T_MAX] = max_distance * scale
+        packed_ints[slot, HEMISPHERE_MASK] = masks[point] if len(masks) > 1 else masks[0]
+        packed_ints[slot, HEMISPHERE_NUMBER] = np.int64(first_number + point) & 0xFFFF_FFFF

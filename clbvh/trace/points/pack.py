@@ -1,4 +1,4 @@
-"""Points on their way to the device: checked, then packed in float32."""
+"""Points on their way to the device: checked, put in a coherent order, and packed, for a scene as pairs of float32."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import QueryError
-from ...structs import PACKED_POINT_LANES
+from ...geometry.morton import SPREAD_BITS
+from ...structs import (
+    PACKED_POINT_LANES,
+    SCENE_POINT_LANES,
+    SCENE_POINT_MASK,
+    SCENE_POINT_POSITION_LOW,
+    SCENE_POINT_SPARE,
+)
 from ...support.compiled import compiled
-from ..rays.batch import TreeBox, too_far
-from ..rays.broadcast import Broadcast
+from ...support.counting_sort import order_by_keys
+from ...support.host_threads import HostThreads
+from ..rays.batch import Broadcast, TreeBox, too_far
 
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
@@ -74,11 +82,114 @@ def _find_bad(points, centre, scale):
 def _pack(points, order, centre, scale, far, packed):
     local = np.empty(3)
     for slot in range(len(order)):
+        _write_near(points, order[slot], centre, scale, far, local)
+        for axis in range(3):
+            packed[slot, axis] = local[axis]
+
+
+@compiled
+def _write_near(points, point, centre, scale, far, local):
+    """Write a point in local coordinates, moved towards the centre if it is farther away than `far`."""
+    size = 0.0
+    for axis in range(3):
+        local[axis] = (points[point, axis] - centre[axis]) * scale
+        size = max(size, abs(local[axis]))
+    share = far / size if size > far else 1.0
+    for axis in range(3):
+        local[axis] *= share
+
+
+_MASK_TYPE = np.dtype(np.uint32)
+
+# The mask of points to which every instance is visible that has a bit of its own.
+_ALL_VISIBLE = np.array([0xFFFF_FFFF], _MASK_TYPE)
+_ALL_VISIBLE.flags.writeable = False
+
+
+def pack_scene_points(
+    points: NDArray[Any],
+    masks: NDArray[np.uint32],
+    box: TreeBox,
+    order: NDArray[np.int32],
+    packed: NDArray[np.void],
+) -> None:
+    """Write points as the device takes them.
+
+    Parameters
+    ----------
+    points : (n, 3) float, contiguous, the scene's coordinates
+        Finite.
+    masks : (n,) or (1,) uint32
+        One for each point, or one for all.
+    box : TreeBox
+        Around the scene.
+    order : (m,) int32
+        Points to write, by their indices.
+    packed : (m,) `structs.SCENE_POINT`, written
+    """
+    lanes = packed.view(np.float32).reshape(-1, SCENE_POINT_LANES)
+    far = FAR_SHARE * box.half.max()
+    _pack_scene(points, masks.view(np.int32), order, box.centre, box.scale, far, lanes, lanes.view(np.int32))
+
+
+def take_masks(masks: Broadcast | None, begin: int, end: int) -> NDArray[np.uint32]:
+    """Return the masks of points `begin` to `end`, counted in C order: one for each, or (1,) for all.
+
+    Without masks, every instance is visible.
+    """
+    return _ALL_VISIBLE if masks is None else masks.part(begin, end, _MASK_TYPE)
+
+
+@compiled
+def _pack_scene(points, masks, order, centre, scale, far, packed, packed_ints):
+    local = np.empty(3)
+    for slot in range(len(order)):
         point = order[slot]
-        size = 0.0
+        _write_near(points, point, centre, scale, far, local)
         for axis in range(3):
-            local[axis] = (points[point, axis] - centre[axis]) * scale
-            size = max(size, abs(local[axis]))
-        share = far / size if size > far else 1.0
+            packed[slot, axis] = local[axis]
+            packed[slot, SCENE_POINT_POSITION_LOW + axis] = local[axis] - np.float64(packed[slot, axis])
+        packed_ints[slot, SCENE_POINT_MASK] = masks[point] if len(masks) > 1 else masks[0]
+        packed[slot, SCENE_POINT_SPARE] = 0.0
+
+
+# Fewer points stay in their order. Whole calls with 1,024, 4,096 and 16,384 points, sorted against unsorted, 2 cores of
+# an x86-64 server: 1.07, 0.77, 0.61 near the dragon, 0.92, 0.65, 0.63 anywhere in its box; 1.06, 0.87, 0.81 near the
+# bunny, and 1.01, 0.73, 0.80.
+LEAST_POINTS = 1 << 12
+
+# Cells along each axis of a cube around the box, 8 bits of a key. Points outside of it count as on its border.
+_CELLS = 256
+_CUBE_SHARE = 2.0
+
+
+def find_point_order(points: NDArray[Any], box: TreeBox, threads: HostThreads) -> NDArray[np.int32]:
+    """Return (n,) int32: the order in which to cast points; they need not be finite.
+
+    Parameters
+    ----------
+    points : (n, 3) float, contiguous
+    box : TreeBox
+    threads : HostThreads
+    """
+    if len(points) < LEAST_POINTS:
+        return np.arange(len(points), dtype=np.int32)
+    # A box without size stands for the unit of its coordinates: all points are then on the border of one cell.
+    half = _CUBE_SHARE * (float(box.half.max()) or 1.0) / box.scale
+
+    def make_keys(begin: int, end: int, keys: NDArray[np.int32]) -> None:
+        _make_keys(points[begin:end], box.centre, half, _CELLS / (2 * half), keys)
+
+    return order_by_keys(len(points), threads, make_keys)
+
+
+@compiled
+def _make_keys(points, centre, half, scale, keys):
+    for point in range(len(points)):
+        key = 0
         for axis in range(3):
-            packed[slot, axis] = local[axis] * share
+            position = (points[point, axis] - centre[axis] + half) * scale
+            # Written so that NaN is in the first cell.
+            cell = 0 if not position > 0.0 else _CELLS - 1 if position >= _CELLS else int(position)
+            key |= SPREAD_BITS[cell] << axis
+        keys[point] = key

@@ -1,30 +1,39 @@
 """The queries of points, whatever the tracer's tree is: a mesh, or the instances of a scene.
 
-Owns what is visible to points, and what the answers are where nothing is. `closest_point.py` and `inside.py` answer for
-a mesh, `scene_query.py` for a scene.
+Owns what is visible to points, what the answers are where nothing is, and how points are cast.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...structs import NO_PRIM
-from ..launch import Caster
-from ..rays.batch import read_masks, read_points
-from ..rays.broadcast import Broadcast
-from ..rays.pieces import Progress
-from .closest_point import find_closest_points
-from .inside import find_inside
-from .refine import ClosestPoints
-from .scene_query import (
-    find_scene_closest_points,
-    find_scene_inside,
-    find_scene_signed_distance,
-    select_instances,
-)
+from ...geometry import Mesh
+from ...structs import NO_PRIM, SCENE_PRIM
+from ..hits.closest import count_hits
+from ..launch import CLOSEST_POINT, Call, Caster, Query, cut_smaller_when_full
+from ..rays.batch import Broadcast, check_room, read_masks, read_points, read_rays
+from ..rays.pieces import Progress, cut_points
+from ..scene.top_tree import prune_top
+from .pack import find_point_order, pack_points, pack_scene_points, take_masks, take_points
+from .refine import ClosestPoints, FoundPoints, SceneClosestPoints, refine_points, refine_scene_points
+
+_SCENE_CLOSEST_POINT = Query("closest_point", "prims", SCENE_PRIM)
+_INSIDE = Query("inside", "inside", np.dtype(np.uint8))
+_DEPTH = Query("depth", "prims", SCENE_PRIM)
+
+# Distance, point and ids of a point.
+_POINT_BYTES = 40
+
+# Directions along which crossings are counted, in this order of preference. Any will do: a direction that no mesh is
+# modelled along meets few edges exactly, where the traversal has the most to do.
+GENERIC_DIRECTIONS = np.array([[0.374, 0.621, 0.689], [-0.571, 0.277, 0.773]])
 
 
 class SeenPoints(NamedTuple):
@@ -100,3 +109,164 @@ def signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None
             return find_scene_signed_distance(selected, seen.points, seen.masks, progress)
     distance = closest_points(caster, seen, progress).distance
     return np.where(is_contained(caster, seen), distance, -distance)
+
+
+@cut_smaller_when_full
+def find_closest_points(
+    caster: Caster, mesh: Mesh, points: Broadcast, progress: Progress | None = None
+) -> ClosestPoints:
+    """Return the closest points of the surface; see `Tracer.closest_point`."""
+    shape, count = points.shape, math.prod(points.shape)
+    check_room(count, _POINT_BYTES, "points")
+    found = ClosestPoints(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32))
+    with caster.open_call() as call:
+        for begin, end in call.cut_points(count, progress):
+            chunk = take_points(points, begin, end, call.box)
+            part = ClosestPoints(found.distance[begin:end], found.point[begin:end], found.prim_id[begin:end])
+            _find_chunk(call, mesh, chunk, part)
+    return ClosestPoints(found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape))
+
+
+def _find_chunk(call: Call, mesh: Mesh, points: NDArray[Any], closest: ClosestPoints) -> None:
+    """Write the closest points for a chunk of points, which is cast in a coherent order."""
+    order = find_point_order(points, call.box, call.threads)
+
+    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+        pack_points(points, call.box, order[first:last], packed)
+
+    batch = call.pack_points(len(points), pack)
+    with call.cast(CLOSEST_POINT, batch) as prim_id:
+
+        def refine(first: int, last: int) -> None:
+            refine_points(points, mesh, call.box, order[first:last], prim_id[first:last], closest)
+
+        call.threads.for_ranges(len(points), refine)
+
+
+def find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
+    """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
+    check_room(math.prod(points.shape), 1, "points")
+    box, is_inside = caster.box, np.zeros(math.prod(points.shape), np.bool_)
+    with caster.open_call():  # refuses a closed tracer, even without points
+        pass
+    for begin, end in cut_points(len(is_inside), progress=progress):
+        chunk = take_points(points, begin, end, box)
+        in_box = np.flatnonzero((np.abs((chunk - box.centre) * box.scale) <= box.half).all(axis=1))
+        rays, ray_shape = read_rays(chunk[in_box], GENERIC_DIRECTIONS[0], 0.0, np.inf)
+        is_inside[begin + in_box] = count_hits(caster, rays, ray_shape, None, None) % 2 == 1
+    return is_inside.reshape(points.shape)
+
+
+@cut_smaller_when_full
+def find_scene_closest_points(
+    caster: Caster, points: Broadcast, masks: Broadcast | None, progress: Progress | None = None
+) -> SceneClosestPoints:
+    """Return the closest points of the surfaces in a scene; see `Tracer.closest_point`."""
+    found = _find_points(caster, _SCENE_CLOSEST_POINT, points, masks, progress)
+    shape, geometry_id = points.shape, np.full(len(found.prim_id), NO_PRIM, np.int32)
+    is_found = found.instance_id != NO_PRIM
+    geometry_id[is_found] = caster.tree.surface.geometry_id[found.instance_id[is_found]]
+    return SceneClosestPoints(
+        found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape),
+        geometry_id.reshape(shape), found.instance_id.reshape(shape),
+    )  # fmt: skip
+
+
+@cut_smaller_when_full
+def find_scene_inside(
+    caster: Caster, points: Broadcast, masks: Broadcast | None, progress: Progress | None = None
+) -> NDArray[np.bool_]:
+    """Return whether an instance of a scene contains each point; see `Tracer.contains`."""
+    count = math.prod(points.shape)
+    check_room(count, 1, "points")
+    is_inside = np.empty(count, np.bool_)
+    with caster.open_call() as call:
+        for begin, chunk, order in _cut(call, points, progress):
+            with _cast(call, _INSIDE, masks, begin, chunk, order) as inside:
+                is_inside[begin + order] = inside
+    return is_inside.reshape(points.shape)
+
+
+@cut_smaller_when_full
+def find_scene_signed_distance(
+    caster: Caster, points: Broadcast, masks: Broadcast | None, progress: Progress | None = None
+) -> NDArray[np.float64]:
+    """Return the signed distance to the surface of a scene; see `Tracer.signed_distance`."""
+    signed = -_find_points(caster, _SCENE_CLOSEST_POINT, points, masks, progress).distance
+    depth = _find_points(caster, _DEPTH, points, masks, None)
+    is_inside = depth.prim_id != NO_PRIM
+    signed[is_inside] = depth.distance[is_inside]
+    return signed.reshape(points.shape)
+
+
+@contextmanager
+def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -> Iterator[Caster]:
+    """Give a caster at a scene of some of the instances; at all of them for None.
+
+    Parameters
+    ----------
+    caster : Caster
+        Of a `DeviceScene`.
+    instance_ids : (n,) int, or None
+    """
+    if instance_ids is None:
+        yield caster
+        return
+    scene: Any = caster.tree
+    # The call keeps the device open.
+    with caster.open_call() as call:
+        pruned = prune_top(scene.top, instance_ids)
+        selected = copy(scene)
+        selected.arguments = scene.arguments | {
+            name: call.memory.session.upload(array) for name, array in pruned.items()
+        }
+        yield caster.over(selected, caster.box)
+
+
+def _find_points(
+    caster: Caster, query: Query, points: Broadcast, masks: Broadcast | None, progress: Progress | None
+) -> FoundPoints:
+    """Return the points of the primitives that a query finds, refined."""
+    count = math.prod(points.shape)
+    check_room(count, _POINT_BYTES, "points")
+    found, arrays = FoundPoints.make(count), caster.tree.surface
+    with caster.open_call() as call:
+        for begin, chunk, order in _cut(call, points, progress):
+            part = found.part(begin, begin + len(chunk))
+            with _cast(call, query, masks, begin, chunk, order) as prims:
+
+                def refine(
+                    first: int,
+                    last: int,
+                    chunk: NDArray[Any] = chunk,
+                    order: NDArray[np.int32] = order,
+                    prims: NDArray[np.void] = prims,
+                    part: FoundPoints = part,
+                ) -> None:
+                    refine_scene_points(chunk, arrays, order[first:last], prims[first:last], part)
+
+                call.threads.for_ranges(len(chunk), refine)
+    return found
+
+
+def _cut(
+    call: Call, points: Broadcast, progress: Progress | None
+) -> Iterator[tuple[int, NDArray[Any], NDArray[np.int32]]]:
+    """Yield the begin of each chunk of points, the chunk, and the order in which to cast it."""
+    for begin, end in call.cut_points(math.prod(points.shape), progress):
+        chunk = take_points(points, begin, end, call.box)
+        yield begin, chunk, find_point_order(chunk, call.box, call.threads)
+
+
+@contextmanager
+def _cast(
+    call: Call, query: Query, masks: Broadcast | None, begin: int, chunk: NDArray[Any], order: NDArray[np.int32]
+) -> Iterator[NDArray[Any]]:
+    """Cast a chunk of points and give its results in the order of the cast, valid inside the block."""
+    chunk_masks = take_masks(masks, begin, begin + len(chunk))
+
+    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
+        pack_scene_points(chunk, chunk_masks, call.box, order[first:last], packed)
+
+    with call.cast(query, call.pack_points(len(chunk), pack)) as results:
+        yield results

@@ -30,9 +30,7 @@ from ...structs import (
 from ...support.compiled import compiled
 from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
 from ...support.prefetch import prefetch
-from .batch import RayBatch, TreeBox, too_far
-from .broadcast import Broadcast
-from .ray_rows import RayRows, row_step
+from .batch import Broadcast, RayBatch, RayRows, TreeBox, row_step, too_far
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.
 _MOST_FAST_EXPONENT = 400

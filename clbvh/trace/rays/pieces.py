@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from ...support.host_threads import HostThreads
 from .batch import RayBatch, TreeBox
-from .coherence import is_pencil, is_scattered, spread_samples
-from .picture_rows import find_row_length, is_picture_size
-from .sort import sort_rays
+from .coherence import find_row_length, is_pencil, is_picture_size, is_scattered, sort_rays, spread_samples
 
 # Rays or points on the device at a time, whatever the size of the batch: 48 MiB of rays and hits, and 4 MiB more where
 # rays are sorted, and 7 MiB where they have entry points. Rays are sorted among this many.

@@ -1,8 +1,11 @@
-"""A scene in a device's memory, ready for the kernels of scenes: two levels of trees, and the records of instances."""
+"""A scene in a device's memory, ready for the kernels of scenes: two levels of trees, and the records of instances.
+
+A scene that is nothing but spheres in their place is one tree without instances for rays, a `LoneSpheres`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from typing import Any, Self
@@ -13,19 +16,17 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
+from ...geometry import Mesh
 from ...geometry.spheres import Shape
+from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
-from ...support.host_threads import HostThreads
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_POINT, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
 from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
 from ..rays.pack import NEAR_SHARE
-from .geometry_arrays import arrange_geometries, blocks_by_kind, list_parts
-from .lone_spheres import LoneSpheres
 from .merging import NOTHING_MERGED, BuildTree, Merging
-from .refit_geometry import RefitGeometry
 from .top_tree import TopItems, TopTree
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
@@ -161,13 +162,12 @@ class DeviceScene:
         session: DeviceSession,
         state: SceneState,
         geometry_id: int,
-        refit: RefitGeometry,
-        threads: HostThreads,
+        write: Callable[[Shape, NDArray[np.void], NDArray[np.void]], None],
     ) -> Self:
-        """Return the scene with a geometry of it whose vertices or spheres have moved; see `moved`."""
+        """Return the scene with a geometry whose vertices or spheres have moved, given what writes its arrays anew."""
         moved = self._copy(state)
         with moved._emptied_on_error():
-            moved._refit(self, owner, session, geometry_id, refit, threads)
+            moved._refit(self, owner, session, geometry_id, write)
             arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
             moved.surface = self.merging.note_on(arrays)
             moved._items = TopItems.of(state, moved.surface, self.merging)
@@ -208,8 +208,7 @@ class DeviceScene:
         owner: DeviceSession,
         session: DeviceSession,
         geometry_id: int,
-        refit: RefitGeometry,
-        threads: HostThreads,
+        write: Callable[[Shape, NDArray[np.void], NDArray[np.void]], None],
     ) -> None:
         """Put the arrays of all geometries into new buffers: one refitted, the rest from another scene."""
         for name, begin, count, dtype in self._ranges(geometry_id):
@@ -220,7 +219,7 @@ class DeviceScene:
             session.copy(source, target, 0, first)
             session.copy(source, target, end, byte_count - end)
         with self.mapped(session, geometry_id, write=True) as arrays:
-            refit.write(self.state.shapes[geometry_id], *arrays, threads)
+            write(self.state.shapes[geometry_id], *arrays)
         # Queries have queues of their own, which do not wait for this one.
         session.finish()
 
@@ -300,3 +299,120 @@ class DeviceScene:
         joined = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
         self.arguments[name] = session.upload(joined)
         self._byte_counts[name] = joined.nbytes
+
+
+# The boxes of spheres reach farther than the spheres by less than this, in local units of at most 1.
+_MARGIN = 2.0**-17
+
+
+class LoneSpheres:
+    """In place of a `DeviceTree`, for rays alone.
+
+    Parameters
+    ----------
+    scene : DeviceScene
+        One group of spheres, whose arrays are the first ones in its buffers.
+    block_count : int
+
+    Attributes
+    ----------
+    box : TreeBox
+        Around the spheres.
+    layout, arguments, defines, has_entry_points, node_bytes, memory_bytes
+        As in `DeviceTree`.
+    scene_surface, surface, most_crossings
+        As in `DeviceScene`.
+    """
+
+    has_instances = False
+    advances_rays = False
+    ray_dtype = PACKED_RAY
+    point_dtype = PACKED_POINT
+    hit_dtype = SCENE_HIT
+    mesh = None
+    ray_tree = None
+
+    def __init__(self, scene: DeviceScene, block_count: int) -> None:
+        # Its buffers are given back when nobody holds it.
+        self._scene = scene
+        self.layout, self.node_bytes, self.memory_bytes = scene.layout, scene.node_bytes, scene.memory_bytes
+        self.surface, self.most_crossings = scene.surface, scene.most_crossings
+        self.arguments: dict[str, Any] = {
+            "nodes": scene.arguments["nodes"],
+            "blocks": scene.arguments["spheres"],
+            "block_count": np.int32(block_count),
+        }
+        self.defines = {name: scene.defines[name] for name in ("LAYOUT", "STACK_SIZE", "HAS_INSTANCES", "HAS_SPHERES")}
+        self.defines["LONE_SPHERES"] = 1
+        self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
+        spheres = scene.state.shapes[scene.state.geometry_ids[0]]
+        half = np.abs(spheres.local_box).max(axis=0).astype(np.float64) + _MARGIN
+        self.box = TreeBox(spheres.origin, spheres.scale, half)
+
+    def on_host(self) -> None:
+        """Return None: the host casts at meshes alone."""
+
+    @property
+    def scene_surface(self) -> Any:
+        """What hits keep of the scene."""
+        return self._scene.scene_surface
+
+
+def arrange_geometries(
+    state: SceneState, trees: Sequence[Bvh | None] | None, merging: Merging, layout: str
+) -> list[DeviceArrays | None]:
+    """Return the arrays of each geometry, and then of each merged mesh.
+
+    Parameters
+    ----------
+    state : SceneState
+    trees : sequence of Bvh or None, or None
+        One for each geometry; None for one whose instances are merged, which has no arrays. None for all: the arrays
+        have no trees, whatever the layout, and nothing is merged.
+    merging : Merging
+    layout : str
+    """
+    if trees is None:
+        return [list_prims(shape) for shape in state.shapes]
+    arrays = [
+        None if bvh is None else make_device_arrays(bvh, layout, shape)
+        for bvh, shape in zip(trees, state.shapes, strict=True)
+    ]
+    return arrays + [
+        make_device_arrays(merged.bvh, layout, face_numbers=merged.face_numbers()) for merged in merging.meshes
+    ]
+
+
+def list_parts(state: SceneState, merging: Merging, arrays: Sequence[DeviceArrays | None]) -> NDArray[np.int32]:
+    """Return where the arrays of `arrange_geometries` are in the joined ones, (n, 4), see `make_records`.
+
+    Raises
+    ------
+    SceneError
+        More nodes or blocks than int32 counts.
+    """
+    rows = []
+    first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
+    shapes: list[Shape] = [*state.shapes, *(merged.mesh for merged in merging.meshes)]
+    for shape, part in zip(shapes, arrays, strict=True):
+        kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
+        node_count, block_count = (0, 0) if part is None else (len(part.nodes), len(part.blocks))
+        rows.append((first_node, first_blocks[kind], block_count, kind))
+        first_node += node_count
+        first_blocks[kind] += block_count
+    most = np.iinfo(np.int32).max
+    if max(first_node, *first_blocks) > most:
+        raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
+    return np.array(rows, np.int32)
+
+
+def blocks_by_kind(
+    parts: NDArray[np.int32], arrays: Sequence[DeviceArrays | None]
+) -> dict[str, list[NDArray[np.void]]]:
+    """Return the blocks of all arrays by the kind of their primitives, see `structs.PRIM_KINDS`."""
+    blocks: dict[str, list[NDArray[np.void]]] = {name: [] for name in PRIM_KINDS}
+    names = list(PRIM_KINDS)
+    for part, kind in zip(arrays, parts[:, 3].tolist(), strict=True):
+        if part is not None:
+            blocks[names[kind]].append(part.blocks)
+    return blocks

@@ -10,6 +10,7 @@ has the buffers of the scenes that are alive.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -19,22 +20,22 @@ from ...bvh import Bvh
 from ...bvh.refit import fit_nodes
 from ...device.session import DeviceSession
 from ...errors import SceneError
-from ...geometry import Mesh
+from ...geometry import Mesh, Shape
 from ...geometry.box_mesh import mesh_of
-from ...geometry.spheres import Shape, Spheres
+from ...geometry.spheres import Spheres
+from ...layouts.refit_arrays import RefitArrays, read_topology
 from ...scene.contents import SceneContents
 from ...scene.handles import Geometry, Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
-from ..device_tree import DeviceTree
+from ...support.host_threads import HostThreads
+from ..device_tree import DeviceTree, TreeCopies
 from ..hits.scene_arrays import make_scene_arrays
 from ..hits.surface import SceneSurface
 from ..launch import Caster
 from ..rays.batch import TreeBox
-from ..tree_copies import TreeCopies
 from .device_scene import DeviceScene
 from .merging import Merging
-from .refit_geometry import RefitGeometry
 
 # A geometry's tree is built anew when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
@@ -195,7 +196,8 @@ class MovingScene:
         merging = self._merging_without(caster, np.flatnonzero(state.geometry_ids == geometry_id))
         if isinstance(tree, DeviceScene) and merging is tree.merging:
             refit = self._find_refit(tree, geometry_id, session)
-            scene = tree.with_geometry(caster.session, session, state, geometry_id, refit, caster.threads)
+            write = partial(refit.write, threads=caster.threads)
+            scene = tree.with_geometry(caster.session, session, state, geometry_id, write)
             if refit.sah_growth <= REBUILD_GROWTH:
                 return self._use(caster, scene)
             del scene  # the device need not have room for it and for the next one
@@ -286,3 +288,44 @@ class MovingScene:
 def _refit_tree(bvh: Bvh, mesh: Mesh) -> Bvh:
     """Return a tree of the same topology over a mesh with as many faces."""
     return Bvh(fit_nodes(bvh.nodes["first"], bvh.nodes["count"], bvh.prim_ids, mesh), bvh.prim_ids, mesh)
+
+
+class RefitGeometry:
+    """Writes the arrays of one geometry, for one shape after the other.
+
+    Parameters
+    ----------
+    scene : DeviceScene
+        With the geometry as it is now.
+    geometry_id : int
+    session : DeviceSession
+        A branch of the scene's, for this thread.
+    growth_before : float
+        The SAH cost of the tree in the scene, divided by that of the tree that was built.
+
+    Attributes
+    ----------
+    bvh : Bvh
+        The tree in the scene.
+    sah_growth : float
+        The SAH cost of the tree as it was last written, divided by that of the tree that was built.
+    """
+
+    def __init__(
+        self, scene: DeviceScene, geometry_id: int, session: DeviceSession, growth_before: float = 1.0
+    ) -> None:
+        self.bvh = scene.trees[geometry_id]
+        self._first = scene.state.shapes[geometry_id]
+        self._first_cost = 0.0
+        self._growth_before = self.sah_growth = growth_before
+        with scene.mapped(session, geometry_id, write=False) as arrays:
+            self._arrays = RefitArrays(read_topology(*arrays, scene.layout))
+
+    def write(self, shape: Shape, nodes: NDArray[np.void], blocks: NDArray[np.void], threads: HostThreads) -> None:
+        """Write nodes and blocks for a shape; see `RefitArrays.write`."""
+        if self._first_cost == 0.0:
+            # Only those who move a geometry ask how the cost has grown.
+            self._arrays.write(self._first, nodes, blocks, threads)
+            self._first_cost = self._arrays.sah_cost
+        self._arrays.write(shape, nodes, blocks, threads)
+        self.sah_growth = self._growth_before * self._arrays.sah_cost / self._first_cost

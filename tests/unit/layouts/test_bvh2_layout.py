@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import build
-from clbvh.layouts.bvh2 import make_bvh2_nodes
+from clbvh.layouts.device_arrays import make_bvh2_nodes
 from clbvh.structs import BVH2_NODE
 
 from ...soup import make_soup

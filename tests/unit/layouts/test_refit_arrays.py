@@ -11,8 +11,7 @@ from clbvh.builders.registry import DEFAULT_BUILDER
 from clbvh.geometry.box_mesh import sphere_boxes
 from clbvh.layouts import refit_arrays
 from clbvh.layouts.device_arrays import make_device_arrays
-from clbvh.layouts.refit_arrays import RefitArrays
-from clbvh.layouts.topology import NO_CHILD, read_topology
+from clbvh.layouts.refit_arrays import NO_CHILD, RefitArrays, read_topology
 from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM
 from clbvh.support.host_threads import HostThreads
 

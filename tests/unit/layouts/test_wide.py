@@ -111,7 +111,7 @@ def test_the_binary_tree_s_leaf_size_hardly_matters():
 
 def test_no_other_choice_of_nodes_is_cheaper():
     """Against all ways to represent a small tree, tried one by one."""
-    from clbvh.layouts import choose_children
+    from clbvh.layouts import wide as choose_children
 
     bvh = build(make_shape("blobs", triangles=80), leaf_size=1)
     first, count = bvh.nodes["first"], bvh.nodes["count"]

@@ -8,7 +8,7 @@ import pytest
 
 from clbvh.errors import ConfigError
 from clbvh.rendering import image_files as files
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
 HITS = Hits(np.float32([[1.5, np.inf]]), np.float32([[0.25, 0]]), np.float32([[0.5, 0]]), np.int32([[7, -1]]))

@@ -7,7 +7,7 @@ from clbvh import build
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import Caster
-from clbvh.trace.points.closest_point import find_closest_points
+from clbvh.trace.points.queries import find_closest_points
 from clbvh.trace.rays.batch import TreeBox, read_points
 
 # The device chooses the triangle in float32, after about sixteen roundings.

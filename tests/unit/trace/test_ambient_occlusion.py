@@ -306,16 +306,6 @@ class TestArguments:
         with pytest.raises(ConfigError, match="must be an integer from"):
             tracer.ambient_occlusion([0, 0, 0], UP, **named)
 
-    def test_the_function_takes_what_a_tracer_takes(self, tracer, session):
-        expected = tracer.ambient_occlusion([0, 0, 0], UP, seed=4)
-        disk = disk_at(1.0, 1.0)
-        assert clbvh.ambient_occlusion(tracer, [0, 0, 0], UP, seed=4) == expected
-        assert not tracer.is_closed
-        for source in (disk, scene_of(disk), (disk.vertices, disk.faces)):
-            assert clbvh.ambient_occlusion(source, [0, 0, 0], UP, seed=4, device=session.info) == expected
-        with pytest.raises(ConfigError, match="device"):
-            clbvh.ambient_occlusion(tracer, [0, 0, 0], UP, device=session.info)
-
     def test_progress_counts_points(self, tracer):
         calls = []
         tracer.ambient_occlusion(np.zeros((10, 3)), UP, progress=lambda *counts: calls.append(counts))

@@ -9,10 +9,9 @@ import pytest
 from clbvh.builders.build import build
 from clbvh.errors import QueryError
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.trace import Tracer
 from clbvh.trace.rays import pieces
-from clbvh.trace.rays.batch import read_points, read_rays
-from clbvh.trace.rays.broadcast import Broadcast
+from clbvh.trace.rays.batch import Broadcast, read_points, read_rays
+from clbvh.trace.tracer import Tracer
 
 FIELDS = ("t", "u", "v", "prim_id", "is_front")
 
@@ -76,10 +75,6 @@ class TestShapes:
         for field in (*FIELDS, "offsets"):
             assert getattr(crossings, field).tobytes() == getattr(expected, field).tobytes()
         assert len(crossings.offsets) == len(flat[0]) + 1
-        for obtained, of_flat in zip(
-            tracer.hits_by_depth(origins, directions), tracer.hits_by_depth(*flat), strict=True
-        ):
-            assert obtained is of_flat is None or obtained.tobytes() == of_flat.tobytes()
 
     def test_limits_broadcast_to_the_rays(self, tracer, monkeypatch, case, chunk):
         *shapes, shape = SHAPES[case]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from clbvh import AllHits, Mesh, Tracer, build
+from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.support import host_threads
-from clbvh.trace.hits import crossings as crossings_module, refine
+from clbvh.trace.hits import all_hits as crossings_module
 from clbvh.trace.oracle.reference import find_wrong_crossings
 from clbvh.trace.rays import pieces
 
@@ -94,36 +95,33 @@ def test_depth_by_depth_is_another_order(tracer, rays, monkeypatch, slots, most)
     order = np.lexsort((limited.ray_id, depth))
     monkeypatch.setattr(crossings_module, "FIRST_SLOTS", slots[0])
     monkeypatch.setattr(crossings_module, "SLOT_GROWTH", slots[1])
-    prim_id, ray_id, locations = tracer.hits_by_depth(*rays, max_hits=most, with_locations=True)
-    assert prim_id.dtype == ray_id.dtype == np.int64
-    np.testing.assert_array_equal(prim_id, limited.prim_id[order])
+    hits = tracer.all_hits(*rays, max_hits=most, with_locations=True)
+    assert_same(hits, limited)
+    assert hits.locations.tobytes() == limited.locations.tobytes()
+    obtained, ray_id = order_by_depth(hits)
+    np.testing.assert_array_equal(obtained, order)
     np.testing.assert_array_equal(ray_id, limited.ray_id[order])
-    assert locations.tobytes() == limited.locations[order].tobytes()
-    without = tracer.hits_by_depth(*rays, max_hits=most)
-    assert [without[0].tobytes(), without[1].tobytes(), without[2]] == [prim_id.tobytes(), ray_id.tobytes(), None]
 
 
 def test_threads_share_the_crossings(tracer, mesh, monkeypatch):
     """More hits than one thread is given, and each array as it is in one thread; rows in any layout."""
     origins, directions = hard_rays(mesh, 60000, np.random.default_rng(12))
-    expected = tracer.all_hits(origins, directions, with_locations=True), tracer.hits_by_depth(origins, directions)
-    assert len(expected[0]) > 40000
+    expected = tracer.all_hits(origins, directions, with_locations=True)
+    assert len(expected) > 40000
     monkeypatch.setattr(host_threads, "_LEAST_ITEMS", 1000)
     monkeypatch.setattr(tracer._caster.threads, "count", 5)
-    monkeypatch.setattr(refine, "_MOST_RAYS", 777)
+    monkeypatch.setattr(crossings_module, "_MOST_RAYS", 777)
     turned = np.asfortranarray(origins), np.asfortranarray(directions)
     hits = tracer.all_hits(*turned, with_locations=True)
-    assert_same(hits, expected[0])
-    assert hits.locations.tobytes() == expected[0].locations.tobytes()
-    for obtained, given in zip(tracer.hits_by_depth(*turned)[:2], expected[1], strict=False):
-        assert obtained.tobytes() == given.tobytes()
+    assert_same(hits, expected)
+    assert hits.locations.tobytes() == expected.locations.tobytes()
 
 
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 1023, 1024, 1025])
 def test_any_number_of_rays(tracer, rays, expected, count):
     hits = tracer.all_hits(rays[0][:count], rays[1][:count])
     assert len(hits.offsets) == count + 1
-    assert len(tracer.hits_by_depth(rays[0][:count], rays[1][:count])[0]) == expected.offsets[count]
+    assert len(hits) == expected.offsets[count]
     for field in ("t", "u", "v", "prim_id"):
         assert getattr(hits, field).tobytes() == getattr(expected, field)[: expected.offsets[count]].tobytes()
 

@@ -5,7 +5,7 @@ import pytest
 
 import clbvh
 from clbvh.structs import HIT, NO_PRIM
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 
 
 @pytest.fixture

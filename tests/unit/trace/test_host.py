@@ -11,8 +11,8 @@ from clbvh.errors import DeviceError, QueryError
 from clbvh.structs import NO_PRIM
 from clbvh.trace import launch
 from clbvh.trace.hits.closest import _cast_rays
-from clbvh.trace.host.cast import count_steps
-from clbvh.trace.oracle.wide_visits import count_wide_visits
+from clbvh.trace.host.walk import count_steps
+from clbvh.trace.oracle.visits import count_wide_visits
 from clbvh.trace.rays.batch import read_rays
 
 from ...profiles import seeds

@@ -5,8 +5,8 @@ import pytest
 
 import clbvh
 from clbvh.errors import ConfigError, QueryError
-from clbvh.trace import Hits
 from clbvh.trace.hits import interpolate as module
+from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import SceneSurface
 
 KNOT = clbvh.make_shape("knot", triangles=1000)

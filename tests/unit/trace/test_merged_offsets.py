@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.trace.scene import merge_rule
+from clbvh.trace.scene import merging as merge_rule
 from tests.unit.trace.test_offsets import MESHES as OFFSET_MESHES, make_directions, turn
 from tests.unit.trace.test_placed_offsets import count_own
 

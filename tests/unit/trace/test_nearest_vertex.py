@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, make_shape
-from clbvh.trace.points.nearest_vertex import find_nearest_vertices
+from clbvh.integrations.trimesh.proximity import find_nearest_vertices
 
 from ...soup import make_soup
 

@@ -9,7 +9,7 @@ import trimesh
 
 import clbvh
 from clbvh.errors import ConfigError
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import SceneSurface
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)

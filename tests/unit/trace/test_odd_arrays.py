@@ -6,7 +6,7 @@ import pytest
 from clbvh import QueryError, Renderer, SceneError, Tracer, make_shape
 from clbvh.support import memory
 
-RAY_QUERIES = ["closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits", "hits_by_depth"]
+RAY_QUERIES = ["closest_hit", "closest_prim", "any_hit", "count_hits", "all_hits"]
 POINT_QUERIES = ["closest_point", "contains", "signed_distance"]
 MANY = 2**40
 

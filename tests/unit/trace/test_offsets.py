@@ -9,7 +9,8 @@ from clbvh.errors import ConfigError, QueryError
 from clbvh.geometry import Mesh
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.structs import HIT, NO_PRIM
-from clbvh.trace import Hits, Tracer
+from clbvh.trace.hits.hits import Hits
+from clbvh.trace.tracer import Tracer
 
 RAYS = 4000
 

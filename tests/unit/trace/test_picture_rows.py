@@ -6,7 +6,7 @@ import pytest
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.rendering.framing import frame_mesh
 from clbvh.trace.rays.batch import read_rays
-from clbvh.trace.rays.picture_rows import find_row_length
+from clbvh.trace.rays.coherence import find_row_length
 
 SIZES = [(1920, 1080), (640, 480), (64, 64), (1155, 866), (33, 40)]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from clbvh.support.host_threads import HostThreads
-from clbvh.trace.points import order as point_order
-from clbvh.trace.points.order import find_point_order
+from clbvh.trace.points import pack as point_order
+from clbvh.trace.points.pack import find_point_order
 from clbvh.trace.rays.batch import TreeBox
 
 from ...rays import hard_rays

@@ -8,7 +8,7 @@ import pytest
 import clbvh
 from clbvh.geometry.box_mesh import box_mesh
 from clbvh.structs import INSTANCE
-from clbvh.trace.points.prune_top import prune_top
+from clbvh.trace.scene.top_tree import prune_top
 
 
 def top_over(count, leaf_size, seed):

@@ -45,7 +45,6 @@ def ask(tracer, origins, directions):
     hits, crossings = tracer.closest_hit(origins, directions), tracer.all_hits(origins, directions)
     answers = [hits.t, hits.u, hits.v, hits.prim_id, crossings.t, crossings.prim_id, crossings.offsets]
     answers += [tracer.any_hit(origins, directions), tracer.count_hits(origins, directions)]
-    answers += list(tracer.hits_by_depth(origins, directions, with_locations=True))
     return [answer.tobytes() for answer in answers]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.structs import NO_PRIM
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 from clbvh.trace.oracle.reference import Difference, find_differences
 
 from ...rays import aim, as_float32, mesh_as_on_device

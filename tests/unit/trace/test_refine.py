@@ -6,8 +6,8 @@ import pytest
 from clbvh import Mesh
 from clbvh.structs import HIT
 from clbvh.trace.hits.refine import HitIds, RefinedHits, refine_closest
+from clbvh.trace.hits.scene_arrays import triangles_of
 from clbvh.trace.rays.batch import read_rays
-from clbvh.trace.triangles import triangles_of
 
 MESH = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
 BESIDE = 2.0**-30

@@ -5,9 +5,8 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, Spheres, make_shape
-from clbvh.trace.oracle.nearest import nearest_on_ellipsoid, nearest_on_triangle
-from clbvh.trace.oracle.scene_points import ScenePoints
 
+from ...scene_points import ScenePoints, nearest_on_ellipsoid, nearest_on_triangle
 from .nearest_point import expected_distance
 from .scene_states import affine, flatten, make_state, random_linear
 

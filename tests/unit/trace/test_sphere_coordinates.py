@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clbvh.support.compiled import compiled
-from clbvh.trace.hits.sphere_coordinates import sphere_point, sphere_uv
+from clbvh.trace.hits.spheres import sphere_point, sphere_uv
 
 
 @compiled

@@ -5,7 +5,7 @@ import pytest
 
 import clbvh
 from clbvh.errors import ConfigError
-from clbvh.trace import Hits
+from clbvh.trace.hits.hits import Hits
 from clbvh.trace.hits.surface import SceneSurface
 
 KNOT = clbvh.make_shape("knot", triangles=2000)

@@ -323,7 +323,7 @@ class TestInput:
 
     @pytest.mark.parametrize("bad", [0, 1.5, True, "a", 2**31])
     def test_a_limit_of_hits_that_is_none_is_refused(self, tracer, bad):
-        for query in (tracer.all_hits, tracer.count_hits, tracer.hits_by_depth):
+        for query in (tracer.all_hits, tracer.count_hits):
             with pytest.raises(ConfigError, match="max_hits must be None or a number from 1"):
                 query([[0, 0, 1]], [[0, 0, 1]], max_hits=bad)
 

@@ -7,8 +7,8 @@ import pytest
 
 import clbvh
 from clbvh.trace.hits.scene_arrays import make_scene_arrays
-from clbvh.trace.scene import merge_rule
-from clbvh.trace.scene.merge_rule import LEAST_COUNT, find_groups
+from clbvh.trace.scene import merging as merge_rule
+from clbvh.trace.scene.merging import LEAST_COUNT, find_groups
 
 from ..scene_states import affine, make_state
 

@@ -12,11 +12,10 @@ from clbvh.builders.build import build_shape
 from clbvh.geometry.box_mesh import box_mesh
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.hits.scene_arrays import make_scene_arrays
+from clbvh.trace.oracle.scene_visits import SceneTraversal
 from clbvh.trace.oracle.visits import count_visits
 from clbvh.trace.scene.merging import Merging
-from clbvh.trace.scene.placed import find_boxes
-from clbvh.trace.scene.top_tree import TopItems
-from clbvh.trace.scene.visits import SceneTraversal
+from clbvh.trace.scene.top_tree import TopItems, find_boxes
 
 from ..scene_states import affine, make_state, random_linear
 

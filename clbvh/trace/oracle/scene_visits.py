@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
-from ...layouts.bvh2 import make_bvh2_nodes
+from ...layouts.device_arrays import make_bvh2_nodes
 from ...scene.state import SceneState
 from ...structs import BVH2_COUNT, BVH2_FIRST, FAR_RADII, NO_PRIM, PACKED_RAY, SCENE_LOW
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.ranges import cut_range
 from ..hits.scene_arrays import make_scene_arrays
-from ..host.ray import make_host_ray
-from ..oracle.descend import HostTrees, PackedRays, TreeStart, as_triple, descend, meets_child
+from ..host.lanes import make_host_ray
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
-from .geometry_arrays import arrange_geometries, blocks_by_kind, list_parts
-from .merging import NOTHING_MERGED, Merging
-from .top_tree import TopItems
+from ..scene.device_scene import arrange_geometries, blocks_by_kind, list_parts
+from ..scene.merging import NOTHING_MERGED, Merging
+from ..scene.top_tree import TopItems
+from .visits import HostTrees, PackedRays, TreeStart, as_triple, descend, meets_child
 
 # The constants of cl/instances/instance.cl.
 _FAR_RADII, _RADII_BEFORE, _SHARE_BEFORE = float(FAR_RADII), 4.0, 2.0**-20
