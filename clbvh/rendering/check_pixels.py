@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..errors import ValidationError
 from ..trace.hits.hits import Hits
-from ..trace.oracle.reference import Difference, find_differences
 from ..trace.oracle.scene_crossings import Rays
 from ..trace.oracle.scene_reference import SceneDifference, SceneReference
 from .cut import Cut
@@ -60,14 +59,12 @@ def _count_tests(picture: Picture) -> int:
     return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
 
 
-def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[Difference | SceneDifference]:
+def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[SceneDifference]:
     height, width = picture.found.shape
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
     if picture.cut is not None:
         return _find_differences_beside(picture.cut, _make_reference(picture), origins, directions, hits)
-    if picture.mesh is not None:
-        return find_differences(picture.mesh, origins, directions, hits)
     # Pictures show all instances but those that no ray sees.
     return _make_reference(picture).find_differences(Rays.make(origins, directions), hits)
 

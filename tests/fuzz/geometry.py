@@ -22,12 +22,12 @@ from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
-from clbvh.trace.oracle.reference import find_differences, find_wrong_crossings
 from clbvh.trace.points.queries import find_closest_points
 from clbvh.trace.rays.batch import TreeBox, read_points, read_rays
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
 from ..kernel.casting import STACK_SIZE
+from ..mesh_reference import find_differences, find_wrong_crossings
 from ..rays import hard_rays, random_rays
 from ..soup import make_soup
 from .readers import Reader

@@ -90,7 +90,7 @@ def calls(monkeypatch):
 
         return counted
 
-    for method in (MeshTracer.cast, MeshTracer.closest_point, MeshTracer.nearest_vertex):
+    for method in (MeshTracer.ask, MeshTracer.find_tree):
         monkeypatch.setattr(MeshTracer, method.__name__, count(method))
     return called
 

@@ -8,8 +8,8 @@ import pytest
 from clbvh import Tracer, build, load_mesh
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.rendering.framing import frame_mesh
-from clbvh.trace.oracle.reference import find_differences
 
+from ..mesh_reference import find_differences
 from ..rays import as_float32, centred, random_rays
 
 WIDTH, HEIGHT = 800, 450

@@ -10,9 +10,9 @@ from hypothesis import given, strategies as st
 from clbvh import Mesh, Tracer, build
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.oracle.reference import find_differences, find_wrong_crossings
 
 from ..kernel.casting import open_caster
+from ..mesh_reference import find_differences, find_wrong_crossings
 from ..profiles import examples
 from ..rays import centred
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.trace.oracle.reference import find_differences
 
+from ..mesh_reference import find_differences
 from ..profiles import seeds
 from ..rays import aim, as_float32, centred
 

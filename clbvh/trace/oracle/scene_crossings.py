@@ -15,7 +15,7 @@ from ...geometry.mesh import Mesh
 from ...geometry.spheres import Shape
 from ...support.compiled import compiled
 from .placement import Blur, Placement, SceneLike, place_instances, scene_radius
-from .reference import judge_triangle, make_frame, project
+from .triangle import judge_triangle, make_frame, project
 
 # Crossings that there is room for at first, for each ray of an instance.
 _FIRST_ROOM = 4

@@ -1,7 +1,8 @@
 """The oracle for scenes: every primitive of every visible instance against every ray, in float64, on the host.
 
-It shares no code with the device. As the oracle for one mesh, it says whether an answer is right, because a ray that
-passes an edge closer than float32 resolves has no single right answer; and where there is one, it has the answer.
+It shares no code with the device. Slow on purpose; `--validate` and the tests compare with it. It says whether an
+answer is right, because a ray that passes an edge closer than float32 resolves has no single right answer; and where
+there is one, it has the answer.
 """
 
 from __future__ import annotations
@@ -168,35 +169,6 @@ class SceneReference:
             )
             for ray in np.flatnonzero(reasons != _RIGHT)
         ]  # fmt: skip
-
-    def find_wrong_crossings(self, rays: Rays, hits: Any, crossings: Crossings | None = None) -> NDArray[np.int64]:
-        """Return the rays whose crossings cannot be all that there are, or not in this order.
-
-        Parameters
-        ----------
-        rays : Rays
-        hits : AllHits
-            The answers of a traversal for these rays, with their ids.
-        crossings : Crossings, optional
-            Of these rays, if they are known already.
-
-        Returns
-        -------
-        (m,) int64
-            Rays that surely miss a primitive they are said to cross, or surely cross one they are not; that cross one
-            too often; whose crossings are not in the order of t; or where twins are not in the order of their ids, or
-            one of them is missing.
-        """
-        known = self.crossings(rays) if crossings is None else crossings
-        t, instance, prim = _ids(hits)
-        is_wrong, meant = np.zeros(len(rays.t_min), np.bool_), np.full(len(t), -1, np.int64)
-        offsets = np.asarray(hits.offsets, np.int64)
-        _judge_crossings(known, rays.t_min, rays.t_max, offsets, t, instance, prim, is_wrong, meant)
-        ray_of_hit = np.repeat(np.arange(len(is_wrong)), np.diff(offsets))
-        judged = np.flatnonzero(~is_wrong[ray_of_hit])
-        points = self._judge_points(rays, hits, known, judged, ray_of_hit[judged], meant[judged])
-        is_wrong[ray_of_hit[judged[points != _RIGHT]]] = True
-        return np.flatnonzero(is_wrong)
 
     def _judge_points(
         self,
@@ -386,50 +358,3 @@ def _judge(known, t_mins, t_maxs, ts, instances, prims, reasons, meant_of):
 def _limited(known, crossing, t_min, t_max):
     """Return the interval in which the t of a crossing may be reported."""
     return min(max(known.t_low[crossing], t_min), t_max), min(max(known.t_high[crossing], t_min), t_max)
-
-
-@compiled
-def _judge_crossings(known, t_mins, t_maxs, offsets, ts, instances, prims, is_wrong, meant_of):
-    """Write which rays' crossings are wrong, and which crossings are meant; see `find_wrong_crossings`."""
-    is_used = np.zeros(len(known.t), np.bool_)
-    for ray in range(len(is_wrong)):
-        begin, end = known.offsets[ray], known.offsets[ray + 1]
-        latest = -np.inf
-        for hit in range(offsets[ray], offsets[ray + 1]):
-            # Each crossing found is one that there can be. A t may be raised to that of the crossing before it.
-            for raised in (-np.inf, latest):
-                for meant in range(begin, end):
-                    low, high = _limited(known, meant, t_mins[ray], t_maxs[ray])
-                    if (
-                        meant_of[hit] < 0
-                        and not is_used[meant]
-                        and known.instance_id[meant] == instances[hit]
-                        and known.prim_id[meant] == prims[hit]
-                        and low <= ts[hit] <= max(high, raised)
-                    ):
-                        is_used[meant] = True
-                        meant_of[hit] = meant
-            meant = meant_of[hit]
-            if meant < 0 or (hit > offsets[ray] and not ts[hit] >= ts[hit - 1]):
-                is_wrong[ray] = True
-                break
-            latest = max(latest, _limited(known, meant, t_mins[ray], t_maxs[ray])[1])
-
-            # None of those before it is surely behind it; and of twins, those with smaller ids come first.
-            for before in range(offsets[ray], hit):
-                earlier = meant_of[before]
-                if known.t_high[meant] + _slack(known, meant, earlier) < known.t_low[earlier]:
-                    is_wrong[ray] = True
-                if _is_twin(known, meant, earlier) and (
-                    instances[hit] < instances[before]
-                    or (instances[hit] == instances[before] and prims[hit] < prims[before])
-                ):
-                    is_wrong[ray] = True
-
-        # None that is sure is missing, and no twin of one that is found.
-        for index in range(begin, end):
-            if is_used[index]:
-                continue
-            is_wrong[ray] |= known.is_sure[index]
-            for other in range(begin, end):
-                is_wrong[ray] |= is_used[other] and _is_twin(known, index, other)

@@ -7,9 +7,9 @@ from clbvh import AllHits, Mesh, Tracer, build
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.support import host_threads
 from clbvh.trace.hits import all_hits as crossings_module
-from clbvh.trace.oracle.reference import find_wrong_crossings
 from clbvh.trace.rays import pieces
 
+from ...mesh_reference import find_wrong_crossings
 from ...rays import hard_rays
 
 FIELDS = ("t", "u", "v", "prim_id", "offsets")

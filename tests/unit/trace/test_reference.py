@@ -8,8 +8,8 @@ import pytest
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.structs import NO_PRIM
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.oracle.reference import Difference, find_differences
 
+from ...mesh_reference import Difference, find_differences
 from ...rays import aim, as_float32, mesh_as_on_device
 
 # A right triangle at z = 0 and the same one at z = -1, then one that is a line.

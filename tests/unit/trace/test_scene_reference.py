@@ -11,6 +11,7 @@ from clbvh.trace.oracle.placement import Blur, place_instances, scene_radius
 from clbvh.trace.oracle.scene_crossings import Rays
 from clbvh.trace.oracle.scene_reference import SceneReference
 
+from ...scene_crossings import find_wrong_crossings
 from .scene_states import affine, make_state, random_linear, turn
 
 SQUARE = Mesh.from_arrays([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
@@ -167,7 +168,7 @@ class TestAllCrossings:
     ROWS = ((1, 0, 0, 0.125, 0.625), (1, 2, 0, 0.125, 0.625), (2, 1, 0, 0.125, 0.625))
 
     def wrong(self, *rows):
-        return SceneReference(self.STATE).find_wrong_crossings(Rays.make(*self.RAY), all_hits(*rows)).tolist()
+        return find_wrong_crossings(SceneReference(self.STATE), Rays.make(*self.RAY), all_hits(*rows)).tolist()
 
     def test_the_formula_is_right(self):
         assert self.wrong(*self.ROWS) == []
@@ -197,7 +198,7 @@ class TestAllCrossings:
         rays = Rays.make([[1.0, 0.25, 2]], [[0, 0, -1]])
         first, second, third = ((t, instance, prim, 0.375, 0.625) for t, instance, prim, _, _ in self.ROWS)
         for rows, expected in (((first, second, third), []), ((first, second), []), ((), []), ((first, third), [0])):
-            assert reference.find_wrong_crossings(rays, all_hits(*rows)).tolist() == expected, rows
+            assert find_wrong_crossings(reference, rays, all_hits(*rows)).tolist() == expected, rows
 
 
 class TestSpheres:
@@ -307,7 +308,7 @@ def test_an_empty_scene_has_no_hits():
     rays = Rays.make([[0, 0, 1]], [[0, 0, -1]])
     assert SceneReference(state).closest_hit(rays).prim_id == -1
     assert SceneReference(state).find_differences(rays, MISS) == []
-    assert len(SceneReference(state).find_wrong_crossings(rays, all_hits())) == 0
+    assert len(find_wrong_crossings(SceneReference(state), rays, all_hits())) == 0
 
 
 def test_a_placed_icosphere_agrees_with_its_flattened_mesh():

@@ -18,11 +18,11 @@ from clbvh.errors import DeviceMemoryError, MeshError, QueryError
 from clbvh.layouts.refit_arrays import RefitArrays
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace import device_tree as tree_buffers, device_tree as tree_copies
-from clbvh.trace.oracle.reference import find_differences
 from clbvh.trace.rays import pieces
 
 from ...concurrency.queries import ask, make_queries
 from ...deform import deform
+from ...mesh_reference import find_differences
 from ...rays import hard_rays
 from ..hand_made import make_leaf, make_tree
 from .test_tracer import record_allocations
