@@ -23,8 +23,8 @@ from ..geometry.surface_samples import DRAWS_PER_POINT, sample_surface
 from ..scene.handles import Geometry
 from ..scene.store import UniqueNames
 from ..support.memory import check_memory
+from .guesses import known_up
 from .scene import MeshSource, Scene
-from .upright import known_up
 from .vectors import Vector, check_vector
 
 ALL_BITS = 2**32 - 1  # of a mask: visible for every ray
@@ -366,4 +366,4 @@ def _place(found: SceneObject, geometries: list[tuple[SceneObject, Geometry]], s
     # A mirrored triangle is seen from its other side, unless its corners are turned round.
     if np.linalg.slogdet(target.matrix[:3, :3])[0] < 0:
         faces = faces[:, ::-1]
-    return found.repeat.matrices(found.matrix, vertices, faces, known_up(scene))
+    return found.repeat.matrices(found.matrix, vertices, faces, known_up(scene.up))

@@ -11,14 +11,13 @@ from ..bvh import Bvh
 from ..errors import SceneError
 from ..geometry import MeshLike, Spheres, as_mesh
 from ..geometry.loading.several_parts import may_have_parts
-from ..geometry.up import RULED_SUFFIXES
 from ..scene.parts import HasGraph
 from ..scene.serialize import is_saved_scene
 from ..support.resources import find_folder
 from .camera import DEFAULT_UP
+from .guesses import AUTO, RULED_SUFFIXES
 from .scene import Scene
 from .sources import MeshSource
-from .upright import AUTO
 
 SCENE_SUFFIX = ".toml"
 

@@ -27,11 +27,11 @@ from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
 from .band_painters import Progress
-from .bulk import Bulk, find_bulk
 from .camera import Camera
 from .cut import Cut
 from .frame import FrameRenderer
 from .framing import frame_mesh, frame_turn, measure_side
+from .guesses import AUTO, Framed, frame_without_outliers, guess_up, known_up
 from .open_scene import SceneLike, as_scene
 from .painters import Painters, open_session
 from .picture import Picture, list_picture_ms, list_setup_ms
@@ -40,7 +40,6 @@ from .projection import Orthographic, Panorama, Projection
 from .scene import Scene
 from .settings import DEFAULT_CHANNELS, MAX_SAMPLES, Light, Wireframe, find_sample_count
 from .subjects import MeshSubject, RenderOptions, SceneSubject
-from .upright import AUTO, find_upright, known_up
 from .vectors import Vector
 from .view import Ground, find_ground, shows_ground, sky_direction
 from .view_bounds import SceneExtent
@@ -381,9 +380,11 @@ class Renderer(ContextManager):
 
     def _stand_upright(self) -> None:
         """Replace the scene's `up` by a direction, and find its camera; the subject must be loaded."""
-        self._bulk: Bulk | None = None
-        up, self._up_note = find_upright(self.scene, self._find_extent(self.scene))
-        self.scene = self.scene.with_changes(up=up)
+        self._framed_parts: Framed | None = None
+        self._up_note: str | None = None
+        if isinstance(self.scene.up, str):
+            up, self._up_note = guess_up(self._find_extent(self.scene), self.scene.eye, self.scene.look_at)
+            self.scene = self.scene.with_changes(up=up)
         self._framed = self._frame(self.scene)
         self._ground: tuple[Mesh | SceneExtent, NDArray[np.float64], Ground] | None = None
 
@@ -425,7 +426,7 @@ class Renderer(ContextManager):
         first = frame_turn(
             self._find_extent(scene),
             aspect=scene.width / scene.height,
-            up=known_up(scene),
+            up=known_up(scene.up),
             fov=scene.fov,
             projection=scene.projection,
         )
@@ -468,7 +469,7 @@ class Renderer(ContextManager):
         scene = self.scene.with_changes(width=width, height=height, up=up)
         aspect, extent = scene.width / scene.height, self._find_extent(scene)
         cameras = {
-            view: frame_mesh(extent, aspect=aspect, up=known_up(scene), projection=Orthographic(), side=view)
+            view: frame_mesh(extent, aspect=aspect, up=known_up(scene.up), projection=Orthographic(), side=view)
             for view in views
         }
         tallest = max((camera.projection for camera in cameras.values()), key=_height_of, default=None)
@@ -493,12 +494,12 @@ class Renderer(ContextManager):
         ...     renderer.measure_views(["front", "right"])
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
-        up = known_up(self.scene) if up is None else up
+        up = known_up(self.scene.up) if up is None else up
         extent = self._find_extent(self.scene)
         return {view: measure_side(extent, view, up) for view in views}
 
     def list_notes(self, scene: Scene | None = None) -> tuple[str, ...]:
-        """Return what the user of a picture without a camera of its own should know: the guessed `up`, strays.
+        """Return what the user of a picture without a camera of its own should know: the guessed `up`, outliers.
 
         Parameters
         ----------
@@ -515,7 +516,7 @@ class Renderer(ContextManager):
         scene = self.scene if scene is None else scene
         notes = [self._up_note] if self._up_note is not None and scene.up == self.scene.up else []
         is_framed = scene.look_at is None and not isinstance(scene.projection, Panorama)
-        if is_framed and scene.frame == AUTO and (left_out := self._find_bulk().note) is not None:
+        if is_framed and scene.frame == AUTO and (left_out := self._leave_out_outliers().note) is not None:
             notes.append(f"{left_out}; --frame all shows everything")
         return tuple(notes)
 
@@ -536,14 +537,14 @@ class Renderer(ContextManager):
             self._ground = extent, up, find_ground(extent, up)
         return self._ground[2]
 
-    def _find_bulk(self) -> Bulk:
-        if self._bulk is None:
-            self._bulk = find_bulk(self._subject.extent)
-        return self._bulk
+    def _leave_out_outliers(self) -> Framed:
+        if self._framed_parts is None:
+            self._framed_parts = frame_without_outliers(self._subject.extent)
+        return self._framed_parts
 
     def _find_extent(self, scene: Scene) -> Mesh | SceneExtent:
         """Return what a camera that shows the whole has to show."""
-        return self._find_bulk().extent if scene.frame == AUTO else self._subject.extent
+        return self._leave_out_outliers().extent if scene.frame == AUTO else self._subject.extent
 
     def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
         return scene, scene.with_changes(frame="all").find_camera(self._find_extent(scene))

@@ -22,16 +22,15 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore, name_of_file
 from ..structs import SHADINGS
-from .bulk import find_bulk
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
 from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
 from .framing import frame_mesh, look_from
+from .guesses import AUTO, frame_without_outliers, guess_up
 from .pose import check_view
 from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, DEFAULT_LIGHT, Light, Wireframe, check_sampling
 from .sources import NO_TRANSFORM, MeshSource, Transform
-from .upright import AUTO, find_upright
 from .vectors import Vector, check_vector, is_vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
@@ -274,8 +273,9 @@ class Scene(SceneContents):
         >>> scene.find_camera(scene.mesh.load()).fov == scene.fov
         True
         """
-        framed = find_bulk(extent).extent if self.frame == AUTO else extent
-        camera = self._place_camera(framed, find_upright(self, framed).vector, self.width / self.height)
+        framed = frame_without_outliers(extent).extent if self.frame == AUTO else extent
+        up = guess_up(framed, self.eye, self.look_at).vector if isinstance(self.up, str) else self.up
+        camera = self._place_camera(framed, up, self.width / self.height)
         if self.aperture == 0 and self.focus_distance is None:
             return camera
         return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)

@@ -15,11 +15,11 @@ from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES,
 from .camera import Camera
 from .camera_rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
 from .cut import Cut
+from .guesses import known_up
 from .lens import window_of
 from .projection import Fisheye, Panorama, name_of
 from .scene import Scene
 from .settings import Wireframe, find_tone_curve
-from .upright import known_up
 from .view_bounds import Reaches, SceneExtent
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
@@ -122,7 +122,7 @@ def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
     """Return (3,) float64: the unit vector upwards in the scene."""
     # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
     is_of_world = camera.lens is None and scene.view is None
-    to_sky = np.asarray(camera.up if is_of_world else known_up(scene), np.float64)
+    to_sky = np.asarray(camera.up if is_of_world else known_up(scene.up), np.float64)
     return to_sky / np.linalg.norm(to_sky)
 
 

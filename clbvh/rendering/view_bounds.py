@@ -297,10 +297,15 @@ class SceneExtent:
             "nij,nj->ni", self.transforms[:, :3, :3], np.stack([shape.origin for shape in shapes])[self.geometry_ids]
         )
         # First the box of all boxes, then, in its coordinates, that of all vertices.
-        reach = np.einsum("nij,nj->ni", np.abs(self.transforms[:, :3, :3]), self._half_sizes[self.geometry_ids])
-        self._use_box((self._centres - reach).min(axis=0), (self._centres + reach).max(axis=0))
+        lower, upper = self.instance_boxes()
+        self._use_box(lower.min(axis=0), upper.max(axis=0))
         largest = self.largest(_ALONG_AXES)
         self._use_box(self.origin - largest[3:] / self.scale, self.origin + largest[:3] / self.scale)
+
+    def instance_boxes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the lower and upper corners, (n, 3), of boxes around the instances, in the scene's coordinates."""
+        reach = np.einsum("nij,nj->ni", np.abs(self.transforms[:, :3, :3]), self._half_sizes[self.geometry_ids])
+        return self._centres - reach, self._centres + reach
 
     def _use_box(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> None:
         """Make this the box, and its centre the origin."""

@@ -11,10 +11,10 @@ import trimesh
 from clbvh import make_shape
 from clbvh.errors import MeshError, SceneError
 from clbvh.geometry.loading.several_parts import may_have_parts
+from clbvh.rendering.guesses import guess_up
 from clbvh.rendering.open_scene import open_mesh_file, open_mesh_files, open_scene
 from clbvh.rendering.scene import Scene
 from clbvh.rendering.sources import MeshSource
-from clbvh.rendering.upright import find_upright
 from clbvh.rendering.view_bounds import SceneExtent
 
 from ..geometry.gltf_files import Gltf
@@ -140,4 +140,4 @@ def test_several_files_of_one_format_have_its_habit(tmp_path, suffixes, up):
     assert [geometry.name for geometry in scene.geometries] == ["a", "b"]
     state = scene.snapshot()
     extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
-    assert find_upright(scene, extent).vector == up
+    assert guess_up(extent).vector == up

@@ -1,4 +1,4 @@
-"""The bulk of meshes and scenes: strays are left out of the frame, and ordinary things never are."""
+"""What pictures of the whole frame: outliers are left out, and ordinary things never are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 import clbvh
-from clbvh.rendering.bulk import find_bulk
+from clbvh.rendering.guesses import frame_without_outliers
 from clbvh.rendering.view_bounds import SceneExtent
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)
@@ -34,7 +34,7 @@ def box_of(extent):
     return extent.origin + extent.local_box.astype(float) / extent.scale
 
 
-STRAYS = {
+OUTLIERS = {
     "one": [speck(90, 0, 0)],
     "cluster": [speck(40, 40, place) for place in np.linspace(-5, 5, 12)],
     "both sides": [speck(90, 0, 0), speck(-60, 3, 0)],
@@ -42,27 +42,25 @@ STRAYS = {
 }
 
 
-@pytest.mark.parametrize("name", STRAYS)
-def test_a_mesh_is_framed_without_its_strays(name):
-    mesh = with_triangles(BALL, STRAYS[name])
-    bulk = find_bulk(mesh)
-    assert f"{len(STRAYS[name])} of {mesh.face_count:,} triangle" in bulk.note
-    np.testing.assert_allclose(box_of(bulk.extent), box_of(BALL), atol=0.1)
-    # And so is the instance of a scene, beside another one.
+@pytest.mark.parametrize("name", OUTLIERS)
+def test_a_mesh_is_framed_without_its_outliers(name):
+    mesh = with_triangles(BALL, OUTLIERS[name])
+    framed = frame_without_outliers(mesh)
+    assert f"{len(OUTLIERS[name])} of {mesh.face_count:,} triangle" in framed.note
+    np.testing.assert_allclose(box_of(framed.extent), box_of(BALL), atol=0.1)
+    # And so is the instance of a scene, if it is alone.
     scene = clbvh.Scene()
-    geometry = scene.add(mesh)
-    scene.place(geometry)
-    scene.place(scene.add(BALL), clbvh.Transform(translate=(3, 0, 0)))
-    bulk = find_bulk(extent_of(scene))
-    assert f"{len(STRAYS[name])} of {mesh.face_count + 1280:,} primitive" in bulk.note
-    np.testing.assert_allclose(box_of(bulk.extent), [[-1, -1, -1], [4, 1, 1]], atol=0.1)
+    scene.place(scene.add(mesh), clbvh.Transform(translate=(3, 0, 0)))
+    framed = frame_without_outliers(extent_of(scene))
+    assert f"{len(OUTLIERS[name])} of {mesh.face_count:,} primitive" in framed.note
+    np.testing.assert_allclose(box_of(framed.extent), [[2, -1, -1], [4, 1, 1]], atol=0.1)
 
 
 def test_far_vertices_without_triangles_are_not_framed():
     mesh = clbvh.Mesh.from_arrays(np.concatenate((BALL.vertices, [[500.0, 0, 0]])), BALL.faces)
-    bulk = find_bulk(mesh)
-    assert bulk.note is None
-    np.testing.assert_allclose(box_of(bulk.extent), box_of(BALL), atol=1e-6)
+    framed = frame_without_outliers(mesh)
+    assert framed.note is None
+    np.testing.assert_allclose(box_of(framed.extent), box_of(BALL), atol=1e-6)
 
 
 def test_a_far_sphere_and_a_far_instance_are_left_out():
@@ -71,17 +69,17 @@ def test_a_far_sphere_and_a_far_instance_are_left_out():
     centres[9] = 0, 500, 0
     scene = clbvh.Scene()
     scene.place(scene.add(clbvh.Spheres(centres, 0.1)))
-    bulk = find_bulk(extent_of(scene))
-    assert bulk.note.startswith("1 of 400 primitives")
-    assert np.abs(box_of(bulk.extent)).max() < 6
+    framed = frame_without_outliers(extent_of(scene))
+    assert framed.note.startswith("1 of 400 primitives")
+    assert np.abs(box_of(framed.extent)).max() < 6
 
     scene = clbvh.Scene()
     ball, small = scene.add(BALL), scene.add(clbvh.Mesh.from_arrays(speck(0, 0, 0), [[0, 1, 2]]))
     scene.place_many(ball, [clbvh.Transform(translate=(x, 0, 0)).matrix for x in range(5)])
     scene.place(small, clbvh.Transform(translate=(0, 0, 99)))
-    bulk = find_bulk(extent_of(scene))
-    assert bulk.note.startswith("1 of 6,401 primitives")
-    np.testing.assert_allclose(box_of(bulk.extent), [[-1, -1, -1], [5, 1, 1]], atol=1e-5)
+    framed = frame_without_outliers(extent_of(scene))
+    assert framed.note.startswith("1 of 6,401 primitives")
+    np.testing.assert_allclose(box_of(framed.extent), [[-1, -1, -1], [5, 1, 1]], atol=1e-5)
 
 
 def joined(*parts):
@@ -115,7 +113,7 @@ ORDINARY = {
 @pytest.mark.parametrize("name", ORDINARY)
 def test_ordinary_meshes_are_framed_as_a_whole(name):
     mesh = ORDINARY[name]
-    assert find_bulk(mesh) == (mesh, None)
+    assert frame_without_outliers(mesh) == (mesh, None)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -128,24 +126,24 @@ def test_scattered_scenes_are_framed_as_a_whole(seed):
     transforms[:, :3, 3] = 20 * generator.normal(size=(300, 3)) * [1, 0.01, 1]
     scene.place_many(ball, transforms)
     extent = extent_of(scene)
-    assert find_bulk(extent) == (extent, None)
+    assert frame_without_outliers(extent) == (extent, None)
 
 
 @pytest.mark.parametrize("name", ["cornell", "demo", "galaxy", "meadow", "palace", "still-life", "weekend"])
 def test_shipped_scenes_are_framed_as_a_whole(name):
     extent = extent_of(clbvh.open_scene(name))
-    assert find_bulk(extent) == (extent, None)
+    assert frame_without_outliers(extent) == (extent, None)
 
 
 def test_a_sun_and_its_planets_are_framed_as_a_whole():
     scene = clbvh.Scene()
     radii, places = [109, 0.38, 0.95, 1, 0.53], [0, 9100, 17000, 23500, 35800]
     scene.place(scene.add(clbvh.Spheres([[x, 0, 0] for x in places], radii)))
-    assert find_bulk(extent_of(scene)).note is None
+    assert frame_without_outliers(extent_of(scene)).note is None
 
 
 @pytest.mark.parametrize("shading", ["lambert", "depth", "studio"])
-def test_the_picture_is_that_of_the_mesh_without_strays(shading):
+def test_the_picture_is_that_of_the_mesh_without_outliers(shading):
     mesh = with_triangles(BALL, [speck(0, 0, -300), speck(0, 0, 300)])
     view = {"width": 64, "height": 48, "shading": shading}
     picture = clbvh.render(mesh, **view)
@@ -162,6 +160,6 @@ def test_the_picture_is_that_of_the_mesh_without_strays(shading):
 
 def test_other_frames_are_refused(tmp_path):
     with pytest.raises(clbvh.SceneError, match="frame must be one of auto, all"):
-        clbvh.Scene(frame="bulk")
+        clbvh.Scene(frame="middle")
     (tmp_path / "a.toml").write_text('[mesh]\nshape = "knot"\n[camera]\nframe = "all"\n')
     assert clbvh.open_scene(tmp_path / "a.toml").frame == "all"

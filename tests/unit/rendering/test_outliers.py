@@ -1,20 +1,19 @@
-"""Strays: few, small and far away; and what is none, however far it reaches."""
+"""Outliers: few, small and far away; and what is none, however far it reaches."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from clbvh.geometry.strays import LEAST_GAP, find_strays
+from clbvh.rendering.guesses import LEAST_GAP, find_outliers
 
 
 def cloud(seed, count=1000):
     return np.random.default_rng([81, seed]).random((count, 3))
 
 
-def find(points, size=0.01, areas=None):
-    areas = np.ones(len(points)) if areas is None else areas
-    return np.flatnonzero(find_strays(points, points + size, np.ones(len(points)), areas))
+def find(points, size=0.01):
+    return np.flatnonzero(find_outliers(points, points + size, np.ones(len(points))))
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1, 1e30])
@@ -43,11 +42,11 @@ def test_many_or_large_ones_are_none():
     points = cloud(4)
     points[:11] += [90, 0, 0]  # 1.1 %
     assert not find(points).size
-    points[:1] -= [90, 0, 0]
-    assert find(points).size == 10
-    areas = np.ones(len(points))
-    areas[5] = 20
-    assert not find(points, areas=areas).size
+    points[:2] -= [90, 0, 0]
+    assert find(points).size == 9
+    sizes = np.full((len(points), 1), 0.01)
+    sizes[5] = 0.05
+    assert not find(points, sizes).size
 
 
 def test_the_gap_that_counts():
@@ -64,21 +63,21 @@ def test_what_reaches_to_the_others_is_none():
     lower = cloud(6)
     upper = lower + 0.01
     upper[7, 1] = 1000  # a mast
-    assert not find_strays(lower, upper, np.ones(1000), np.ones(1000)).any()
+    assert not find_outliers(lower, upper, np.ones(1000)).any()
     # And what is at its end, such as a flag, is none either.
     lower[8] += [0, 999, 0]
     upper[8] += [0, 999, 0]
-    assert not find_strays(lower, upper, np.ones(1000), np.ones(1000)).any()
+    assert not find_outliers(lower, upper, np.ones(1000)).any()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50])
-def test_few_things_have_no_strays(count):
+def test_few_things_have_no_outliers(count):
     points = cloud(7, count)
     points[0] += 1e6
     assert not find(points).size
 
 
-def test_things_in_one_place_have_no_strays():
+def test_things_in_one_place_have_no_outliers():
     points = np.zeros((500, 3))
     points[0] = 9
     assert not find(points, 0.0).size

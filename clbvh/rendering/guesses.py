@@ -1,0 +1,287 @@
+"""Guesses of a picture where its user says nothing: which way is up, and which small parts are too far away to frame.
+
+`Scene.up` and `Scene.frame` overrule them.
+"""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import SceneError
+from ..geometry import Mesh, Spheres
+from ..geometry.shape import Shape
+from .vectors import Vector
+from .view_bounds import SceneExtent
+
+AUTO: Literal["auto"] = "auto"
+
+Y_UP: Vector = (0.0, 1.0, 0.0)
+Z_UP: Vector = (0.0, 0.0, 1.0)
+_NAMES = "xyz"
+
+# Formats whose rule is to have y up, and those that mostly have z up: STL comes from CAD and goes to printers.
+RULED_SUFFIXES = (".gltf", ".glb")
+_Z_SUFFIXES = (".stl", ".off")
+
+# Instances and points that a guess of up looks at, spread evenly; the result is the same for 1,000 to 100,000 points of
+# the bunny and the dragon of Stanford.
+_INSTANCES, _POINTS = 1000, 60_000
+
+# Share of the points at either end of an axis that may be outliers.
+_ENDS = 0.001
+
+# A mesh stands on the points in this share of its height above its lowest one. They span at least a share of it both
+# ways, and a multiple of that on the other axis. Nothing stands on less than a share of its own height: a rifle on its
+# butt has 0.02, a man on his feet 0.06.
+_CONTACT, _LEAST_BASE, _MARGIN, _LEAST_WIDTH = 0.02, 0.2, 2.0, 0.04
+
+# A mesh is flat like a landscape if its height is below this share of its sides; one that is this many times as high as
+# wide, and would fall over, is not upright by the habit of its format.
+_FLAT, _TOPPLING = 0.2, 2.0
+
+# Outliers are at most this share of all, by number and by the surface of their boxes, and the empty space around the
+# others is this many diagonals of the box around them: in a picture with an outlier, they would have less than a third
+# of its width. Masts and aerials, the outermost stars of a galaxy and the planets of a sun are none.
+_MOST_SHARE, LEAST_GAP = 0.01, 2.0
+
+# Primitives of the first look, which finds out whether there may be outliers, and their share at either end of an axis
+# that may be some: three times as many as there can be, so that chance hides none.
+_SAMPLE, _SAMPLE_ENDS = 2000, 0.03
+
+# Steps in which the box around all that is no outlier grows; a dozen are usual.
+_MOST_STEPS = 100
+
+
+class Up(NamedTuple):
+    """The direction that is up, and a note for the user; None where nothing was guessed."""
+
+    vector: Vector
+    note: str | None
+
+
+class Framed(NamedTuple):
+    """What a picture of the whole frames, and a note of what it leaves out; None if that is nothing."""
+
+    extent: Mesh | SceneExtent
+    note: str | None
+
+
+def known_up(up: Vector | str) -> Vector:
+    """Return an up direction; raise `SceneError` where it is still to be guessed."""
+    if isinstance(up, str):
+        raise SceneError('up is "auto" here, where a direction is needed: give three numbers')
+    return up
+
+
+def guess_up(extent: Mesh | SceneExtent, eye: Vector | None = None, look_at: Vector | None = None) -> Up:
+    """Return the direction that is probably up: y or z, by the shape, or by the habit of the format.
+
+    Parameters
+    ----------
+    extent : Mesh or SceneExtent
+        Names of meshes may end in the suffix of their file.
+    eye, look_at : (3,) float, optional
+        Of the camera; one that looks along the guess has the other axis.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from clbvh.rendering.guesses import guess_up
+    >>> guess_up(clbvh.make_shape("terrain", triangles=2000)).note
+    'y is up: the mesh is flat along y, like a landscape; --up 0,0,1 turns it'
+    """
+    axis, reason = _choose_axis(_sample_points(extent), _find_suffix(extent))
+    if eye is not None:
+        target = extent.origin if look_at is None else np.asarray(look_at, np.float64)
+        if not np.cross(target - np.asarray(eye, np.float64), _vector_of(axis)).any():
+            return Up(_vector_of(3 - axis), None)
+    other = ",".join(f"{part:g}" for part in _vector_of(3 - axis))
+    return Up(_vector_of(axis), reason and f"{_NAMES[axis]} is up: {reason}; --up {other} turns it")
+
+
+def frame_without_outliers(extent: Mesh | SceneExtent) -> Framed:
+    """Return a mesh, or a scene, without a few small parts far away, which would make everything else small.
+
+    Of a scene of several instances, whole ones are left out.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import numpy as np
+    >>> from clbvh.rendering.guesses import frame_without_outliers
+    >>> ball = clbvh.make_shape("icosphere", triangles=320)
+    >>> corners = np.concatenate((ball.vertices, [[90, 0, 0], [90, 0.1, 0], [90, 0, 0.1]]))
+    >>> faces = np.concatenate((ball.faces, [[162, 163, 164]]))
+    >>> frame_without_outliers(clbvh.Mesh.from_arrays(corners, faces)).note
+    '1 of 321 triangles (0.3 %) is far away from the others and is left out of the frame'
+    """
+    if isinstance(extent, Mesh):
+        far = _find_far_prims(extent)
+        if far is None:
+            return Framed(extent, None)
+        return Framed(_without(extent, far), _describe(far, extent.prim_count, "triangle"))
+    if len(extent.geometry_ids) == 1:
+        shape = extent.shapes[extent.geometry_ids[0]]
+        far = _find_far_prims(shape)
+        if far is None:
+            return Framed(extent, None)
+        kept = SceneExtent((_without(shape, far),), np.zeros(1, int), extent.transforms)
+        return Framed(kept, _describe(far, shape.prim_count, "primitive"))
+    counts = np.array([shape.prim_count for shape in extent.shapes])[extent.geometry_ids]
+    far = find_outliers(*extent.instance_boxes(), counts)
+    if not far.any():
+        return Framed(extent, None)
+    note = _describe(counts[far], int(counts.sum()), "primitive")
+    return Framed(SceneExtent(extent.shapes, extent.geometry_ids[~far], extent.transforms[~far]), note)
+
+
+def find_outliers(lower: NDArray[np.floating], upper: NDArray[np.floating], counts: ArrayLike) -> NDArray[np.bool_]:
+    """Return which things are outliers, (n,) bool: few, small, and far away from all others.
+
+    A box grows from the middle of the things over all that is near it until nothing is. What is left are outliers if
+    they are few. O(n log n). The result does not depend on the order of the things.
+
+    Parameters
+    ----------
+    lower, upper : (n, 3) float
+        Corners of the boxes around the things.
+    counts : (n,) int
+        How many primitives each thing is.
+    """
+    begins, ends, counts = np.asarray(lower, np.float64), np.asarray(upper, np.float64), np.asarray(counts, np.float64)
+    # Along each axis, both ends are at things that are no outliers.
+    middles = begins / 2 + ends / 2
+    box_lower, box_upper = _find_end(middles, counts), -_find_end(-middles, counts)
+    rest = np.arange(len(begins))
+    for _ in range(_MOST_STEPS):
+        reach = LEAST_GAP * np.linalg.norm(box_upper - box_lower)
+        gaps = np.maximum(np.maximum(begins[rest] - box_upper, box_lower - ends[rest]), 0.0)
+        is_near = np.linalg.norm(gaps, axis=1) <= reach
+        if not is_near.any():
+            break
+        near, rest = rest[is_near], rest[~is_near]
+        box_lower = np.minimum(box_lower, begins[near].min(axis=0))
+        box_upper = np.maximum(box_upper, ends[near].max(axis=0))
+    else:
+        rest = rest[:0]
+    x, y, z = ((ends - begins) / max(float((box_upper - box_lower).max()), np.finfo(float).tiny)).T
+    is_few = all(each[rest].sum() <= _MOST_SHARE * each.sum() for each in (counts, x * y + y * z + z * x))
+    is_far = np.zeros(len(begins), bool)
+    is_far[rest] = is_few and bool((box_upper > box_lower).any())
+    return is_far
+
+
+def _find_end(points: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (3,) float64: along each axis the first point with more than the share of outliers up to it."""
+    order = np.argsort(points, axis=0, kind="stable")
+    so_far = np.cumsum(counts[order], axis=0)
+    row = np.argmax(so_far > _MOST_SHARE * so_far[-1], axis=0)
+    return points[order[row, range(3)], range(3)]
+
+
+def _find_far_prims(shape: Shape) -> NDArray[np.bool_] | None:
+    """Return which primitives are outliers; None if neither they nor unused vertices are far away."""
+    whole = np.linalg.norm(np.ptp(shape.local_box.astype(np.float64), axis=0))
+    lower, upper = _bound_prims(shape, slice(None, None, -(-shape.prim_count // _SAMPLE)))
+    begin, end = np.quantile(np.concatenate((lower, upper)), [_SAMPLE_ENDS, 1 - _SAMPLE_ENDS], axis=0)
+    if not whole >= LEAST_GAP * np.linalg.norm(end - begin) > 0:
+        return None
+    lower, upper = _bound_prims(shape, slice(None))
+    is_far = find_outliers(lower, upper, np.ones(len(lower)))
+    rest = upper[~is_far].max(axis=0) - lower[~is_far].min(axis=0)
+    return is_far if is_far.any() or whole >= LEAST_GAP * np.linalg.norm(rest) else None
+
+
+def _bound_prims(shape: Shape, chosen: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and the upper corners of boxes around primitives, (n, 3), in local units."""
+    if isinstance(shape, Mesh):
+        corners = shape.local_vertices[shape.faces[chosen]].astype(np.float64)
+        return corners.min(axis=1), corners.max(axis=1)
+    centres = (shape.centres[chosen] - shape.origin) * shape.scale
+    radii = shape.radii[chosen].astype(np.float64)[:, None] * shape.scale
+    return centres - radii, centres + radii
+
+
+def _without(shape: Any, is_far: NDArray[np.bool_]) -> Any:
+    """Return a shape without some primitives, and without vertices that no other face uses."""
+    if not isinstance(shape, Mesh):
+        return Spheres(shape.centres[~is_far], shape.radii[~is_far], name=shape.name)
+    vertices, faces = np.unique(shape.faces[~is_far], return_inverse=True)
+    return Mesh.from_arrays(shape.vertices[vertices], faces.reshape(-1, 3), name=shape.name)
+
+
+def _describe(far: NDArray, total: int, name: str) -> str | None:
+    """Return the note of outliers, given as flags or counts; None if there are none."""
+    count = int(far.sum())
+    if not count:
+        return None
+    share, verb = 100 * count / total, "is" if count == 1 else "are"
+    shown = f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
+    return (
+        f"{count:,} of {total:,} {name}s ({shown} %) {verb} far away from the others and {verb} left out of the frame"
+    )
+
+
+def _vector_of(axis: int) -> Vector:
+    return Z_UP if axis == 2 else Y_UP
+
+
+def _find_suffix(extent: Mesh | SceneExtent) -> str:
+    """Return the suffix of the names of all meshes; empty if they differ."""
+    shapes = (extent,) if isinstance(extent, Mesh) else extent.shapes
+    suffixes = {PurePath(shape.name).suffix.lower() for shape in shapes if isinstance(shape, Mesh)}
+    return suffixes.pop() if len(suffixes) == 1 else ""
+
+
+def _sample_points(extent: Mesh | SceneExtent) -> NDArray[np.float64]:
+    """Return corners of triangles and centres of spheres, (n, 3), spread evenly over a mesh or a scene."""
+    if isinstance(extent, Mesh):
+        return extent.local_vertices[extent.faces[:: -(-extent.face_count // _POINTS)].ravel()].astype(np.float64)
+    chosen = range(0, len(extent.geometry_ids), -(-len(extent.geometry_ids) // _INSTANCES))
+    points = []
+    for instance in chosen:
+        shape, matrix = extent.shapes[extent.geometry_ids[instance]], extent.transforms[instance]
+        step = -(-shape.prim_count * len(chosen) // _POINTS)
+        seen = shape.vertices[shape.faces[::step].ravel()] if isinstance(shape, Mesh) else shape.centres[::step]
+        points.append(seen @ matrix[:3, :3].T + matrix[:3, 3])
+    return (np.concatenate(points) - extent.origin) * extent.scale
+
+
+def _choose_axis(points: NDArray[np.float64], suffix: str) -> tuple[int, str | None]:
+    """Return the axis that is up, and the reason; None for the rule of a format, and for y for lack of a reason."""
+    y, z = 1, 2
+    if suffix in RULED_SUFFIXES:
+        return y, None
+    lower, upper = np.quantile(points, [_ENDS, 1 - _ENDS], axis=0)
+    sides = upper - lower
+    for axis in (z, y):
+        if 0 < sides[axis] < _FLAT * np.delete(sides, axis).min():
+            return axis, f"the mesh is flat along {_NAMES[axis]}, like a landscape"
+    bases = {axis: _measure_base(points, lower, sides, axis) for axis in (y, z)}
+    for axis, other in ((y, z), (z, y)):
+        if bases[axis] >= max(_LEAST_BASE, _MARGIN * bases[other]):
+            return axis, f"the mesh stands on a wide base along {_NAMES[axis]}, but not along {_NAMES[other]}"
+    if suffix not in _Z_SUFFIXES:
+        return y, None
+    if bases[z] == 0 and sides[z] > _TOPPLING * sides[:2].max():
+        return y, "the mesh is long along z, and would not stand on its end"
+    return z, f"most {suffix[1:].upper()} files have it so, and nothing in its shape says otherwise"
+
+
+def _measure_base(
+    points: NDArray[np.float64], lower: NDArray[np.float64], sides: NDArray[np.float64], axis: int
+) -> float:
+    """Return the share of the sides that the lowest points span, both ways; 0 if the mesh would fall over."""
+    if not (sides > 0).all():
+        return 0.0
+    low = points[points[:, axis] <= lower[axis] + _CONTACT * sides[axis]]
+    across = [other for other in range(3) if other != axis]
+    begin, end = np.quantile(low[:, across], [_CONTACT, 1 - _CONTACT], axis=0)
+    centre = points[:, across].mean(axis=0)
+    is_wide = (end - begin >= _LEAST_WIDTH * sides[axis]).all()
+    is_standing = is_wide and ((begin < centre) & (centre < end)).all()
+    return float(np.min((end - begin) / sides[across])) if is_standing else 0.0
