@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
-from ..geometry import Mesh, Spheres
-from ..geometry.shape import Shape
+from ..geometry import Mesh, Shape, Spheres
 from .vectors import Vector
 from .view_bounds import SceneExtent
 

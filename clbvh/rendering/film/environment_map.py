@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SceneError
-from .hdr_files import ENVIRONMENT_SUFFIXES, read_environment_map
 from .light_tables import LUMINANCE
+
+ENVIRONMENT_SUFFIXES = (".hdr", ".exr")
 
 # 16384 x 8192: indices of three channels are int32 on the device, and float32 tells columns and rows apart.
 _MAX_PIXELS = 2**27
@@ -86,6 +87,8 @@ class EnvironmentMap:
         array([[[1., 2., 3.]]], dtype=float32)
         """
         assert self.path is not None
+        from .hdr_files import read_environment_map  # most pictures have no environment
+
         try:
             return _check_pixels(read_environment_map(self.path))
         except SceneError as error:

@@ -21,8 +21,6 @@ from ...errors import ConfigError, SceneError
 from ...support.memory import check_memory
 from ...support.regular_file import read_errors_as, read_regular
 
-ENVIRONMENT_SUFFIXES = (".hdr", ".exr")
-
 
 def read_environment_map(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     """Return the linear colours of an environment map, (height, width, 3) float32, row 0 at the top.
@@ -36,16 +34,12 @@ def read_environment_map(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     Raises
     ------
     SceneError
-        Another suffix, a file that cannot be read or is damaged, other channels, or a value that is not finite.
+        A file that cannot be read or is damaged, other channels, or a value that is not finite.
     ConfigError
         An ``.exr`` file, and OpenEXR is not installed.
     """
-    with read_errors_as(SceneError, path):
-        path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in ENVIRONMENT_SUFFIXES:
-        raise SceneError(f"{path}: the name of an environment map must end in {' or '.join(ENVIRONMENT_SUFFIXES)}")
-    pixels = read_radiance(path) if suffix == ".hdr" else _read_exr_colours(path)
+    path = Path(path)
+    pixels = read_radiance(path) if path.suffix.lower() == ".hdr" else _read_exr_colours(path)
     if not np.isfinite(pixels).all():
         raise SceneError(f"{path}: an environment map must hold finite values, but some are not")
     return np.maximum(pixels, np.float32(0))
