@@ -95,26 +95,6 @@ class MeshSource:
         """
         return find_known_mesh(self.name) if self.name is not None else Path(str(self.path))
 
-    def estimate_face_count(self) -> int:
-        """Return the approximate number of triangles without reading them; 0 if the file is missing.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.MeshSource(shape="icosphere", triangles=1000).estimate_face_count()
-        1000
-        """
-        if self.mesh is not None:
-            return self.mesh.face_count
-        if self.shape is not None:
-            return self.triangles
-        file = self.file()
-        return file.stat().st_size // _BYTES_PER_FACE if file.is_file() else 0
-
-
-# Binary PLY files take about 19 bytes per triangle, ASCII ones about 43.
-_BYTES_PER_FACE = 30
-
 
 @dataclass(frozen=True)
 class Transform:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -181,19 +182,9 @@ class SceneStore:
             copied = SceneStore(self.first)
             copied._is_pending = self._is_pending
             copied._geometry_names, copied._instance_names = self._geometry_names.copy(), self._instance_names.copy()
-            copied._geometries = [
-                Geometry(geometry.id, geometry.name, geometry.shape, copied) for geometry in self._geometries
-            ]
+            copied._geometries = [replace(geometry, owner=copied) for geometry in self._geometries]
             copied._instances = [
-                Instance(
-                    instance.id,
-                    instance.name,
-                    copied._geometries[instance.geometry.id],
-                    instance.mask,
-                    instance.colour,
-                    instance.material,
-                )
-                for instance in self._instances
+                replace(instance, geometry=copied._geometries[instance.geometry.id]) for instance in self._instances
             ]
             copied._material_numbers = self._material_numbers.copy()
             count = len(self._instances)

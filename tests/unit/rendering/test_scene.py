@@ -67,7 +67,6 @@ def test_a_mesh_of_any_form_is_a_source(tmp_path):
     mesh = clbvh.Mesh.from_arrays(*triangle)
     assert Scene(mesh).mesh == MeshSource(mesh=mesh)
     assert Scene(mesh).mesh.load() is mesh
-    assert Scene(mesh).mesh.estimate_face_count() == 1
     assert Scene(triangle).mesh.load().face_count == 1
     # A file is read when it is needed.
     assert Scene(tmp_path / "part.stl").mesh == MeshSource(path=str(tmp_path / "part.stl"))
