@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from ..study.run import Progress
-
-_MINUTE_S = 60
+# The remaining time is estimated from the pace of these seconds.
+_PACE_S = 600.0
 
 
 def study(
@@ -44,24 +42,25 @@ def study(
         _print_list()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress as Bar, TextColumn
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     from ..study.run import run_study
     from ..study.scale import FULL, QUICK
 
     console = Console(stderr=True)
-    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %{task.fields[left]}")
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        bar = shown.add_task("", total=1.0, left="")
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal, speed_estimate_period=_PACE_S
+    ) as shown:
+        bar = shown.add_task("", total=1.0)
         begun: set[str] = set()
 
-        def follow(progress: Progress) -> None:
-            left = f", {_describe_time(progress.remaining_s)} left" if progress.remaining_s is not None else ""
-            shown.update(bar, description=progress.experiment, completed=progress.share, left=left)
-            if not console.is_terminal and progress.experiment not in begun:
+        def follow(experiment: str, share: float) -> None:
+            shown.update(bar, description=experiment, completed=share)
+            if not console.is_terminal and experiment not in begun:
                 # A line for each experiment is enough for a log.
-                begun.add(progress.experiment)
-                note(f"{progress.experiment} begins at {100 * progress.share:.0f} %{left}")
+                begun.add(experiment)
+                note(f"{experiment} begins at {100 * share:.0f} %")
 
         def note(text: str) -> None:
             shown.console.print(f"clbvh: {text}", markup=False, highlight=False, soft_wrap=True)
@@ -76,14 +75,9 @@ def study(
     sys.stdout.flush()
 
 
-def _describe_time(seconds: float) -> str:
-    """Return a rough duration."""
-    return f"{round(seconds)} s" if seconds < 2 * _MINUTE_S else f"{round(seconds / _MINUTE_S)} min"
-
-
 def _print_list() -> None:
     from ..study.registry import EXPERIMENTS
 
     longest = max(map(len, EXPERIMENTS))
     for experiment in EXPERIMENTS.values():
-        print(f"{experiment.name:{longest}}  {experiment.question}")
+        print(f"{experiment.name:{longest}}  {experiment.texts[1]}")

@@ -1,13 +1,15 @@
-"""The means of a measurement: meshes, worker pools, trees, tracers and engines, opened once and shared by the cases.
+"""The means of a measurement: meshes, worker pools, trees, pictures and engines, opened once and shared by the cases.
 
 A bench lives as long as one group of cases. It owns what must be closed; an experiment only asks for it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Hashable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,25 +20,57 @@ from ..builders.build import build
 from ..builders.processes.pool import SubtreePool
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..geometry import Mesh, load_mesh
-from ..geometry.fetch import find_known_mesh
-from ..geometry.shapes.make_shape import make_shape
+from ..device.session import DeviceSession
+from ..geometry import Mesh
+from ..rendering.band_painters import OneRayPainter
 from ..rendering.camera import Camera
+from ..rendering.frame import FrameRenderer
 from ..rendering.framing import frame_mesh
+from ..rendering.image_files import write_picture
+from ..rendering.scene import MeshSource, Scene
+from ..rendering.view import make_view
 from ..support.context_manager import ContextManager
-from ..support.host_threads import HostThreads, usable_cores
-from .case import NotMeasuredError
+from ..support.host_threads import usable_cores
+from ..trace.device_tree import DeviceTree
 from .machine import Machine
-from .scale import SCANS, Scale
+from .samples import NotMeasuredError
+from .scale import Scale, load_named_mesh
+
+# Phases of a build are quantities with this prefix.
+PHASE = "phase."
+
+# Linked nodes become an array because a `Bvh` is one; the report's variants of these names did not need that. Copying
+# the mesh to the workers' memory counts: threads share it anyway, but processes cannot do without.
+_NOT_COUNTED = "convert"
+
+_DIGEST_BYTES = 8
 
 _Thing = TypeVar("_Thing")
+Size = tuple[int, int]
 
-# Every procedural mesh of a study is the same each time.
-_SEED = 1
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture and its times.
+
+    Attributes
+    ----------
+    rgb : (height, width, 3) uint8
+    digest : str
+        Equal for pictures that are equal bit by bit, hits included.
+    times_ms : dict of str to float
+        upload, kernel and download, by the device's clock.
+    """
+
+    rgb: NDArray[np.uint8]
+    digest: str
+    times_ms: dict[str, float]
 
 
 class Bench(ContextManager):
     """What one group of cases shares.
+
+    Sizes of pictures are those of a full study, and become smaller with the scale.
 
     Parameters
     ----------
@@ -87,26 +121,58 @@ class Bench(ContextManager):
         pool.wait_ready()
         return pool
 
+    def build(
+        self, mesh: str, builder: str, *, workers: int | None = None, **options: Any
+    ) -> tuple[Bvh, dict[str, float]]:
+        """Build a tree, by all workers unless told otherwise.
+
+        Returns
+        -------
+        bvh : Bvh
+        values : dict of str to float
+            ``build_ms``, wall time without the phase "convert", and each phase as ``phase.NAME_ms``.
+        """
+        bvh = build(self.mesh(mesh), pool=self.pool(workers or usable_cores()), builder=builder, **options)
+        phases = {name: float(ms) for name, ms in bvh.timings_ms.items()}
+        build_ms = sum(ms for name, ms in phases.items() if name != _NOT_COUNTED)
+        return bvh, {"build_ms": build_ms, **{f"{PHASE}{name}_ms": ms for name, ms in phases.items()}}
+
     def tree(self, mesh: str, builder: str = "sah") -> Bvh:
         """Return a mesh's tree."""
         return self.once(("tree", mesh, builder), lambda: build(self.mesh(mesh), builder=builder))
 
-    def camera(self, mesh: str, width: int, height: int) -> Camera:
+    def camera(self, mesh: str, size: Size) -> Camera:
         """Return the camera that sees all of a mesh, as `clbvh render` does."""
-        return self.once(("camera", mesh, width, height), lambda: frame_mesh(self.mesh(mesh), aspect=width / height))
+        width, height = self.scale.picture(*size)
+        return self.once(("camera", mesh, size), lambda: frame_mesh(self.mesh(mesh), aspect=width / height))
 
-    def picture_rays(self, mesh: str, width: int, height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rays(self, mesh: str, size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the origins and directions of a picture's rays, each (n, 3) float64."""
 
         def make() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            origins, directions = self.camera(mesh, width, height).rays(width, height)
+            origins, directions = self.camera(mesh, size).rays(*self.scale.picture(*size))
             return np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3)
 
-        return self.once(("rays", mesh, width, height), make)
+        return self.once(("rays", mesh, size), make)
 
-    def threads(self, count: int) -> HostThreads:
-        """Return threads of this process."""
-        return self.open(("threads", count), lambda: HostThreads(count))
+    def draw(self, mesh: str, bvh: Bvh, size: Size, *, layout: str = "auto", shading: str = "lambert") -> Frame:
+        """Upload a tree, draw one picture with it, and take everything off the device again."""
+        width, height = self.scale.picture(*size)
+        scene = Scene(mesh=MeshSource(shape="knot"), width=width, height=height, shading=shading)
+        view = make_view(scene, self.camera(mesh, size), bvh.mesh)
+        with DeviceSession(self.device) as session:
+            tree = DeviceTree(session, bvh.mesh, bvh, layout)
+            colours, hits = FrameRenderer(session, tree).render(view, OneRayPainter(session, tree))
+            times_ms = session.times.sums_ms()
+        rgb = np.ascontiguousarray(colours[..., :3])
+        digest = hashlib.blake2b(rgb.tobytes() + hits.tobytes(), digest_size=_DIGEST_BYTES)
+        return Frame(rgb, digest.hexdigest(), {name: float(ms) for name, ms in times_ms.items()})
+
+    def keep_picture(self, name: str, rgb: NDArray[np.uint8]) -> str:
+        """Write a picture beside the samples, and return the name of its file."""
+        self._pictures.mkdir(exist_ok=True)
+        write_picture(self._pictures / f"{name}.png", rgb)
+        return f"{name}.png"
 
     def rest_before(self, engine: str) -> None:
         """Rest for the idle gap if another engine was measured last: its threads may still spin."""
@@ -114,35 +180,7 @@ class Bench(ContextManager):
             time.sleep(self.scale.idle_gap_s)
         self._last_engine = engine
 
-    def keep_picture(self, name: str, rgb: NDArray[np.uint8]) -> str:
-        """Write a picture beside the samples, and return the name of its file."""
-        from ..rendering.image_files import write_picture
-
-        self._pictures.mkdir(exist_ok=True)
-        file_name = f"{name}.png"
-        write_picture(self._pictures / file_name, rgb)
-        return file_name
-
     def close(self) -> None:
         """Close everything. Closing twice is allowed."""
         self._things.clear()
         self._stack.close()
-
-
-def load_named_mesh(name: str) -> Mesh:
-    """Return a mesh by the name that a `Scale` gives it."""
-    if name in SCANS:
-        return load_mesh(find_known_mesh(name))
-    shape, _, triangles = name.rpartition("-")
-    return make_shape(shape, triangles=int(triangles), seed=_SEED)
-
-
-def worker_counts() -> list[int]:
-    """Return 1, 2, 4, 8 ... up to the processors of this machine, and their number."""
-    cores = usable_cores()
-    counts = []
-    count = 1
-    while count < cores:
-        counts.append(count)
-        count *= 2
-    return [*counts, cores]

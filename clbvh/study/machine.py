@@ -1,4 +1,4 @@
-"""The machine of a study: processor, memory, versions and drivers, and what is missing.
+"""The machine of a study: processor, memory, versions and drivers, what is missing, and its hardware counters.
 
 Samples are only compared with samples of the same machine and the same versions; a digest of these facts says so.
 """
@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
-from collections.abc import Iterator
+import shutil
+import subprocess
+import sys
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from ..device.info import DeviceInfo
 from ..device.select import choose_device, survey_devices
@@ -22,14 +25,30 @@ from ..errors import DeviceError
 from ..support.atomic_file import write_atomically
 from ..support.host_threads import usable_cores
 from ..support.resources import find_folder
+from .samples import NotMeasuredError
 
 FILE_NAME = "machines.json"
+
+# Events of `perf stat`, and the names of their quantities.
+EVENTS = {"instructions": "instructions", "cache-misses": "cache_misses"}
 
 # Packages whose version can change a figure.
 _MEASURED = ("clbvh", "numpy", "numba", "llvmlite", "pyopencl", "trimesh", "rtree", "open3d", "embreex")
 _PRESENTING_ROOMS = ("cli", "conformance", "study")
 _DIGITS = 12
 _GIB = 1 << 30
+
+# Builds some trees; the first build also loads the compiled code.
+_BUILD = """
+import sys
+from clbvh.builders.build import build
+from clbvh.study.scale import load_named_mesh
+mesh = load_named_mesh(sys.argv[1])
+for _ in range(int(sys.argv[3])):
+    build(mesh, builder=sys.argv[2])
+"""
+_LEAST_BUILDS, _MOST_BUILDS = 1, 3
+_TIMEOUT_S = 600
 
 
 @dataclass(frozen=True)
@@ -85,7 +104,7 @@ def describe_machine(device: str | None = None) -> Machine:
     facts = {
         "processor": _find_processor(),
         "cores": str(usable_cores()),
-        "memory": _find_memory(),
+        "memory": f"{psutil.virtual_memory().total / _GIB:.0f} GiB",
         "system": f"{platform.system()} {platform.release()}, {platform.machine()}",
         "python": platform.python_version(),
         **{name: version for name in _MEASURED if (version := find_version(name)) is not None},
@@ -105,6 +124,11 @@ def find_version(package: str) -> str | None:
         return None
 
 
+def list_missing(packages: tuple[str, ...]) -> str:
+    """Return the packages that are not installed, as text."""
+    return ", ".join(package for package in packages if find_version(package) is None)
+
+
 def keep_machine(folder: Path, machine: Machine) -> list[str]:
     """Keep the facts of a machine beside its samples.
 
@@ -113,16 +137,18 @@ def keep_machine(folder: Path, machine: Machine) -> list[str]:
     list of str
         What differs from the machine of the study before in this folder, one sentence each; empty if nothing does.
     """
-    path = folder / FILE_NAME
     kept = read_machines(folder)
     changes: list[str] = []
     if kept and machine.digest not in kept:
-        *_, latest = kept.values()
-        changes = list(_compare(latest, machine.facts))
+        *_, before = kept.values()
+        for name in {**before, **machine.facts}:
+            was, now = (facts.get(name, "missing") for facts in (before, machine.facts))
+            if was != now:
+                changes.append(f"{name} was {was}, and is {now}")
     # The latest one stands last.
     kept.pop(machine.digest, None)
     kept[machine.digest] = machine.facts
-    write_atomically(path, lambda file: file.write(json.dumps(kept, indent=2).encode()))
+    write_atomically(folder / FILE_NAME, lambda file: file.write(json.dumps(kept, indent=2).encode()))
     return changes
 
 
@@ -132,23 +158,52 @@ def read_machines(folder: Path) -> dict[str, dict[str, str]]:
         kept: Any = json.loads((folder / FILE_NAME).read_text("utf-8"))
     except (OSError, ValueError):
         return {}
-    if not isinstance(kept, dict) or not all(isinstance(facts, dict) for facts in kept.values()):
-        return {}
-    return kept
+    return kept if isinstance(kept, dict) and all(isinstance(facts, dict) for facts in kept.values()) else {}
 
 
-def load_average() -> float | None:
-    """Return the mean number of running processes in the last minute, None where the system does not say."""
+@cache
+def find_counter_problem() -> str:
+    """Return why there are no hardware counters here; empty if there are."""
+    if shutil.which("perf") is None:
+        return "perf is not installed"
     try:
-        return round(os.getloadavg()[0], 2)
-    except (AttributeError, OSError):
-        return None
+        counts = _run_perf([sys.executable, "-c", "pass"])
+    except NotMeasuredError as error:
+        return str(error)
+    missing = [event for event in EVENTS if event not in counts]
+    return f"perf does not count {', '.join(missing)} on this machine" if missing else ""
 
 
-def _compare(before: dict[str, str], now: dict[str, str]) -> Iterator[str]:
-    for name in {**before, **now}:
-        if before.get(name) != now.get(name):
-            yield f"{name} was {before.get(name, 'missing')}, and is {now.get(name, 'missing')}"
+def count_build(mesh: str, builder: str) -> dict[str, float]:
+    """Return the events of one build in one process by Linux's `perf stat`, by the names in `EVENTS`.
+
+    A process builds one tree under perf, and another one three; the difference is the builds' alone, without Python's
+    start.
+
+    Raises
+    ------
+    NotMeasuredError
+        perf fails.
+    """
+    least, most = (
+        _run_perf([sys.executable, "-c", _BUILD, mesh, builder, str(count)]) for count in (_LEAST_BUILDS, _MOST_BUILDS)
+    )
+    return {name: (most[event] - least[event]) / (_MOST_BUILDS - _LEAST_BUILDS) for event, name in EVENTS.items()}
+
+
+def _run_perf(command: list[str]) -> dict[str, float]:
+    """Return the counts of a command by event; those that are not supported are left out."""
+    perf = ["perf", "stat", "-x", ",", "-e", ",".join(EVENTS), "--", *command]
+    try:
+        ended = subprocess.run(perf, capture_output=True, text=True, timeout=_TIMEOUT_S, check=True)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise NotMeasuredError(f"perf stat fails: {error}") from error
+    counts = {}
+    for line in ended.stderr.splitlines():
+        fields = line.split(",")
+        if len(fields) > 2 and fields[0].replace(".", "").isdigit():
+            counts[fields[2].partition(":")[0]] = float(fields[0])
+    return counts
 
 
 @cache
@@ -169,19 +224,8 @@ def _describe(info: DeviceInfo) -> str:
 
 
 def _find_processor() -> str:
-    """Return the processor's name."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
-
-
-def _find_memory() -> str:
-    try:
-        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return "unknown"
-    return f"{size / _GIB:.0f} GiB"
+    """Return the processor's name; Python knows it on Windows and macOS alone."""
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text().splitlines() if path.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()

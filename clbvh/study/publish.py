@@ -14,21 +14,15 @@ from ..errors import ConfigError
 from ..support.atomic_file import write_atomically
 from .experiments.peers import QUERIES, figure_of, lead_of
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
-from .page.html import Section
-from .page.markdown import wrap, write_markdown, write_table
-from .page.parts import Table
+from .page import MARKDOWN, Table, wrap, write_page, write_table
 from .registry import EXPERIMENTS
-from .results import Results
-from .run import note_failures, note_noise
-from .sample_file import FILE_NAME as SAMPLES_NAME, SampleFile
+from .samples import FILE_NAME as SAMPLES_NAME, Results, SampleFile
 from .scale import FULL, QUICK, TINY, Scale
 
 RESULTS_NAME = "results.md"
 SAMPLES_FOLDER = "results"
 README_NAME = "README.md"
 BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
-
-_SCALES = {scale.name: scale for scale in (FULL, QUICK, TINY)}
 
 
 @dataclass(frozen=True)
@@ -58,13 +52,14 @@ def open_study(folder: Path) -> PublishedStudy:
         raise ConfigError(f"{folder}: there is no study in this folder: run 'clbvh study -o {folder}'")
     *_, digest = machines
     samples = SampleFile(folder, digest)
-    names = {scale for experiment in EXPERIMENTS for scale in samples.scales(experiment)}
-    if len(names) != 1:
+    scales = [scale for scale in (FULL, QUICK, TINY) if scale.name in samples.scales()]
+    if len(scales) != 1:
         raise ConfigError(
-            f"{folder}: the samples of this study are of {len(names)} sizes ({', '.join(sorted(names))}): documents "
-            "need one study of one size, in a folder of its own"
+            f"{folder}: the samples of this study are of {len(scales)} sizes "
+            f"({', '.join(scale.name for scale in scales)}): documents need one study of one size, in a folder of its "
+            "own"
         )
-    return PublishedStudy(samples, machines[digest], _SCALES[names.pop()], folder)
+    return PublishedStudy(samples, machines[digest], scales[0], folder)
 
 
 def write_results(study: PublishedStudy) -> str:
@@ -73,46 +68,42 @@ def write_results(study: PublishedStudy) -> str:
     for experiment in EXPERIMENTS.values():
         results = study.results(experiment.name)
         if results.cases:
-            notes = [*note_noise(experiment, results), *note_failures(results.failures)]
-            parts = experiment.present(results)
-            sections.append(
-                Section(experiment.name, experiment.title, experiment.question, experiment.method, parts, notes)
-            )
-    machine_table = Table("", ("machine", ""), [*study.facts.items()])
-    return (
-        "# Results of the study\n\n"
-        f"Written by `make results` from the samples in [{SAMPLES_FOLDER}/]({SAMPLES_FOLDER}); do not edit. "
-        f"Size: {study.scale.name}.\nMedians, with the smallest and the largest sample. [study.md](study.md) says how "
-        "it is measured.\n\n"
-        f"{write_table(machine_table)}\n\n{write_markdown(sections)}"
-    )
+            sections.append(experiment.make_section(results))
+    return write_page(MARKDOWN, study.facts, sections, folder=SAMPLES_FOLDER, size=study.scale.name)
 
 
 def write_readme_table(study: PublishedStudy) -> str:
     """Return the part of the README between its two marks: the contest on every mesh, and in full on the largest."""
     results = study.results("peers")
-    meshes = sorted(results.distinct("mesh"), key=lambda name: _triangles(results, name))
+    builds = results.by("mesh", query="build", engine="clbvh")
+    triangles = {mesh: results.count(case, "items") or 0 for mesh, case in builds.items()}
+    meshes = sorted(triangles, key=lambda mesh: triangles[mesh])
     engines = results.distinct("engine")
     leads, rows = [], []
     for query, title in QUERIES.items():
-        by_mesh = [{str(case["engine"]): case for case in results.find(mesh=mesh, query=query)} for mesh in meshes]
-        ratios = [lead_of(results, cases) if cases else None for cases in by_mesh]
-        leads.append((title.removesuffix(", ms"), *(None if ratio is None else ratio.median for ratio in ratios)))
-        if by_mesh[-1]:
-            rows.append((title, *(figure_of(results, by_mesh[-1].get(name), query) for name in engines)))
+        by_mesh = [results.by("engine", mesh=mesh, query=query) for mesh in meshes]
+        ratios = [lead_of(results, cases) for cases in by_mesh]
+        leads.append((title.removesuffix(", ms"), *(ratio and ratio.median for ratio in ratios)))
+        rows.append((title, *(figure_of(results, by_mesh[-1].get(name)) for name in engines)))
     versions = [f"{name} {study.facts.get(name.lower(), study.facts['clbvh'])}" for name in engines]
     blocks = [
-        f"Machine: {study.facts['cores']} cores of {study.facts['processor']}; {study.facts['device']}; "
-        f"{', '.join(versions)}. Written by `make results` from docs/{SAMPLES_FOLDER}/; "
-        f"[docs/{RESULTS_NAME}](docs/{RESULTS_NAME}) has all figures and says how they were measured.",
-        "The time of the fastest other engine over clbvh's, whole calls, for meshes of growing size; above 1, clbvh is "
-        "faster:",
-        write_table(Table("", ("", *(f"{mesh}, {_triangles(results, mesh):,}" for mesh in meshes)), leads)),
-        f"The largest of them, {meshes[-1]}. Build in ms, queries in millions of rays or points per second: medians, "
-        "with the smallest and the largest sample.",
+        wrap(
+            f"Machine: {study.facts['cores']} cores of {study.facts['processor']}; {study.facts['device']}; "
+            f"{', '.join(versions)}. Written by `make results` from docs/{SAMPLES_FOLDER}/; "
+            f"[docs/{RESULTS_NAME}](docs/{RESULTS_NAME}) has all figures and says how they were measured."
+        ),
+        wrap(
+            "The time of the fastest other engine over clbvh's, whole calls, for meshes of growing size; above 1, "
+            "clbvh is faster:"
+        ),
+        write_table(Table("", ("", *(f"{mesh}, {triangles[mesh]:,}" for mesh in meshes)), leads)),
+        wrap(
+            f"The largest of them, {meshes[-1]}. Build in ms, queries in millions of rays or points per second: "
+            "medians, with the smallest and the largest sample."
+        ),
         write_table(Table("", ("", *engines), rows)),
     ]
-    return "\n\n".join(block if block.startswith("|") else wrap(block) for block in blocks) + "\n"
+    return "\n\n".join(blocks) + "\n"
 
 
 def publish(source: Path, project: Path) -> None:
@@ -135,31 +126,16 @@ def publish(source: Path, project: Path) -> None:
     study = open_study(target)
     _write(project / "docs" / RESULTS_NAME, write_results(study).encode())
     readme = project / README_NAME
-    text = readme.read_text("utf-8")
-    if BEGIN in text:
-        _write(readme, replace_table(text, write_readme_table(study)).encode())
-
-
-def replace_table(text: str, table: str) -> str:
-    """Return a document with this table between its two marks."""
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n\n{table}\n{END}{after}"
+    before, begin, rest = readme.read_text("utf-8").partition(BEGIN)
+    if begin:
+        _, _, after = rest.partition(END)
+        _write(readme, f"{before}{BEGIN}\n\n{write_readme_table(study)}\n{END}{after}".encode())
 
 
 def _write(path: Path, content: bytes) -> None:
     write_atomically(path, lambda file: file.write(content))
 
 
-def _triangles(results: Results, mesh: str) -> int:
-    cases = results.find(mesh=mesh, query="build")
-    return int(results.median(cases[0], "items") or 0) if cases else 0
-
-
-def main(arguments: list[str]) -> None:
-    """Publish the study of a folder into the project in this folder."""
-    publish(Path(arguments[0]), Path.cwd())
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    # Publishes the study of a folder into the project in this folder.
+    publish(Path(sys.argv[1]), Path.cwd())

@@ -5,30 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import ConfigError
-from .case import Experiment
-from .experiments import (
-    breakdown,
-    counters,
-    devices,
-    divergence,
-    frontier,
-    gallery,
-    ladder,
-    layouts,
-    peers,
-    resolution,
-    scaling,
-    scenes,
-    threshold,
-)
+from .experiment import Experiment
+from .experiments.builders import Counters, Ladder, Scaling, Threshold
+from .experiments.devices import Devices, Divergence, Layouts
+from .experiments.frames import Breakdown, Frontier, Gallery, Resolution, Scenes
+from .experiments.peers import Peers
 
-EXPERIMENTS: dict[str, Experiment] = {
-    module.EXPERIMENT.name: module.EXPERIMENT
-    for module in (
-        ladder, scaling, threshold, scenes, resolution, breakdown, frontier, layouts, divergence, counters, peers,
-        devices, gallery,
-    )
-}  # fmt: skip
+_KINDS = (Ladder, Scaling, Threshold, Scenes, Resolution, Breakdown, Frontier, Layouts, Divergence, Counters, Peers,
+          Devices, Gallery)  # fmt: skip
+EXPERIMENTS: dict[str, Experiment] = {kind.name: kind() for kind in _KINDS}
 
 
 def find_experiments(names: Sequence[str]) -> list[Experiment]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from functools import cache
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,10 @@ def published(path: str) -> Any:
     InternalError
         The report has no such figure.
     """
-    value: Any = _read()
-    for part in path.split("."):
-        if not isinstance(value, dict) or part not in value:
-            raise InternalError(f"report.toml has no '{path}'")
-        value = value[part]
-    return value
+    try:
+        return reduce(getitem, path.split("."), _read())
+    except (KeyError, TypeError):
+        raise InternalError(f"report.toml has no '{path}'") from None
 
 
 def curve(path: str) -> dict[int, float]:

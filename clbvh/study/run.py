@@ -7,48 +7,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import ConfigError
+import psutil
+
+from ..errors import ClbvhError, ConfigError
 from ..support.atomic_file import write_atomically
-from .case import Case, Experiment
-from .machine import Machine, describe_machine, find_version, keep_machine
-from .page.drawing import can_draw
-from .page.html import Section, write_page
-from .peers.engines import ENGINES
-from .registry import find_experiments
+from .bench import Bench
+from .engines import ENGINES
+from .experiment import Experiment
+from .machine import Machine, describe_machine, keep_machine, list_missing
+from .page import HTML, write_page
+from .registry import EXPERIMENTS, find_experiments
 from .report import TITLE
-from .results import Results
-from .sample_file import FILE_NAME, TABLE_NAME, SampleFile
-from .sampling import group_cases, sample_group
+from .samples import FILE_NAME, TABLE_NAME, Case, NotMeasuredError, Results, Sample, SampleFile, key_of
 from .scale import FULL, SCANS, Scale
 from .statistics import NOISY_SPREAD
 
 PAGE_NAME = "index.html"
 PICTURES_NAME = "pictures"
 
-NO_FIGURES = "matplotlib is not installed, so the page has tables and no figures: run 'pip install matplotlib'"
-
-_NOISY = f"{100 * NOISY_SPREAD:.0f} %"
-
-# Load averages above the number of cores and this share of them: something else was running.
-_BUSY_SHARE = 1.5
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a study is.
-
-    Attributes
-    ----------
-    experiment : str
-    share : float
-        Of the whole study, 0 to 1.
-    remaining_s : float or None
-        An estimate from the pace so far; None before anything is measured.
-    """
-
-    experiment: str
-    share: float
-    remaining_s: float | None
+_PACKAGES = ("matplotlib", "Jinja2")
 
 
 @dataclass(frozen=True)
@@ -77,7 +54,7 @@ def run_study(
     scale: Scale = FULL,
     device: str | None = None,
     only_page: bool = False,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[str, float], None] = lambda experiment, share: None,
     on_note: Callable[[str], None] = lambda note: None,
 ) -> Study:
     """Run experiments, keep each sample as it is taken, and write the page.
@@ -95,7 +72,8 @@ def run_study(
     only_page : bool, optional
         Measure nothing, and write the page from the samples that are there.
     on_progress : function, optional
-        Called after each measurement.
+        Called before and after each measurement with the experiment's name and the share of the missing measurements
+        that is made, 0 to 1.
     on_note : function, optional
         Called with each of the notes as soon as it is known.
 
@@ -106,12 +84,18 @@ def run_study(
     Raises
     ------
     ConfigError
-        There is no such experiment, the folder cannot be written to, or there are no samples for `only_page`.
+        There is no such experiment, the folder cannot be written to, there are no samples for `only_page`, or
+        matplotlib or Jinja2 is missing.
     DeviceError
         There is no such device.
     """
     experiments = find_experiments(names)
-    _make_folder(folder)
+    if missing := list_missing(_PACKAGES):
+        raise ConfigError(f"the page of a study needs {missing}: run 'pip install {missing.replace(',', '')}'")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: this folder cannot be created: {error.strerror or error}") from error
     if only_page and not (folder / FILE_NAME).is_file():
         raise ConfigError(f"{folder}: there are no samples in this folder, so there is no page to write: measure first")
     machine = describe_machine(device)
@@ -122,35 +106,101 @@ def run_study(
         on_note(note)
 
     if not only_page:
-        watch = _Watch(experiments, scale, on_progress)
-        for experiment in experiments:
-            watch.begin(experiment)
-            for group, cases in group_cases(experiment, experiment.cases(scale)).items():
-                if not samples.is_done(experiment.name, group, scale.name):
-                    sample_group(
-                        experiment, group, cases, scale, machine, samples, folder / PICTURES_NAME,
-                        watch.tick,
-                    )  # fmt: skip
-                watch.end_group(experiment, len(cases))
-
+        _take_samples(experiments, scale, machine, samples, folder / PICTURES_NAME, on_progress)
     table = samples.write_table()
     page = folder / PAGE_NAME
-    content = make_page(find_experiments(()), samples, scale, machine, folder / PICTURES_NAME, notes)
+    content = _make_page(samples, scale, machine, folder / PICTURES_NAME, notes)
     write_atomically(page, lambda file: file.write(content.encode()))
     return Study(page, folder / FILE_NAME, table, tuple(notes))
 
 
-def make_page(
-    experiments: Sequence[Experiment], samples: SampleFile, scale: Scale, machine: Machine, pictures: Path,
-    notes: Sequence[str],
-) -> str:  # fmt: skip
+def _take_samples(
+    experiments: Sequence[Experiment], scale: Scale, machine: Machine, samples: SampleFile, pictures: Path,
+    on_progress: Callable[[str, float], None],
+) -> None:  # fmt: skip
+    """Sample the groups that are not done, and report the weight of the measurements made."""
+    to_do = []
+    for experiment in experiments:
+        cases = experiment.cases(scale)
+        for group, members in group_cases(experiment, cases).items():
+            if not samples.is_done(experiment.name, group, scale.name):
+                to_do.append((experiment, group, members, experiment.weight * len(members) / len(cases)))
+    total = sum(weight for *_, weight in to_do)
+    finished = 0.0
+    for experiment, group, members, weight in to_do:
+        step = weight / (len(members) * (scale.rounds + 1))
+        ticks = 0
+
+        def tick(experiment: Experiment = experiment, finished: float = finished, step: float = step) -> None:
+            nonlocal ticks
+            on_progress(experiment.name, min(1.0, (finished + ticks * step) / total))
+            ticks += 1
+
+        tick()
+        sample_group(experiment, group, members, scale, machine, samples, pictures, tick)
+        finished += weight
+
+
+def group_cases(experiment: Experiment, cases: list[Case]) -> dict[str, list[Case]]:
+    """Return the cases by groups that are measured together."""
+    groups: dict[str, list[Case]] = {}
+    for case in cases:
+        groups.setdefault(key_of({name: case[name] for name in experiment.group}), []).append(case)
+    return groups
+
+
+def sample_group(
+    experiment: Experiment, group: str, cases: list[Case], scale: Scale, machine: Machine, samples: SampleFile,
+    pictures: Path, tick: Callable[[], None],
+) -> None:  # fmt: skip
+    """Take the samples that a group of cases lacks; `tick` is called after each measurement, counted or not.
+
+    Every case is measured once without counting it: compiled code, caches and worker pools are warm then. In each
+    round all cases take their turn, forwards and backwards by turns, so that a drift of the machine's speed meets all
+    of them. A case that cannot be measured does not stop the others.
+    """
+    rounds, least_rounds = (1, 1) if experiment.counts else (scale.rounds, scale.least_rounds)
+    with Bench(scale, machine, pictures) as bench:
+        failed: set[str] = set()
+
+        def measure(case: Case) -> Sample | None:
+            if key_of(case) in failed:
+                return None
+            try:
+                return experiment.measure(bench, case)
+            except (NotMeasuredError, ClbvhError, MemoryError) as error:
+                failed.add(key_of(case))
+                samples.add_failure(experiment.name, case, str(error) or type(error).__name__)
+                return None
+            finally:
+                tick()
+
+        if not experiment.counts:
+            for case in cases:
+                measure(case)
+        taken = {key_of(case): samples.count(experiment.name, case) for case in cases}
+        begin = time.monotonic()
+        for turn in range(rounds):
+            if turn >= least_rounds and time.monotonic() - begin > scale.group_s:
+                break
+            for case in cases if turn % 2 == 0 else cases[::-1]:
+                # Taken before the study was interrupted.
+                if taken[key_of(case)] > turn:
+                    continue
+                load = round(psutil.getloadavg()[0], 2)
+                sample = measure(case)
+                if sample is not None:
+                    samples.add_sample(experiment.name, case, turn, sample, load=load, at=round(time.time(), 1))
+    samples.add_done(experiment.name, group, scale.name)
+
+
+def _make_page(samples: SampleFile, scale: Scale, machine: Machine, pictures: Path, notes: Sequence[str]) -> str:
     """Return the page of all experiments that have samples."""
     sections = []
-    for experiment in experiments:
-        if samples.samples(experiment.name) or samples.failures(experiment.name):
-            results = Results(experiment.name, samples, scale, machine.facts, experiment.cases(scale), pictures)
-            if results.cases or results.failures:
-                sections.append(_make_section(experiment, results))
+    for experiment in EXPERIMENTS.values():
+        results = Results(experiment.name, samples, scale, machine.facts, experiment.cases(scale), pictures)
+        if results.cases or results.failures:
+            sections.append(experiment.make_section(results))
     warm = f"{scale.least_rounds} to {scale.rounds} rounds" if scale.rounds > scale.least_rounds else "all rounds"
     introduction = [
         f"The experiments of the report “{TITLE}” (course project, 2026), repeated with clbvh on this machine, and a "
@@ -158,56 +208,20 @@ def make_page(
         "compare shapes and ratios, not milliseconds.",
         f"How it is measured: one warm-up of each case that does not count, then {warm} in which the cases of a group "
         "take turns, forwards and backwards; median, with the smallest and the largest sample below it. Ratios are "
-        f"medians of the ratios of each round. Figures whose samples lie more than {_NOISY} apart are marked by their "
-        "colour, and counted as noisy. Wall time and the device's own event time are never mixed in one figure "
-        "without saying so.",
+        f"medians of the ratios of each round. Figures whose samples lie more than {100 * NOISY_SPREAD:.0f} % apart "
+        "are marked by their colour, and counted as noisy. Wall time and the device's own event time are never mixed "
+        "in one figure without saying so.",
         f"Size of this study: {scale.name}. Raw samples: {FILE_NAME} and {TABLE_NAME} beside this page.",
         *notes,
     ]
-    facts = {**machine.facts, **_list_meshes(scale)}
-    return write_page("The clbvh study", introduction, facts, sections)
-
-
-def _make_section(experiment: Experiment, results: Results) -> Section:
-    return Section(
-        experiment.name, experiment.title, experiment.question, experiment.method,
-        experiment.present(results) if results.cases else (),
-        [*note_noise(experiment, results), *note_failures(results.failures)],
-    )  # fmt: skip
-
-
-def note_noise(experiment: Experiment, results: Results) -> list[str]:
-    """Say how many figures are noisy, and whether the machine was busy with something else."""
-    if experiment.counts or not results.cases:
-        return []
-    summaries = [
-        summary
-        for case in results.cases
-        for quantity in results.quantities(case, "")
-        if quantity.endswith("_ms") and (summary := results.summary(case, quantity)) is not None
-    ]
-    noisy = sum(summary.is_noisy for summary in summaries)
-    notes = []
-    if noisy:
-        notes.append(f"Noise: {noisy} of {len(summaries)} measured times have samples more than {_NOISY} apart.")
-    cores, load = results.cores, results.highest_load
-    if load is not None and load > _BUSY_SHARE * cores + 1:
-        notes.append(f"The machine was busy: the load average reached {load:g} on {cores} cores.")
-    return notes
-
-
-def note_failures(failures: Sequence[tuple[Case, str]]) -> list[str]:
-    """Say what was not measured, cases of one reason together."""
-    by_reason: dict[str, list[Case]] = {}
-    for case, reason in failures:
-        by_reason.setdefault(reason, []).append(case)
-    notes = []
-    for reason, cases in by_reason.items():
-        # The values that all these cases share name them best.
-        shared = {name: value for name, value in cases[0].items() if all(case.get(name) == value for case in cases)}
-        named = ", ".join(f"{name} {value}" for name, value in shared.items())
-        notes.append(f"Not measured, {len(cases)} case{'s' if len(cases) > 1 else ''} ({named}): {reason}.")
-    return notes
+    stand_ins = {
+        f"instead of {name}": f"{mesh}, procedural: 'clbvh fetch {name}' brings the scan"
+        for name in SCANS
+        if (mesh := scale.mesh(name)) != name
+    }
+    return write_page(
+        HTML, {**machine.facts, **stand_ins}, sections, title="The clbvh study", introduction=introduction
+    )
 
 
 def _collect_notes(machine: Machine, changes: Sequence[str], others: int) -> list[str]:
@@ -222,70 +236,6 @@ def _collect_notes(machine: Machine, changes: Sequence[str], others: int) -> lis
     elif others:
         notes.append(f"{others} samples of other machines or versions are in the folder and are not shown.")
     for name, engine in ENGINES.items():
-        missing = [package for package in engine.packages if find_version(package) is None]
-        if missing:
-            notes.append(f"Missing peer: {name} ({', '.join(missing)} is not installed).")
-    if not can_draw():
-        notes.append(NO_FIGURES)
+        if missing := list_missing(engine.packages):
+            notes.append(f"Missing peer: {name} ({missing} is not installed).")
     return notes
-
-
-def _list_meshes(scale: Scale) -> dict[str, str]:
-    """Return what stands for the scans of the report that are missing."""
-    stand_ins = {name: scale.mesh(name) for name in SCANS}
-    return {
-        f"instead of {name}": f"{mesh}, procedural: 'clbvh fetch {name}' brings the scan"
-        for name, mesh in stand_ins.items()
-        if mesh != name
-    }
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{folder}: this folder cannot be created: {error.strerror or error}") from error
-
-
-class _Watch:
-    """Follows the measurements and estimates the remaining time from the pace so far."""
-
-    def __init__(self, experiments: Sequence[Experiment], scale: Scale, report: Callable[[Progress], None]) -> None:
-        self._report = report
-        self._total = sum(experiment.weight for experiment in experiments)
-        self._cases = {experiment.name: max(1, len(experiment.cases(scale))) for experiment in experiments}
-        self._rounds = scale.rounds + 1
-        self._finished = 0.0
-        self._current = ""
-        # The share that is done without having been measured now does not count for the pace.
-        self._begin = time.monotonic()
-        self._measured = 0.0
-        self._ticks = 0
-
-    def begin(self, experiment: Experiment) -> None:
-        """Note that an experiment begins."""
-        self._current = experiment.name
-        self._weight = experiment.weight
-        self._send(0.0)
-
-    def tick(self) -> None:
-        """Note a measurement."""
-        self._ticks += 1
-        part = self._weight * self._ticks / (self._cases[self._current] * self._rounds)
-        self._send(part)
-
-    def end_group(self, experiment: Experiment, case_count: int) -> None:
-        """Note that a group of cases has all its samples."""
-        part = experiment.weight * case_count / self._cases[experiment.name]
-        self._finished += part
-        if self._ticks:
-            self._measured += part
-        self._ticks = 0
-        self._send(0.0)
-
-    def _send(self, part: float) -> None:
-        done = self._measured + part
-        elapsed = time.monotonic() - self._begin
-        left = max(0.0, self._total - self._finished - part)
-        remaining_s = elapsed / done * left if done > 0 else None
-        self._report(Progress(self._current, min(1.0, (self._finished + part) / self._total), remaining_s))

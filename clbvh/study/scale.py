@@ -1,4 +1,4 @@
-"""How large a study is: the sizes of its meshes and pictures, and the number of samples.
+"""How large a study is: its meshes and their names, the sizes of its pictures, and the number of samples.
 
 The experiments ask a scale for their cases; so a quick study is the same experiments with fewer and smaller cases, and
 a test's study is a tiny one.
@@ -11,16 +11,19 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from ..errors import ClbvhError
+from ..geometry import Mesh, load_mesh
 from ..geometry.fetch import find_known_mesh
+from ..geometry.shapes.make_shape import make_shape
 
 _Choice = TypeVar("_Choice")
 
 # The scans of the report, and their numbers of triangles in the files that `clbvh fetch` brings.
 SCANS = {"drill": 1_288, "bunny": 69_451, "dragon": 871_306}
 
-
 # The procedural mesh in place of a scan.
 _STAND_IN = "knot"
+# Every procedural mesh of a study is the same each time.
+_SEED = 1
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,14 @@ def scan_of(mesh: str) -> str:
     """Return the scan that a mesh is, or stands for; any other name as it is."""
     stand_ins = {f"{_STAND_IN}-{triangles}": name for name, triangles in SCANS.items()}
     return stand_ins.get(mesh, mesh)
+
+
+def load_named_mesh(name: str) -> Mesh:
+    """Return a mesh by the name that a `Scale` gives it."""
+    if name in SCANS:
+        return load_mesh(find_known_mesh(name))
+    shape, _, triangles = name.rpartition("-")
+    return make_shape(shape, triangles=int(triangles), seed=_SEED)
 
 
 FULL = Scale("full", rounds=9, least_rounds=3, group_s=60, idle_gap_s=0.5, is_full=True)

@@ -51,7 +51,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _dispatchers: dict[int, Any] = {}
 
 # Rooms without compiled functions, which a test checks; after edits of them the machine code is still valid.
-INTERPRETED_ROOMS = ("cli", "device", "rendering", "study", "warmup")
+INTERPRETED_ROOMS = ("cli", "device", "rendering", "warmup")
 
 _DIGITS = 16
 

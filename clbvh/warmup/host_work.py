@@ -21,8 +21,8 @@ from ..rendering.framing import frame_mesh
 from ..rendering.heat_map import draw_heat_map_of, measure_rays
 from ..scene.contents import SceneContents
 from ..stats import measure_tree
-from ..stats.ladder_work import count_ladder_work
 from ..structs import LAYOUT_WIDTHS, WIDE_NODES
+from ..study.ladder_work import count_ladder_work
 from ..trace.oracle.scene_visits import SceneTraversal
 from ..trace.oracle.visits import count_wide_visits
 

@@ -2,7 +2,7 @@
 
 The first three variants recompute both in every comparison, all later ones look them up. The rest of the ladder asks
 `bound_prim` and `centroid_of` and does not know which of the two it gets; numba compiles it once for each. So it also
-runs on a source that counts (`clbvh.stats.ladder_work`).
+runs on a source that counts (`clbvh.study.ladder_work`).
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The experiments, one file each: a table of cases, a measurement, and its presentation."""
+"""The experiments, in chapters; each is a table of cases, a measurement, and its presentation."""

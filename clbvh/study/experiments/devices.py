@@ -1,4 +1,4 @@
-"""The trace table of every OpenCL device of the machine."""
+"""How trees suit devices: layouts, the divergence of neighbouring rays, and each OpenCL device of the machine."""
 
 from __future__ import annotations
 
@@ -6,94 +6,248 @@ import numpy as np
 
 from ...device.select import survey_devices
 from ...errors import DeviceError
+from ...layouts.device_arrays import measure_device_bytes
+from ...rendering.heat_map import QUANTITIES, count_picture, draw_heat_map
 from ...structs import LAYOUT_WIDTHS
+from ...trace.oracle.visits import HostTraversal, count_wide_visits
 from ...trace.tracer import Tracer
 from ..bench import Bench
-from ..case import Case, Experiment, NotMeasuredError, Sample
-from ..page.drawing import Axis, Series, draw_bars
-from ..page.parts import Figure, Paragraph, Part, Table
-from ..results import Results
+from ..drawing import REPORT, Axis, Point
+from ..experiment import Experiment
+from ..page import Cell, Figure, Paragraph, Part, Picture, Table
+from ..report import published, source_of
+from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
-from ..statistics import Summary
+from ..statistics import lane_use
 
-_PICTURE = (1280, 720)
+_PICTURE = (800, 450)
+# Visits are counted on a picture of this size: their means hardly depend on it.
+_COUNTED_PICTURE = (320, 180)
+_FLATTENING = ("flatten", "flat")
+_COUNTS = ("bytes_per_triangle", "node_visits", "leaf_visits", "triangle_tests")
+
+# Lanes that run in lockstep: neighbouring work-items along a row, or as a tile of this many rows.
+_LANES = (8, 16, 32)
+_GROUPS = {(shape, lanes): rows for shape, rows in (("row", 1), ("tile", 4)) for lanes in _LANES}
+
+_DEVICE_PICTURE = (1280, 720)
 _SEED = 1
 _NAME_LENGTH = 28
-_COHERENT, _SHUFFLED, _ANY = "closest hit", "closest hit, shuffled", "any hit"
-_QUERIES = (_COHERENT, _SHUFFLED, _ANY)
+_QUERIES = ("closest hit", "closest hit, shuffled", "any hit")
+
+Rows = list[tuple[Cell, ...]]
 
 
-def _cases(scale: Scale) -> list[Case]:
-    mesh = scale.mesh(scale.pick("dragon", "bunny"))
-    try:
-        devices = [info for info in survey_devices().devices if info.is_available and not info.is_simulator]
-    except DeviceError:
-        devices = []
-    return [
-        {"mesh": mesh, "device": f"{info.name}, {info.platform}", "number": info.number, "layout": layout}
-        for info in devices
-        for layout in LAYOUT_WIDTHS
-    ]
+class Layouts(Experiment):
+    """Layouts.
+
+    What does the flat array gain over flattening, and which width of the tree suits the device?
+
+    Build: wall time. Kernel: event time. Visits are counted on the host, from the root: neighbouring rays of a picture
+    begin deeper on the device where the layout has entry points. One visit of bvh4 or bvh8 tests the boxes of all
+    children, one leaf visit a block of up to 4 or 8 triangles.
+    """
+
+    name = "layouts"
+    group = ("part", "mesh")
+    weight = 2
+
+    def cases(self, scale: Scale) -> list[Case]:
+        return [
+            {"part": part, "mesh": mesh, part: name}
+            for mesh in dict.fromkeys(scale.mesh(scan) for scan in scale.pick(("bunny", "dragon"), ("dragon",)))
+            for part, names in (("builder", _FLATTENING), ("layout", tuple(LAYOUT_WIDTHS)))
+            for name in names
+        ]
+
+    def measure(self, bench: Bench, case: Case) -> Sample:
+        name = case["mesh"]
+        if case["part"] == "builder":
+            _, values = bench.build(name, case["builder"])
+            # The pass that brings the nodes into their final order.
+            last_pass_ms = values.get("phase.flatten_ms", 0.0) + values.get("phase.compact_ms", 0.0)
+            return Sample({"build_ms": values["build_ms"], "last_pass_ms": last_pass_ms})
+        layout = case["layout"]
+        frame = bench.draw(name, bench.tree(name), _PICTURE, layout=layout)
+        counted = bench.once(("counts", name, layout), lambda: self._count_visits(bench, name, layout))
+        return Sample({"kernel_ms": frame.times_ms["kernel"], **counted}, {"picture": frame.digest})
+
+    def _count_visits(self, bench: Bench, name: str, layout: str) -> dict[str, float]:
+        bvh, rays, width = bench.tree(name), bench.rays(name, _COUNTED_PICTURE), LAYOUT_WIDTHS[layout]
+        visits = HostTraversal(bvh).count_visits(*rays) if width == 2 else count_wide_visits(bvh, width, *rays)
+        bytes_per_triangle = measure_device_bytes(bvh, layout) / bvh.mesh.face_count
+        means = visits.node_steps_per_ray, visits.leaf_visits_per_ray, visits.triangle_tests_per_ray
+        return dict(zip(_COUNTS, (bytes_per_triangle, *means), strict=True))
+
+    def present(self, results: Results) -> list[Part]:
+        builders: Rows = []
+        layouts: Rows = []
+        points: list[Point] = []
+        for mesh in results.distinct("mesh"):
+            cases = results.by("builder", mesh=mesh, part="builder")
+            for name, case in cases.items():
+                gain = None if name == _FLATTENING[0] else results.ratio(cases.get(_FLATTENING[0]), case, "build_ms")
+                times = results.summaries(case, "build_ms", "last_pass_ms")
+                builders.append((mesh, name, *times, gain, published("ladder.says")[name]))
+            cases = results.by("layout", mesh=mesh, part="layout")
+            for name, case in cases.items():
+                kernel_ms = results.summary(case, "kernel_ms")
+                counts = [results.median(case, quantity) for quantity in _COUNTS]
+                layouts.append((mesh, name, kernel_ms, *counts, results.agree(cases.values(), case, "picture")))
+                points.append(("clbvh", f"{mesh}, {name}", kernel_ms))
+        return [
+            Table(
+                f"A separate pass that flattens, against writing the flat array at once; {results.cores} workers. "
+                f"The report: {source_of('ladder')}.",
+                ("mesh", "variant", "build, ms", "last pass, ms", "speed-up over flatten", "report"),
+                builders,
+            ),
+            Table(
+                f"Layouts of the default tree: kernel of a picture of {results.scale.size_of(*_PICTURE)}, size on the "
+                "device with the triangles, and means per ray.",
+                ("mesh", "layout", "kernel, ms", "bytes a triangle", "node visits", "leaf visits", "triangle tests",
+                 "same picture"),
+                layouts,
+            ),
+            Figure("Kernel times of the layouts.", points, Axis("kernel, ms")),
+        ]  # fmt: skip
 
 
-def _measure(bench: Bench, case: Case) -> Sample:
-    info = next((one for one in bench.machine.devices if one.number == case["number"]), None)
-    if info is None:
-        raise NotMeasuredError(f"the device {case['device']} is gone")
-    mesh, layout = str(case["mesh"]), str(case["layout"])
-    bench.rest_before(str(case["device"]))
-    tracer = bench.open(("tracer", info.number, layout), lambda: Tracer(bench.tree(mesh), device=info, layout=layout))
-    origins, directions = bench.picture_rays(mesh, *bench.scale.picture(*_PICTURE))
-    order = bench.once("order", lambda: np.random.default_rng(_SEED).permutation(len(origins)))
-    shuffled = bench.once("shuffled", lambda: (origins[order], directions[order]))
-    values: dict[str, float] = {"rays": len(origins)}
-    for query, method, rays in (
-        (_COHERENT, tracer.closest_prim, (origins, directions)),
-        (_SHUFFLED, tracer.closest_prim, shuffled),
-        (_ANY, tracer.any_hit, (origins, directions)),
-    ):
-        before = tracer.timings_ms.get("kernel", 0.0)
-        method(*rays)
-        values[f"{query}_kernel_ms"] = tracer.timings_ms["kernel"] - before
-    return Sample(values)
+class Divergence(Experiment):
+    """Divergence.
+
+    How different is the work of neighbouring rays, and how many lanes of a device does that leave idle?
+
+    Counted on the host, step for step as the layout bvh2 does it; nothing here is timed, so the figures are the same on
+    every machine.
+    """
+
+    name = "divergence"
+    counts = True
+
+    def cases(self, scale: Scale) -> list[Case]:
+        meshes = dict.fromkeys(scale.mesh(name) for name in ("bunny", "dragon"))
+        return [{"mesh": mesh, "builder": builder} for mesh in meshes for builder in ("sah", "flat")]
+
+    def measure(self, bench: Bench, case: Case) -> Sample:
+        mesh, builder = case["mesh"], case["builder"]
+        width, height = bench.scale.picture(*_PICTURE)
+        visits = count_picture(bench.tree(mesh, builder), bench.camera(mesh, _PICTURE), width, height)
+        nodes, triangles = (of_ray.reshape(height, width) for of_ray in (visits.node_steps, visits.triangle_tests))
+        values: dict[str, float] = {}
+        facts: dict[str, str] = {}
+        for quantity, of_pixel in (("nodes", nodes), ("triangles", triangles)):
+            values |= {f"{quantity}_mean": float(of_pixel.mean()), f"{quantity}_most": int(of_pixel.max())}
+            if builder == "sah":
+                facts[quantity] = bench.keep_picture(f"heat-{mesh}-{quantity}", draw_heat_map(of_pixel, quantity))
+        for (shape, lanes), rows in _GROUPS.items():
+            values[f"{shape}_{lanes}"] = lane_use(nodes + triangles, lanes, rows=rows)
+        return Sample(values, facts)
+
+    def present(self, results: Results) -> list[Part]:
+        report_lanes, report_use = published("divergence.width"), 100 * published("divergence.lane_use")
+        steps: Rows = []
+        rows: Rows = []
+        points: list[Point] = []
+        for case in results.cases:
+            names = case["mesh"], case["builder"]
+            of_kind = [(results.median(case, f"{quantity}_mean"), results.count(case, f"{quantity}_most"))
+                       for quantity in QUANTITIES]  # fmt: skip
+            steps.append((*names, *of_kind[0], *of_kind[1]))
+            uses = {group: 100 * (results.median(case, "{}_{}".format(*group)) or 0.0) for group in _GROUPS}
+            rows.append((*names, *uses.values()))
+            points += [(", ".join(names), f"{lanes} lanes", uses["tile", lanes]) for lanes in _LANES]
+        report = [report_use if group == ("row", report_lanes) else None for group in _GROUPS]
+        rows.append(("the report, by hardware counter", "flat", *report))
+        points.append((REPORT, f"{report_lanes} lanes", report_use))
+        pictures = [
+            Picture(f"{case['mesh']}: {QUANTITIES[quantity].lower()} per ray.", png)
+            for case in results.cases
+            for quantity in QUANTITIES
+            if (png := results.picture(case, quantity))
+        ]
+        return [
+            Table(
+                f"Steps per ray of a picture of {results.scale.size_of(*_PICTURE)}, binary tree.",
+                ("mesh", "builder", "node steps, mean", "most", "triangle tests, mean", "most"),
+                steps,
+            ),
+            Table(
+                "Lane use in %, for groups of 8, 16 and 32 neighbouring pixels: along a row, and as tiles of 4 rows. "
+                f"The report: {source_of('divergence')}, {published('divergence.active_threads')} of {report_lanes} "
+                "threads.",
+                ("mesh", "builder", *(f"{shape} {lanes}" for shape, lanes in _GROUPS)),
+                rows,
+            ),
+            Figure("Lane use of tiles.", points, Axis("lane use, %")),
+            *pictures,
+            Paragraph(
+                "Lane use: node steps plus triangle tests of all rays, over the lanes' time if each group takes as "
+                "long as its longest ray. It leaves out that lanes can do different things at the same step, so a "
+                "device's own counter shows less."
+            ),
+        ]
 
 
-def _present(results: Results) -> list[Part]:
-    if not results.cases:
-        return [Table("No device.", ("device", "layout", *_QUERIES), []), Paragraph("There is no OpenCL device here.")]
-    speeds = {query: [_rays_per_second(results, case, query) for case in results.cases] for query in _QUERIES}
-    rows = [
-        (case["device"], case["layout"], *of_case)
-        for case, *of_case in zip(results.cases, *speeds.values(), strict=True)
-    ]
-    # Drivers put clocks and features behind the name.
-    names = [f"{str(case['device']).partition(',')[0][:_NAME_LENGTH]}, {case['layout']}" for case in results.cases]
-    series = [Series(query, range(len(names)), of_query) for query, of_query in speeds.items()]
-    return [
-        Table(
-            f"{', '.join(results.distinct('mesh'))}, rays of a picture of "
-            f"{results.scale.size_of(*_PICTURE)}: million rays per second, by the "
-            "kernel's event time. Shuffled rays are sorted on the host before, which is not in this time.",
-            ("device", "layout", *(f"{query}, Mray/s" for query in _QUERIES)),
-            rows,
-        ),
-        Figure("Rays per second.", draw_bars(Axis("million rays per second"), names, series)),
-    ]
+class Devices(Experiment):
+    """Devices.
 
+    How fast are the layouts and queries on each OpenCL device of this machine?
 
-def _rays_per_second(results: Results, case: Case, query: str) -> Summary:
-    """Return millions of rays per second."""
-    milliseconds = Summary.of(results.values(case, f"{query}_kernel_ms"))
-    return milliseconds.scaled(1e3).rate(results.median(case, "rays") or 0.0)
+    Event time of the kernels. Two drivers for one processor are two devices.
+    """
 
+    name = "devices"
+    weight = 2
 
-EXPERIMENT = Experiment(
-    name="devices",
-    title="Devices",
-    question="How fast are the layouts and queries on each OpenCL device of this machine?",
-    method="Event time of the kernels. Two drivers for one processor are two devices.",
-    cases=_cases,
-    measure=_measure,
-    present=_present,
-    weight=2,
-)
+    def cases(self, scale: Scale) -> list[Case]:
+        mesh = scale.mesh(scale.pick("dragon", "bunny"))
+        try:
+            devices = [info for info in survey_devices().devices if info.is_available and not info.is_simulator]
+        except DeviceError:
+            devices = []
+        return [
+            {"mesh": mesh, "device": f"{info.name}, {info.platform}", "number": info.number, "layout": layout}
+            for info in devices
+            for layout in LAYOUT_WIDTHS
+        ]
+
+    def measure(self, bench: Bench, case: Case) -> Sample:
+        info = next((one for one in bench.machine.devices if one.number == case["number"]), None)
+        if info is None:
+            raise NotMeasuredError(f"the device {case['device']} is gone")
+        mesh, layout = case["mesh"], case["layout"]
+        bench.rest_before(case["device"])
+        key = ("tracer", info.number, layout)
+        tracer = bench.open(key, lambda: Tracer(bench.tree(mesh), device=info, layout=layout))
+        coherent = bench.rays(mesh, _DEVICE_PICTURE)
+        order = np.random.default_rng(_SEED).permutation(len(coherent[0]))
+        shuffled = bench.once("shuffled", lambda: [of_ray[order] for of_ray in coherent])
+        methods = (tracer.closest_prim, tracer.closest_prim, tracer.any_hit)
+        values: dict[str, float] = {"rays": len(order)}
+        for query, method, rays in zip(_QUERIES, methods, (coherent, shuffled, coherent), strict=True):
+            before = tracer.timings_ms.get("kernel", 0.0)
+            method(*rays)
+            values[f"{query}_kernel_ms"] = tracer.timings_ms["kernel"] - before
+        return Sample(values)
+
+    def present(self, results: Results) -> list[Part]:
+        rows: Rows = []
+        points: list[Point] = []
+        for case in results.cases:
+            times = [results.expect(case, f"{query}_kernel_ms").scaled(1e3) for query in _QUERIES]
+            speeds = [summary.rate(results.median(case, "rays") or 0.0) for summary in times]
+            rows.append((case["device"], case["layout"], *speeds))
+            # Drivers put clocks and features behind the name.
+            name = f"{case['device'].partition(',')[0][:_NAME_LENGTH]}, {case['layout']}"
+            points += [(query, name, speed) for query, speed in zip(_QUERIES, speeds, strict=True)]
+        return [
+            Table(
+                f"{results.meshes}, rays of a picture of {results.scale.size_of(*_DEVICE_PICTURE)}: million rays per "
+                "second, by the kernel's event time. Shuffled rays are sorted on the host before, which is not in this "
+                "time.",
+                ("device", "layout", *(f"{query}, Mray/s" for query in _QUERIES)),
+                rows,
+            ),
+            Figure("Rays per second.", points, Axis("million rays per second")),
+        ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,13 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ...support.temporary_folder import TemporaryFolder
 from ..bench import Bench
-from ..case import Case, Experiment, NotMeasuredError, Sample
-from ..machine import find_version
-from ..page.drawing import Axis, Series, draw_bars
-from ..page.parts import Figure, Paragraph, Part, Table
-from ..peers.engines import ENGINES, Trimesh
-from ..peers.process import EngineProcess
-from ..results import Results
+from ..drawing import Axis, Point
+from ..engines import ENGINES, Contestant, Trimesh
+from ..experiment import Experiment
+from ..machine import list_missing
+from ..page import Cell, Figure, Paragraph, Part, Table
+from ..rival import Rival
+from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
 from ..statistics import Summary
 
@@ -34,6 +35,7 @@ _QUICK_POINTS = 20_000
 _QUICK_SHARE = 8
 _SEED = 1
 
+_OURS = "clbvh"
 QUERIES = {
     "build": "build, ms",
     "coherent": "closest hit, coherent",
@@ -44,61 +46,117 @@ QUERIES = {
     "points": "closest point",
 }
 
-
-def _cases(scale: Scale) -> list[Case]:
-    meshes = [scale.mesh(name) for name in scale.pick(_SCANS, _QUICK_SCANS)]
-    meshes += [scale.shape(*shape) for shape in scale.pick(_SHAPES, _QUICK_SHAPES)]
-    return [
-        {"mesh": mesh, "query": query, "engine": engine}
-        for mesh in list(dict.fromkeys(meshes))[: scale.most_meshes]
-        for query in QUERIES
-        for engine in ENGINES
-    ]
+Rows = list[tuple[Cell, ...]]
 
 
-def _measure(bench: Bench, case: Case) -> Sample:
-    name, query, mesh_name = str(case["engine"]), str(case["query"]), str(case["mesh"])
-    engine = ENGINES[name]
-    missing = [package for package in engine.packages if find_version(package) is None]
-    if missing:
-        raise NotMeasuredError(f"{', '.join(missing)} is not installed: run 'pip install {' '.join(missing)}'")
-    if query not in engine.queries:
-        raise NotMeasuredError(f"{name} has no such query")
-    mesh = bench.mesh(mesh_name)
-    limit = engine.most_triangles and bench.scale.pick(engine.most_triangles, engine.most_triangles // _QUICK_SHARE)
-    if limit is not None and mesh.face_count > limit:
-        raise NotMeasuredError(f"{name} would take too long for a mesh of more than {limit:,} triangles")
-    if name == "clbvh":
-        _ = bench.device
-    folder = bench.once(("shared", mesh_name), lambda: _share(bench, mesh_name))
-    process = bench.open(("engine", name), lambda: EngineProcess(name, str(folder)))
-    bench.rest_before(name)
-    return Sample(process.measure(query))
+class Peers(Experiment):
+    """The contest with the peers.
+
+    How fast are builds and queries beside Open3D, embreex and trimesh's own engine?
+
+    Wall time of whole Python calls, arrays in and answers out. The same mesh and the same rays come from shared files;
+    each engine has a process of its own, which is idle while another is measured; between engines all rest. Engines
+    take turns.
+    """
+
+    name = "peers"
+    weight = 10
+
+    def cases(self, scale: Scale) -> list[Case]:
+        meshes = [scale.mesh(name) for name in scale.pick(_SCANS, _QUICK_SCANS)]
+        meshes += [scale.shape(*shape) for shape in scale.pick(_SHAPES, _QUICK_SHAPES)]
+        return [
+            {"mesh": mesh, "query": query, "engine": engine}
+            for mesh in [*dict.fromkeys(meshes)][: scale.most_meshes]
+            for query in QUERIES
+            for engine in ENGINES
+        ]
+
+    def measure(self, bench: Bench, case: Case) -> Sample:
+        name, query, mesh = case["engine"], case["query"], case["mesh"]
+        engine = ENGINES[name]
+        if missing := list_missing(engine.packages):
+            raise NotMeasuredError(f"{missing} is not installed: run 'pip install {missing.replace(',', '')}'")
+        if query not in engine.queries:
+            raise NotMeasuredError(f"{name} has no such query")
+        limit = engine.most_triangles and bench.scale.pick(engine.most_triangles, engine.most_triangles // _QUICK_SHARE)
+        if limit is not None and bench.mesh(mesh).face_count > limit:
+            raise NotMeasuredError(f"{name} would take too long for a mesh of more than {limit:,} triangles")
+        if name == _OURS:
+            _ = bench.device
+        folder = bench.once(("shared", mesh), lambda: _share(bench, mesh))
+        rival = bench.open(("engine", name), lambda: Rival(name, Contestant, name, str(folder)))
+        bench.rest_before(name)
+        return Sample(rival.ask(query))
+
+    def present(self, results: Results) -> list[Part]:
+        size = results.scale.size_of(*results.scale.pick(_PICTURE, _QUICK_PICTURE))
+        count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
+        names = [name for name in ENGINES if results.find(engine=name)]
+        engines: Rows = []
+        for name, engine in ENGINES.items():
+            versions = [f"{one} {results.machine.get(one, 'not installed')}" for one in engine.packages or (_OURS,)]
+            engines.append((name, ", ".join(versions), engine.threads))
+        points: list[Point] = [
+            (name, case["mesh"], figure_of(results, case))
+            for name in names
+            for case in results.find(engine=name, query="coherent")
+        ]
+        return [
+            Table("The engines.", ("engine", "version", "threads of a query"), engines),
+            Paragraph(
+                f"Coherent rays are those of a picture of {size}; shuffled ones are the same in random order; "
+                "scattered ones come from all around the mesh, in no order. any hit and all hits get the coherent "
+                f"rays. {count:,} points, half of them near the surface. trimesh's own engine gets every n-th ray or "
+                f"point, about {Trimesh.most_items:,} of each."
+            ),
+            Figure("Closest hit of coherent rays.", points, Axis("million rays per second", is_log=True)),
+            *(table for mesh in results.distinct("mesh") for table in self._present_mesh(results, mesh, names)),
+        ]
+
+    def _present_mesh(self, results: Results, mesh: str, names: list[str]) -> list[Table]:
+        speeds: Rows = []
+        answers: Rows = []
+        for query, title in QUERIES.items():
+            cases = results.by("engine", mesh=mesh, query=query)
+            speeds.append((title, *(figure_of(results, cases.get(name)) for name in names), lead_of(results, cases)))
+            counts = {
+                name: (results.count(case, "answers"), results.count(case, "items")) for name, case in cases.items()
+            }
+            texts = {name: f"{count:,} of {items:,}" for name, (count, items) in counts.items() if count is not None}
+            answers.append((title, *(texts.get(name) for name in names)))
+        return [
+            Table(
+                f"{mesh}: build in ms, queries in millions of rays or points per second, whole calls. Last column: "
+                "the fastest other engine's time over clbvh's; above 1 clbvh is faster.",
+                ("query", *names, "clbvh's lead"),
+                speeds,
+            ),
+            Table(f"{mesh}: answers of items, by which engines agree.", ("query", *names), answers[1:]),
+        ]
 
 
 def _share(bench: Bench, name: str) -> Path:
     """Write mesh, rays and points to files that all engines read, and return their folder."""
-    import tempfile
-
     folder = bench.open(("folder", name), lambda: TemporaryFolder(Path(tempfile.gettempdir()), "clbvh-study-")).path
     mesh = bench.mesh(name)
-    for item, array in (("vertices", mesh.vertices), ("faces", mesh.faces)):
-        np.save(folder / f"{item}.npy", array)
-    size = bench.scale.picture(*bench.scale.pick(_PICTURE, _QUICK_PICTURE))
-    coherent = bench.picture_rays(name, *size)
+    origins, directions = bench.rays(name, bench.scale.pick(_PICTURE, _QUICK_PICTURE))
     generator = np.random.default_rng(_SEED)
-    order = generator.permutation(len(coherent[0]))
+    order = generator.permutation(len(origins))
     rays = {
-        "coherent": coherent,
-        "shuffled": (coherent[0][order], coherent[1][order]),
+        "coherent": (origins, directions),
+        "shuffled": (origins[order], directions[order]),
         "scattered": _scatter(mesh, len(order), generator),
     }
-    for kind, (origins, directions) in rays.items():
+    points = _choose_points(mesh, bench.scale.pick(_POINTS, _QUICK_POINTS) // bench.scale.shrink, generator)
+    arrays = {"points": points}
+    for kind, pair in rays.items():
+        arrays |= {f"{kind}-origins": pair[0], f"{kind}-directions": pair[1]}
+    for item, array in arrays.items():
         # Engines that take float32 get the same numbers as those that take float64.
-        np.save(folder / f"{kind}-origins.npy", origins.astype(np.float32))
-        np.save(folder / f"{kind}-directions.npy", directions.astype(np.float32))
-    count = bench.scale.pick(_POINTS, _QUICK_POINTS) // bench.scale.shrink
-    np.save(folder / "points.npy", _choose_points(mesh, count, generator).astype(np.float32))
+        np.save(folder / f"{item}.npy", array.astype(np.float32))
+    np.save(folder / "vertices.npy", mesh.vertices)
+    np.save(folder / "faces.npy", mesh.faces)
     return folder
 
 
@@ -121,110 +179,20 @@ def _choose_points(mesh: Mesh, count: int, generator: np.random.Generator) -> ND
     return np.concatenate((near, mesh.origin + generator.uniform(-0.5, 0.5, (count - half, 3)) * extent))
 
 
-def _present(results: Results) -> list[Part]:
-    size = results.scale.size_of(*results.scale.pick(_PICTURE, _QUICK_PICTURE))
-    count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
-    parts: list[Part] = [
-        _list_engines(results),
-        Paragraph(
-            f"Coherent rays are those of a picture of {size}; shuffled ones are the same in random order; scattered "
-            f"ones come from all around the mesh, in no order. any hit and all hits get the coherent rays. {count:,} "
-            "points, half of them near the surface. trimesh's own engine gets every n-th ray or point, about "
-            f"{Trimesh.most_items:,} of each."
-        ),
-    ]
-    names = [name for name in ENGINES if results.find(engine=name)]
-    for mesh in results.distinct("mesh"):
-        rows = []
-        answers = []
-        for query, title in QUERIES.items():
-            cases = {str(case["engine"]): case for case in results.find(mesh=mesh, query=query)}
-            if not cases:
-                continue
-            rows.append(
-                (title, *(figure_of(results, cases.get(name), query) for name in names), lead_of(results, cases))
-            )
-            counts = {name: results.median(case, "answers") for name, case in cases.items()}
-            items = {name: int(results.median(case, "items") or 0) for name, case in cases.items()}
-            answers.append((title, *(_describe_answers(counts.get(name), items.get(name)) for name in names)))
-        parts.append(
-            Table(
-                f"{mesh}: build in ms, queries in millions of rays or points per second, whole calls. Last column: "
-                "the fastest other engine's time over clbvh's; above 1 clbvh is faster.",
-                ("query", *names, "clbvh's lead"),
-                rows,
-            )
-        )
-        parts.append(Table(f"{mesh}: answers of items, by which engines agree.", ("query", *names), answers[1:]))
-    parts.insert(2, _draw(results, names))
-    return parts
-
-
-def _list_engines(results: Results) -> Table:
-    rows = []
-    for name, engine in ENGINES.items():
-        packages = engine.packages or ("clbvh",)
-        versions = [f"{package} {results.machine.get(package, 'not installed')}" for package in packages]
-        rows.append((name, ", ".join(versions), engine.threads))
-    return Table("The engines.", ("engine", "version", "threads of a query"), rows)
-
-
-def figure_of(results: Results, case: Case | None, query: str) -> Summary | None:
+def figure_of(results: Results, case: Case | None) -> Summary | None:
     """Return milliseconds of a build, millions of items per second of a query."""
-    summary = None if case is None else results.summary(case, "wall_ms")
-    if case is None or summary is None or query == "build":
+    summary = results.summary(case, "wall_ms")
+    if case is None or summary is None or case["query"] == "build":
         return summary
     return summary.scaled(1e3).rate(results.median(case, "items") or 0.0)
 
 
-def _time_per_item(results: Results, case: Case) -> float:
-    return (results.median(case, "wall_ms") or 0.0) / max(1.0, results.median(case, "items") or 1.0)
-
-
 def lead_of(results: Results, cases: dict[str, Case]) -> Summary | None:
     """Return the fastest peer's time over clbvh's, round by round; None without either."""
-    others = [case for name, case in cases.items() if name != "clbvh"]
-    if "clbvh" not in cases or not others:
-        return None
-    best = min(others, key=lambda case: _time_per_item(results, case))
-    ratio = results.ratio(best, cases["clbvh"], "wall_ms")
     # A slow engine gets fewer rays.
-    ours, theirs = (results.median(case, "items") or 1.0 for case in (cases["clbvh"], best))
-    return None if ratio is None else ratio.scaled(ours / theirs)
-
-
-def _describe_answers(count: float | None, items: int | None) -> str | None:
-    return None if count is None or items is None else f"{int(count):,} of {items:,}"
-
-
-def _draw(results: Results, names: list[str]) -> Part:
-    meshes = results.distinct("mesh")
-    if len(names) < 2:
-        return Paragraph("No other engine is installed here.")
-    series = []
-    for name in names:
-        found = [
-            (index, figure_of(results, cases[0], "coherent"))
-            for index, mesh in enumerate(meshes)
-            if (cases := results.find(mesh=mesh, query="coherent", engine=name))
-        ]
-        shown = [(index, value) for index, value in found if value is not None]
-        series.append(Series(name, [index for index, _ in shown], [value for _, value in shown]))
-    return Figure(
-        "Closest hit of coherent rays.",
-        draw_bars(Axis("million rays per second", is_log=True), meshes, series),
-    )
-
-
-EXPERIMENT = Experiment(
-    name="peers",
-    title="The contest with the peers",
-    question="How fast are builds and queries beside Open3D, embreex and trimesh's own engine?",
-    method="Wall time of whole Python calls, arrays in and answers out. The same mesh and the same rays come from "
-    "shared files; each engine has a process of its own, which is idle while another is measured; between engines all "
-    "rest. Engines take turns.",
-    cases=_cases,
-    measure=_measure,
-    present=_present,
-    weight=10,
-)
+    items = {name: results.median(case, "items") or 1.0 for name, case in cases.items()}
+    times = {name: (results.median(case, "wall_ms") or 0.0) / items[name] for name, case in cases.items()}
+    ours = cases.get(_OURS)
+    best = min((name for name in cases if name != _OURS), key=lambda name: times[name], default=None)
+    ratio = best and results.ratio(cases[best], ours, "wall_ms")
+    return ratio.scaled(items[_OURS] / items[best]) if best and ratio else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from pathlib import Path
 
@@ -11,17 +10,15 @@ import pytest
 
 import clbvh.study
 from clbvh.errors import ConfigError, InternalError
-from clbvh.study import machine as machines
-from clbvh.study.builds import build_timed
-from clbvh.study.case import Experiment, Sample
+from clbvh.study import engines, machine as machines
+from clbvh.study.experiment import Experiment
 from clbvh.study.experiments import peers
-from clbvh.study.page.parts import Table
-from clbvh.study.peers import engines
+from clbvh.study.page import Table
 from clbvh.study.registry import EXPERIMENTS, find_experiments
 from clbvh.study.report import curve, published, source_of
 from clbvh.study.run import run_study
+from clbvh.study.samples import Sample
 from clbvh.study.scale import FULL, QUICK, SCANS, TINY, Scale
-from clbvh.support.host_threads import usable_cores
 
 from .test_page import check_self_contained
 
@@ -36,9 +33,11 @@ def test_the_experiments_are_those_of_the_report():
 
 
 @pytest.mark.parametrize("name", ISSUED)
-def test_each_experiment_has_a_file_of_its_own(name):
-    module = importlib.import_module(f"clbvh.study.experiments.{name}")
-    assert module.EXPERIMENT is EXPERIMENTS[name]
+def test_each_experiment_has_its_texts(name):
+    title, question, method = EXPERIMENTS[name].texts
+    assert title
+    assert question[-1] in ".?"
+    assert method.endswith(".")
 
 
 @pytest.mark.parametrize("scale", [FULL, QUICK, TINY], ids=lambda scale: scale.name)
@@ -52,7 +51,7 @@ def test_cases_differ_and_have_the_keys_of_their_group(name, scale):
 
 def test_the_contest_has_six_meshes_and_more():
     for scale in (FULL, QUICK):
-        assert len({case["mesh"] for case in peers.EXPERIMENT.cases(scale)}) >= 6
+        assert len({case["mesh"] for case in EXPERIMENTS["peers"].cases(scale)}) >= 6
 
 
 def test_an_unknown_experiment_is_refused():
@@ -132,7 +131,7 @@ def test_another_version_is_noticed_and_nothing_is_mixed(tiny, monkeypatch, tmp_
     for path in folder.iterdir():
         if path.is_file():
             (tmp_path / path.name).write_bytes(path.read_bytes())
-    versions = {"numpy": "99.0"}
+    versions = {"numpy": "99.0", "matplotlib": "3", "Jinja2": "3"}
     monkeypatch.setattr(machines, "find_version", lambda package: versions.get(package))
     study = run_study(tmp_path, scale=TINY, only_page=True)
     (note,) = [note for note in study.notes if "another machine or version" in note]
@@ -184,10 +183,9 @@ def test_points_of_the_contest_are_near_the_mesh():
 def test_the_experiment_of_the_documentation_runs(tmp_path, monkeypatch):
     text = (Path(__file__).parents[3] / "docs" / "study.md").read_text("utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    names = {"build_timed": build_timed, "usable_cores": usable_cores, "Sample": Sample, "Table": Table}
-    names["Experiment"] = Experiment
+    names = {"Experiment": Experiment, "Sample": Sample, "Table": Table}
     exec(code, names)
-    monkeypatch.setitem(EXPERIMENTS, "leaves", names["EXPERIMENT"])
+    monkeypatch.setitem(EXPERIMENTS, "leaves", names["Leaves"]())
     page = run_study(tmp_path, ["leaves"], scale=TINY).page.read_text()
     assert '<section id="leaves">' in page
     assert "Build by leaf size." in page

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import stat
+import subprocess
 import sys
 
 import pytest
 
-from clbvh.study import hardware_counters
-from clbvh.study.case import NotMeasuredError
-from clbvh.study.hardware_counters import EVENTS, count_build, find_problem
+from clbvh.study import machine
+from clbvh.study.machine import EVENTS, count_build, find_counter_problem
+from clbvh.study.samples import NotMeasuredError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="perf is Linux's")
 
@@ -31,9 +32,9 @@ FAILING = "#!/bin/sh\necho 'no permission' >&2\nexit 1\n"
 
 @pytest.fixture(autouse=True)
 def forgotten():
-    find_problem.cache_clear()
+    find_counter_problem.cache_clear()
     yield
-    find_problem.cache_clear()
+    find_counter_problem.cache_clear()
 
 
 @pytest.fixture
@@ -51,27 +52,28 @@ def install(tmp_path, monkeypatch):
 
 def test_the_start_of_python_does_not_count(install):
     install(COUNTING)
-    assert find_problem() == ""
+    assert find_counter_problem() == ""
     assert count_build("knot-1000", "flat") == {"instructions": 500, "cache_misses": 7}
     assert set(EVENTS.values()) == {"instructions", "cache_misses"}
 
 
 def test_a_machine_without_counters(install):
     install(BLIND)
-    assert find_problem() == "perf does not count instructions on this machine"
+    assert find_counter_problem() == "perf does not count instructions on this machine"
 
 
 def test_a_perf_that_fails(install):
     install(FAILING)
-    assert find_problem().startswith("perf stat fails")
+    assert find_counter_problem().startswith("perf stat fails")
     with pytest.raises(NotMeasuredError, match="perf stat fails"):
         count_build("knot-1000", "flat")
 
 
 def test_no_perf(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert find_problem() == "perf is not installed"
+    assert find_counter_problem() == "perf is not installed"
 
 
 def test_the_counted_process_builds():
-    hardware_counters._main("knot-1000", "flat", "1")
+    command = [sys.executable, "-c", machine._BUILD, "knot-1000", "flat", "1"]
+    subprocess.run(command, check=True, timeout=120)

@@ -1,17 +1,26 @@
-"""The page: complete, self-contained, escaped, and the same with and without matplotlib."""
+"""The page: complete, self-contained and escaped; figures, and Markdown."""
 
 from __future__ import annotations
 
+import base64
 import re
 from html.parser import HTMLParser
 
 import pytest
 
-from clbvh.study.page import drawing
-from clbvh.study.page.drawing import Axis, Series, draw_bars, draw_curves, use_page_colours
-from clbvh.study.page.html import Section, write_page
-from clbvh.study.page.numbers import format_cell, format_number
-from clbvh.study.page.parts import Figure, Paragraph, Picture, Table
+from clbvh.study.drawing import REPORT, Axis, draw_figure
+from clbvh.study.page import (
+    HTML,
+    MARKDOWN,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    format_cell,
+    format_number,
+    write_page,
+)
 from clbvh.study.statistics import Summary
 
 VOID = {"meta", "img", "br"}
@@ -72,7 +81,7 @@ def check_self_contained(text):
 
 def make_page(*parts, **fields):
     section = Section(**{"name": "one", "title": "One", "question": "Why?", "method": "", "parts": parts, **fields})
-    return write_page("A <study>", ["First & last."], {"cores": "2"}, [section])
+    return write_page(HTML, {"cores": "2"}, [section], title="A <study>", introduction=["First & last."])
 
 
 def test_tables_show_median_and_range():
@@ -101,41 +110,38 @@ def test_pictures_are_inside():
     assert page.addresses[-1] == "data:image/png;base64,iVBORw=="
 
 
-def test_figures_are_inside_and_take_the_pages_colours():
-    pytest.importorskip("matplotlib")
-    curves = draw_curves(
-        Axis("workers", is_log=True, ticks=(1, 2)), Axis("speed-up"),
-        [Series("ours", (1, 2), (QUIET, NOISY)), Series("report", (1, 2), (1.0, 2.0), is_published=True)],
-    )  # fmt: skip
-    bars = draw_bars(Axis("ms", is_log=True), ["a", "b"], [Series("ours", (0, 1), (QUIET, NOISY))])
-    text = make_page(Figure("Curves.", curves), Figure("Bars.", bars))
-    page = check_self_contained(text)
-    assert "svg" in page.tags
-    for colour in ("currentColor", "var(--series-0)", "var(--published)"):
-        assert colour in text
-    assert "#0102" not in text
-    # The same name twice would make one figure draw with the other's marks.
-    assert len(set(page.ids)) == len(page.ids)
-    for label in ("workers", "speed-up", "ours", "report", "ms"):
-        assert label in text
+def draw_both():
+    """Return curves and bars as text."""
+    points = [("ours", 1, QUIET), ("ours", 2, NOISY), ("none", 1, None), (REPORT, 1, 1.0), (REPORT, 2, 2.0)]
+    curves = draw_figure(points, Axis("speed-up"), Axis("workers", is_log=True, ticks=(1, 2)))
+    bars = draw_figure([("ours", "A & B", QUIET), ("ours", "C", NOISY)], Axis("ms", is_log=True))
+    return curves.decode(), bars.decode()
 
 
-def test_there_is_no_figure_without_matplotlib(monkeypatch):
-    monkeypatch.setattr(drawing, "can_draw", lambda: False)
-    svg = draw_bars(Axis("ms"), ["a"], [Series("ours", (0,), (QUIET,))])
-    assert svg == draw_curves(Axis("x"), Axis("y"), [Series("ours", (0,), (QUIET,))]) == ""
-    assert "figure" not in check_self_contained(make_page(Figure("Bars.", svg))).tags
+def test_figures_show_their_names_and_are_the_same_each_time():
+    curves, bars = draw_both()
+    for label in ("workers", "speed-up", "ours", REPORT):
+        assert f">{label}<" in curves
+    for label in ("A &amp; B", "C", "ms"):
+        assert f">{label}<" in bars
+    assert (curves, bars) == draw_both()
 
 
-def test_no_figure_of_nothing():
-    assert draw_curves(Axis("x"), Axis("y"), [Series("ours", (), ())]) == ""
+def test_figures_are_inside():
+    figure = Figure("Bars.", [("ours", "a", QUIET), ("ours", "b", None)], Axis("ms"))
+    page = check_self_contained(make_page(figure))
+    (address,) = (address for address in page.addresses if address.startswith("data:"))
+    assert b"<svg" in base64.b64decode(address.partition(",")[2])
 
 
-def test_names_in_a_figure_are_its_own():
-    svg = '<svg><path id="m1"/><use xlink:href="#m1"/><g clip-path="url(#p2)"/></svg>'
-    assert use_page_colours(svg, "ladder-1") == (
-        '<svg><path id="ladder-1-m1"/><use xlink:href="#ladder-1-m1"/><g clip-path="url(#ladder-1-p2)"/></svg>'
+def test_markdown_has_tables_and_texts_without_figures():
+    figure = Figure("Bars.", [("ours", "a", QUIET)], Axis("ms"))
+    section = Section(
+        "one", "One", "Why?", "By hand.", [Table("All.", ("a|b", "ms"), [("x", QUIET)]), figure], ["Noise."]
     )
+    text = write_page(MARKDOWN, {"cores": "2"}, [section], folder="results", size="tiny")
+    head = "| machine |  |\n|---|---|\n| cores | 2 |\n\n## One\n\nWhy?\n\nBy hand.\n\nAll.\n\n"
+    assert text.endswith(f"{head}| a/b | ms |\n|---|---|\n| x | 10.0 (9.90 to 10.1) |\n\nNoise.\n")
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clbvh import make_shape
-from clbvh.study.peers.engines import ENGINES, Contestant, Engine
-from clbvh.study.peers.process import EngineError, EngineProcess
+from clbvh.study.engines import ENGINES, Contestant, Engine
+from clbvh.study.rival import EngineError, Rival
 
 RAYS = 64
 
@@ -27,8 +27,8 @@ class Slow(Engine):
     def build(self):
         self.built += 1
 
-    def prepare(self, query, items):
-        return lambda: len(items["points" if query == "points" else "origins"])
+    def prepare(self, query, *arrays):
+        return lambda: len(arrays[0])
 
 
 @pytest.fixture(scope="module")
@@ -51,35 +51,35 @@ def test_a_slow_engine_gets_an_even_share(folder, monkeypatch):
     monkeypatch.setitem(ENGINES, "slow", Slow)
     contestant = Contestant("slow", folder)
     for query in ("coherent", "points"):
-        values = contestant.measure(query)
+        values = contestant.answer(query)
         # Every seventh of 64.
         assert values["items"] == values["answers"] == 10
         assert values["wall_ms"] >= 0
-    assert contestant.measure("build")["items"] == len(np.load(f"{folder}/faces.npy"))
+    assert contestant.answer("build")["items"] == len(np.load(f"{folder}/faces.npy"))
     assert contestant._engine.built == 2
 
 
 @pytest.mark.usefixtures("_opened_device")
 def test_this_library_in_a_process_of_its_own(folder):
-    with EngineProcess("clbvh", folder) as engine:
+    with Rival("clbvh", Contestant, "clbvh", folder) as engine:
         for query in ENGINES["clbvh"].queries:
-            values = engine.measure(query)
+            values = engine.ask(query)
             assert values["wall_ms"] > 0
             if query != "build":
                 assert values["kernel_ms"] > 0
-        closest, every = (engine.measure(query)["answers"] for query in ("coherent", "all"))
+        closest, every = (engine.ask(query)["answers"] for query in ("coherent", "all"))
         assert 0 < closest <= every
         # It survives a question that it does not understand.
         with pytest.raises(EngineError, match="clbvh fails: FileNotFoundError"):
-            engine.measure("no such query")
-        assert engine.measure("any")["answers"] == closest
+            engine.ask("no such query")
+        assert engine.ask("any")["answers"] == closest
         engine._process.kill()
         with pytest.raises(EngineError, match="the process of clbvh died"):
-            engine.measure("any")
+            engine.ask("any")
     assert not [child for child in multiprocessing.active_children() if child.name.startswith("clbvh-clbvh")]
 
 
 def test_an_engine_that_cannot_be_opened_is_an_error(folder):
     with pytest.raises(EngineError, match="nobody fails: KeyError"):
-        EngineProcess("nobody", folder)
+        Rival("nobody", Contestant, "nobody", folder)
     assert not [child for child in multiprocessing.active_children() if "nobody" in child.name]

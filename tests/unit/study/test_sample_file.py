@@ -6,8 +6,7 @@ import csv
 
 import pytest
 
-from clbvh.study.case import Sample
-from clbvh.study.sample_file import FILE_NAME, SampleFile
+from clbvh.study.samples import FILE_NAME, Sample, SampleFile
 
 CASE = {"mesh": "knot-1000", "workers": 2}
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from clbvh.errors import PoolError
-from clbvh.study.case import NotMeasuredError
-from clbvh.study.sample_file import SampleFile
-from clbvh.study.sampling import group_cases, sample_group
+from clbvh.study.run import group_cases, sample_group
+from clbvh.study.samples import NotMeasuredError, SampleFile
 from clbvh.study.scale import Scale
 
 from .made_up import MACHINE, make_experiment

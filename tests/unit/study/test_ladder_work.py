@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, build, make_shape
 from clbvh.builders.ladder import VARIANTS
-from clbvh.stats.ladder_work import count_ladder_work
+from clbvh.study.ladder_work import count_ladder_work
 
 COUNT = 1500
 

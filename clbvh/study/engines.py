@@ -1,8 +1,8 @@
-"""The engines of the contest, all with the same few verbs: open, then one whole call of each query.
+"""Adapters of this engine and its peers, all with the same few verbs: open, then one whole call of each query.
 
-This module runs in a process of its own for each engine, and imports an engine only when it is opened. Every call takes
-arrays as they come from the shared files and gives the engine what its users would give it; conversions to the engine's
-own types are made before the time is taken where its users can keep them, and are part of the call where they cannot.
+An engine is imported when it is opened. Every call takes numpy arrays and gives the engine what its users would give
+it; conversions to the engine's own types are made before the time is taken where its users can keep them, and are part
+of the call where they cannot.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+_RAY_QUERIES = ("build", "coherent", "shuffled", "scattered", "any", "all")
+_ALL_QUERIES = (*_RAY_QUERIES, "points")
 
 
 class Engine:
@@ -51,8 +54,8 @@ class Engine:
         """Build the acceleration structure anew, all of it."""
         raise NotImplementedError
 
-    def prepare(self, query: str, items: dict[str, Array]) -> Callable[[], int]:
-        """Return a function that does the query once and returns the number of its answers."""
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+        """Return a function that does a query of origins and directions, or of points, and counts its answers."""
         raise NotImplementedError
 
     def kernel_ms(self) -> float | None:
@@ -67,7 +70,7 @@ class Clbvh(Engine):
     """clbvh, with the layout that suits the device."""
 
     name = "clbvh"
-    queries = ("build", "coherent", "shuffled", "scattered", "any", "all", "points")
+    queries = _ALL_QUERIES
 
     def open(self, vertices: Array, faces: Array) -> None:
         import clbvh
@@ -79,18 +82,17 @@ class Clbvh(Engine):
     def build(self) -> None:
         self._bvh = self._clbvh.build(self._mesh)
 
-    def prepare(self, query: str, items: dict[str, Array]) -> Callable[[], int]:
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
         if self._tracer is None:
             self._tracer = self._clbvh.Tracer(self._bvh)
         tracer = self._tracer
         if query == "points":
-            return lambda: len(tracer.closest_point(items["points"]).distance)
-        rays = items["origins"], items["directions"]
+            return lambda: len(tracer.closest_point(*arrays).distance)
         if query == "any":
-            return lambda: int(np.count_nonzero(tracer.any_hit(*rays)))
+            return lambda: int(np.count_nonzero(tracer.any_hit(*arrays)))
         if query == "all":
-            return lambda: len(tracer.all_hits(*rays).t)
-        return lambda: int(np.count_nonzero(tracer.closest_hit(*rays).is_hit))
+            return lambda: len(tracer.all_hits(*arrays).t)
+        return lambda: int(np.count_nonzero(tracer.closest_hit(*arrays).is_hit))
 
     def kernel_ms(self) -> float | None:
         return None if self._tracer is None else self._tracer.timings_ms.get("kernel", 0.0)
@@ -105,33 +107,31 @@ class Open3D(Engine):
 
     name = "Open3D"
     packages = ("open3d",)
-    queries = ("build", "coherent", "shuffled", "scattered", "any", "all", "points")
+    queries = _ALL_QUERIES
 
     def open(self, vertices: Array, faces: Array) -> None:
-        open3d: Any = import_module("open3d")
+        self._open3d: Any = import_module("open3d")
+        self._mesh = self.pack(vertices), self._open3d.core.Tensor(faces.astype(np.uint32))
 
-        self._open3d = open3d
-        self._tensor = open3d.core.Tensor
-        self._vertices = self._tensor(vertices.astype(np.float32))
-        self._faces = self._tensor(faces.astype(np.uint32))
+    def pack(self, *arrays: Array) -> Any:
+        """Return arrays of equal length side by side, as a tensor of float32."""
+        return self._open3d.core.Tensor(np.concatenate(arrays, axis=1).astype(np.float32))
 
     def build(self) -> None:
-        self._scene = self._open3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(self._vertices, self._faces)
+        self.scene = self._open3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(*self._mesh)
         # Embree builds when the first query needs the tree; one ray costs nothing beside that.
-        self._scene.cast_rays(self._tensor(np.array([[0, 0, 0, 0, 0, 1]], np.float32)))
+        self.scene.cast_rays(self.pack(np.array([[0, 0, 0, 0, 0, 1]])))
 
-    def prepare(self, query: str, items: dict[str, Array]) -> Callable[[], int]:
-        scene = self._scene
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+        scene, packed = self.scene, self.pack(*arrays)
         if query == "points":
-            points = self._tensor(items["points"].astype(np.float32))
-            return lambda: len(scene.compute_closest_points(points)["points"])
-        rays = self._tensor(np.concatenate([items["origins"], items["directions"]], axis=1).astype(np.float32))
+            return lambda: len(scene.compute_closest_points(packed)["points"])
         if query == "any":
-            return lambda: int(np.count_nonzero(scene.test_occlusions(rays).numpy()))
+            return lambda: int(np.count_nonzero(scene.test_occlusions(packed).numpy()))
         if query == "all":
-            return lambda: len(scene.list_intersections(rays)["t_hit"])
-        return lambda: int(np.count_nonzero(np.isfinite(scene.cast_rays(rays)["t_hit"].numpy())))
+            return lambda: len(scene.list_intersections(packed)["t_hit"])
+        return lambda: int(np.count_nonzero(np.isfinite(scene.cast_rays(packed)["t_hit"].numpy())))
 
 
 class Embreex(Engine):
@@ -139,34 +139,31 @@ class Embreex(Engine):
 
     name = "embreex"
     packages = ("embreex", "trimesh")
-    queries = ("build", "coherent", "shuffled", "scattered", "any", "all")
+    queries = _RAY_QUERIES
     threads = "1"
 
     def open(self, vertices: Array, faces: Array) -> None:
-        self._module: Any = import_module("embreex.rtcore_scene")
+        self._scene_class: Any = import_module("embreex.rtcore_scene").EmbreeScene
         self._mesh_class: Any = import_module("embreex.mesh_construction").TriangleMesh
         self._vertices, self._faces = vertices.astype(np.float32), faces.astype(np.int32)
-        self._double = vertices.astype(np.float64)
-        self._over: Any = None
+        self._wide_vertices = vertices.astype(np.float64)
 
     def build(self) -> None:
-        self._scene = self._module.EmbreeScene()
-        self._mesh_class(scene=self._scene, vertices=self._vertices, indices=self._faces)
+        self.scene = self._scene_class()
+        self._mesh_class(scene=self.scene, vertices=self._vertices, indices=self._faces)
         # As above.
-        self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
+        self.scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
-    def prepare(self, query: str, items: dict[str, Array]) -> Callable[[], int]:
-        scene = self._scene
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+        scene = self.scene
         if query == "all":
             import trimesh
             from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-            if self._over is None:
-                self._over = RayMeshIntersector(trimesh.Trimesh(self._double, self._faces, process=False))
-            over = self._over
-            wide = items["origins"].astype(np.float64), items["directions"].astype(np.float64)
+            over: Any = RayMeshIntersector(trimesh.Trimesh(self._wide_vertices, self._faces, process=False))
+            wide = [array.astype(np.float64) for array in arrays]
             return lambda: len(over.intersects_location(*wide)[0])
-        rays = items["origins"].astype(np.float32), items["directions"].astype(np.float32)
+        rays = [array.astype(np.float32) for array in arrays]
         if query == "any":
             return lambda: int(np.count_nonzero(np.asarray(scene.run(*rays, query="OCCLUDED")) != -1))
         return lambda: int(np.count_nonzero(np.asarray(scene.run(*rays)) >= 0))
@@ -177,7 +174,7 @@ class Trimesh(Engine):
 
     name = "trimesh"
     packages = ("trimesh", "rtree")
-    queries = ("build", "coherent", "shuffled", "scattered", "any", "all", "points")
+    queries = _ALL_QUERIES
     threads = "1"
     most_triangles = 100_000
     most_items = 200
@@ -186,26 +183,24 @@ class Trimesh(Engine):
         import trimesh
         from trimesh.ray.ray_triangle import RayMeshIntersector
 
-        self._trimesh, self._class = trimesh, RayMeshIntersector
+        self._trimesh, self._engine_class = trimesh, RayMeshIntersector
         self._arrays = vertices.astype(np.float64), faces
 
     def build(self) -> None:
         # A new object, because trimesh keeps the R-tree of the one before.
         self._mesh = self._trimesh.Trimesh(*self._arrays, process=False)
-        self._engine = self._class(self._mesh)
+        self._engine = self._engine_class(self._mesh)
         _ = self._mesh.triangles_tree
 
-    def prepare(self, query: str, items: dict[str, Array]) -> Callable[[], int]:
-        engine, mesh = self._engine, self._mesh
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+        engine, wide = self._engine, [array.astype(np.float64) for array in arrays]
         if query == "points":
-            points = items["points"].astype(np.float64)
-            return lambda: len(self._trimesh.proximity.closest_point(mesh, points)[1])
-        rays = items["origins"].astype(np.float64), items["directions"].astype(np.float64)
+            return lambda: len(self._trimesh.proximity.closest_point(self._mesh, *wide)[1])
         if query == "any":
-            return lambda: int(np.count_nonzero(engine.intersects_any(*rays)))
+            return lambda: int(np.count_nonzero(engine.intersects_any(*wide)))
         if query == "all":
-            return lambda: len(engine.intersects_location(*rays)[0])
-        return lambda: int(np.count_nonzero(engine.intersects_first(*rays) >= 0))
+            return lambda: len(engine.intersects_location(*wide)[0])
+        return lambda: int(np.count_nonzero(engine.intersects_first(*wide) >= 0))
 
 
 ENGINES: dict[str, type[Engine]] = {engine.name: engine for engine in (Clbvh, Open3D, Embreex, Trimesh)}
@@ -217,26 +212,25 @@ class Contestant:
     def __init__(self, name: str, folder: str) -> None:
         self._engine = ENGINES[name]()
         self._folder = folder
-        self._engine.open(self._load("vertices"), self._load("faces"))
-        self._calls: dict[str, tuple[Callable[[], int], int]] = {}
+        faces = self._load("faces")
+        self._engine.open(self._load("vertices"), faces)
         self._engine.build()
+        self._calls: dict[str, tuple[Callable[[], int | None], int]] = {"build": (self._engine.build, len(faces))}
 
-    def measure(self, query: str) -> dict[str, float]:
+    def answer(self, query: str) -> dict[str, float]:
         """Return wall time, number of items and of answers; and the device's event time where it has one."""
-        if query == "build":
-            begin = time.perf_counter()
-            self._engine.build()
-            return {"wall_ms": (time.perf_counter() - begin) * 1e3, "items": len(self._load("faces"))}
         if query not in self._calls:
-            items = self._load_items(query)
-            self._calls[query] = self._engine.prepare(query, items), len(next(iter(items.values())))
+            arrays = self._load_arrays(query)
+            self._calls[query] = self._engine.prepare(query, *arrays), len(arrays[0])
         call, item_count = self._calls[query]
         before = self._engine.kernel_ms()
         begin = time.perf_counter()
         answers = call()
-        values = {"wall_ms": (time.perf_counter() - begin) * 1e3, "items": item_count, "answers": answers}
+        values: dict[str, float] = {"wall_ms": (time.perf_counter() - begin) * 1e3, "items": item_count}
+        if answers is not None:
+            values["answers"] = answers
         after = self._engine.kernel_ms()
-        if before is not None and after is not None:
+        if before is not None and after is not None and after > before:
             values["kernel_ms"] = after - before
         return values
 
@@ -247,12 +241,10 @@ class Contestant:
     def _load(self, name: str) -> Array:
         return np.load(f"{self._folder}/{name}.npy")
 
-    def _load_items(self, query: str) -> dict[str, Array]:
+    def _load_arrays(self, query: str) -> list[Array]:
         """Return the arrays of a query, thinned evenly for an engine that is slow."""
-        names = ("points",) if query == "points" else ("origins", "directions")
         order = "coherent" if query in ("any", "all") else query
-        items = {name: self._load(name if query == "points" else f"{order}-{name}") for name in names}
-        limit = self._engine.most_items
-        if limit is None:
-            return items
-        return {name: np.ascontiguousarray(array[:: max(1, -(-len(array) // limit))]) for name, array in items.items()}
+        names = ["points"] if query == "points" else [f"{order}-origins", f"{order}-directions"]
+        arrays = [self._load(name) for name in names]
+        step = -(-len(arrays[0]) // (self._engine.most_items or len(arrays[0])))
+        return [np.ascontiguousarray(array[::step]) for array in arrays]

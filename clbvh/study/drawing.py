@@ -1,0 +1,123 @@
+"""Figures as SVG, drawn by matplotlib: curves and bars in one style.
+
+Series differ in colour, marker and line, and the colours are those that colour-blind people can tell apart (M. Okabe
+and K. Ito, "Color universal design", 2008). The same figure is the same file.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .statistics import Summary
+
+# The name of the series that the report published.
+REPORT = "the report"
+
+# The series, x or the name of the bar, and the value: a summary has an error bar from its smallest to its largest
+# sample, and None is left out.
+Point = tuple[str, Any, Summary | float | None]
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#b8860b", "#4477aa")
+_MARKERS = ("o", "s", "D", "^", "v", "P")
+_LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 1)))
+_PUBLISHED = "#6b7480"
+_PUBLISHED_CURVE: Any = {"color": _PUBLISHED, "marker": "o", "markerfacecolor": "none", "linestyle": (0, (1, 1.5))}
+
+# At 6.4 inches the figure fills the page's column; at half of that, text of 11 points is still read.
+_WIDTH_INCHES, _CURVES_INCHES = 6.4, 3.6
+_BAR_INCHES = 0.36
+_BAR_MARGIN_INCHES = 0.95
+_LEGEND_COLUMNS = 4
+# Ranges below this ratio get more numbers on a logarithmic axis: powers of ten alone would leave one or none.
+_SHORT_RANGE = 50
+_STYLE: Any = {
+    "font.size": 11,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.alpha": 0.4,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "clbvh",
+    "legend.frameon": False,
+}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The label of an axis, with its unit, and its scale.
+
+    Attributes
+    ----------
+    label : str
+    is_log : bool
+    ticks : sequence of float
+        The values with a number; chosen by the figure without them.
+    """
+
+    label: str
+    is_log: bool = False
+    ticks: Sequence[float] = ()
+
+
+def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> bytes:
+    """Return a figure as an SVG file: curves over `x`, or without it horizontal bars, the first point's at the top."""
+    import matplotlib
+    from cycler import cycler
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(name for name, *_ in points))
+    bars = list(dict.fromkeys(at for _, at, _ in points))
+    height = _CURVES_INCHES
+    if x is None:
+        height = _BAR_MARGIN_INCHES + _BAR_INCHES * max(len(bars), 2) * max(1.0, len(names) / 2)
+    cycle = cycler(color=_COLOURS, marker=_MARKERS, linestyle=_LINES)
+    with matplotlib.rc_context({**_STYLE, "axes.prop_cycle": cycle}):
+        figure = Figure(figsize=(_WIDTH_INCHES, height), layout="constrained")
+        axes = figure.subplots()
+        for number, name in enumerate(names):
+            shown = [(at, value) for series, at, value in points if series == name and value is not None]
+            summaries = [value if isinstance(value, Summary) else Summary.of([value]) for _, value in shown]
+            medians = [summary.median for summary in summaries]
+            errors = [[one.median - one.low for one in summaries], [one.high - one.median for one in summaries]]
+            if x is not None:
+                style = _PUBLISHED_CURVE if name == REPORT else {"yerr": errors}
+                axes.errorbar([at for at, _ in shown], medians, label=name, capsize=3, linewidth=1.8, **style)
+            else:
+                style = {"color": _PUBLISHED} if name == REPORT else {"xerr": errors}
+                thickness = 0.8 / len(names)
+                positions = [bars.index(at) - 0.4 + thickness * (number + 0.5) for at, _ in shown]
+                axes.barh(positions, medians, 0.9 * thickness, label=name, capsize=2, **style)
+        if x is not None:
+            _set_axis(axes.xaxis, x)
+            _set_axis(axes.yaxis, y)
+            axes.set_ylim(bottom=None if y.is_log else 0)
+        else:
+            axes.set_yticks(range(len(bars)), bars)
+            axes.invert_yaxis()
+            _set_axis(axes.xaxis, y)
+        axes.grid(axis="x" if x is None else "both")
+        if len(names) > 1:
+            # Above the axes, where it covers nothing.
+            figure.legend(loc="outside upper left", ncols=min(len(names), _LEGEND_COLUMNS), borderaxespad=0.2)
+        file = io.BytesIO()
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    return file.getvalue()
+
+
+def _set_axis(axis: Any, wanted: Axis) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    axis.set_label_text(wanted.label)
+    if wanted.is_log:
+        axis._set_axes_scale("log")
+        axis.set_minor_formatter(NullFormatter())
+        low, high = axis.get_view_interval()
+        if high < _SHORT_RANGE * low:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    if wanted.ticks:
+        axis.set_ticks(list(wanted.ticks))
+        axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))

@@ -1,0 +1,189 @@
+"""The parts of a study's page, without their form, and the page: as HTML, and as Markdown for documents that quote it.
+
+The forms are the templates `page.html.jinja` and `results.md.jinja`.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from .drawing import Axis, Point, draw_figure
+from .statistics import NOISY_SPREAD, Summary
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+HTML, MARKDOWN = "page.html.jinja", "results.md.jinja"
+
+# What a cell of a table can be. A summary shows its median and its range.
+Cell = str | int | float | Summary | None
+
+_DIGITS, _MOST_DECIMALS = 3, 6
+_MISSING = "\u2013"  # a dash
+_LINE_LENGTH = 120
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """A paragraph of plain text."""
+
+    kind: ClassVar[str] = "paragraph"
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of figures.
+
+    Attributes
+    ----------
+    caption : str
+    columns : sequence of str
+        The headings, with units.
+    rows : sequence of sequence of Cell
+        None where there is no figure.
+    """
+
+    kind: ClassVar[str] = "table"
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing: curves over `x`, or horizontal bars without it.
+
+    Attributes
+    ----------
+    caption : str
+    points : sequence of Point
+    y : Axis
+        Of the values.
+    x : Axis, optional
+    """
+
+    kind: ClassVar[str] = "image"
+    caption: str
+    points: Sequence[Point]
+    y: Axis
+    x: Axis | None = None
+
+    @property
+    def address(self) -> str:
+        """The drawing itself as an address."""
+        return f"data:image/svg+xml;base64,{b64encode(draw_figure(self.points, self.y, self.x)).decode()}"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A rendered picture."""
+
+    kind: ClassVar[str] = "image"
+    caption: str
+    png: bytes
+
+    @property
+    def address(self) -> str:
+        """The picture itself as an address."""
+        return f"data:image/png;base64,{b64encode(self.png).decode()}"
+
+
+Part = Paragraph | Table | Figure | Picture
+
+
+@dataclass(frozen=True)
+class Section:
+    """One experiment of the page.
+
+    Attributes
+    ----------
+    name, title, question, method : str
+        See `Experiment`.
+    parts : sequence of Part
+    notes : sequence of str
+        What was not measured, and noise.
+    """
+
+    name: str
+    title: str
+    question: str
+    method: str
+    parts: Sequence[Part]
+    notes: Sequence[str] = ()
+
+
+def write_page(template: str, facts: dict[str, str], sections: Sequence[Section], **texts: Any) -> str:
+    """Return the whole page in one of the forms `HTML` and `MARKDOWN`.
+
+    Parameters
+    ----------
+    template : str
+    facts : dict of str to str
+        The machine.
+    sections : sequence of Section
+    **texts
+        What else the template shows.
+    """
+    machine = Table("", ("machine", ""), [*facts.items()])
+    return _load_templates().get_template(template).render(machine=machine, sections=sections, **texts)
+
+
+@cache
+def _load_templates() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=select_autoescape(["html.jinja"]),
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined,
+    )  # fmt: skip
+    environment.filters |= {"cell": format_cell, "number": format_number, "table": write_table, "wrap": wrap}
+    environment.globals["noise"] = f"the samples lie more than {100 * NOISY_SPREAD:.0f} % apart"
+    return environment
+
+
+def wrap(text: str) -> str:
+    """Return text in lines."""
+    return textwrap.fill(text, _LINE_LENGTH, break_long_words=False, break_on_hyphens=False)
+
+
+def write_table(table: Table) -> str:
+    """Return a table in Markdown, without its caption."""
+    rows = [table.columns, ["---"] * len(table.columns), *([format_cell(cell) for cell in row] for row in table.rows)]
+    lines = [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in rows]
+    lines[1] = lines[1].replace(" ", "")
+    return "\n".join(lines)
+
+
+def format_cell(cell: Cell) -> str:
+    """Return a cell of a table in plain text."""
+    if cell is None:
+        return _MISSING
+    if isinstance(cell, Summary):
+        spread = format_range(cell)
+        return f"{format_number(cell.median)} ({spread})" if spread else format_number(cell.median)
+    return cell if isinstance(cell, str) else format_number(cell)
+
+
+def format_range(summary: Summary) -> str:
+    """Return the smallest and the largest sample of a summary, empty for one sample."""
+    return "" if summary.count < 2 else f"{format_number(summary.low)} to {format_number(summary.high)}"
+
+
+def format_number(value: float) -> str:
+    """Return a number with three significant digits; whole numbers in full."""
+    if isinstance(value, int):
+        return f"{value:,}"
+    if not math.isfinite(value):
+        return _MISSING
+    if value == 0:
+        return "0"
+    decimals = max(0, _DIGITS - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:,.{min(decimals, _MOST_DECIMALS)}f}"
