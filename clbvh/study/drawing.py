@@ -77,6 +77,7 @@ def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> byte
     with matplotlib.rc_context({**_STYLE, "axes.prop_cycle": cycle}):
         figure = Figure(figsize=(_WIDTH_INCHES, height), layout="constrained")
         axes = figure.subplots()
+        style: Any
         for number, name in enumerate(names):
             shown = [(at, value) for series, at, value in points if series == name and value is not None]
             summaries = [value if isinstance(value, Summary) else Summary.of([value]) for _, value in shown]
