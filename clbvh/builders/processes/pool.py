@@ -1,20 +1,18 @@
 """Worker processes that build subtrees in shared memory: the report's form of a parallel build.
 
-Owns the processes, and hands out tasks. Workers are new Python programs that talk through pipes: nothing is forked,
-since an OpenCL driver may run threads, and the user's script is not imported, so it needs no guard. Must know nothing
-of meshes and trees.
+Owns the processes, and hands out tasks through pipes. `multiprocessing` spawns them: nothing is forked, since an OpenCL
+driver may run threads. Must know nothing of meshes and trees.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import pickle
-import subprocess
-import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from multiprocessing.reduction import ForkingPickler
 from queue import SimpleQueue
 from typing import Any
 
@@ -26,10 +24,7 @@ from ...support.host_threads import HostThreads, usable_cores
 from ..executor import Executor, Step, Task
 from ..options import check_workers
 from .shared_memory import ArrayHandle, SharedArray
-
-# The program of a worker. It imports the default builder at once, while nobody waits for it.
-_PROGRAM = "import sys; sys.path[:] = {path!r}; import {module}.worker as worker, {builder}; worker.serve()"
-_BUILDER = "clbvh.builders.sah.build_sah"
+from .worker import serve
 
 # A worker that is not busy ends sooner, once it has started.
 _STOP_PATIENCE_S = 2.0
@@ -39,7 +34,8 @@ class SubtreePool(ContextManager):
     """Worker processes that build subtrees, and serve many builds.
 
     Builds need none: without a pool they run in threads, as fast and with nothing to start. The processes start in the
-    background at once. Use the pool as a context manager.
+    background at once, and import the main script, as all that `multiprocessing` spawns: create a pool under
+    ``if __name__ == "__main__":``. Use the pool as a context manager.
 
     Parameters
     ----------
@@ -114,36 +110,32 @@ class SubtreePool(ContextManager):
 
 
 class _Worker:
-    """One worker process, and the pipes to it."""
+    """One worker process, and the pipe to it."""
 
     def __init__(self, number: int) -> None:
         self._number = number
-        program = _PROGRAM.format(path=sys.path, module=__package__, builder=_BUILDER)
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs,), name=f"clbvh worker {number}", daemon=True)
         try:
-            self._process: Any = subprocess.Popen(
-                [sys.executable, "-c", program],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                # Ctrl-C reaches the coordinator alone, which decides what it means.
-                process_group=0 if os.name == "posix" else None,
-            )
+            self._process.start()
         except OSError as error:
             raise PoolError(f"the worker processes do not start: {error}") from error
+        finally:
+            theirs.close()
 
     def run(self, handles: dict[str, ArrayHandle], step: Step, task: Task) -> Any:
         """Return the result of a step."""
-        message = pickle.dumps((handles, step, task))
         try:
-            pickle.dump(message, self._process.stdin)
-            self._process.stdin.flush()
-            answer = pickle.load(self._process.stdout)
-        except (EOFError, OSError, ValueError, pickle.UnpicklingError):
+            self._pipe.send_bytes(ForkingPickler.dumps((handles, step, task)))
+            succeeded, value = self._pipe.recv()
+        except (EOFError, OSError):
             self.join()
             raise PoolError(
-                f"worker {self._number} died (exit code {self._process.returncode}); a negative code is the signal "
-                "that killed it, and -9 often means that the system ran out of memory"
+                f"worker {self._number} died (exit code {self._process.exitcode}); a negative code is the signal that "
+                "killed it, and -9 often means that the system ran out of memory; 1 can mean that the script creates "
+                "the pool outside of `if __name__ == '__main__':`"
             ) from None
-        succeeded, value = pickle.loads(answer)
         if not succeeded:
             raise PoolError(f"worker {self._number} failed:\n{value}")
         return value
@@ -154,17 +146,14 @@ class _Worker:
 
     def close_pipe(self) -> None:
         """Let the process end as soon as it is idle."""
-        with suppress(OSError):  # a message that it has not taken
-            self._process.stdin.close()
+        self._pipe.close()
 
     def join(self) -> None:
         """Wait for the end of the process, and kill it when patience ends."""
-        try:
-            self._process.wait(_STOP_PATIENCE_S)
-        except subprocess.TimeoutExpired:
+        self._process.join(_STOP_PATIENCE_S)
+        if self._process.exitcode is None:
             self._process.kill()
-            self._process.wait()
-        self._process.stdout.close()
+            self._process.join()
 
 
 class _PoolExecutor(Executor):
@@ -247,3 +236,12 @@ def _stop_all(workers: list[_Worker], owner: int) -> None:
             worker.close_pipe()
         for worker in workers:
             worker.join()
+
+
+def _disown_workers() -> None:
+    """Forget all workers in a forked child, which would stop them when it ends; `multiprocessing` does so itself."""
+    multiprocessing.process._children = set()  # type: ignore[attr-defined]
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_disown_workers)

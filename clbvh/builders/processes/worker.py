@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import pickle
-import sys
+import signal
 import traceback
 from collections.abc import Mapping
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 from numpy.typing import NDArray
@@ -14,27 +14,28 @@ from numpy.typing import NDArray
 from .shared_memory import ArrayHandle
 
 
-def serve() -> None:
-    """Answer messages on the standard input with (True, result) or (False, traceback) on the standard output.
+def serve(pipe: Connection) -> None:
+    """Answer messages (handles, step, task) with (True, result) or (False, traceback).
 
-    A message is a pickle of the pickled (handles, step, task): unpacking the inner one imports the step, and belongs to
-    the work. The process ends when the pipe does: the pool was closed, or the coordinator is gone, however it went.
+    The process ends when the pipe does: the pool was closed, or the coordinator is gone, however it went.
     """
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # a step's own output must not mix with the answers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator alone decides what Ctrl-C means
     attached: dict[str, tuple[ArrayHandle, NDArray[Any]]] = {}
-    try:
-        while True:
-            message = pickle.load(sys.stdin.buffer)
-            try:
-                handles, step, task = pickle.loads(message)
-                answer = pickle.dumps((True, step(_attach(attached, handles), *task)))
-            except Exception:
-                answer = pickle.dumps((False, traceback.format_exc()))
-            pickle.dump(answer, answers)
-            answers.flush()
-    except (EOFError, OSError):
-        os._exit(0)  # without another try to write the answer
+    while True:
+        try:
+            message = pipe.recv_bytes()
+        except (EOFError, OSError):
+            return
+        try:
+            # Unpacking the message imports the step, and belongs to the work.
+            handles, step, task = ForkingPickler.loads(message)
+            answer = ForkingPickler.dumps((True, step(_attach(attached, handles), *task)))
+        except Exception:
+            answer = ForkingPickler.dumps((False, traceback.format_exc()))
+        try:
+            pipe.send_bytes(answer)
+        except OSError:
+            return
 
 
 def _attach(
