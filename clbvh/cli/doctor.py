@@ -13,8 +13,7 @@ from .tables import print_tables
 
 if TYPE_CHECKING:
     from ..conformance.check import Conformance
-    from ..device.doctor.diagnose import Diagnosis
-    from ..device.doctor.register import Step
+    from ..device.doctor import Finding, Step
 
 _MARKS = {"ok": "[green]ok[/green]     ", "note": "[yellow]note[/yellow]   ", "problem": "[red]problem[/red]"}
 _INDENT = " " * 8
@@ -24,8 +23,6 @@ _TIMEOUT_S = 60.0
 
 # Differences that are printed; `--json` has all.
 _SHOWN_DIFFERENCES = 10
-
-_UNUSABLE = "its rays or points have other bytes on this machine than the stored ones"
 
 
 def doctor(
@@ -54,7 +51,7 @@ def doctor(
     ] = None,
 ) -> None:
     """Check OpenCL from the loader to a kernel on each device; print faults and remedies."""
-    from ..device.doctor.diagnose import diagnose
+    from ..device.doctor import diagnose, register_drivers
     from ..errors import ConfigError, DeviceError
 
     if dry_run and not fix:
@@ -66,68 +63,49 @@ def doctor(
         return
     if device is not None or mesh:
         raise ConfigError("--device and --mesh need --conformance: without it `clbvh doctor` checks all devices")
-    steps = _register(timeout_s, dry_run, as_json) if fix else []
-    diagnosis = diagnose(timeout_s)
+    steps = register_drivers(timeout_s, dry_run=dry_run) if fix else []
+    if fix and not as_json:
+        _print_steps(steps, dry_run)
+    findings, trials = diagnose(timeout_s)
+    works = not all(trial.error for trial in trials)
     if as_json:
-        report = _as_dict(diagnosis)
+        devices = [
+            describe_device(info) | {"works": not error, "error": error, "wall_s": round(wall_s, 3)}
+            for info, error, wall_s in trials
+        ]
+        report = {"works": works, "findings": [vars(finding) for finding in findings], "devices": devices}
         if fix:
-            report |= {"dry_run": dry_run, "steps": [step.as_dict() for step in steps]}
-        print(json.dumps(report, indent=2))
+            report |= {"dry_run": dry_run, "steps": [vars(step) for step in steps]}
+        print(json.dumps(report, indent=2, default=str))
     else:
-        _print_findings(diagnosis)
-    if not diagnosis.works:
+        _print_findings(findings)
+        print(f"\n{sum(not trial.error for trial in trials)} of {len(trials)} devices work")
+    if not works:
         raise DeviceError("no OpenCL device works: the findings of `clbvh doctor` say what to do")
 
 
-def _register(timeout_s: float, dry_run: bool, quiet: bool) -> list[Step]:
-    """Register the drivers that work, and say what is written."""
-    from ..device.doctor.register import carry_out, plan_registrations
-
-    steps = plan_registrations(timeout_s)
-    words = {"write": "would write" if dry_run else "writing", "remove": "would remove" if dry_run else "removing"}
-    if not quiet and not steps:
-        print("nothing to fix: every driver that was found is registered\n")
-    if not quiet and steps:
-        for step in steps:
-            what = f"{words.get(step.action, 'left alone:')} {step.path if step.action != 'leave' else step.library}"
-            print(f"{what} ({step.library}: {step.reason})" if step.action != "leave" else f"{what} ({step.reason})")
-            if step.action == "write":
-                print(f"{_INDENT}to undo it: rm {shlex.quote(str(step.path))}")
-        print()
-    if not dry_run:
-        carry_out(steps)
-    return steps
+def _print_steps(steps: list[Step], dry_run: bool) -> None:
+    done = {"write": "would write", "remove": "would remove"} if dry_run else {"write": "wrote", "remove": "removed"}
+    for step in steps:
+        if step.action == "leave":
+            print(f"left alone: {step.library} ({step.reason})")
+        else:
+            print(f"{done[step.action]} {step.path} ({step.library}: {step.reason})")
+        if step.action == "write":
+            print(f"{_INDENT}to undo it: rm {shlex.quote(str(step.path))}")
+    print("" if steps else "nothing to fix: every driver that was found is registered\n")
 
 
-def _as_dict(diagnosis: Diagnosis) -> dict[str, object]:
-    return {
-        "works": diagnosis.works,
-        "findings": [finding.as_dict() for finding in diagnosis.findings],
-        "devices": [
-            {
-                **describe_device(trial.device),
-                "works": trial.works,
-                "error": trial.error,
-                "wall_s": round(trial.wall_s, 3),
-            }
-            for trial in diagnosis.trials
-        ],
-    }
-
-
-def _print_findings(diagnosis: Diagnosis) -> None:
+def _print_findings(findings: list[Finding]) -> None:
     from rich.console import Console
     from rich.markup import escape
 
     # Each command stays on one line, so that it can be copied.
     console = Console(highlight=False, soft_wrap=True)
-    for finding in diagnosis.findings:
+    for finding in findings:
         console.print(f"{_MARKS[finding.severity]} {escape(finding.message)}")
         for line in finding.advice:
-            style = "bold" if line.startswith("$") else "dim"
-            console.print(f"{_INDENT}{escape(line)}", style=style)
-    working_count = sum(trial.works for trial in diagnosis.trials)
-    console.print(f"\n{working_count} of {len(diagnosis.trials)} devices work")
+            console.print(f"{_INDENT}{escape(line)}", style="bold" if line.startswith("$") else "dim")
 
 
 def _check_conformance(spec: str | None, meshes: list[str], as_json: bool) -> None:
@@ -141,27 +119,26 @@ def _check_conformance(spec: str | None, meshes: list[str], as_json: bool) -> No
     else:
         _print_conformance(result)
     if not result.is_equal:
-        found = [*map(str, result.differences), *(f"mesh '{name}': {_UNUSABLE}" for name in result.unusable)]
+        unusable = "its rays or points have other bytes on this machine than the stored ones"
+        found = [*map(str, result.differences), *(f"mesh '{name}': {unusable}" for name in result.unusable)]
         raise ValidationError(f"{result.device.name}: {len(found)} answers are not the stored ones; first {found[0]}")
 
 
 def _print_conformance(result: Conformance) -> None:
+    """Print how many meshes' answers were compared, or differ, for each query and layout."""
     from rich.table import Table
 
-    layouts = list(dict.fromkeys(layout for layout, _ in result.compared))
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("query", *layouts):
-        table.add_column(heading)
-    for query in dict.fromkeys(query for _, query in result.compared):
-        table.add_row(query, *(_describe_cell(result, layout, query) for layout in layouts))
+    layouts, queries = (list(dict.fromkeys(key[axis] for key in result.compared)) for axis in (0, 1))
+    differing = [(difference.layout, difference.query) for difference in result.differences]
+    table = Table("query", *layouts, box=None, pad_edge=False, header_style="bold")
+    for query in queries:
+        cells = []
+        for key in ((layout, query) for layout in layouts):
+            count, wrong = result.compared.get(key, 0), differing.count(key)
+            equal = f"{count} equal" if count else "-"
+            cells.append(f"[red]{wrong} of {count} differ[/red]" if wrong else equal)
+        table.add_row(query, *cells)
     print(f"{result.device.name} ({result.device.platform}, {result.device.driver_version})")
     print_tables(table)
     for difference in result.differences[:_SHOWN_DIFFERENCES]:
         print(difference)
-
-
-def _describe_cell(result: Conformance, layout: str, query: str) -> str:
-    """Return one cell: the number of meshes' answers that were compared, or that differ."""
-    count = result.compared.get((layout, query), 0)
-    differing = sum((other.layout, other.query) == (layout, query) for other in result.differences)
-    return "-" if count == 0 else f"[red]{differing} of {count} differ[/red]" if differing else f"{count} equal"

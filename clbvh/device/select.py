@@ -1,7 +1,7 @@
 """The OpenCL devices of this machine, and the choice among them.
 
 Asks every platform for its devices and picks one, in the order of `preference.py` and by the rules of `match.py`. Must
-not know why a device is missing: that is `doctor/diagnose.py`. `pyopencl` is imported on first use, so that a machine
+not know why a device is missing: that is `doctor.py`. `pyopencl` is imported on first use, so that a machine
 without a working OpenCL loader gets a `DeviceError` instead of a traceback.
 """
 
@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import DeviceError
-from .driver_caches import prepare
+from .driver_files import added_drivers, note_loader_call, prepare_pocl_folder
 from .info import DeviceInfo
 from .match import pick_device
 from .owner_process import claim_opencl
 from .pocl_cpu_name import name_unknown_cpu
 from .pocl_linker import explain_missing_linker
 from .preference import number_devices
-from .registered_drivers import note_loader_call, registered_drivers
 from .settings import find_measured_ms
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
@@ -52,9 +51,9 @@ def import_pyopencl() -> Any:
     DeviceError
         It is not installed, or the OpenCL loader that it needs cannot be loaded.
     """
-    prepare()
+    prepare_pocl_folder()
     try:
-        with registered_drivers():
+        with added_drivers():
             import pyopencl
     except (ImportError, OSError) as error:
         raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for advice") from error
@@ -77,7 +76,7 @@ def survey_devices() -> DeviceSurvey:
     problems: list[str] = []
 
     try:
-        with registered_drivers():
+        with added_drivers():
             platforms = cl.get_platforms()
     except cl.Error as error:
         if error.code != _PLATFORM_NOT_FOUND:

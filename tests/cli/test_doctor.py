@@ -9,8 +9,8 @@ import pytest
 
 from clbvh.conformance import check
 from clbvh.conformance.expected import load_expected
-from clbvh.device.doctor import drivers
-from clbvh.device.icd_files import find_bundled_folder
+from clbvh.device import doctor
+from clbvh.device.driver_files import find_bundled_folder
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process, shadowed_modules
 
@@ -156,8 +156,15 @@ def loose_driver(monkeypatch):
     pocl = next(iter(find_bundled_folder().glob("libpocl*")), None)
     if pocl is None:
         pytest.skip("this pyopencl has no PoCL beside it that could be found again")
-    driver = next(known for known in drivers.KNOWN_DRIVERS if known.vendor == "PoCL")
-    monkeypatch.setattr(drivers, "find_libraries", lambda *_: [drivers.FoundLibrary(driver, pocl)])
+
+    def find_unregistered(files):
+        return (
+            []
+            if any(file.path.name == "pocl.icd" and file.path.parent.name == "own" for file in files)
+            else [(pocl, "pocl.icd")]
+        )
+
+    monkeypatch.setattr(doctor, "find_unregistered", find_unregistered)
     return pocl
 
 
@@ -169,7 +176,7 @@ def test_fix_says_what_it_would_write_writes_it_and_has_nothing_to_do_then(loose
     assert not path.parent.exists()
 
     answer = run_doctor("--fix", CLBVH_DRIVERS=str(path.parent))
-    assert answer.stdout.startswith(f"writing {path} ({loose_driver}: ")
+    assert answer.stdout.startswith(f"wrote {path} ({loose_driver}: ")
     assert f"to undo it: rm {path}" in answer.stdout
     assert path.read_text() == f"{loose_driver}\n"
     # The diagnosis that follows has it already.

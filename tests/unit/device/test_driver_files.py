@@ -7,16 +7,23 @@ from pathlib import Path
 
 import pytest
 
-from clbvh.device import registered_drivers as module
-from clbvh.device.icd_files import IcdFile, LoaderRule, find_bundled_folder
-from clbvh.device.registered_drivers import find_offered, find_registered_folder, registered_drivers
+from clbvh.device import driver_files as module
+from clbvh.device.driver_files import (
+    DriverFile,
+    added_drivers,
+    find_added,
+    find_bundled_folder,
+    find_folders,
+    find_registered_folder,
+    read_driver_files,
+)
 
 TIMEOUT_S = 120
 
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """A machine with one driver of the system's, and the rule of its loader; nothing has called the loader yet."""
+    """A machine with two drivers of the system's, no call of the loader yet; returns the folder for its user's."""
     system, own, bundled = (tmp_path / name for name in ("system", "own", "bundled"))
     for folder in (system, own, bundled):
         folder.mkdir()
@@ -24,17 +31,19 @@ def machine(tmp_path, monkeypatch):
     (tmp_path / "libsystem.so.1").symlink_to("libsystem.so.1.2")
     (system / "system.icd").write_text(f"{tmp_path}/libsystem.so.1\n")
     (system / "bare.icd").write_text("libbare.so.3\n")
-    rule = LoaderRule((system, own, bundled), bundled=bundled, registered=own)
-    monkeypatch.setattr(module, "read_rule", lambda: rule)
-    monkeypatch.setattr(module._Loader, "is_called", False)
-    monkeypatch.delenv("OCL_ICD_VENDORS", raising=False)
-    return rule
+    monkeypatch.setattr(module, "SYSTEM_VENDORS", system)
+    monkeypatch.setattr(module, "find_bundled_folder", lambda: bundled)
+    monkeypatch.setattr(module, "_callers", [])
+    monkeypatch.setenv("CLBVH_DRIVERS", str(own))
+    for variable in module.VENDOR_VARIABLES:
+        monkeypatch.delenv(variable, raising=False)
+    return own
 
 
-def register(rule: LoaderRule, name: str, library: Path | str) -> IcdFile:
-    path = rule.registered / name
+def register(own: Path, name: str, library: Path | str) -> DriverFile:
+    path = own / name
     path.write_text(f"{library}\n")
-    return IcdFile(path, str(library))
+    return DriverFile(path, str(library))
 
 
 def test_a_library_that_is_there_is_offered_and_one_that_is_gone_is_not(machine, tmp_path):
@@ -45,7 +54,7 @@ def test_a_library_that_is_there_is_offered_and_one_that_is_gone_is_not(machine,
     register(machine, "empty.icd", "")
     register(machine, "relative.icd", "libmine.so")
     register(machine, "twice.icd", tmp_path / "libmine.so")
-    assert find_offered(machine) == [mine]
+    assert find_added() == [mine]
 
 
 @pytest.mark.parametrize("library", ["libsystem.so.1", "libsystem.so.1.2", "deeper/libbare.so.3"])
@@ -53,13 +62,13 @@ def test_a_library_that_the_loader_finds_by_itself_is_not_offered_again(machine,
     (tmp_path / library).parent.mkdir(exist_ok=True)
     (tmp_path / library).touch()
     register(machine, "again.icd", tmp_path / library)
-    assert find_offered(machine) == []
+    assert find_added() == []
 
 
 def test_the_loader_sees_the_files_of_the_system_and_the_users_for_one_call(machine, tmp_path):
     (tmp_path / "libmine.so").touch()
     register(machine, "system.icd", tmp_path / "libmine.so")
-    with registered_drivers():
+    with added_drivers():
         folder = Path(os.environ["OCL_ICD_VENDORS"])
         assert sorted(path.read_text() for path in folder.glob("*.icd")) == sorted(
             [f"{tmp_path}/libsystem.so.1\n", "libbare.so.3\n", f"{tmp_path}/libmine.so\n"]
@@ -69,19 +78,19 @@ def test_the_loader_sees_the_files_of_the_system_and_the_users_for_one_call(mach
 
 
 def test_nothing_happens_without_a_registered_driver_or_after_the_first_call(machine, tmp_path, monkeypatch):
-    with registered_drivers():
+    with added_drivers():
         assert "OCL_ICD_VENDORS" not in os.environ
     (tmp_path / "libmine.so").touch()
     register(machine, "mine.icd", tmp_path / "libmine.so")
-    monkeypatch.setattr(module._Loader, "is_called", True)
-    with registered_drivers():
+    monkeypatch.setattr(module, "_callers", [True])
+    with added_drivers():
         assert "OCL_ICD_VENDORS" not in os.environ
 
 
 def test_an_error_within_leaves_the_environment_as_it_was(machine, tmp_path):
     (tmp_path / "libmine.so").touch()
     register(machine, "mine.icd", tmp_path / "libmine.so")
-    with pytest.raises(ZeroDivisionError), registered_drivers():
+    with pytest.raises(ZeroDivisionError), added_drivers():
         raise ZeroDivisionError
     assert "OCL_ICD_VENDORS" not in os.environ
 
@@ -91,7 +100,7 @@ def test_the_loader_of_windows_gets_the_libraries_themselves(machine, tmp_path, 
     register(machine, "mine.icd", tmp_path / "libmine.so")
     monkeypatch.setattr(module.sys, "platform", "win32")
     monkeypatch.setenv("OCL_ICD_FILENAMES", "other.dll")
-    with registered_drivers():
+    with added_drivers():
         assert os.environ["OCL_ICD_FILENAMES"] == os.pathsep.join(["other.dll", f"{tmp_path}/libmine.so"])
     assert os.environ["OCL_ICD_FILENAMES"] == "other.dll"
 
@@ -103,6 +112,52 @@ def test_the_users_folder_is_named_by_a_variable_or_is_that_for_settings(monkeyp
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     if sys.platform == "linux":
         assert find_registered_folder() == tmp_path / "config/clbvh/drivers"
+
+
+@pytest.mark.parametrize("variable", module.VENDOR_VARIABLES)
+def test_a_variable_replaces_the_folders_but_not_the_loaders_own(machine, tmp_path, monkeypatch, variable):
+    system, own, bundled = find_folders()
+    assert (system.name, own, bundled.name) == ("system", machine, "bundled")
+    monkeypatch.setenv(variable, str(tmp_path))
+    assert find_folders() == [tmp_path, bundled]
+    register(machine, "mine.icd", __file__)
+    assert find_added() == []
+
+
+def test_the_loader_of_a_conda_environment_reads_the_environment(machine, tmp_path, monkeypatch):
+    monkeypatch.setattr(module.sys, "prefix", str(tmp_path))
+    assert find_folders()[0].name == "system"
+    monkeypatch.setattr(module, "find_bundled_folder", lambda: None)
+    (tmp_path / "etc/OpenCL/vendors").mkdir(parents=True)
+    assert find_folders() == [tmp_path / "etc/OpenCL/vendors", machine]
+
+
+def test_driver_files_are_read_as_the_loader_reads_them(machine, tmp_path, monkeypatch):
+    monkeypatch.setenv("OCL_ICD_VENDORS", str(tmp_path / "system"))
+    (tmp_path / "bundled/libpocl.so").touch()
+    (tmp_path / "bundled/pocl.icd").write_text("libpocl.so\n")
+    (tmp_path / "system/odd.icd").write_text("liba.so \r\nsecond line\n")
+    (tmp_path / "system/folder.icd").mkdir()
+    assert [(file.path.name, file.library) for file in read_driver_files()] == [
+        ("bare.icd", "libbare.so.3"),
+        ("folder.icd", ""),
+        ("odd.icd", "liba.so \r"),
+        ("system.icd", f"{tmp_path}/libsystem.so.1"),
+        ("pocl.icd", str(tmp_path / "bundled/libpocl.so")),
+    ]
+
+
+def test_the_files_of_this_machine_are_those_that_its_loader_reads(tmp_path, monkeypatch):
+    if find_bundled_folder() is None:
+        pytest.skip("this pyopencl has no loader of its own whose rules could be compared")
+    (tmp_path / "gone.icd").write_text("libgone.so.7\n")
+    monkeypatch.setenv("OCL_ICD_DEBUG", "15")
+    for value in (str(tmp_path), str(tmp_path / "gone.icd"), str(tmp_path / "nothing")):
+        monkeypatch.setenv("OCL_ICD_VENDORS", value)
+        code = "import pyopencl as cl\ntry: cl.get_platforms()\nexcept cl.Error: pass"
+        answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+        opened = {line.split("'")[1] for line in answer.stderr.splitlines() if "Loading ICD '" in line}
+        assert {Path(name).name for name in opened} == {Path(file.library).name for file in read_driver_files()}
 
 
 LIST = """
@@ -157,5 +212,5 @@ def test_without_a_folder_for_temporary_files_the_loader_keeps_the_systems_drive
     (tmp_path / "libmine.so").touch()
     register(machine, "mine.icd", tmp_path / "libmine.so")
     monkeypatch.setattr(module.tempfile, "tempdir", str(tmp_path / "no such folder"))
-    with registered_drivers():
+    with added_drivers():
         assert "OCL_ICD_VENDORS" not in os.environ

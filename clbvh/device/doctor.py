@@ -1,0 +1,324 @@
+"""The doctor: causes of missing or failing devices, remedies, and the registration of drivers that nothing names.
+
+Returns data and prints nothing. Drivers are touched only in processes of their own (`probe.py`).
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import sys
+import tempfile
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from ..errors import ConfigError, DeviceError
+from .driver_files import (
+    KHRONOS_VARIABLE,
+    VENDOR_VARIABLES,
+    DriverFile,
+    find_folders,
+    find_naming_variable,
+    find_registered_folder,
+    read_driver_files,
+)
+from .info import DeviceInfo
+from .match import pick_device
+from .pocl_linker import explain_missing_linker
+from .probe import run_probe
+from .select import DEVICE_VARIABLE
+
+# A first compilation takes about a second with PoCL; the first use of a GPU after boot can take ten.
+PROBE_TIMEOUT_S = 60.0
+
+# Most characters of a compiler's log in a message: a few lines; `Trial.error` has all of it.
+_ERROR_LENGTH = 400
+
+# Beginnings of the names of drivers' libraries, and the usual names of their driver files.
+KNOWN_DRIVERS = {
+    "libnvidia-opencl.so": "nvidia.icd",
+    "libamdocl64.so": "amdocl64.icd",
+    "libigdrcl.so": "intel.icd",
+    "libRusticlOpenCL.so": "rusticl.icd",
+    "libintelocl.so": "intel64.icd",
+    "intelocl64.dll": "intel64.icd",
+    "libpocl.so": "pocl.icd",
+}
+# Where drivers install their libraries; an environment of conda or pip, and on Windows.
+_LIBRARY_FOLDERS = f"""
+    /usr/lib/{platform.machine()}-linux-gnu /usr/lib64 /usr/lib /usr/local/lib
+    /usr/lib/{platform.machine()}-linux-gnu/intel-opencl /usr/lib64/intel-opencl /usr/lib/intel-opencl
+    /usr/local/nvidia/lib64 /usr/lib/wsl/lib /run/opengl-driver/lib /opt/rocm/lib /opt/intel/oneapi/compiler/latest/lib
+""".split()
+
+# By PCI vendor id: the vendors of GPUs, and what gives their GPUs a device.
+_GROUPS = '$ sudo usermod -aG render,video "$USER"    # and log in again; in a container: --device, --group-add'
+_GPUS = {
+    0x10DE: ("NVIDIA", "$ sudo apt install libnvidia-compute-VERSION    # VERSION: that of the driver"),
+    0x1002: ("AMD", "$ sudo apt install rocm-opencl-runtime    # from AMD's repository, or mesa-opencl-icd", _GROUPS),
+    0x8086: ("Intel", "$ sudo apt install intel-opencl-icd", _GROUPS),
+}
+# PCI base classes: display controller, processing accelerator (AMD's Instinct cards call themselves that).
+_GPU_CLASSES = (0x03, 0x12)
+
+# Commands of which each brings a driver for the CPU, by system and machine; the table of docs/devices.md has the same.
+_APT, _CONDA = "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl"
+_INTEL = "$ pip install intel-opencl-rt intel-cmplr-lib-rt && clbvh doctor --fix"
+CPU_DRIVERS = {
+    "linux x86_64": ("$ pip install --force-reinstall pocl-binary-distribution", _APT, _CONDA),
+    "linux aarch64": (_APT, _CONDA),
+    "darwin arm64": (_CONDA,),
+    # Of conda-forge's packages of PoCL, this one has a build for Windows.
+    "win32 amd64": (_INTEL, "$ conda install -c conda-forge pyopencl pocl-cpu-minimal"),
+}
+
+# Advice by the words of a failure: the first that fits.
+_ADVICE = {
+    # The LLVM inside PoCL calls a newer processor "generic", which the compiler then refuses (pocl/pocl issue 1049).
+    "unknown target CPU|does not recognize your cpu|Portable Computing Language.*SIGILL": (
+        *("this PoCL is older than the CPU: use a newer one, or, after 3.0, name a CPU that it knows", _CONDA, _APT),
+        "$ export POCL_LLVM_CPU_NAME=x86-64-v3",
+    ),
+    "cannot compile kernels without": ("$ apt-get install binutils libc6-dev libgcc-12-dev    # or gcc", _INTEL),
+    "Portable Computing Language.*offers no device": (
+        "PoCL needs a folder that it can write to, and POCL_DEVICES, if set, must name devices that it has",
+        "$ export POCL_CACHE_DIR=$(mktemp -d)",
+    ),
+    "rusticl.*offers no device": ("name the GPU drivers that it serves", "$ export RUSTICL_ENABLE=radeonsi"),
+    "did not answer": ("the driver hangs: is the device busy? Else restart the driver or the machine",),
+    "No space left|Permission denied": (
+        "the driver keeps kernels in the home folder: make room there, or name another place",
+        "$ export POCL_CACHE_DIR=$(mktemp -d) CUDA_CACHE_PATH=$(mktemp -d)",
+    ),
+    "lib(imf|svml|irng|intlc)": ("Intel's runtime needs its compiler's libraries", "$ pip install intel-cmplr-lib-rt"),
+    "which cannot be loaded|cannot be read": ("reinstall the driver and the libraries it needs, or delete the file",),
+    "libOpenCL": ("$ sudo apt install ocl-icd-libopencl1",),
+    "pyopencl": ("$ pip install --force-reinstall --only-binary :all: pyopencl",),
+    "all drivers": ("try the drivers one at a time", "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices"),
+    "": ("update the driver of this device; until then choose another one with --device",),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of one check.
+
+    Attributes
+    ----------
+    check : str
+        The check: ``"pyopencl"``, ``"loader"``, ``"driver file"``, ``"driver library"``, ``"platform"``,
+        ``"device"``, ``"hardware"`` or ``"choice"``.
+    severity : {"ok", "note", "problem"}
+        A note may be intended; a problem prevents something from working.
+    message : str
+    advice : tuple of str
+        Remedies, line by line; a line that begins with ``$`` is a command.
+    """
+
+    check: str
+    severity: Literal["ok", "note", "problem"]
+    message: str
+    advice: tuple[str, ...] = ()
+
+
+class Trial(NamedTuple):
+    """The result of a small kernel on one device; `error` is empty if the result was right."""
+
+    device: DeviceInfo
+    error: str
+    wall_s: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """A driver file to write or to remove, or a driver to leave alone; and the reason, or the devices that work."""
+
+    action: Literal["write", "remove", "leave"]
+    path: Path
+    library: str
+    reason: str
+
+
+def advise(failure: str) -> tuple[str, ...]:
+    """Return advice for a failure, by the words of the driver and its compiler."""
+    return next(advice for words, advice in _ADVICE.items() if re.search(words, failure, re.DOTALL))
+
+
+def diagnose(timeout_s: float = PROBE_TIMEOUT_S) -> tuple[list[Finding], list[Trial]]:
+    """Check everything from the Python package down to a kernel on each device.
+
+    Returns
+    -------
+    findings : list of Finding
+        In the order in which an OpenCL program meets them.
+    trials : list of Trial
+        One for each device.
+    """
+    listing = run_probe("list", timeout_s=timeout_s)
+    findings = []
+    if version := listing.answer.get("pyopencl"):
+        findings.append(Finding("pyopencl", "ok", f"pyopencl {version}"))
+    elif listing.answer:
+        findings.append(_report("pyopencl", f"pyopencl cannot be imported: {listing.failure}"))
+    if sys.platform == "linux":  # elsewhere the loader works without files
+        findings += _check_files(timeout_s)
+
+    # The trial of its device says that a linker is missing.
+    problems = [problem for problem in listing.answer.get("problems", ()) if problem != explain_missing_linker()]
+    if not listing.answer:
+        problems.append(f"the process that asks all drivers for their devices {listing.failure}")
+    findings += [_report("platform", problem) for problem in problems]
+
+    known = {field.name for field in fields(DeviceInfo)}
+    trials = []
+    for facts in listing.answer.get("devices", ()):
+        device = DeviceInfo(**{name: fact for name, fact in facts.items() if name in known})
+        result = run_probe("try", str(device.number), timeout_s=timeout_s)
+        trials.append(Trial(device, result.failure, result.wall_s))
+        if result.failure:
+            said = textwrap.shorten(result.failure, _ERROR_LENGTH, placeholder=" ...")
+            findings.append(_report("device", f"{device} does not work: {said}", result.log))
+        else:
+            findings.append(Finding("device", "ok", f"{device} computes correctly ({result.wall_s:.1f} s)"))
+
+    working = [trial.device for trial in trials if not trial.error]
+    findings += check_hardware(find_gpus(), working)
+    if not working:
+        commands = CPU_DRIVERS.get(f"{sys.platform} {platform.machine().lower()}", (_CONDA,))
+        message = "no device works: clbvh needs an OpenCL driver; each of these brings one for the CPU"
+        findings.append(Finding("device", "problem", message, commands))
+    return [*findings, *check_choice(trials, working)], trials
+
+
+def _report(check: str, message: str, log: str = "") -> Finding:
+    return Finding(check, "problem", message, advise(f"{message}\n{log}"))
+
+
+def _check_files(timeout_s: float) -> Iterator[Finding]:
+    """Check where the loader looks for drivers, whether it can load them, and whether it finds all."""
+    files = read_driver_files()
+    if variable := find_naming_variable():
+        message = f"{variable}={os.environ[variable]} names the drivers: no driver file elsewhere counts"
+        yield Finding("loader", "note", message, ("if that is not intended:", f"$ unset {variable}"))
+    else:
+        yield Finding("loader", "ok", f"the loader looks for *.icd files in {' and '.join(map(str, find_folders()))}")
+    if not files:
+        yield Finding("driver file", "problem", "no driver is registered: there is no *.icd file")
+    for file in files:
+        if not file.library:
+            yield _report("driver file", f"{file.path} cannot be read or is empty")
+        elif failure := run_probe("load", file.library, timeout_s=timeout_s).failure:
+            yield _report("driver file", f"{file.path} names '{file.library}', which cannot be loaded: {failure}")
+        else:
+            yield Finding("driver file", "ok", f"{file.path} names {file.library}")
+    for library, _ in find_unregistered(files):
+        # A driver for the CPU, or Mesa's beside the vendor's own, is often left out on purpose.
+        advice = ("try it, and register it for clbvh, in your own folder:", "$ clbvh doctor --fix")
+        yield Finding("driver library", "note", f"{library} is a driver that no *.icd file names", advice)
+
+
+def find_gpus(root: Path = Path("/sys/bus/pci/devices")) -> list[int]:
+    """Return the PCI vendor id of each GPU on the bus; none where the system does not tell."""
+    gpus = []
+    for path in sorted(root.glob("*/class")):
+        vendor = int((path.parent / "vendor").read_text(), 16)
+        if int(path.read_text(), 16) >> 16 in _GPU_CLASSES and vendor in _GPUS:
+            gpus.append(vendor)
+    return gpus
+
+
+def check_hardware(gpus: Iterable[int], working: Iterable[DeviceInfo]) -> Iterator[Finding]:
+    """Find GPUs on the bus that no working device belongs to."""
+    served = " ".join(f"{info.vendor} {info.name} {info.platform}" for info in working if info.kind != "cpu").lower()
+    for vendor, *commands in (_GPUS[gpu] for gpu in dict.fromkeys(gpus)):
+        # AMD's own driver spells its vendor's name out.
+        if vendor.lower() not in served.replace("advanced micro devices", "amd"):
+            message = f"there is a GPU of {vendor} in this machine, and no OpenCL device that uses it"
+            yield Finding("hardware", "note", message, tuple(commands))
+
+
+def check_choice(trials: Sequence[Trial], working: Sequence[DeviceInfo]) -> Iterator[Finding]:
+    """Check whether the device that would be used works."""
+    spec = os.environ.get(DEVICE_VARIABLE, "").strip() or None
+    asked_by = f" (asked for by {DEVICE_VARIABLE})" if spec else ""
+    try:
+        chosen = pick_device([trial.device for trial in trials], spec, asked_by) if trials else None
+    except DeviceError as error:
+        yield Finding("choice", "problem", str(error), (f"$ unset {DEVICE_VARIABLE}",))
+        return
+    if chosen in working:
+        yield Finding("choice", "ok", f"clbvh uses {chosen}{asked_by} unless --device says otherwise")
+    elif chosen is not None:
+        advice = tuple(f"$ export {DEVICE_VARIABLE}={other.number}" for other in working[:1])
+        yield Finding("choice", "problem", f"clbvh would use {chosen}{asked_by}, which does not work", advice)
+
+
+def find_unregistered(files: Iterable[DriverFile]) -> list[tuple[Path, str]]:
+    """Return the libraries of known drivers that no driver file names, and the usual names of their driver files."""
+    named = " ".join(name for file in files for name in file.names)
+    installed = [f"{sys.prefix}/lib", f"{sys.prefix}/Library/bin"]
+    folders = [*os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep), *_LIBRARY_FOLDERS, *installed]
+    found = {}
+    for stem, icd_name in KNOWN_DRIVERS.items():
+        # The first of a folder: the link "libpocl.so.2" outlives an update of "libpocl.so.2.12.0".
+        paths = [path for folder in filter(None, folders) for path in sorted(Path(folder).glob(f"{stem}*"))]
+        if paths and stem not in named:
+            found[icd_name] = paths[0], icd_name
+    return list(found.values())
+
+
+def register_drivers(timeout_s: float, *, dry_run: bool) -> list[Step]:
+    """Try the drivers that no driver file names, each alone, and register those that work in clbvh's own folder.
+
+    Files there whose library is gone are removed. Nothing is written with `dry_run`.
+
+    Raises
+    ------
+    ConfigError
+        A variable names the drivers of this process, so the folder is not read; or it cannot be written to.
+    """
+    if variable := find_naming_variable():
+        raise ConfigError(f"{variable} is set, so clbvh's own drivers are not read: unset it, then run this again")
+    own, files = find_registered_folder(), read_driver_files()
+    gone = [file for file in files if file.path.parent == own and not Path(file.library).is_file()]
+    steps = [Step("remove", file.path, file.library, "its library is not there any more") for file in gone]
+    for library, icd_name in find_unregistered(file for file in files if file not in gone):
+        working, failure = try_library(str(library), timeout_s)
+        action: Literal["write", "leave"] = "write" if working else "leave"
+        steps.append(Step(action, own / icd_name, str(library), ", ".join(working) or failure))
+    try:
+        for step in () if dry_run else steps:
+            if step.action == "remove":
+                step.path.unlink(missing_ok=True)
+            elif step.action == "write":
+                own.mkdir(parents=True, exist_ok=True)
+                step.path.write_text(f"{step.library}\n")
+    except OSError as error:
+        raise ConfigError(f"{own}: cannot be written to ({error.strerror}): check the folder") from error
+    return steps
+
+
+def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
+    """Return the names of the devices of a driver that compute correctly, and the last failure."""
+    if failure := run_probe("load", library, timeout_s=timeout_s).failure:
+        return [], " ".join([f"{failure}:", *advise(f"{library}, which cannot be loaded: {failure}")])
+    with tempfile.TemporaryDirectory(prefix="clbvh-drivers-") as folder:
+        icd = Path(folder) / "only.icd"
+        icd.write_text(f"{library}\n")
+        # A file, not its folder: the loader takes it for the only driver. That of Windows adds the library to others.
+        is_windows = sys.platform == "win32"
+        environment = {KHRONOS_VARIABLE: library} if is_windows else {VENDOR_VARIABLES[0]: str(icd)}
+        listing = run_probe("list", timeout_s=timeout_s, environment=environment)
+        failure = listing.failure or "; ".join(listing.answer.get("problems", ())) or "it offers no device"
+        working = []
+        for device in listing.answer.get("devices", ()):
+            result = run_probe("try", str(device["number"]), timeout_s=timeout_s, environment=environment)
+            if result.failure:
+                failure = f"{device['name']}: {result.failure}"
+            else:
+                working.append(device["name"])
+    return working, failure

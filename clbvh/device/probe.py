@@ -1,0 +1,133 @@
+"""Touches drivers in a process of its own, so that a crash or a hang of one affects nothing else.
+
+`python -m clbvh.device.probe WHAT` does one thing and writes one JSON object on its standard output; `run_probe` starts
+it and reads the answer. WHAT is one of
+
+- ``list``: describe pyopencl and all platforms;
+- ``try NUMBER``: compile and run a small kernel on one device of that list, and check the result;
+- ``load NAME``: load a driver's library as the loader would, for the linker's message when that fails.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+from ..errors import DeviceError
+
+# One more than a power of two: a driver that rounds the range shows itself. The numbers are exact in float32.
+_ITEM_COUNT = 1025
+_KERNEL = "kernel void change(global float *x) { int i = get_global_id(0); x[i] = 2.0f * x[i] + (float)i + 1.0f; }"
+
+# A compiler that no longer works must not hide behind kernels that it compiled earlier.
+_WITHOUT_CACHES = {"POCL_KERNEL_CACHE": "0", "PYOPENCL_NO_CACHE": "1", "CUDA_CACHE_DISABLE": "1"}
+
+# Time limit for a killed probe to end; one that hangs in the operating system never does.
+_KILL_TIMEOUT_S = 5
+
+
+class ProbeResult(NamedTuple):
+    """The outcome: the JSON object, the reason of a failure or nothing, all of standard error, and the duration."""
+
+    answer: dict[str, Any]
+    failure: str
+    log: str
+    wall_s: float
+
+
+def run_probe(*arguments: str, timeout_s: float, environment: Mapping[str, str] | None = None) -> ProbeResult:
+    """Run `python -m clbvh.device.probe` with these arguments and more variables, and wait for its answer."""
+    begin_s = time.perf_counter()
+    # "-W ignore": a library's warning is not a driver's failure, whatever PYTHONWARNINGS says.
+    process = subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-m", __name__, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, **_WITHOUT_CACHES, **(environment or {})},
+        text=True,
+        errors="replace",
+    )
+    output = log = ""
+    # No `with`, whose end would wait for the process.
+    try:
+        output, log = process.communicate(timeout=timeout_s)
+        code = process.returncode
+        failure = f"ended with exit code {code}" if code else ""
+        failure = f"was killed by {signal.Signals(-code).name}" if code < 0 else failure
+    except subprocess.TimeoutExpired:
+        process.kill()
+        with suppress(subprocess.TimeoutExpired):
+            output, log = process.communicate(timeout=_KILL_TIMEOUT_S)
+        failure = f"did not answer within {timeout_s:g} s"
+    except BaseException:
+        process.kill()
+        raise
+    wall_s = time.perf_counter() - begin_s
+    try:
+        answer = json.loads(output)
+    except ValueError:
+        return ProbeResult({}, failure or "gave no readable answer", log, wall_s)
+    return ProbeResult(answer, answer.get("error", failure and f"answered, but then {failure}"), log, wall_s)
+
+
+def _list() -> dict[str, Any]:
+    from .select import import_pyopencl, survey_devices
+
+    version = import_pyopencl().VERSION_TEXT
+    survey = survey_devices()
+    devices = [device.as_dict() for device in survey.devices]
+    return {"pyopencl": version, "devices": devices, "problems": list(survey.problems)}
+
+
+def _try(number: int) -> dict[str, Any]:
+    import numpy as np
+
+    from .match import pick_device
+    from .pocl_linker import explain_missing_linker
+    from .select import import_pyopencl, survey_devices
+
+    cl = import_pyopencl()
+    device = pick_device(survey_devices().devices, number)
+    if reason := explain_missing_linker(device.driver_version):
+        return {"error": reason}
+    numbers = np.arange(_ITEM_COUNT, dtype=np.float32)
+    expected = 3 * numbers + 1
+    try:
+        context = cl.Context([device.cl_device])
+        queue = cl.CommandQueue(context)
+        program = cl.Program(context, _KERNEL).build()
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+        buffer = cl.Buffer(context, flags, hostbuf=numbers)
+        program.change(queue, numbers.shape, None, buffer)
+        cl.enqueue_copy(queue, numbers, buffer)
+    except cl.Error as error:
+        return {"error": str(error)}
+    wrong_count = int(np.count_nonzero(numbers != expected))
+    return {"error": f"computed {wrong_count} of {_ITEM_COUNT} numbers wrong"} if wrong_count else {}
+
+
+def _main(task: str, argument: str = "") -> None:
+    # The output of drivers must not end up in the answer.
+    answer_file = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        answer = _list() if task == "list" else _try(int(argument)) if task == "try" else {}
+        if task == "load":
+            ctypes.CDLL(argument)
+    except (DeviceError, OSError) as error:
+        # The cause has the loader's own words, without the advice to run the doctor.
+        answer = {"error": str(error.__cause__ or error)}
+    os.write(answer_file, json.dumps(answer).encode())
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])
