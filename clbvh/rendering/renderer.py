@@ -30,7 +30,7 @@ from .band_painters import Progress
 from .camera import Camera
 from .cut import Cut
 from .frame import FrameRenderer
-from .framing import frame_mesh, frame_turn, measure_side
+from .framing import frame_mesh, measure_side
 from .guesses import AUTO, Framed, frame_without_outliers, guess_up, known_up
 from .open_scene import SceneLike, as_scene
 from .painters import Painters, open_session
@@ -423,8 +423,9 @@ class Renderer(ContextManager):
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
         scene = self.scene.with_changes(width=width, height=height, up=up)
-        first = frame_turn(
+        first = frame_mesh(
             self._find_extent(scene),
+            turns=True,
             aspect=scene.width / scene.height,
             up=known_up(scene.up),
             fov=scene.fov,

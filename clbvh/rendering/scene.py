@@ -292,9 +292,7 @@ class Scene(SceneContents):
                 projection=self.projection,
                 side=self.view,
             )
-        if self.projection is None:
-            return Camera(self.eye, self.look_at, up, self.fov)
-        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=up)
+        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=up, fov=self.fov)
 
     def with_view(self, view: str) -> Scene:
         """Return the scene seen from another side, see `view`; it has no eye of its own.

@@ -9,15 +9,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh
-from .camera import Camera
 from .pose import find_sides, make_axes
-from .vectors import Vector, as_vector
+from .vectors import Vector
 
 if TYPE_CHECKING:
     from ..geometry.spheres import Shape
@@ -30,27 +29,7 @@ MARGIN = 0.06
 SMALLEST_DISTANCE = 1e-6
 
 
-class LocalSpace(Protocol):
-    """Anything with local coordinates, which are ``(point - origin) * scale``."""
-
-    @property
-    def origin(self) -> NDArray[np.float64]:
-        """(3,) float64, the scene's coordinates."""
-
-    @property
-    def scale(self) -> float:
-        """A power of two."""
-
-
-class Boxed(LocalSpace, Protocol):
-    """A local space with a box around all that is in it."""
-
-    @property
-    def local_box(self) -> NDArray[np.floating]:
-        """(2, 3) float, local coordinates."""
-
-
-def box_in(boxed: Boxed, space: LocalSpace) -> NDArray[np.float64]:
+def box_in(boxed: Mesh | SceneExtent, space: Mesh | SceneExtent) -> NDArray[np.float64]:
     """Return (2, 3) float64: the box in the local coordinates of another space."""
     return ((boxed.origin - space.origin) + boxed.local_box / np.float64(boxed.scale)) * space.scale
 
@@ -128,19 +107,23 @@ class View(NamedTuple):
     forward : (3,) float64
     tangents : (2,) float64
         Of half the field of view, horizontal and vertical.
+    axis : (3,) float64, or None
+        Unit vector of a turn around the line through zero, on which each point moves on a circle.
     """
 
     across: NDArray[np.float64]
     forward: NDArray[np.float64]
     tangents: NDArray[np.float64]
+    axis: NDArray[np.float64] | None = None
 
     @classmethod
-    def from_side(cls, name: str | None, aspect: float, up: Vector, fov: float) -> View:
-        """Return a standard view, see `find_sides`."""
+    def from_side(cls, name: str | None, aspect: float, up: Vector, fov: float, *, turns: bool = False) -> View:
+        """Return a standard view, see `find_sides`; perhaps with a turn around `up`."""
         towards, picture_up = find_sides(name, up)
         right, upward, forward = make_axes(-towards, np.asarray(picture_up, np.float64))
         tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - MARGIN)
-        return cls(np.stack([right, upward], axis=1), forward, tangents)
+        axis = np.asarray(up, np.float64) / np.linalg.norm(up) if turns else None
+        return cls(np.stack([right, upward], axis=1), forward, tangents, axis)
 
     def narrowed(self, share: float) -> View:
         """Return the view of a picture whose sides have this share of their slopes."""
@@ -150,7 +133,12 @@ class View(NamedTuple):
         """Return the functions of a point whose largest values `bounds_of` needs."""
         leaning = self.tangents[:, None] * self.forward
         slopes = np.concatenate((self.across.T - leaning, -self.across.T - leaning, [-self.forward, self.forward]))
-        return Reaches(slopes, np.zeros(len(slopes)), self.forward)
+        if self.axis is None:
+            return Reaches(slopes, np.zeros(len(slopes)), self.forward)
+        # The largest value on the circle of a point, at the distance r from the axis, is that of the part along the
+        # axis, and r times the length of the rest.
+        along = np.outer(slopes @ self.axis, self.axis)
+        return Reaches(along, np.linalg.norm(slopes - along, axis=1), self.axis)
 
     def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
         """Return the bounds of points whose largest `reaches` are known."""
@@ -163,84 +151,12 @@ class View(NamedTuple):
         # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
         return max(distance, -bounds.nearest + 1e-3 * size)
 
-    def make_camera(
-        self, eye: NDArray[np.float64], bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float
-    ) -> Camera:
-        """Return the camera at a point in local coordinates."""
-        depth = (bounds.nearest + bounds.farthest) / 2 - eye @ self.forward
-        return _make_camera(space, eye, eye + self.forward * depth, up, fov)
-
-
-class Turn(NamedTuple):
-    """A view during a turn around an axis through zero. Each point moves on a circle.
-
-    Attributes
-    ----------
-    view : View
-    axis, level : (3,) float64
-        Unit vectors: the axis, and the direction of sight without its part along the axis. A point of a circle is at
-        r (cos right + sin level) + h axis.
-    """
-
-    view: View
-    axis: NDArray[np.float64]
-    level: NDArray[np.float64]
-
-    @classmethod
-    def from_three_quarters(cls, aspect: float, up: Vector, fov: float) -> Turn:
-        """Return the turn of the automatic view."""
-        view = View.from_side(None, aspect, up, fov)
-        axis = np.asarray(up, np.float64) / np.linalg.norm(up)
-        level = view.forward - axis * (axis @ view.forward)
-        level /= np.linalg.norm(level)
-        return cls(view, axis, level)
-
-    def narrowed(self, share: float) -> Turn:
-        """Return the turn of a picture whose sides have this share of their slopes."""
-        return self._replace(view=self.view.narrowed(share))
-
-    def reaches(self) -> Reaches:
-        """Return the functions of a point whose largest values `bounds_of` needs."""
-        axis, level, upward = self.axis, self.level, self.view.across[:, 1]
-        level_depth, axis_depth = float(level @ self.view.forward), float(axis @ self.view.forward)
-        wide, high = self.view.tangents
-        heights = [
-            -axis_depth * wide,
-            axis @ upward - axis_depth * high,
-            -(axis @ upward + axis_depth * high),
-            -axis_depth,
-            axis_depth,
-        ]
-        around = [
-            math.hypot(1.0, level_depth * wide),
-            abs(level @ upward - level_depth * high),
-            abs(level @ upward + level_depth * high),
-            level_depth,
-            level_depth,
-        ]
-        return Reaches(np.array(heights)[:, None] * axis, np.array(around), axis)
-
-    def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
-        """Return the bounds of points whose largest `reaches` are known."""
-        side, above, below, nearest, farthest = largest
-        return ViewBounds(np.array([side, above]), np.array([-side, -below]), -float(nearest), float(farthest))
-
-    def make_camera(
-        self, eye: NDArray[np.float64], bounds: ViewBounds, space: LocalSpace, up: Vector, fov: float
-    ) -> Camera:
-        """Return the camera at a point in local coordinates, in its first position."""
-        level_depth = self.level @ self.view.forward
-        # Where the line of sight meets the axis.
-        target = self.axis * (self.axis @ (eye - self.view.forward * (eye @ self.level) / level_depth))
-        return _make_camera(space, eye, target, up, fov)
-
-
-def _make_camera(
-    space: LocalSpace, local_eye: NDArray[np.float64], local_target: NDArray[np.float64], up: Vector, fov: float
-) -> Camera:
-    """Return the camera at a point in local coordinates that looks at another one."""
-    eye, look_at = (as_vector(space.origin + point / space.scale) for point in (local_eye, local_target))
-    return Camera(eye, look_at, up, fov)
+    def find_target(self, eye: NDArray[np.float64], bounds: ViewBounds) -> NDArray[np.float64]:
+        """Return where a camera at a point in local coordinates looks: the middle of what is seen, or the axis."""
+        if self.axis is None:
+            return eye + self.forward * ((bounds.nearest + bounds.farthest) / 2 - eye @ self.forward)
+        level = self.forward - self.axis * (self.axis @ self.forward)
+        return self.axis * (self.axis @ (eye - self.forward * ((eye @ level) / (self.forward @ level))))
 
 
 # Vertices, or corners of boxes, per step: 10 MB at a time.
@@ -377,12 +293,12 @@ def _count_points(shape: Shape) -> int:
 _CHUNK_VERTICES = 2**12
 
 
-def find_bounds(view: View | Turn, mesh: Mesh | SceneExtent) -> ViewBounds:
+def find_bounds(view: View, mesh: Mesh | SceneExtent) -> ViewBounds:
     """Return the bounds of all vertices, or of all that a scene holds."""
     return find_bounds_of_all([view], mesh)[0]
 
 
-def find_bounds_of_all(views: Sequence[View | Turn], mesh: Mesh | SceneExtent) -> list[ViewBounds]:
+def find_bounds_of_all(views: Sequence[View], mesh: Mesh | SceneExtent) -> list[ViewBounds]:
     """Return the bounds of several views that differ in nothing but the slopes of their sides; read once."""
     reaches = [view.reaches() for view in views]
     joined = Reaches(

@@ -8,7 +8,7 @@ import pytest
 from clbvh import Mesh
 from clbvh.errors import SceneError
 from clbvh.rendering.camera import Camera
-from clbvh.rendering.framing import frame_mesh, frame_turn
+from clbvh.rendering.framing import frame_mesh
 
 
 def mesh_of(points):
@@ -117,7 +117,7 @@ def test_a_camera_that_cannot_see_is_refused(arguments, message):
 @pytest.mark.parametrize("extents", [(3, 1, 0.2), (0.5, 4, 5)])
 def test_a_turn_sees_every_point_from_all_sides_and_wastes_no_room(seed, aspect, up, extents):
     points = np.random.default_rng(seed).normal(size=(60, 3)) * extents + [7, 8, 9]
-    first = frame_turn(mesh_of(points), aspect=aspect, up=up)
+    first = frame_mesh(mesh_of(points), aspect=aspect, up=up, turns=True)
     seen = [project(first.orbit(angle), points, aspect) for angle in np.arange(360)]
     assert min(depth.min() for _, depth in seen) > 0
     places = np.concatenate([places for places, _ in seen])
@@ -134,7 +134,7 @@ def test_a_turn_sees_every_point_from_all_sides_and_wastes_no_room(seed, aspect,
 
 @pytest.mark.parametrize("points", [np.zeros((1, 3)), np.array([[0, 0, 0], [0, 1, 0.0]]), np.eye(3)])
 def test_points_without_extent_are_framed_for_a_turn(points):
-    camera = frame_turn(mesh_of(points), aspect=1)
+    camera = frame_mesh(mesh_of(points), aspect=1, turns=True)
     places, depth = project(camera.orbit(77), points, 1)
     assert np.isfinite(places).all()
     assert (depth > 0).all()

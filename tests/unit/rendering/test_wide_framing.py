@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import Fisheye, Mesh, Orthographic, Panorama, Scene, SceneError, Spheres
-from clbvh.rendering.framing import frame_mesh, frame_turn
+from clbvh.rendering.framing import frame_mesh
 from clbvh.rendering.view_bounds import SceneExtent
 
 HEIGHT = 100
@@ -88,7 +88,7 @@ def test_a_panorama_stands_in_the_middle_and_looks_level():
 @pytest.mark.parametrize("projection", [Orthographic(), Fisheye(120)])
 def test_a_turn_sees_every_point_from_all_sides(projection, aspect):
     points = cloud(4)
-    first = frame_turn(mesh_of(points), aspect=aspect, up=(0.2, 1, -0.4), projection=projection)
+    first = frame_mesh(mesh_of(points), aspect=aspect, up=(0.2, 1, -0.4), projection=projection, turns=True)
     seen = [places(first.orbit(angle), points, aspect) for angle in range(0, 360, 2)]
     reach = np.abs(np.concatenate([found for found, _ in seen]))
     assert min(depth.min() for _, depth in seen) > 0
@@ -100,7 +100,7 @@ def test_a_turn_sees_every_point_from_all_sides(projection, aspect):
 
 def test_a_panorama_has_no_turn():
     with pytest.raises(SceneError, match="no turn"):
-        frame_turn(mesh_of(cloud(0)), aspect=1, projection=Panorama())
+        frame_mesh(mesh_of(cloud(0)), aspect=1, projection=Panorama(), turns=True)
 
 
 def test_a_scene_of_several_objects_is_framed():
