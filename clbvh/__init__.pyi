@@ -55,7 +55,7 @@ from .rendering.vectors import Vector as Vector
 from .scene.handles import Geometry as Geometry, Instance as Instance
 from .scene.state import SceneState as SceneState
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
-from .support.version import __version__ as __version__
+from .support.folders import __version__ as __version__
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits
 from .trace.hits.surface import Normals as Normals
 from .trace.points.refine import ClosestPoints as ClosestPoints

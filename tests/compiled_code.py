@@ -3,8 +3,7 @@
     python -m tests.compiled_code LIST.json < TASKS.json
 
 The tasks are lists: the words of a `clbvh` command, or one text, Python code. The list has, as text, each version of a
-compiled function that Python called, each kernel and each kind of launch, and apart those functions that numba compiled
-because its cache did not have them.
+compiled function that Python called, and apart those that numba compiled because its cache did not have them.
 """
 
 from __future__ import annotations
@@ -12,22 +11,6 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-
-# PoCL compiles a kernel for each size of work-groups, and once more for launches of this many work-items along an axis.
-LARGE_LAUNCH = 1 << 16
-
-
-def note_launches() -> None:
-    """Let every kernel note its kinds of launch, in `launched`."""
-    from clbvh.device.kernel import Kernel
-
-    enqueue = Kernel.enqueue
-
-    def noted(self, queue, work_size, work_group, arguments):
-        vars(self).setdefault("launched", set()).add((work_group, max(work_size) >= LARGE_LAUNCH))
-        return enqueue(self, queue, work_size, work_group, arguments)
-
-    Kernel.enqueue = noted
 
 
 def run_all(tasks: list[list[str] | str]) -> None:
@@ -46,8 +29,7 @@ def run_all(tasks: list[list[str] | str]) -> None:
 
 
 def list_code() -> dict[str, list[str]]:
-    """Return the versions of functions and kernels in this process, and what was compiled."""
-    from clbvh.device import context
+    """Return the versions of functions in this process, and what was compiled."""
     from clbvh.support.compiled import list_compiled
 
     versions, compiled = [], []
@@ -56,17 +38,10 @@ def list_code() -> dict[str, list[str]]:
         hits, misses = function.stats.cache_hits, function.stats.cache_misses
         versions += [f"{name}{types}" for types in [*hits, *misses]]
         compiled += [f"{name}{types}" for types in misses]
-    for opened in context._contexts.values():
-        for (_, options), kernels in opened._kernels.items():
-            launches = [
-                (kernel.name, launch) for kernel in kernels.values() for launch in vars(kernel).get("launched", ())
-            ]
-            versions += [f"{name} {options} {launch}" for name, launch in launches]
     return {"versions": versions, "compiled": compiled}
 
 
 if __name__ == "__main__":
     target = Path(sys.argv[1]).absolute()  # a task may change both
-    note_launches()
     run_all(json.load(sys.stdin))
     target.write_text(json.dumps(list_code()))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
-from clbvh.support.cache_folder import CACHE_VARIABLE, find_cache
+from clbvh.support.folders import CACHE_VARIABLE, find_cache
 
 from . import profiles
 

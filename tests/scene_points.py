@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from clbvh.geometry.mesh import Mesh
 from clbvh.structs import NO_PRIM
 from clbvh.support.compiled import compiled
-from clbvh.support.triples import cross, dot, subtract
+from clbvh.support.loop_functions import cross, dot, subtract
 from clbvh.trace.oracle.placement import Blur, Placement, SceneLike, place_instances, scene_radius
 from clbvh.trace.oracle.scene_crossings import Rays, find_crossings
 

@@ -18,9 +18,8 @@ from typing import ClassVar
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
-from ..support.cache_folder import find_cache
+from ..support.folders import __version__, find_cache
 from ..support.stopwatch import Stopwatch
-from ..support.version import __version__
 from .build import build_tree, choose_workers
 from .options import BuildOptions, check_workers
 from .registry import BUILDERS, DEFAULT_BUILDER, check_builder

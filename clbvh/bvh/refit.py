@@ -11,7 +11,7 @@ from ..geometry import Mesh
 from ..geometry.boxes import as_node, box_of_node, empty_box, load_box, load_point, store_box, unite
 from ..structs import NODE, NODE_LANES
 from ..support.compiled import compiled
-from ..support.prefetch import prefetch
+from ..support.loop_functions import prefetch
 
 # Prefetch distances in triangles: neighbours in the tree lie apart in the mesh. With these, the nodes over 871,306
 # triangles take 11 ms instead of 14 ms; with half or twice the distance 12 to 13 ms (2-core x86-64 server).

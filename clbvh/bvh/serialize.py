@@ -31,9 +31,8 @@ from numpy.typing import NDArray
 
 from ..errors import TreeFileError
 from ..geometry import Mesh
-from ..support.atomic_file import as_path, check_target, write_atomically
 from ..support.compiled import compiled
-from ..support.regular_file import open_regular, read_errors_as
+from ..support.files import as_path, check_target, open_regular, read_errors_as, write_atomically
 from .refit import fit_nodes
 
 # The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).

@@ -5,23 +5,17 @@ A worker process imports this file, and no other of the command line, when it st
 
 from __future__ import annotations
 
+import sys
+
 
 def main() -> None:
     """Run the `clbvh` command."""
-    # Streams first: the next file that is opened would get the number of a closed one.
-    from .streams import prepare_streams
+    from .signals import end_on_signals
 
-    prepare_streams()
-    from .ending import ending_at_once
-    from .garbage import collect_rarely, uncollected
+    # Everything that follows can be interrupted.
+    end_on_signals()
+    if sys.stdout is not None:
+        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr] # an ASCII terminal shows any name
+    from .app import run
 
-    collect_rarely()
-    with ending_at_once():
-        # Everything that follows can be interrupted.
-        from .signals import end_on_signals
-
-        end_on_signals()
-        with uncollected():
-            from .app import run
-
-        run()
+    run()

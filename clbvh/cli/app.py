@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
+import warnings
 from typing import Annotated, Any
 
 import typer
 
-from ..errors import ClbvhError, DeviceError
-from ..support.code_times import on_first_compilation
+from ..errors import ClbvhError, ClbvhWarning, DeviceError
 from . import devices, doctor, fetch, images, render, sheet, stats, study, tune, turntable, warmup
-from .first_run import say_first_run
-from .streams import flush_output
-from .warning_lines import warnings_as_lines
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -42,7 +40,7 @@ app.command(name="warmup")(warmup.warmup)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from ..support.version import __version__
+        from ..support.folders import __version__
 
         print(f"clbvh {__version__}")
         raise typer.Exit
@@ -81,14 +79,15 @@ def run(arguments: list[str] | None = None) -> None:
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
     code: Any = EXIT_FAILED
-    on_first_compilation(say_first_run)
     try:
         try:
-            with warnings_as_lines():
+            with warnings.catch_warnings():
+                warnings.showwarning = _show_warning
+                warnings.simplefilter("always", ClbvhWarning)
                 app(words)
         except SystemExit as ended:
             code = ended.code
-        flush_output()
+        print(end="", flush=True)
     except BrokenPipeError:
         # The reader has had enough, as `head` has: nobody is left to tell.
         code = code or EXIT_FAILED
@@ -97,7 +96,22 @@ def run(arguments: list[str] | None = None) -> None:
             traceback.print_exc()
         print(f"clbvh: {_describe(error)}", file=sys.stderr)
         code = exit_code_of(error)
+    _drop_unwritten()
     sys.exit(code)
+
+
+def _drop_unwritten() -> None:
+    """Keep Python from trying once more, at its end, to write what could not be written."""
+    try:
+        print(end="", flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    """Print a warning as one line, without the line of a program that the user has not made."""
+    name = "" if issubclass(category, ClbvhWarning) else f"{category.__name__}: "
+    print(f"clbvh: warning: {name}{message}", file=sys.stderr)
 
 
 def _describe(error: Exception) -> str:

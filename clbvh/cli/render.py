@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import options, picture_options, view_options
-from .garbage import uncollected
 from .render_progress import render_with_status
 from .render_report import print_render_report
 
@@ -118,9 +117,8 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
-    with uncollected():
-        from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
-        from ..rendering.render import RenderOptions
+    from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
+    from ..rendering.render import RenderOptions
 
     # All input is checked before any work.
     for path in output:
@@ -201,8 +199,7 @@ def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
     if scene.is_one_mesh:
         return scene, {}  # loaded by the renderer, while the workers start
     watch.lap("load")
-    timings_ms = {"load": watch.laps_ms["load"], **watch.code_ms}
-    return scene, {**timings_ms, "total": sum(timings_ms.values())}
+    return scene, dict.fromkeys(("load", "total"), watch.laps_ms["load"])
 
 
 def _check_heat_map(quantity: str, builder: str) -> None:

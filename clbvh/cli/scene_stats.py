@@ -24,8 +24,6 @@ _PHASES = {
     "load": "load and place the objects",
     "build": "build the trees of both levels",
     "measure": "the measures above",
-    "compile": "compile functions, in a first run only",
-    "load_code": "load compiled functions",
     "other": "between the phases",
     "total": "wall time",
 }
@@ -64,8 +62,7 @@ def show_scene_stats(
 
     measured = measure_scene(state, build_tree, traversal_cost=traversal_cost)
     watch.lap("measure")
-    laps = {phase: watch.laps_ms[phase] for phase in ("load", "build", "measure")}
-    phases_ms = {**laps, **watch.code_ms}
+    phases_ms = {phase: watch.laps_ms[phase] for phase in ("load", "build", "measure")}
     report = {
         "scene": measured.as_dict(),
         "build": {

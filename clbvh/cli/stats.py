@@ -97,7 +97,6 @@ def stats(
         "build": made.timings_ms["build"],
         "measure": watch.laps_ms["measure"],
         **({"rays": watch.laps_ms["rays"]} if rays else {}),
-        **watch.code_ms,
     }
     timings_ms = add_total(phases_ms, watch.total_ms)
     if plot is not None:
@@ -197,8 +196,6 @@ def _make_time_table(build: dict[str, Any]) -> Any:
         "build": f"builder {build['builder']}, {describe_workers(build['workers'])}; of this:",
         "measure": "the measures above",
         "rays": "cast on the host, step for step as layout bvh2",
-        "compile": "compile functions, in a first run only",
-        "load_code": "load compiled functions",
         "other": "between the phases",
         "total": "wall time",
     }

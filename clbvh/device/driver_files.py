@@ -21,7 +21,7 @@ from pathlib import Path
 
 from platformdirs import user_config_dir
 
-from ..support.cache_folder import find_cache, is_writable, say_unusable
+from ..support.folders import find_cache, is_writable, say_unusable
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 DRIVERS_VARIABLE = "CLBVH_DRIVERS"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import re
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -20,8 +19,8 @@ import numpy as np
 
 from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
-from ..support.code_times import announce_compilation
-from ..support.resources import find_folder
+from ..support.folders import find_folder
+from ..support.say_once import saying_compiling_if_slow
 from .kernel import Kernel
 from .owner_process import check_process
 from .session import DeviceSession
@@ -47,10 +46,6 @@ CORRECT_ROUNDING = "-cl-fp32-correctly-rounded-divide-sqrt"
 
 # Kernels of wide layouts spare the registers of a GPU, see cl/triangles/block.cl.
 GPU_OPTION = "-DIS_GPU=1"
-
-# A driver that takes more processor time for a program compiles it: PoCL 3.0 takes 0.4 to 1.3 s, and 0.015 to 0.07 with
-# its cache, on a 2-core x86-64 server.
-_LONGEST_LOAD_S = 0.25
 
 # Oclgrind 21.10 has no instruction for popcount, which its compiler (clang 14) makes of other expressions, and takes
 # the negation of a true lane in a mask for true. Neither occurs without the optimizer; and then every access that is
@@ -162,10 +157,8 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
         with warnings.catch_warnings():
             # PoCL says something about every build, good or bad.
             warnings.simplefilter("ignore", cl.CompilerWarning)
-            begin_s = time.process_time()
-            program.build(list(options), devices=[session.info.cl_device])
-            if time.process_time() - begin_s > _LONGEST_LOAD_S:
-                announce_compilation()
+            with saying_compiling_if_slow():
+                program.build(list(options), devices=[session.info.cl_device])
     except cl.Error as error:
         _never_release(program)
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error

@@ -17,10 +17,9 @@ from typing import Any
 
 from ..errors import ConfigError
 from ..structs import LAYOUT_WIDTHS
-from ..support.atomic_file import write_atomically
-from ..support.cache_folder import find_cache
+from ..support.files import write_atomically
+from ..support.folders import __version__, find_cache
 from ..support.say_once import say_once
-from ..support.version import __version__
 from .info import DeviceInfo
 
 # GPUs run at least one whole warp or wavefront. On CPUs the rays of a work-group share an entry point, see

@@ -1,7 +1,7 @@
 """Boxes as eight float lanes that stay in one register, for compiled loops.
 
-The only hand-written LLVM besides `support/prefetch.py`: numba's optimiser neither finds the eight-lane minimum nor
-keeps a running box in a register. Must not know of meshes or trees.
+The only hand-written LLVM besides `support/loop_functions.py`: numba's optimiser neither finds the eight-lane minimum
+nor keeps a running box in a register. Must not know of meshes or trees.
 
 A row of an (n, 8) float32 array is ``(min_x, min_y, min_z, tag, -max_x, -max_y, -max_z, tally)``. The maximum is kept
 negated, so that one eight-lane minimum unites two boxes. A minimum leaves garbage in the tag and in the tally; only

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, FetchError, MeshError
-from ..support.cache_folder import find_cache
+from ..support.folders import find_cache
 from ..support.temporary_folder import TemporaryFolder
 
 STANFORD = "https://graphics.stanford.edu/pub/3Dscanrep"

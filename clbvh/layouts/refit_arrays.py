@@ -15,9 +15,8 @@ from ..geometry import Mesh, Shape
 from ..geometry.boxes import empty_box, half_area, lane_of, load_box, load_point, store_box, unite
 from ..structs import BOX_LANES, BOX_NEGATED_MAX, LAYOUT_WIDTHS, NO_PRIM
 from ..support.compiled import compiled
-from ..support.host_threads import HostThreads
-from ..support.prefetch import prefetch
-from ..support.ranges import cut_range
+from ..support.host_threads import HostThreads, cut_range
+from ..support.loop_functions import prefetch
 from .leaf_blocks import write_sphere_leaves
 
 # Lanes of a triangle's corners in a block; its face comes behind them.

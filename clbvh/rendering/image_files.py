@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..support.atomic_file import as_path, check_target, write_atomically
+from ..support.files import as_path, check_target, write_atomically
 from ..trace.hits.hits import Hits
 
 PICTURE_SUFFIXES = (".ppm", ".png")

@@ -13,7 +13,7 @@ from ..geometry import MeshLike, Spheres, as_mesh
 from ..geometry.loading.several_parts import may_have_parts
 from ..scene.parts import HasGraph
 from ..scene.serialize import is_saved_scene
-from ..support.resources import find_folder
+from ..support.folders import find_folder
 from .camera import DEFAULT_UP
 from .guesses import AUTO, RULED_SUFFIXES
 from .scene import Scene

@@ -61,12 +61,11 @@ class Picture:
     workers : int
         Threads that built the tree; 0 when it came from the cache or was given.
     timings : dict of str to float
-        Milliseconds: load, cache (look the tree up, keep it), build, open (the
-        device), layout (arrange the tree for the device), compile (functions and kernels, which are kept for the next
-        run), load_code (those that were kept), upload, kernel, download (the device's own times), other (between these
-        phases), and total: the wall time, the sum of all. No other phase includes compile or load_code,
-        which are those of all threads. In a picture of a `Renderer`, the phases of its set-up are 0: see
-        `Renderer.timings`.
+        Milliseconds: load, cache (look the tree up, keep it), build, open (the device), layout (arrange the tree for
+        the device), compile (the kernels, or load those that an earlier run has compiled), upload, kernel, download
+        (the device's own times), other (between these phases), and total: the wall time, the sum of all. In a first
+        run each phase includes the compilation of its host functions. In a picture of a `Renderer`, the phases of its
+        set-up are 0: see `Renderer.timings`.
     is_transparent : bool
         Whether the background is left out.
     tree_from_cache : bool
@@ -279,20 +278,20 @@ def list_setup_ms(watch: Stopwatch, made: BuildResult | None, upload_ms: float) 
     Parameters
     ----------
     watch : Stopwatch
-        With the laps load, open and layout.
+        With the laps load, open, layout and compile.
     made : BuildResult or None
         The tree, if the renderer has made one.
     upload_ms : float
         Time of the uploads, which are part of the lap layout.
     """
-    code_ms, total_ms, laps_ms = watch.code_ms, watch.total_ms, watch.laps_ms
+    total_ms, laps_ms = watch.total_ms, watch.laps_ms
     phases_ms = {
         "load": laps_ms["load"],
         **(dict.fromkeys(("cache", "build"), 0.0) if made is None else made.timings_ms),
         "open": laps_ms["open"],
         # The tree is uploaded as it is arranged; the upload has a row of its own.
         "layout": max(laps_ms["layout"] - upload_ms, 0.0),
-        **code_ms,
+        "compile": laps_ms["compile"],
         "upload": upload_ms,
         "kernel": 0.0,
         "download": 0.0,
@@ -302,6 +301,6 @@ def list_setup_ms(watch: Stopwatch, made: BuildResult | None, upload_ms: float) 
 
 def list_picture_ms(setup_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
     """Return the timings of a `Picture`: its own phases; those of the set-up take no time."""
-    own_ms, total_ms = {**times.sums_ms(), **watch.code_ms}, watch.total_ms
+    own_ms, total_ms = times.sums_ms(), watch.total_ms
     phases_ms = {phase: own_ms.get(phase, 0.0) for phase in setup_ms if phase not in ("other", "total")}
     return add_total(phases_ms, total_ms)

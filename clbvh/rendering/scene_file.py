@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, SceneError
-from ..support.regular_file import read_regular
+from ..support.files import read_regular
 from .cut import Cut
 from .guesses import AUTO
 from .object_tables import given, read_mesh_source, read_objects, read_transform

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from ..errors import MeshError, SceneError
 from ..geometry.appearance.material import Material, Texture
 from ..geometry.loading.texture_files import decode_image
-from ..support.regular_file import read_regular
+from ..support.files import read_regular
 from .vectors import Vector
 
 _MAX_INTEGER = 2**63 - 1  # of TOML 1.0; Python's reader has no limit

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..errors import ConfigError
-from ..support.atomic_file import as_path, check_target, write_atomically
+from ..support.files import as_path, check_target, write_atomically
 from ..support.temporary_folder import TemporaryFolder
 from .open_scene import SceneLike, as_scene
 from .pose import STANDARD_VIEWS

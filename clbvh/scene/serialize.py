@@ -51,9 +51,8 @@ from ..geometry.appearance.appearance import Appearance, check_fit
 from ..geometry.appearance.material import Material, Texture
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, Spheres
-from ..support.atomic_file import as_path, check_target, write_atomically
+from ..support.files import as_path, check_target, open_regular, read_errors_as, write_atomically
 from ..support.memory import check_memory
-from ..support.regular_file import open_regular, read_errors_as
 from .state import SceneState
 from .store import UniqueNames
 from .transforms import check_transforms

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigError
-from ..support.atomic_file import check_target, write_atomically
+from ..support.files import check_target, write_atomically
 from . import TreeStats
 from .histogram import Bar, gather_bars
 

@@ -22,9 +22,9 @@ import psutil
 from ..device.info import DeviceInfo
 from ..device.select import choose_device, survey_devices
 from ..errors import DeviceError
-from ..support.atomic_file import write_atomically
+from ..support.files import write_atomically
+from ..support.folders import find_folder
 from ..support.host_threads import usable_cores
-from ..support.resources import find_folder
 from .samples import NotMeasuredError
 
 FILE_NAME = "machines.json"

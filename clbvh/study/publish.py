@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import ConfigError
-from ..support.atomic_file import write_atomically
+from ..support.files import write_atomically
 from .experiments.peers import QUERIES, figure_of, lead_of
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
 from .page import MARKDOWN, Table, wrap, write_page, write_table

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 
 from ..errors import ClbvhError, ConfigError
-from ..support.atomic_file import write_atomically
+from ..support.files import write_atomically
 from .bench import Bench
 from .engines import ENGINES
 from .experiment import Experiment

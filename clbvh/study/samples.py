@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..support.atomic_file import write_atomically
+from ..support.files import write_atomically
 from .scale import Scale
 from .statistics import Summary
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 import weakref
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import Any, Generic, TypeVar
 
 from .context_manager import ContextManager
-from .ranges import cut_range
 
 _Result = TypeVar("_Result")
 _Jobs = SimpleQueue[Callable[[], None] | None]
@@ -216,3 +216,9 @@ class _Batch(Generic[_Result]):
             if not isinstance(error, Exception) and index not in self._helped:
                 raise
             self._errors[index] = error
+
+
+def cut_range(begin: int, end: int, count: int) -> list[tuple[int, int]]:
+    """Cut the range from `begin` to `end` into `count` ranges that cover it once; some are empty when it is short."""
+    size = end - begin
+    return list(pairwise(begin + size * number // count for number in range(count + 1)))

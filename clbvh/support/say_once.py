@@ -1,4 +1,4 @@
-"""One sentence for the user about something that is no error, such as a cache that cannot be used.
+"""One sentence for the user about something that is no error: a cache that cannot be used, or why this takes seconds.
 
 It goes to the logger ``clbvh``, which prints it on stderr unless the program has set up its own logging.
 """
@@ -7,10 +7,16 @@ from __future__ import annotations
 
 import hashlib
 import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 # What has been said, by this process or by one that started it: workers must not repeat it.
 _VARIABLE = "_CLBVH_SAID"
 _DIGITS = 8
+
+# A kernel that is loaded from a driver's cache takes 0.07 s, and one that is compiled 0.4 s and more (PoCL 3.0).
+_LONGEST_LOAD_S = 0.5
 
 
 def say_once(sentence: str, about: str = "") -> None:
@@ -26,3 +32,21 @@ def say_once(sentence: str, about: str = "") -> None:
     import logging  # takes 10 ms, and most processes have nothing to say
 
     logging.getLogger("clbvh").warning("clbvh: %s", sentence)
+
+
+def say_compiling(sentence: str = "compiling for this machine; `clbvh warmup` does it ahead") -> None:
+    """Tell the user, once, that something is compiled, which takes seconds."""
+    say_once(sentence, about="compiling")
+
+
+@contextmanager
+def saying_compiling_if_slow() -> Iterator[None]:
+    """Say that a driver compiles if the block takes long; drivers do not say whether they compile or load."""
+    timer = threading.Timer(_LONGEST_LOAD_S, say_compiling)
+    timer.daemon = True
+    with suppress(RuntimeError):  # the system has no more threads
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,14 +1,16 @@
-"""A first run says that it compiles, and counts that apart; a second run says nothing."""
+"""A first run says that it compiles; a second run says nothing."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 
 from clbvh.device.select import list_devices
 
-from .command import FIRST_RUN, run_process
+from .command import FIRST_RUN, make_environment, run_process
 
 OFF = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
@@ -34,14 +36,10 @@ def test_a_first_run_compiles_and_a_second_one_loads(tmp_path, cold):
     first, second = (run_process(*arguments, **cold) for _ in range(2))
     assert (first.returncode, first.stderr, first.compiled) == (0, "", True)
     assert (second.returncode, second.stderr, second.compiled) == (0, "", False)
-    times = [json.loads(answer.stdout)["timings_ms"] for answer in (first, second)]
-    assert times[0]["compile"] > 20 * times[0]["build"]
-    assert times[0]["compile"] > times[1]["total"]
-    assert times[1]["compile"] == 0 < times[1]["load_code"]
-    for one in times:
-        parts = sum(one[name] for name in one if name not in ("total", "write"))
-        assert parts == pytest.approx(one["total"])
-    assert max(times[0]["build"], times[0]["layout"], times[0]["open"]) < times[0]["compile"] / 5
+    for answer in (first, second):
+        times = json.loads(answer.stdout)["timings_ms"]
+        parts = sum(times[name] for name in times if name not in ("total", "write"))
+        assert parts == pytest.approx(times["total"])
 
 
 def test_the_line_is_said_at_once_and_on_stderr_alone(tmp_path, cold):
@@ -50,16 +48,16 @@ def test_the_line_is_said_at_once_and_on_stderr_alone(tmp_path, cold):
     assert answer.compiled
     assert FIRST_RUN not in answer.stdout
     timings_ms = json.loads(answer.stdout)["build"]["timings_ms"]
-    assert timings_ms["compile"] > 20 * timings_ms["build"]
     parts = sum(ms for name, ms in timings_ms.items() if name != "total")
     assert parts == pytest.approx(timings_ms["total"])
 
 
-def test_where_nothing_can_be_kept_it_is_no_first_run(monkeypatch, capsys):
-    from clbvh.cli import first_run
-
-    first_run.say_first_run()
-    assert "first run only" in capsys.readouterr().err
-    monkeypatch.setattr("clbvh.support.cache_folder.is_writable", lambda folder: False)
-    first_run.say_first_run()
-    assert capsys.readouterr().err == f"{FIRST_RUN}\n"
+def test_python_says_it_too(tmp_path, cold):
+    process = subprocess.run(
+        [sys.executable, "-c", "import clbvh; clbvh.build(clbvh.make_shape('icosphere', triangles=20))"],
+        capture_output=True,
+        text=True,
+        env=make_environment(**cold),
+        check=True,
+    )
+    assert process.stderr.count(FIRST_RUN) == 1

@@ -35,7 +35,7 @@ REPORT_KEYS = {
     "rays", "hits", "mrays_per_s", "timings_ms",
 }  # fmt: skip
 TIMING_KEYS = {
-    "load", "cache", "build", "open", "layout", "compile", "load_code", "upload", "kernel", "download",
+    "load", "cache", "build", "open", "layout", "compile", "upload", "kernel", "download",
     "other", "total", "write",
 }  # fmt: skip
 

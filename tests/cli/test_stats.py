@@ -13,7 +13,7 @@ from clbvh.stats import tree_stats
 
 from .command import hidden_drivers, refuses, run_clbvh, run_process
 
-TIMING_KEYS = {"load", "build", "measure", "compile", "load_code", "other", "total"}
+TIMING_KEYS = {"load", "build", "measure", "other", "total"}
 
 SCENE = '[mesh]\nshape = "knot"\ntriangles = 2000\n'
 

@@ -34,7 +34,7 @@ from clbvh.rendering.scene import Scene
 from clbvh.rendering.scene_file import parse_scene, read_scene
 from clbvh.rendering.sources import MeshSource
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.support.cache_folder import CACHE_VARIABLE
+from clbvh.support.folders import CACHE_VARIABLE
 
 from ..soup import make_soup
 from ..unit.geometry.gltf_files import pack_glb

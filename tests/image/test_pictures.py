@@ -185,7 +185,7 @@ def test_the_report_adds_up(knot_picture):
     assert report["hits"] == (knot_picture.hits.prim_id >= 0).sum()
     times = report["timings_ms"]
     assert list(times) == [
-        "load", "cache", "build", "open", "layout", "compile", "load_code", "upload", "kernel",
+        "load", "cache", "build", "open", "layout", "compile", "upload", "kernel",
         "download", "other", "total",
     ]  # fmt: skip
     parts = sum(times[name] for name in times if name != "total")

@@ -147,7 +147,7 @@ def test_the_editable_install_renders_from_another_folder(installed_editable, sc
     assert (tmp_path / "out.ppm").read_bytes().startswith(b"P6")
 
 
-FIND_FOLDERS = "from clbvh.support.resources import find_folder as f; print(f('cl')); print(f('scenes'))"
+FIND_FOLDERS = "from clbvh.support.folders import find_folder as f; print(f('cl')); print(f('scenes'))"
 
 
 def test_the_wheel_finds_kernels_and_scenes_in_itself(installed_wheel, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh.device.program import expand_source
-from clbvh.support.resources import find_folder
+from clbvh.support.folders import find_folder
 
 KERNELS = sorted(path.stem for path in (find_folder("cl") / "kernels").glob("*.cl"))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...geometry import Mesh
 from ...structs import BOX_LANES, NODE
-from ...support.ranges import cut_range
+from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
 from ..options import MAX_DEPTH, BuildOptions

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...structs import BOX_LANES, NODE_COUNT, NODE_FIRST
 from ...support.compiled import compiled
-from ...support.ranges import cut_range
+from ...support.host_threads import cut_range
 from ..depth_first import Placement, order_top, place_subtree
 from ..executor import Executor
 

@@ -16,7 +16,7 @@ from ...bvh import Bvh
 from ...errors import InternalError, PoolError
 from ...geometry import Mesh
 from ...structs import NODE, NODE_LANES
-from ...support.ranges import cut_range
+from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
 from ..depth_first import place_top
 from ..executor import Executor

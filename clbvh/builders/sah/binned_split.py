@@ -15,7 +15,7 @@ import numpy as np
 from ...geometry.boxes import add_to_box, bins_of, empty_box, half_area, load_box, scales_of, store_box, tally_of, unite
 from ...structs import BOX_LANES
 from ...support.compiled import compiled
-from ...support.prefetch import prefetch
+from ...support.loop_functions import prefetch
 from ..prim_refs import BOUNDS_CENTROIDS
 
 # A centroid on the upper bound must fall into the last bin, not behind it, whatever the rounding.

@@ -11,7 +11,7 @@ import numpy as np
 from ...bvh import Bvh
 from ...geometry import Mesh
 from ...structs import BOX_LANES, NODE
-from ...support.ranges import cut_range
+from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
 from ..options import BuildOptions

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.regular_file import read_regular
+from ...support.files import read_regular
 
 _GLB_MAGIC = b"glTF"
 _GLB_HEADER = struct.Struct("<4sII")  # magic, version, length of the file

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.regular_file import read_regular
+from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, turn_normals
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import linear_to_srgb_bytes, to_bytes

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.regular_file import read_regular
+from ...support.files import read_regular
 from ..appearance.normals import flatten
 from ..mesh import Mesh
 from .file_mesh import FileMesh, FileNode, FileParts, Problems

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import MeshError
-from ...support.regular_file import read_regular
+from ...support.files import read_regular
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import srgb_to_linear
 from .file_mesh import Problems

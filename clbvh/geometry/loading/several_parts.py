@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 
 from ...errors import MeshError
-from ...support.regular_file import read_regular
+from ...support.files import read_regular
 from .gltf_data import GltfData, get_list
 
 _OBJ_SUFFIX, _GLTF_SUFFIXES = ".obj", (".glb", ".gltf")

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
+from ...support.files import read_regular
 from ...support.memory import check_memory
-from ...support.regular_file import read_regular
 from ..appearance.material import MAX_TEXTURE_SIDE, Texture
 from .file_mesh import Problems
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import ConfigError, SceneError
+from ...support.files import read_errors_as, read_regular
 from ...support.memory import check_memory
-from ...support.regular_file import read_errors_as, read_regular
 
 
 def read_environment_map(path: str | os.PathLike[str]) -> NDArray[np.float32]:

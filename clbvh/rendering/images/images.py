@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, SceneError
 from ...geometry import Shape
-from ...support.atomic_file import write_atomically
+from ...support.files import write_atomically
 from ...support.memory import check_memory
 from ..camera import Camera
 from ..picture import Picture

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...structs import HIT_PRIM_ID, NO_PRIM, SCENE_HIT, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
-from ...support.prefetch import prefetch
+from ...support.loop_functions import prefetch
 from ..launch import FIRST_HITS, Call, Caster, cut_smaller_when_full
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece

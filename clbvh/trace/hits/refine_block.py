@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 
 from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
-from ...support.powers_of_two import exponent_of, times_power_of_two
-from ...support.prefetch import prefetch
-from ...support.triples import add_scaled, cross, dot, subtract
+from ...support.loop_functions import add_scaled, cross, dot, exponent_of, prefetch, subtract, times_power_of_two
 from ..rays.batch import row_step
 from .locations import locate_placed_point
 from .scene_arrays import SceneArrays, to_object_by

@@ -16,8 +16,8 @@ from ...errors import SceneError
 from ...geometry import Mesh, Shape
 from ...structs import PRIM_KINDS
 from ...support.compiled import compiled
+from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
 from ...support.memory import check_memory
-from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
 
 
 class Triangles(NamedTuple):

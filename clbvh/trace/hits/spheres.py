@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from ...support.compiled import compiled
-from ...support.powers_of_two import exponent_of, times_power_of_two
+from ...support.loop_functions import exponent_of, times_power_of_two
 
 _TURN = 2.0 * math.pi
 

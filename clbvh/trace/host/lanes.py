@@ -16,7 +16,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from ...support.compiled import compiled
-from ...support.fused import fused
+from ...support.loop_functions import fused
 
 _FLOAT, _INT = ir.FloatType(), ir.IntType(32)
 

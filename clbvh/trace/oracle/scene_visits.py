@@ -17,8 +17,7 @@ from ...layouts.device_arrays import make_bvh2_nodes
 from ...scene.state import SceneState
 from ...structs import BVH2_COUNT, BVH2_FIRST, FAR_RADII, NO_PRIM, PACKED_RAY, SCENE_LOW
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from ...support.ranges import cut_range
+from ...support.host_threads import HostThreads, cut_range
 from ..hits.scene_arrays import make_scene_arrays
 from ..host.lanes import make_host_ray
 from ..rays.batch import TreeBox, read_rays

@@ -31,8 +31,7 @@ from ...structs import (
     TRIANGLE_PRIM_ID,
 )
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from ...support.ranges import cut_range
+from ...support.host_threads import HostThreads, cut_range
 from ..host.lanes import cross_corners, make_host_ray, pick, shear_corner
 from ..host.walk import FIELD_COUNT, walk
 from ..rays.batch import TreeBox, read_rays

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from ...support.powers_of_two import exponent_of, times_power_of_two
+from ...support.loop_functions import exponent_of, times_power_of_two
 from ..hits.scene_arrays import SceneArrays, place_point, place_vector, triangles_of
 from ..rays.batch import TreeBox
 from .ellipsoid import find_axes, find_shares

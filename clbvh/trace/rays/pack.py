@@ -28,8 +28,7 @@ from ...structs import (
     SCENE_LOW_LANES,
 )
 from ...support.compiled import compiled
-from ...support.powers_of_two import exponent_of, power_of_two, times_power_of_two
-from ...support.prefetch import prefetch
+from ...support.loop_functions import exponent_of, power_of_two, prefetch, times_power_of_two
 from .batch import Broadcast, RayBatch, RayRows, TreeBox, row_step, too_far
 
 # The powers of two with exponents up to this, times the scale of any mesh, are normal numbers.

@@ -9,7 +9,7 @@ import pytest
 from clbvh.device.program import build_kernel, expand_source
 from clbvh.errors import InternalError, KernelBuildError
 from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUTS, c_declarations
-from clbvh.support.resources import find_folder
+from clbvh.support.folders import find_folder
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from numba import njit
 
 from clbvh.geometry import boxes
 from clbvh.structs import BOX_LANES, BOX_TALLY, NODE
-from clbvh.support.prefetch import prefetch
+from clbvh.support.loop_functions import prefetch
 
 
 @njit

@@ -8,7 +8,7 @@ import pytest
 
 from clbvh.errors import ConfigError, MeshError
 from clbvh.geometry.fetch import KNOWN_MESHES, find_known_mesh
-from clbvh.support.cache_folder import find_cache
+from clbvh.support.folders import find_cache
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from clbvh.rendering.projection import Fisheye, Orthographic, Panorama
 from clbvh.rendering.scene import MeshSource, Scene
 from clbvh.rendering.scene_file import read_scene
 from clbvh.rendering.sources import Transform
-from clbvh.support.resources import find_folder
+from clbvh.support.folders import find_folder
 
 SHIPPED = (
     "bunny", "cornell", "demo", "dragon", "drill", "galaxy", "hall", "knot", "meadow", "palace", "still-life",

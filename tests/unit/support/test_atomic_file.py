@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from clbvh.errors import ConfigError
-from clbvh.support.atomic_file import check_target, write_atomically
+from clbvh.support.files import check_target, write_atomically
 
 
 def test_a_file_is_written_or_replaced(tmp_path):

@@ -10,14 +10,14 @@ import sys
 import pytest
 
 from clbvh.support import run_folder
-from clbvh.support.atomic_file import replacing
+from clbvh.support.files import replacing
 from clbvh.support.orphans import FILE_PREFIX, FILE_SUFFIX, remove_orphan_folders, remove_orphans
 
 # Begins a file and a folder, says so, and waits.
 OWNER = """
 import sys, time
 from pathlib import Path
-from clbvh.support.atomic_file import replacing
+from clbvh.support.files import replacing
 from clbvh.support.run_folder import get_run_folder
 with replacing(Path(sys.argv[1])) as file:
     file.write(b"half")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from clbvh.support.powers_of_two import exponent_of, power_of_two, times_power_of_two
+from clbvh.support.loop_functions import exponent_of, power_of_two, times_power_of_two
 
 VALUES = [1.0, 1.5, 2.0, 3.999, 0.1, 1e300, 1e-300, np.finfo(float).max, np.finfo(float).tiny, 1e-310, 5e-324]
 

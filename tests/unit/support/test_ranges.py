@@ -2,7 +2,7 @@ import itertools
 
 import pytest
 
-from clbvh.support.ranges import cut_range
+from clbvh.support.host_threads import cut_range
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7])

@@ -7,8 +7,8 @@ import socket
 
 import pytest
 
-from clbvh.support import regular_file
-from clbvh.support.regular_file import open_regular, read_regular
+from clbvh.support import files as regular_file
+from clbvh.support.files import open_regular, read_regular
 
 
 @pytest.fixture(params=["folder", "named pipe", "socket", "device"])

@@ -1,0 +1,74 @@
+"""Where things are: the user's cache, the folders that ship with clbvh, and the version of the package.
+
+The cache holds files that can be made or fetched again: meshes, trees, machine code, measured settings. A wheel carries
+kernel sources and scenes inside the package; a source checkout and an editable install have them one folder up.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from platformdirs import user_cache_dir
+
+from ..errors import InternalError
+from .say_once import say_once
+
+CACHE_VARIABLE = "CLBVH_CACHE"
+
+
+def find_cache() -> Path:
+    """Return `CLBVH_CACHE`, or the system's folder for caches; it need not exist yet."""
+    if folder := os.environ.get(CACHE_VARIABLE):
+        return Path(folder)
+    return Path(user_cache_dir("clbvh"))
+
+
+def is_writable(folder: Path) -> bool:
+    """Return whether files can be written into a folder, which is created where it does not exist."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def say_unusable(folder: Path) -> None:
+    """Tell the user that nothing can be kept in a cache: once, for the first of several that share a cause."""
+    say_once(
+        f"nothing can be kept in the cache {folder}, so every run compiles anew: set {CACHE_VARIABLE} to a folder that "
+        "can be written to",
+        about="unusable cache",
+    )
+
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def find_folder(name: str) -> Path:
+    """Return the shipped folder `name`: the packaged copy first, then the one of the source checkout.
+
+    Parameters
+    ----------
+    name : str
+        ``"cl"`` or ``"scenes"``.
+
+    Raises
+    ------
+    InternalError
+        Neither exists: the installation is broken.
+    """
+    candidates = (_PACKAGE / name, _PACKAGE.parent / name)
+    for candidate in candidates:
+        if candidate.is_dir():
+            return candidate
+    raise InternalError(
+        f"the shipped folder '{name}' is in neither {candidates[0]} nor {candidates[1]}: reinstall clbvh"
+    )
+
+
+try:
+    __version__ = version("clbvh")
+except PackageNotFoundError:  # a folder on the path that was never installed
+    __version__ = "0+unknown"
