@@ -86,7 +86,6 @@ def _cast(source: clbvh.Scene | clbvh.Mesh, device: clbvh.DeviceInfo, dtype: str
             tracer.any_hit(origins, directions)
             tracer.count_hits(origins, directions)
             tracer.all_hits(origins, directions, with_locations=True)
-            tracer.hits_by_depth(origins, directions)
             if dtype == "f4":  # few ask for points in float32
                 continue
             tracer.closest_point(origins)
