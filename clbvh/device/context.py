@@ -1,18 +1,191 @@
-"""A device's context: one for all sessions of a process, with the kernels that have been compiled in it.
+"""OpenCL in this process: a context for each device, its compiled kernels, the times of commands, and forked children.
 
-A driver may keep memory for each context in which a kernel ran, released or not: PoCL 3.0 keeps 1.1 MiB for each
-compiled program. With one context per device, a program is compiled and loaded once in a process.
+One context serves all sessions of a device: PoCL 3.0 keeps 1.1 MiB for each program that it has compiled, released or
+not, so a program is compiled and loaded once in a process. A driver runs threads, and a fork copies none of them: a
+child that calls the driver waits for ever. So a forked child refuses to use OpenCL, and never releases the handles that
+it inherited.
 """
 
 from __future__ import annotations
 
+import ctypes
+import os
 import threading
-from collections.abc import Callable, Hashable
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any, ClassVar, Protocol
+from weakref import WeakSet
 
+from ..errors import DeviceError, InternalError
 from .info import DeviceInfo
-from .kernel import Kernel
-from .owner_process import hold_handles
+
+
+class Session(Protocol):
+    """A session, which knows handles of the driver."""
+
+    def list_handles(self) -> list[Any]:
+        """Return the handles, or objects that refer to them."""
+
+
+_NS_PER_MS = 1e6
+
+
+class _OpenCL:
+    """The use of OpenCL in this process; asked at every step of a query, so by two flags instead of process ids."""
+
+    is_started: ClassVar[bool] = False
+    is_inherited: ClassVar[bool] = False
+    sessions: ClassVar[WeakSet[Session]] = WeakSet()
+    kept: ClassVar[list[Any]] = []  # what must never be released
+
+
+def claim_opencl() -> None:
+    """Let OpenCL belong to this process, before the first call of a driver.
+
+    Raises
+    ------
+    DeviceError
+        It belongs to a process that this one was forked from.
+    """
+    check_process()
+    if not _OpenCL.is_started:
+        if hasattr(os, "register_at_fork"):  # Windows does not fork
+            os.register_at_fork(after_in_child=_notice_fork)
+        _OpenCL.is_started = True
+
+
+def is_inherited() -> bool:
+    """Return whether this process was forked from one that had started OpenCL."""
+    return _OpenCL.is_inherited
+
+
+def check_process() -> None:
+    """Raise `DeviceError` if this process was forked from one that had started OpenCL."""
+    if _OpenCL.is_inherited:
+        raise DeviceError(
+            "this process was forked from one that had already used OpenCL, which works only in that one: start it by "
+            "multiprocessing's 'spawn' or 'forkserver' (as in DataLoader(multiprocessing_context='spawn')), or fork "
+            "before the first tracer, picture or list of devices"
+        )
+
+
+def note_session(session: Session) -> None:
+    """Note a session, whose handles a forked child keeps."""
+    _OpenCL.sessions.add(session)
+
+
+def keep_for_ever(handle: Any) -> None:
+    """Let no reference count and no end of the interpreter release a handle."""
+    _OpenCL.kept.append(handle)
+    # The list outlives the module, and so does all that is in it.
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(_OpenCL.kept))
+
+
+def _notice_fork() -> None:
+    """Keep all handles, in a child that has just been forked."""
+    _OpenCL.is_inherited = True
+    keep_for_ever([dict(_contexts), [session.list_handles() for session in list(_OpenCL.sessions)]])
+
+
+class Kernel:
+    """A compiled entry point that takes its arguments by name, from any thread.
+
+    Parameters
+    ----------
+    cl_kernel : pyopencl.Kernel
+    argument_names : sequence of str
+        In the order of the declaration.
+    number_types : mapping of str to type, optional
+        The numpy types of the arguments that are numbers. PyOpenCL takes 6 us for a number of which it knows no type.
+    """
+
+    def __init__(
+        self, cl_kernel: Any, argument_names: Sequence[str], number_types: Mapping[str, type[Any]] | None = None
+    ) -> None:
+        self.name = str(cl_kernel.function_name)
+        self.argument_names = tuple(argument_names)
+        if number_types is not None:
+            cl_kernel.set_scalar_arg_dtypes([number_types.get(name) for name in argument_names])
+        self._cl_kernel = cl_kernel
+        # The driver takes the arguments one by one, before the launch.
+        self._one_launch = threading.Lock()
+
+    def bind(self, **arguments: Any) -> list[Any]:
+        """Return arguments in the order of the declaration.
+
+        Raises
+        ------
+        InternalError
+            A name is missing, or the kernel has no argument of that name.
+        """
+        if len(arguments) != len(self.argument_names) or not all(name in arguments for name in self.argument_names):
+            differing = sorted(arguments.keys() ^ set(self.argument_names))
+            raise InternalError(
+                f"the kernel '{self.name}' takes {', '.join(self.argument_names)}: missing or unknown are "
+                f"{', '.join(differing)}"
+            )
+        return [arguments[name] for name in self.argument_names]
+
+    def enqueue(self, queue: Any, work_size: tuple[int, ...], work_group: tuple[int, ...], arguments: Any) -> Any:
+        """Start the kernel and return its event."""
+        with self._one_launch:
+            return self._cl_kernel(queue, work_size, work_group, *arguments)
+
+
+# Most events held at a time: a driver keeps memory for each of them. At this number the older half is summed up, whose
+# commands have long ended.
+_MOST_EVENTS = 256
+
+
+class EventTimes:
+    """Sums of the run times of commands, by label: ``upload``, ``kernel``, ``download``; from any thread."""
+
+    def __init__(self) -> None:
+        self._events: deque[tuple[str, Any]] = deque()
+        self._lock = threading.Lock()
+        self._sums_ms: dict[str, float] = {}
+
+    def note(self, label: str, event: Any) -> None:
+        """Add an enqueued command; its times are read later, when the sums are wanted."""
+        self._events.append((label, event))
+        if len(self._events) >= _MOST_EVENTS:
+            self._sum_up(_MOST_EVENTS // 2)
+
+    def add(self, label: str, duration_ms: float) -> None:
+        """Add a time that the host has measured."""
+        with self._lock:
+            self._sums_ms[label] = self._sums_ms.get(label, 0.0) + duration_ms
+
+    def sums_ms(self) -> dict[str, float]:
+        """Wait for all noted commands and return the milliseconds of each label since the start.
+
+        Raises
+        ------
+        DeviceError
+            This process was forked from one that has used OpenCL.
+        """
+        check_process()
+        self._sum_up(len(self._events))
+        with self._lock:
+            return dict(self._sums_ms)
+
+    def _sum_up(self, count: int) -> None:
+        """Add the times of the oldest `count` events to the sums, at most."""
+        import pyopencl as cl
+
+        for _ in range(count):
+            try:
+                label, event = self._events.popleft()
+            except IndexError:  # another thread has taken it
+                return
+            try:
+                event.wait()
+                profile = event.profile
+                duration = (profile.end - profile.start) / _NS_PER_MS
+            except cl.Error:  # the command failed, which those who wait for its results learn
+                continue
+            self.add(label, duration)
+
 
 Kernels = dict[str, Kernel]
 
@@ -40,11 +213,6 @@ class DeviceContext:
         self.context = cl.Context([cl_device])
         self._kernels: dict[Hashable, Kernels] = {}
         self._compiling = threading.Lock()
-        hold_handles(self)
-
-    def list_handles(self) -> list[Any]:
-        """Return all that must outlive a fork; see `hold_handles`."""
-        return list(vars(self).values())
 
     def open_queue(self) -> Any:
         """Return a new queue, which runs its commands one after the other."""
@@ -71,6 +239,5 @@ def open_context(info: DeviceInfo) -> DeviceContext:
 def forget_context(context: DeviceContext) -> None:
     """Let sessions that open later have another context: the driver has given up on this one."""
     with _contexts_lock:
-        for cl_device, known in list(_contexts.items()):
-            if known is context:
-                del _contexts[cl_device]
+        for cl_device in [cl_device for cl_device, known in _contexts.items() if known is context]:
+            del _contexts[cl_device]

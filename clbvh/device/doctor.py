@@ -27,8 +27,8 @@ from .driver_files import (
     read_driver_files,
 )
 from .info import DeviceInfo
-from .match import pick_device
 from .pocl_linker import explain_missing_linker
+from .preference import pick_device
 from .probe import run_probe
 from .select import DEVICE_VARIABLE
 

@@ -1,7 +1,9 @@
-"""The order of the devices, which numbers them and decides which is the default.
+"""The order of the devices, and the choice of one: by a number, a kind, a part of a name, or a kind and a part.
 
-Of several drivers for one processor, the fastest by `clbvh tune` comes first. Without its measurements the order is
-that of docs/internals/decisions.md.
+The order numbers them and decides which is the default. Of several drivers for one processor, the fastest by `clbvh
+tune` comes first; without its measurements, the order is that of docs/devices.md. Names of platforms and devices are
+matched apart, because a driver for the CPU puts the processor's brand into the device's name
+("cpu-sapphirerapids-Intel(R) Xeon(R)" is PoCL): the maker's name alone means that maker's driver or graphics card.
 """
 
 from __future__ import annotations
@@ -11,8 +13,111 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from ..errors import DeviceError
 from .info import DeviceInfo
-from .match import KINDS
+
+# The kinds that can be asked for, in the order of preference.
+KINDS = ("gpu", "accelerator", "cpu")
+
+# Makers of processors. In the name of a CPU they tell nothing about its driver.
+_MAKERS = ("amd", "apple", "arm", "authenticamd", "genuineintel", "intel", "nvidia", "qualcomm")
+
+# Short names of platforms; rusticl's, Oclgrind's, Apple's and Clover's names are short already.
+_SHORT_NAMES = {"Portable Computing Language": "pocl"}
+
+
+def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by: str = "") -> DeviceInfo:
+    """Return the device that `spec` asks for; the choice behind `choose_device`.
+
+    Parameters
+    ----------
+    devices : sequence of DeviceInfo
+        At least one, in the order of preference, numbered in this order.
+    spec : str or int, optional
+        As for `choose_device`, without the environment variable.
+    asked_by : str
+        The origin of `spec`, for error messages.
+
+    Raises
+    ------
+    DeviceError
+        No device matches, or several different ones do.
+    """
+    if spec is None:
+        return devices[0]
+    there_are = f"the device{'s are' if len(devices) > 1 else ' is'} " + "; ".join(str(device) for device in devices)
+
+    word = _simplify(str(spec))
+    if isinstance(spec, int) or word.isdecimal():
+        number = int(word)
+        if 0 <= number < len(devices):
+            return devices[number]
+        # "4090" is not a number of a device here, but may be a part of a name.
+        if isinstance(spec, int):
+            raise DeviceError(f"there is no device {number}{asked_by}: {there_are}")
+
+    if word in KINDS:
+        matches = [device for device in devices if device.kind == word]
+    else:
+        matches = _match_names(devices, word) or _match_kind_and_names(devices, word)
+    if not matches:
+        hint = f"; '{word}' is only the maker of a processor here, and 'cpu' asks for it" if word in _MAKERS else ""
+        hint = hint if any(word in _simplify(device.name) for device in devices) else ""
+        raise DeviceError(f"no device matches '{spec}'{asked_by}: {there_are}{hint}")
+    # An emulator is asked for by its number or its own name, not by a word that it shares with others.
+    matches = [device for device in matches if not device.is_emulated] or matches
+    if word not in KINDS and not all(_is_same_hardware(matches[0], other) for other in matches[1:]):
+        listed = "; ".join(str(device) for device in matches)
+        raise DeviceError(f"'{spec}'{asked_by} matches several devices, give a number or a longer name: {listed}")
+    return matches[0]
+
+
+def _match_names(devices: Sequence[DeviceInfo], word: str) -> list[DeviceInfo]:
+    """Return the devices whose own name or platform's name has the word."""
+    # A full name beats a part of a longer one: "Tesla T4" must not be ambiguous beside "Tesla T4G".
+    exact = [device for device in devices if word in (_simplify(device.name), *_platform_names(device))]
+    if exact:
+        return exact
+    # The maker alone is no part of a CPU's name.
+    is_maker = word in _MAKERS
+    return [
+        device
+        for device in devices
+        if any(word in name for name in _platform_names(device))
+        or (word in _simplify(device.name) and not (is_maker and device.kind == "cpu"))
+    ]
+
+
+def _match_kind_and_names(devices: Sequence[DeviceInfo], word: str) -> list[DeviceInfo]:
+    """Return the devices that match a kind and a name, as in "intel gpu"."""
+    parts = word.split()
+    kinds = [part for part in parts if part in KINDS]
+    rest = " ".join(part for part in parts if part not in KINDS)
+    if len(kinds) != 1 or not rest:
+        return []
+    return _match_names([device for device in devices if device.kind == kinds[0]], rest)
+
+
+def _platform_names(device: DeviceInfo) -> tuple[str, ...]:
+    """Return the names of the driver, without the vendor, which PoCL takes from the CPU ("AuthenticAMD")."""
+    short = _SHORT_NAMES.get(device.platform)
+    return (_simplify(device.platform), short) if short else (_simplify(device.platform),)
+
+
+def _simplify(name: str) -> str:
+    """Return a name in lower case, with single blanks, and without the marks of registered names."""
+    return " ".join(re.sub(r"\((r|tm)\)", " ", name.lower()).split())
+
+
+def _is_same_hardware(one: DeviceInfo, other: DeviceInfo) -> bool:
+    """Return whether two devices are interchangeable for the user.
+
+    Two drivers for the CPU drive the same CPU; two cards of one name are equally good.
+    """
+    if one.kind != other.kind:
+        return False
+    return one.kind == "cpu" or one.name == other.name
+
 
 # Drivers for the CPU, the fastest first. Others stand between those of the two lists.
 _FASTEST_FIRST = ("Portable Computing Language", "Intel(R) OpenCL")

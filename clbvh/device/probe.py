@@ -91,8 +91,8 @@ def _list() -> dict[str, Any]:
 def _try(number: int) -> dict[str, Any]:
     import numpy as np
 
-    from .match import pick_device
     from .pocl_linker import explain_missing_linker
+    from .preference import pick_device
     from .select import import_pyopencl, survey_devices
 
     cl = import_pyopencl()

@@ -21,8 +21,7 @@ from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
 from ..support.folders import find_folder
 from ..support.say_once import saying_compiling_if_slow
-from .kernel import Kernel
-from .owner_process import check_process
+from .context import Kernel, check_process
 from .session import DeviceSession
 
 # The include that stands for the text made from `clbvh/structs.py`.

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import DeviceError
+from .context import claim_opencl
 from .driver_files import added_drivers, note_loader_call, prepare_pocl_folder
 from .info import DeviceInfo
-from .match import pick_device
-from .owner_process import claim_opencl
 from .pocl_cpu_name import name_unknown_cpu
 from .pocl_linker import explain_missing_linker
-from .preference import number_devices
+from .preference import number_devices, pick_device
 from .settings import find_measured_ms
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"

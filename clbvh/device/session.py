@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 from weakref import ref
 
@@ -12,14 +13,22 @@ from numpy.typing import NDArray
 
 from ..errors import DeviceError, DeviceMemoryError
 from ..support.context_manager import ContextManager
-from .context import DeviceContext, forget_context, open_context
+from .context import (
+    DeviceContext,
+    EventTimes,
+    Kernel,
+    check_process,
+    claim_opencl,
+    forget_context,
+    is_inherited,
+    keep_for_ever,
+    note_session,
+    open_context,
+)
 from .info import DeviceInfo
-from .kernel import Kernel
-from .owner_process import check_process, claim_opencl, hold_handles, is_inherited, keep_for_ever
 from .pocl_linker import explain_missing_linker
 from .select import choose_device, find_again
 from .settings import Settings, find_settings
-from .timing import EventTimes
 
 # A buffer of no bytes is an error in OpenCL; an empty array gets this many.
 _SMALLEST_BUFFER_BYTES = 16
@@ -35,6 +44,20 @@ _CONTEXT_IS_LOST = (
 # MEM_OBJECT_ALLOCATION_FAILURE, OUT_OF_RESOURCES and OUT_OF_HOST_MEMORY: drivers take memory when a buffer is made, or
 # when it is first used.
 _OUT_OF_MEMORY = (-4, -5, -6)
+
+
+@cache
+def _buffer_type() -> Any:
+    """Return the class of buffers that sessions can refer to weakly, once pyopencl is there.
+
+    Nothing has to be given back, so nothing is lost when Ctrl-C strikes between two steps.
+    """
+    import pyopencl as cl
+
+    class Buffer(cl.Buffer):
+        __slots__ = ("__weakref__",)
+
+    return Buffer
 
 
 class DeviceSession(ContextManager):
@@ -91,23 +114,20 @@ class DeviceSession(ContextManager):
     def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes, shared: DeviceContext | None) -> None:
         import pyopencl as cl
 
-        from .buffer import Buffer
-
         claim_opencl()
         self._cl: Any = cl
-        self._buffer_type = Buffer
         self.info = info
         self.settings = settings
         self.times = times
         self.is_closed = False
         # Not their owner: a buffer that Ctrl-C keeps from its place is gone at once.
-        self._buffers: set[ref[Buffer]] = set()
+        self._buffers: set[ref[Any]] = set()
         self._held: dict[int, NDArray[np.uint8]] = {}  # arrays of `hold_mapped` by their identity
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with _DeviceErrors(cl, info, "be opened"):
             self.shared = shared or open_context(info)
             self.queue = self.shared.open_queue()
-        hold_handles(self)
+        note_session(self)
 
     @property
     def context(self) -> Any:
@@ -156,7 +176,7 @@ class DeviceSession(ContextManager):
         if for_mapping:
             flags |= self._cl.mem_flags.ALLOC_HOST_PTR
         with self._errors(f"hold a buffer of {size / 1e6:,.1f} MB"):
-            buffer = self._buffer_type(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
+            buffer = _buffer_type()(self.context, flags, max(size, _SMALLEST_BUFFER_BYTES))
         # The callback is no Python code, in which Ctrl-C would be lost.
         self._buffers.add(ref(buffer, self._buffers.discard))
         return buffer
@@ -275,7 +295,7 @@ class DeviceSession(ContextManager):
                 self.release(buffer)
 
     def list_handles(self) -> list[Any]:
-        """Return all that must outlive a fork; see `hold_handles`."""
+        """Return all that must outlive a fork; see `note_session`."""
         return [*vars(self).values(), *self._list_buffers()]
 
     def _list_buffers(self) -> list[Any]:
@@ -314,3 +334,34 @@ def _explain(info: DeviceInfo, action: str, reason: object, kind: type[DeviceErr
         f"the device '{info.name}' cannot {action} ({reason}): "
         "try a smaller job or another --device, and see `clbvh doctor`"
     )
+
+
+class ReusableBuffer:
+    """One buffer of a session, allocated when first taken.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    for_mapping : bool
+        See `DeviceSession.allocate`.
+    """
+
+    def __init__(self, session: DeviceSession, *, for_mapping: bool = False) -> None:
+        self._session = session
+        self._for_mapping = for_mapping
+        self._buffer: Any = None
+        self.size = 0  # bytes; 0 without a buffer
+
+    def take(self, size: int) -> Any:
+        """Return the buffer, with room for at least `size` bytes; it is replaced by a larger one where needed."""
+        if self._buffer is None or size > self.size:
+            self.release()
+            self._buffer = self._session.allocate(size, for_mapping=self._for_mapping)
+            self.size = size
+        return self._buffer
+
+    def release(self) -> None:
+        """Give the buffer back; the next `take` allocates a new one."""
+        buffer, self._buffer, self.size = self._buffer, None, 0
+        if buffer is not None:
+            self._session.release(buffer)

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..device.context import EventTimes
 from ..device.session import DeviceSession
-from ..device.timing import EventTimes
 from ..errors import DeviceMemoryError, SceneError
 from ..structs import VIEW
 from ..support.context_manager import ContextManager

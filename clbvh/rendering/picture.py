@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ..builders.tree_cache import BuildResult
 from ..bvh import Bvh, sah_cost
+from ..device.context import EventTimes
 from ..device.info import DeviceInfo
-from ..device.timing import EventTimes
 from ..errors import InternalError
 from ..geometry import Mesh
 from ..structs import NO_PRIM

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
+from ..device.context import EventTimes
 from ..device.info import DeviceInfo
-from ..device.timing import EventTimes
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..structs import REPORT_SHADINGS, VIEW

@@ -13,8 +13,7 @@ from ..builders.build import build
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.program import build_kernel
-from ..device.reusable_buffer import ReusableBuffer
-from ..device.session import DeviceSession
+from ..device.session import DeviceSession, ReusableBuffer
 from ..device.settings import Settings, default_settings
 from ..geometry.shapes.make_shape import make_shape
 from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY

@@ -21,10 +21,9 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.kernel import Kernel
+from ..device.context import Kernel
 from ..device.program import build_kernel
-from ..device.reusable_buffer import ReusableBuffer
-from ..device.session import DeviceSession
+from ..device.session import DeviceSession, ReusableBuffer
 from ..errors import DeviceMemoryError
 from ..structs import HIT, PACKED_RAY, SCENE_LOW
 from ..support.context_manager import ContextManager

@@ -13,9 +13,8 @@ from types import TracebackType
 from typing import Any, Self
 from weakref import ref
 
-from ..device.owner_process import check_process, is_inherited
-from ..device.reusable_buffer import ReusableBuffer
-from ..device.session import DeviceSession
+from ..device.context import check_process, is_inherited
+from ..device.session import DeviceSession, ReusableBuffer
 from ..errors import DeviceMemoryError, QueryError
 
 # Memory of calls that have ended is kept for later ones: that of one call, whatever its size, and that of others up to

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device.kernel import Kernel
-from ..device.reusable_buffer import ReusableBuffer
-from ..device.session import DeviceSession
+from ..device.context import Kernel
+from ..device.session import DeviceSession, ReusableBuffer
 from ..structs import SCENE_TILE
 
 

@@ -16,8 +16,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...device.context import check_process, is_inherited
 from ...device.info import DeviceInfo
-from ...device.owner_process import check_process, is_inherited
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
 from ...scene.contents import SceneContents

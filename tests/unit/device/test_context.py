@@ -10,11 +10,9 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from clbvh.device.context import DeviceContext
-from clbvh.device.kernel import Kernel
+from clbvh.device.context import DeviceContext, EventTimes, Kernel
 from clbvh.device.program import build_kernel
 from clbvh.device.session import DeviceSession
-from clbvh.device.timing import EventTimes
 from clbvh.errors import DeviceError, KernelBuildError
 
 THREADS = 6

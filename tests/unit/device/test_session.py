@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clbvh.device.context import EventTimes
 from clbvh.device.program import build_kernel, find_arguments, find_number_types
 from clbvh.device.session import DeviceSession
-from clbvh.device.timing import EventTimes
 from clbvh.errors import DeviceError, InternalError
 from clbvh.structs import HIT
 

@@ -255,12 +255,12 @@ class TestCalls:
             tracer.any_hit(*DOWN)
 
     def test_a_forked_child_is_refused(self, session, monkeypatch):
-        from clbvh.device import owner_process
+        from clbvh.device.context import _OpenCL
 
         with Tracer(TRIANGLE, device=session.info, layout="bvh8") as tracer:
             tracer.any_hit(*DOWN)
             with monkeypatch.context() as patch:
-                patch.setattr(owner_process._OpenCL, "is_inherited", True)
+                patch.setattr(_OpenCL, "is_inherited", True)
                 with pytest.raises(DeviceError, match="forked"):
                     tracer.any_hit(*DOWN)
 

@@ -41,7 +41,7 @@ def limit(monkeypatch):
     def set_limit(largest, error=-4):
         import pyopencl as cl
 
-        from clbvh.device.buffer import Buffer
+        from clbvh.device.session import _buffer_type
 
         refused.clear()
 
@@ -51,7 +51,7 @@ def limit(monkeypatch):
                 raise cl.MemoryError(cl._cl._ErrorRecord("", error, "clCreateBuffer"))
             cl.Buffer.__init__(self, context, flags, size)
 
-        monkeypatch.setattr(Buffer, "__init__", allocate_some)
+        monkeypatch.setattr(_buffer_type(), "__init__", allocate_some)
 
     refused = set_limit.refused = []
     return set_limit
