@@ -141,83 +141,53 @@ def contact_sheet(
             on_phase(view)
             pictures[view] = renderer.render(camera=camera, shading=shading, samples=samples, on_phase=on_phase)
         sizes = renderer.measure_views(STANDARD_VIEWS)
-    pixel_size = _pixel_size_of(next(iter(pictures.values())))
-    cells = [_caption(pictures[view].rgb, _describe(view, sizes[view])) for view in STANDARD_VIEWS]
-    cells.append(_draw_panel(pictures["front"], sizes, pixel_size, cells[0].shape))
+    front = pictures["front"]
+    pixel_size = float(front.camera.projection.height) / height  # type: ignore[union-attr, arg-type]
+    cells = [_caption(pictures[view].rgb, view, _join(*sizes[view])) for view in STANDARD_VIEWS]
+    cells.append(_draw_panel(front, (*sizes["front"], sizes["right"][0]), pixel_size, cells[0].shape))
     rows = [np.hstack(cells[begin : begin + _COLUMNS]) for begin in range(0, len(cells), _COLUMNS)]
     return ContactSheet(np.vstack(rows), pictures, pixel_size)
 
 
-def _pixel_size_of(picture: Picture) -> float:
-    """Return the side of a pixel of an orthographic picture, in the scene's units."""
-    return float(picture.camera.projection.height) / picture.rgb.shape[0]  # type: ignore[union-attr, arg-type]
+def _join(*lengths: float) -> str:
+    return " x ".join(f"{length:.4g}" for length in lengths)
 
 
-def _describe(view: str, size: tuple[float, float]) -> list[str]:
-    """Return captions of a view, the longest first."""
-    return [f"{view}  {_join(size)}", view]
-
-
-def _join(lengths: tuple[float, ...]) -> str:
-    return " x ".join(map(_short, lengths))
-
-
-def _short(length: float) -> str:
-    return f"{length:.4g}"
-
-
-def _caption(rgb: NDArray[np.uint8], texts: list[str]) -> NDArray[np.uint8]:
-    """Return a view with the first of the texts that fits below it."""
-    width, scale = rgb.shape[1], _scale_of(rgb.shape[1])
-    strip = np.empty(((TEXT_ROWS + 4 * GAP) * scale, width, 3), np.uint8)
-    strip[:] = GROUND
-    text = next((text for text in texts if width_of(text, scale) <= width), texts[-1])
+def _caption(rgb: NDArray[np.uint8], view: str, size: str) -> NDArray[np.uint8]:
+    """Return a view with its name below it, and its size where there is room."""
+    width = rgb.shape[1]
+    scale = max(1, width // _FONT_STEP)
+    strip = np.full(((TEXT_ROWS + 4 * GAP) * scale, width, 3), GROUND, np.uint8)
+    text = f"{view}  {size}" if width_of(f"{view}  {size}", scale) <= width else view
     draw_text(strip, text, 2 * GAP * scale, width // 2, scale)
     return np.vstack((rgb, strip))
 
 
-def _scale_of(width: int) -> int:
-    return max(1, width // _FONT_STEP)
-
-
 def _draw_panel(
-    picture: Picture, sizes: dict[str, tuple[float, float]], pixel_size: float, shape: tuple[int, ...]
+    picture: Picture, size: tuple[float, ...], pixel_size: float, shape: tuple[int, ...]
 ) -> NDArray[np.uint8]:
     """Return a panel with the name of a scene, its size, and a ruler."""
     height, width, _ = shape
-    scale = _scale_of(width)
-    panel = np.empty(shape, np.uint8)
-    panel[:] = GROUND
-    (across, high), (deep, _) = sizes["front"], sizes["right"]
-    # The name of a scene of several objects is their number.
-    lines = [*dict.fromkeys((picture.name, _count(picture))), _join((across, high, deep))]
-    step = (TEXT_ROWS + 5 * GAP) * scale
+    scale = max(1, width // _FONT_STEP)
+    panel = np.full(shape, GROUND, np.uint8)
+    kind = "instances" if picture.mesh is None else "triangles"
     length = _round_down(_RULER_SHARE * width * pixel_size)
-    top = max(0, (height - (len(lines) + 2) * step) // 2)
-    for number, line in enumerate([*lines, _short(length)]):
-        draw_text(panel, _fit(line, width, scale), top + number * step, width // 2, scale)
-    _draw_ruler(panel, top + len(lines) * step + step, round(length / pixel_size), scale)
-    return panel
-
-
-def _draw_ruler(panel: NDArray[np.uint8], top: int, length: int, scale: int) -> None:
-    """Draw a bar of `length` pixels, with a mark at each end."""
-    left = (panel.shape[1] - length) // 2
-    panel[top + 2 * scale : top + 3 * scale, left : left + length] = INK
-    for end in (left, left + length - scale):
+    # The name of a scene of several objects is their number.
+    names = dict.fromkeys((picture.name, f"{picture.report()[kind]:,} {kind}"))
+    lines = [*names, _join(*size), _join(length)]
+    step = (TEXT_ROWS + 5 * GAP) * scale
+    top = max(0, (height - (len(lines) + 1) * step) // 2)
+    for number, line in enumerate(lines):
+        while len(line) > 1 and width_of(line, scale) > width:
+            line = line[:-1]
+        draw_text(panel, line, top + number * step, width // 2, scale)
+    # The ruler, with a mark at each end.
+    top, across = top + len(lines) * step, round(length / pixel_size)
+    left = (width - across) // 2
+    panel[top + 2 * scale : top + 3 * scale, left : left + across] = INK
+    for end in (left, left + across - scale):
         panel[top : top + 5 * scale, end : end + scale] = INK
-
-
-def _count(picture: Picture) -> str:
-    report = picture.report()
-    if picture.mesh is not None:
-        return f"{report['triangles']:,} triangles"
-    return f"{report['instances']:,} instances"
-
-
-def _fit(text: str, width: int, scale: int) -> str:
-    """Return the beginning of a text that fits."""
-    return next((text[:end] for end in range(len(text), 1, -1) if width_of(text[:end], scale) <= width), text[:1])
+    return panel
 
 
 def _round_down(length: float) -> float:

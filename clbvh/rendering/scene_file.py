@@ -114,57 +114,33 @@ def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
     else:
         material = take_material(mesh, materials)
         values = {"mesh": read_mesh_source(mesh, path.parent, material), "transform": read_transform(transform)}
+    for take, names in (
+        (camera.vector, ("eye", "look_at")),
+        (camera.text, ("frame", "view")),
+        (camera.number, ("fov", "aperture", "focus_distance")),
+        (image.text, ("shading", "tone_curve")),
+        (image.integer, ("samples", "seed", "max_bounces", "width", "height")),
+        (image.number, ("smooth", "exposure", "clamp")),
+        (image.flag, ("ground", "transparent")),
+    ):
+        values |= {name: take(name) for name in names}
     values |= {
-        "light": Light(
-            **given(
-                direction=light.vector("direction"),
-                colour=light.vector("colour"),
-                sky=light.vector("sky"),
-                ground=light.vector("ground"),
-            )
-        ),
-        "eye": camera.vector("eye"),
-        "look_at": camera.vector("look_at"),
+        "light": Light(**given(**{name: light.vector(name) for name in ("direction", "colour", "sky", "ground")})),
         "up": camera.vector_or_text("up", AUTO),
-        "frame": camera.text("frame"),
-        "view": camera.text("view"),
-        "fov": camera.number("fov"),
         "cut": _read_cut(camera),
         "wireframe": _read_wireframe(image),
         "projection": _read_projection(camera),
-        "aperture": camera.number("aperture"),
-        "focus_distance": camera.number("focus_distance"),
-        "shading": image.text("shading"),
-        "samples": image.integer("samples"),
-        "seed": image.integer("seed"),
-        "smooth": image.number("smooth"),
-        "ground": image.flag("ground"),
-        "transparent": image.flag("transparent"),
-        "exposure": image.number("exposure"),
-        "tone_curve": image.text("tone_curve"),
-        "max_bounces": image.integer("max_bounces"),
-        "clamp": image.number("clamp"),
-        **_read_environment(environment, path.parent),
         "surface": image.vector("surface"),
         "background": image.gradient("background"),
-        "width": image.integer("width"),
-        "height": image.integer("height"),
+        "environment": None if (panorama := environment.text("path")) is None else str(path.parent / panorama),
+        "environment_rotation": environment.number("rotation"),
+        "environment_strength": environment.number("strength"),
     }
     for table in (transform, camera, light, environment, image):
         table.refuse_rest()
     if values["projection"] is not None and values["fov"] is not None:
         raise SceneError("[camera] fov is that of a perspective camera: take it out, or the kind")
     return SceneFile(path, Scene(**given(**values)), objects)
-
-
-def _read_environment(environment: TomlTable, folder: Path) -> dict[str, Any]:
-    """Return the settings of the environment; None for those that are missing."""
-    path = environment.text("path")
-    return {
-        "environment": None if path is None else str(folder / path),
-        "environment_rotation": environment.number("rotation"),
-        "environment_strength": environment.number("strength"),
-    }
 
 
 def _read_cut(camera: TomlTable) -> Cut | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from numbers import Real
 from typing import TypeGuard
 
@@ -46,40 +47,30 @@ def is_finite_number(value: object) -> TypeGuard[float]:
 
 def read_points(name: str, values: ArrayLike, count: int) -> NDArray[np.float64]:
     """Return points as (..., count) float64; raise `SceneError` unless they are finite numbers of that shape."""
-    try:
-        points = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        points = np.empty(0)
-    if points.ndim < 1 or points.shape[-1] != count or points.dtype.kind not in "iuf":
-        raise SceneError(f"{name} must be an array of shape (..., {count}), not {np.shape(points)} {points.dtype}")
-    points = points.astype(np.float64)
-    if not np.isfinite(points).all():
-        raise SceneError(f"{name} must be finite")
-    return points
+    return _read_array(name, values, f"an array of shape (..., {count})", lambda shape: shape[-1:] == (count,))
 
 
 def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Return a finite float64 matrix of this shape, or raise a `SceneError` that begins with the name."""
+    return _read_array(name, values, f"{shape[0]} x {shape[1]} numbers", lambda found: found == shape)
+
+
+def _read_array(
+    name: str, values: ArrayLike, expected: str, fits: Callable[[tuple[int, ...]], bool]
+) -> NDArray[np.float64]:
     try:
-        matrix = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        matrix = np.empty(0)
-    if matrix.shape != shape or matrix.dtype.kind not in "iuf":
-        raise SceneError(f"{name} must be {shape[0]} x {shape[1]} numbers, not {_describe(values)}")
-    matrix = matrix.astype(np.float64)
-    if not np.isfinite(matrix).all():
-        raise SceneError(f"{name} must be finite, not {show_matrix(matrix)}")
-    return matrix
+        array = np.asarray(values)
+    except ValueError:
+        raise SceneError(f"{name} must be {expected}, not rows of different lengths") from None
+    if not fits(array.shape) or array.dtype.kind not in "iuf":
+        shown = f"{array.dtype} of shape {array.shape}" if array.ndim else repr(values)[:60]
+        raise SceneError(f"{name} must be {expected}, not {shown}")
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        raise SceneError(f"{name} must be finite")
+    return array
 
 
 def show_matrix(matrix: NDArray[np.float64]) -> str:
     """Return a small matrix on one line."""
     return "[" + ", ".join("[" + ", ".join(f"{value:g}" for value in row) + "]" for row in matrix) + "]"
-
-
-def _describe(values: object) -> str:
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        return "rows of different lengths"
-    return f"{array.dtype} of shape {array.shape}" if array.ndim else repr(values)[:60]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -204,28 +204,34 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: floa
         Degrees. Meshes without normals are smooth over edges that turn by less; 0: over none.
     """
     normals = np.array(hits.normals(facing=True)).reshape(-1, 3)
-    prims, us, vs, instances = (
-        np.asarray(values).reshape(-1) for values in (hits.prim_id, hits.u, hits.v, hits.instance_id)
-    )
+    instances = np.asarray(hits.instance_id).reshape(-1)
+    for rows, blended in _blend_corners(hits, shapes, lambda mesh: _find_corner_normals(mesh, float(crease_angle))):
+        squares = np.einsum("ij,ij->i", blended, blended)
+        is_direction = squares > _LEAST_SQUARE
+        blended /= np.sqrt(np.where(is_direction, squares, 1.0))[:, None]
+        if hits.scene_surface is not None:
+            blended = turn_normals(hits.scene_surface.arrays, instances[rows], blended)
+        # To the side of the face, on which the ray came: files do not always agree with the order of corners.
+        sides = np.einsum("ij,ij->i", blended, normals[rows])
+        is_kept = is_direction & (sides != 0) & np.isfinite(sides)
+        normals[rows] = np.where(is_kept[:, None], blended * np.sign(sides)[:, None], normals[rows])
+    return normals.reshape(*hits.prim_id.shape, 3)
+
+
+def _blend_corners(
+    hits: Hits, shapes: Sequence[Shape], find_corners: Callable[[Mesh], NDArray[np.float32] | None]
+) -> Iterator[tuple[NDArray[np.integer], NDArray[np.float64]]]:
+    """Yield rows of hits on meshes, and the values, (n, k), of the corners of their faces, (F, 3, k), interpolated."""
+    prims, us, vs = (np.asarray(values).reshape(-1) for values in (hits.prim_id, hits.u, hits.v))
     for geometry, of_geometry in group_by_geometry(np.asarray(hits.geometry_id).reshape(-1)):
         shape = shapes[geometry]
-        if not isinstance(shape, Mesh):
+        corners = find_corners(shape) if isinstance(shape, Mesh) else None
+        if corners is None:
             continue
-        corners = _find_corner_normals(shape, float(crease_angle))
         for begin in range(0, len(of_geometry), _CHUNK_HITS):
             rows = of_geometry[begin : begin + _CHUNK_HITS]
             a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
-            blended = a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
-            squares = np.einsum("ij,ij->i", blended, blended)
-            is_direction = squares > _LEAST_SQUARE
-            blended /= np.sqrt(np.where(is_direction, squares, 1.0))[:, None]
-            if hits.scene_surface is not None:
-                blended = turn_normals(hits.scene_surface.arrays, instances[rows], blended)
-            # To the side of the face, on which the ray came: files do not always agree with the order of corners.
-            sides = np.einsum("ij,ij->i", blended, normals[rows])
-            is_kept = is_direction & (sides != 0) & np.isfinite(sides)
-            normals[rows] = np.where(is_kept[:, None], blended * np.sign(sides)[:, None], normals[rows])
-    return normals.reshape(*hits.prim_id.shape, 3)
+            yield rows, a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
 
 
 def _find_corner_normals(mesh: Mesh, crease_angle: float) -> NDArray[np.float32]:
@@ -249,16 +255,10 @@ def find_texture_coordinates(hits: Hits, shapes: Sequence[Shape]) -> NDArray[np.
         By the geometry ids of the hits.
     """
     result = np.full((hits.prim_id.size, 2), np.nan, np.float32)
-    prims, us, vs = (np.asarray(values).reshape(-1) for values in (hits.prim_id, hits.u, hits.v))
-    for geometry, of_geometry in group_by_geometry(np.asarray(hits.geometry_id).reshape(-1)):
-        shape = shapes[geometry]
-        corners = shape.appearance.uvs if isinstance(shape, Mesh) and shape.appearance is not None else None
-        if corners is None:
-            continue
-        for begin in range(0, len(of_geometry), _CHUNK_HITS):
-            rows = of_geometry[begin : begin + _CHUNK_HITS]
-            a, b, c = corners[prims[rows]].astype(np.float64).transpose(1, 0, 2)
-            result[rows] = a + ((b - a) * us[rows, None] + (c - a) * vs[rows, None])
+    for rows, uvs in _blend_corners(
+        hits, shapes, lambda mesh: None if mesh.appearance is None else mesh.appearance.uvs
+    ):
+        result[rows] = uvs
     return result.reshape(*hits.prim_id.shape, 2)
 
 
@@ -294,13 +294,9 @@ class NextPose:
         self._scene, self._camera = scene, camera
         keys = [scene.find(key) if isinstance(key, str) else key for key in transforms or {}]
         self._ids = scene.instance_ids(keys) if keys else np.empty(0, np.int64)
-        self._matrices = np.stack(
-            [
-                check_transform(matrix, f"the next transform of {key!r}")
-                for key, matrix in zip(keys, (transforms or {}).values(), strict=True)
-            ]
-            or [np.eye(4)]
-        )[: len(keys)]
+        matrices = zip(keys, (transforms or {}).values(), strict=True)
+        checked = [check_transform(matrix, f"the next transform of {key!r}") for key, matrix in matrices]
+        self._matrices = np.array(checked).reshape(-1, 4, 4)
 
     def check(self) -> None:
         """Raise `ConfigError` unless there is anything that can differ from the first pose."""

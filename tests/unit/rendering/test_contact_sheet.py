@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.contact_sheet import _describe, _round_down
+from clbvh.rendering.contact_sheet import _join, _round_down
 from clbvh.rendering.image_files import GROUND, draw_text, width_of
 from clbvh.rendering.pose import STANDARD_VIEWS
 
@@ -99,8 +99,8 @@ def test_round_lengths(length, rounded):
     assert _round_down(length) == pytest.approx(rounded)
 
 
-def test_captions():
-    assert _describe("top", (1.23456, 1e-30)) == ["top  1.235 x 1e-30", "top"]
+def test_sizes():
+    assert _join(1.23456, 1e-30) == "1.235 x 1e-30"
 
 
 @pytest.mark.parametrize("scale", [1, 3])
