@@ -9,7 +9,7 @@ from __future__ import annotations
 import pytest
 
 import clbvh
-from clbvh.builders.ladder import LADDER
+from clbvh.builders.ladder.build_variant import LADDER
 from clbvh.rendering.framing import frame_mesh
 
 RUNS = 9

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 # Not in the thread: the main thread may stand still inside this very import.
 import psutil
 
-from ..support.unfinished import clean_up
+from ..support.files import remove_unfinished
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 if hasattr(signal, "SIGHUP"):
@@ -85,7 +85,7 @@ def _end(number: int) -> None:
         for process in psutil.Process().children(recursive=True):
             with suppress(psutil.Error):
                 process.kill()
-        clean_up()
+        remove_unfinished()
         status = _END_OF_STATUS if os.isatty(2) else ""
         os.write(2, f"{status}clbvh: {_WORDS[signal.Signals(number)]}\n".encode())
     finally:

@@ -5,13 +5,13 @@ Owns the steps that meshes and spheres share. Must not know of either.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
-from ..support.masked import has_masked_values
 
 
 def as_array(values: ArrayLike, name: str, shape: str = "(n, 3)") -> NDArray[Any]:
@@ -37,3 +37,11 @@ def copy_as_float64(array: NDArray[Any]) -> NDArray[np.float64]:
     """Return a copy in C order; what is no number in float64 becomes NaN or an infinity."""
     with np.errstate(over="ignore", invalid="ignore"):  # a wider dtype, a signalling NaN
         return np.array(array, np.float64, order="C")
+
+
+def has_masked_values(values: object) -> bool:
+    """Return whether a value is an array of `numpy.ma` with masked values; does not import that module."""
+    module = sys.modules.get("numpy.ma")
+    return (
+        module is not None and isinstance(values, getattr(module, "MaskedArray", ())) and bool(module.is_masked(values))
+    )

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, FetchError, MeshError
+from ..support.files import temporary_folder
 from ..support.folders import find_cache
-from ..support.temporary_folder import TemporaryFolder
 
 STANFORD = "https://graphics.stanford.edu/pub/3Dscanrep"
 
@@ -167,9 +167,9 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
     try:
         cache.mkdir(parents=True, exist_ok=True)
         # A folder that is removed with its content, whatever happens.
-        with TemporaryFolder(cache, f".{name}-") as work:
-            archive = _download(url, mesh, work.path, progress)
-            extracted = work.path / mesh.file_name
+        with temporary_folder(cache, f".{name}-") as work:
+            archive = _download(url, mesh, work, progress)
+            extracted = work / mesh.file_name
             _extract(archive, mesh, extracted, url)
             extracted.replace(target)
     except OSError as error:

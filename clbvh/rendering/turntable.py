@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from ..bvh import Bvh
 from ..errors import ConfigError
-from ..support.files import as_path, check_target, write_atomically
-from ..support.temporary_folder import TemporaryFolder
+from ..support.files import as_path, check_target, temporary_folder, write_atomically
 from .open_scene import SceneLike, as_scene
 from .pose import STANDARD_VIEWS
 from .renderer import Renderer
@@ -186,8 +185,8 @@ def _write_mp4(file: BinaryIO, frames: Iterator[_Frame], frames_per_s: float, pa
     first = _pad_to_even(next(frames))
     height, width, _ = first.shape
     # ffmpeg writes to names only, and goes back in the file at its end. The folder of the result has room for it.
-    with TemporaryFolder(parent, _FOLDER_PREFIX) as folder:
-        video = folder.path / "video.mp4"
+    with temporary_folder(parent, _FOLDER_PREFIX) as folder:
+        video = folder / "video.mp4"
         writer = ffmpeg.write_frames(
             str(video), (width, height), fps=frames_per_s, codec="libx264", quality=None, macro_block_size=1,
             ffmpeg_log_level="error", output_params=_VIDEO_OPTIONS,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
+from ..geometry.arrays import has_masked_values
 from ..support.compiled import compiled
-from ..support.masked import has_masked_values
 
 # A linear part whose rows and columns are scaled to a largest entry of about 1 is refused below this determinant: that
 # is ten times its rounding error, so nothing would be known about the inverse.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Hashable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -107,9 +107,9 @@ class Bench(ContextManager):
             self._things[key] = make()
         return self._things[key]
 
-    def open(self, key: Hashable, make: Callable[[], _Thing]) -> _Thing:
+    def open(self, key: Hashable, make: Callable[[], AbstractContextManager[_Thing]]) -> _Thing:
         """Return like `once` a context manager that is entered, and left with the bench."""
-        return self.once(key, lambda: self._stack.enter_context(make()))  # type: ignore[arg-type]
+        return self.once(key, lambda: self._stack.enter_context(make()))
 
     def mesh(self, name: str) -> Mesh:
         """Return a scan by its name, or a procedural mesh such as ``knot-100000``."""

@@ -1,21 +1,23 @@
-"""Input files: opened only if they are regular, and read no further than their size allows."""
+"""Files and folders: input that is read no further than its size allows, output that is complete or absent.
+
+Input files are opened only if they are regular. Every file that clbvh writes for the user or for a later run is written
+under a temporary name, then renamed; downloads arrive in a temporary folder of the cache.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import partial
+from contextlib import contextmanager, suppress
 from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import ConfigError
-from . import unfinished
 from .memory import free_memory_bytes
-from .orphans import FILE_PREFIX, FILE_SUFFIX, lock, random_name, remove_orphans
 
 _KINDS = {
     stat.S_IFDIR: "folder",
@@ -91,8 +93,11 @@ def _refuse_special(path: Path, mode: int) -> None:
         raise OSError(code, f"this is a {_KINDS.get(kind, 'special file')}, not a file", str(path))
 
 
-# A new file may be read and written by all whom the user's mask allows.
-_NEW_MODE = 0o666
+# Random bytes in a name.
+_NAME_BYTES = 8
+
+# What the process has begun, and must not leave behind.
+_unfinished: set[Path] = set()
 
 
 def as_path(path: str | os.PathLike[str]) -> Path:
@@ -160,42 +165,43 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Open a new file that takes the place of `path` at the end of the block, unless the block fails.
-
-    Temporary files that killed processes left in the folder are removed.
-    """
-    remove_orphans(path.parent)
-    temporary, file, ticket = _create(path.parent)
+    """Open a new file that takes the place of `path` at the end of the block, unless the block fails."""
+    temporary = _new_path(path.parent, ".clbvh-", ".tmp")
     try:
-        with file:
+        with temporary.open("x+b") as file:
             yield file
-            file.flush()
-            if path.is_file():
-                temporary.chmod(stat.S_IMODE(path.stat().st_mode))
-            if os.name == "nt":
-                file.close()  # Windows renames no open file; its lock is needed no longer
-            temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+        if path.is_file():
+            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
+        temporary.replace(path)
     finally:
-        unfinished.discard(ticket)
+        temporary.unlink(missing_ok=True)
+        _unfinished.discard(temporary)
 
 
-def _create(folder: Path) -> tuple[Path, BinaryIO, int]:
-    """Create a temporary file; return its path, the open and locked file, and the ticket of its cleanup."""
-    while True:
-        path = folder / random_name(FILE_PREFIX, FILE_SUFFIX)
-        ticket = unfinished.add(partial(path.unlink, missing_ok=True))
-        try:
-            file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, _NEW_MODE), "w+b")
-            if lock(file.fileno()):
-                return path, file, ticket
-            file.close()
-        except BaseException:
-            unfinished.discard(ticket)
-            raise
-        unfinished.discard(ticket)
+@contextmanager
+def temporary_folder(parent: Path, prefix: str) -> Iterator[Path]:
+    """Make a folder that only the user can enter; it is removed with its content at the end of the block."""
+    folder = _new_path(parent, prefix)
+    try:
+        folder.mkdir(mode=0o700)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        _unfinished.discard(folder)
+
+
+def remove_unfinished() -> None:
+    """Remove all files and folders of the two functions above: for a signal that ends the process without an error."""
+    for path in list(_unfinished):
+        with suppress(OSError):
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _new_path(folder: Path, prefix: str, suffix: str = "") -> Path:
+    """Return a path that no other process uses, and note that it is to be removed."""
+    path = folder / f"{prefix}{os.urandom(_NAME_BYTES).hex()}{suffix}"
+    _unfinished.add(path)
+    return path
 
 
 def _follow(path: Path) -> Path:

@@ -31,17 +31,16 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
+def cut_range(begin: int, end: int, count: int) -> list[tuple[int, int]]:
+    """Cut the range from `begin` to `end` into `count` ranges that cover it once; some are empty when it is short."""
+    size = end - begin
+    return list(pairwise(begin + size * number // count for number in range(count + 1)))
+
+
 def side_by_side(*steps: Callable[[], Any]) -> list[Any]:
-    """Return the results of functions that run at the same time, the first one in the calling thread if it is free.
-
-    Errors and Ctrl-C are as in `HostThreads.run`.
-    """
+    """Return the results of functions that run at the same time; errors and Ctrl-C are as in `HostThreads.run`."""
     with HostThreads(len(steps)) as threads:
-        return threads.run(_call, [(step,) for step in steps])
-
-
-def _call(step: Callable[[], Any]) -> Any:
-    return step()
+        return threads.run(lambda step: step(), [(step,) for step in steps])
 
 
 class HostThreads(ContextManager):
@@ -53,15 +52,9 @@ class HostThreads(ContextManager):
         Threads that work at the same time, including the calling one; the number of usable processors without it.
     """
 
-    _jobs: _Jobs
-    _threads: list[Thread]
-    _stop: Callable[[], object]
-
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._lock = Lock()
-        self._process_id = os.getpid()  # the threads exist in this process only
-        self._forget_threads()
+        self._start_anew()
 
     def for_ranges(self, item_count: int, task: Callable[[int, int], None]) -> None:
         """Call ``task(begin, end)`` for ranges that cover all items once, in parallel where that pays; see `run`."""
@@ -81,7 +74,7 @@ class HostThreads(ContextManager):
             return [task(*arguments) for arguments in argument_lists]
         batch = _Batch(task, argument_lists)
         try:
-            self._start(batch.help, min(self.count, len(argument_lists)) - 1)
+            self._wake(batch.help, min(self.count, len(argument_lists)) - 1)
             batch.work()
         finally:
             batch.finish()
@@ -89,22 +82,20 @@ class HostThreads(ContextManager):
 
     def close(self) -> None:
         """End the threads after the tasks that they run. Closing twice is allowed; the next task starts new ones."""
-        self._notice_fork()
+        if self._process_id != os.getpid():
+            return
         with self._lock:
             stop, threads = self._stop, self._threads
-            self._forget_threads()
+            self._start_anew(self._lock)
         stop()
         for thread in threads:
-            if thread.is_alive():
-                thread.join()
+            thread.join()
 
-    def _start(self, work: Callable[[], None], count: int) -> None:
+    def _wake(self, work: Callable[[], None], count: int) -> None:
         """Let some threads of the pool call a function."""
-        self._notice_fork()
+        if self._process_id != os.getpid():  # a forked child has no threads, and nobody would release the lock
+            self._start_anew()
         with self._lock:
-            if not self._threads:
-                # Also called when this object is garbage.
-                self._stop = weakref.finalize(self, _stop_threads, self._jobs, self._threads)
             while len(self._threads) < count:
                 thread = Thread(target=_serve, args=(self._jobs,), name="clbvh", daemon=True)
                 try:
@@ -115,28 +106,20 @@ class HostThreads(ContextManager):
             for _ in self._threads[:count]:
                 self._jobs.put(work)
 
-    def _notice_fork(self) -> None:
-        if self._process_id != os.getpid():
-            # In a forked child the threads do not exist, and nobody would release the lock.
-            self._lock, self._process_id = Lock(), os.getpid()
-            self._forget_threads()
-
-    def _forget_threads(self) -> None:
-        self._jobs, self._threads, self._stop = SimpleQueue(), [], _do_nothing
+    def _start_anew(self, lock: Any = None) -> None:
+        """Forget all threads."""
+        self._lock, self._process_id = lock or Lock(), os.getpid()
+        self._jobs: _Jobs = SimpleQueue()
+        self._threads: list[Thread] = []
+        # Also called when this object is garbage.
+        self._stop = weakref.finalize(self, _stop_threads, self._jobs, self._threads)
 
 
 def _serve(jobs: _Jobs) -> None:
     """Do jobs until one is None; the life of a thread."""
-    while True:
-        job = jobs.get()
-        if job is None:
-            return
+    while (job := jobs.get()) is not None:
         job()
         del job  # and the arrays that it holds
-
-
-def _do_nothing() -> None:
-    pass
 
 
 def _stop_threads(jobs: _Jobs, threads: list[Thread]) -> None:
@@ -152,7 +135,7 @@ class _Batch(Generic[_Result]):
         self._task = task
         self._argument_lists = argument_lists
         self._results: dict[int, _Result] = {}
-        self._errors: dict[int, BaseException] = {}
+        self._errors: dict[int, Exception] = {}
         self._lock = Lock()
         self._waiting = list(range(len(argument_lists)))[::-1]  # taken from the end: the first task comes first
         self._helped: set[int] = set()  # tasks that helpers are running
@@ -160,21 +143,12 @@ class _Batch(Generic[_Result]):
 
     def work(self) -> None:
         """Run tasks until none is left, in the calling thread."""
-        while True:
-            with self._lock:
-                if not self._waiting:
-                    return
-                index = self._waiting.pop()
+        while (index := self._take()) is not None:
             self._run(index)
 
     def help(self) -> None:
         """Run tasks until none is left, in another thread."""
-        while True:
-            with self._lock:
-                if not self._waiting:
-                    return
-                index = self._waiting.pop()
-                self._helped.add(index)
+        while (index := self._take(self._helped)) is not None:
             try:
                 self._run(index)
             finally:
@@ -182,20 +156,17 @@ class _Batch(Generic[_Result]):
                 self._endings.put(None)
 
     def finish(self) -> None:
-        """Return when no helper is running a task, and none will: also after Ctrl-C, which is raised then."""
+        """Return when no helper is running a task, and none will; Ctrl-C meanwhile is raised then."""
         with self._lock:
             self._waiting.clear()
         interrupt = None
         while self._helped:
             try:
                 self._endings.get()
-            except BaseException as error:
+            except KeyboardInterrupt as error:
                 interrupt = error
         if interrupt is not None:
-            try:
-                raise interrupt
-            finally:
-                del interrupt  # its traceback holds this frame: a cycle, which would keep arrays alive
+            raise interrupt
 
     def results(self) -> list[_Result]:
         """Return the results in the order of the tasks, or raise the exception of the first that failed."""
@@ -208,17 +179,18 @@ class _Batch(Generic[_Result]):
                 del error  # its traceback holds this frame: a cycle, which would keep arrays alive
         return [self._results[index] for index in range(len(self._argument_lists))]
 
+    def _take(self, taken: set[int] | None = None) -> int | None:
+        """Take the next task; None if there is none."""
+        with self._lock:
+            if not self._waiting:
+                return None
+            index = self._waiting.pop()
+            if taken is not None:
+                taken.add(index)
+            return index
+
     def _run(self, index: int) -> None:
         try:
             self._results[index] = self._task(*self._argument_lists[index])
-        except BaseException as error:
-            # Ctrl-C reaches the calling thread alone: there it ends the work at once.
-            if not isinstance(error, Exception) and index not in self._helped:
-                raise
+        except Exception as error:
             self._errors[index] = error
-
-
-def cut_range(begin: int, end: int, count: int) -> list[tuple[int, int]]:
-    """Cut the range from `begin` to `end` into `count` ranges that cover it once; some are empty when it is short."""
-    size = end - begin
-    return list(pairwise(begin + size * number // count for number in range(count + 1)))

@@ -1,31 +1,31 @@
-"""How much memory this process can still take: the least of what the system, its control group and its limits allow."""
+"""How much memory this process can still take, and the one check before large arrays."""
 
 from __future__ import annotations
 
-import os
 import re
-import sys
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+
+import psutil
 
 from ..errors import ClbvhError
 
-_PROC = Path("/proc")
-_CGROUPS = Path("/sys/fs/cgroup")
-_KIB = 1024
+# The limit of a container, and what its processes take (control groups of Linux, version 2). psutil does not know it.
+_CONTAINER = Path("/sys/fs/cgroup")
 
 # Less is not checked: to ask how much is free takes 0.1 ms.
 _LEAST_CHECKED = 2**28
 
-# Per version of control groups: the mount point, the files of the limit and of the memory in use, and the part of the
-# latter that the kernel gives back on demand (pages of files), as named in `memory.stat`.
-_UNIFIED = (_CGROUPS, "memory.max", "memory.current", "inactive_file")
-_LEGACY = (_CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-
 
 def free_memory_bytes() -> int:
     """Return how many bytes this process can still take without swapping; 0 when a limit is already exceeded."""
-    return max(0, min([_system_bytes(), *_cgroup_bytes(), *_address_space_bytes()]))
+    free = int(psutil.virtual_memory().available)
+    with suppress(OSError, ValueError):  # not in a container, or one without a limit
+        limit, taken = (int((_CONTAINER / name).read_text()) for name in ("memory.max", "memory.current"))
+        # Pages of files are given back on demand.
+        files = re.search(r"^inactive_file (\d+)$", (_CONTAINER / "memory.stat").read_text(), re.MULTILINE)
+        free = min(free, limit - taken + int(files[1] if files else 0))
+    return max(0, free)
 
 
 def check_memory(subject: str, needed_bytes: int, error: type[ClbvhError], advice: str = "") -> None:
@@ -52,51 +52,3 @@ def check_memory(subject: str, needed_bytes: int, error: type[ClbvhError], advic
             f"{subject} need{'s' * subject.startswith('a ')} about {needed_bytes / 1e6:,.0f} MB of memory, "
             f"but {free / 1e6:,.0f} MB are free{': ' if advice else ''}{advice}"
         )
-
-
-def _system_bytes() -> int:
-    """Return what the whole machine has left; all of its memory where it does not say that, no limit on Windows."""
-    if found := re.search(r"^MemAvailable:\s*(\d+) kB", _read(_PROC / "meminfo"), re.MULTILINE):
-        return int(found[1]) * _KIB
-    if not hasattr(os, "sysconf"):
-        return sys.maxsize
-    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-
-
-def _cgroup_bytes() -> Iterator[int]:
-    """Yield what is left in the process's control group and in each group around it."""
-    for line in _read(_PROC / "self" / "cgroup").splitlines():
-        _, controllers, path = line.split(":", 2)
-        if controllers and "memory" not in controllers.split(","):
-            continue
-        root, limit_name, usage_name, reclaimable_name = _LEGACY if controllers else _UNIFIED
-        # In a container the path may be the host's, of which only the end of the way up exists here.
-        group = root / path.lstrip("/")
-        for folder in (group, *group.parents):
-            if folder == root.parent:
-                break
-            limit, usage = _read(folder / limit_name).strip(), _read(folder / usage_name).strip()
-            if limit.isdecimal() and usage.isdecimal():  # "max" is no limit
-                stat = _read(folder / "memory.stat")
-                reclaimable = re.search(rf"^{reclaimable_name} (\d+)$", stat, re.MULTILINE)
-                yield int(limit) - int(usage) + (int(reclaimable[1]) if reclaimable else 0)
-
-
-def _address_space_bytes() -> Iterator[int]:
-    """Yield what `RLIMIT_AS` leaves, if it is set."""
-    try:
-        import resource
-    except ImportError:  # not a Unix system
-        return
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    pages = _read(_PROC / "self" / "statm").split()
-    if limit != resource.RLIM_INFINITY and pages:
-        yield limit - int(pages[0]) * resource.getpagesize()
-
-
-def _read(path: Path) -> str:
-    """Return the text of one of the kernel's files, empty if there is none."""
-    try:
-        return path.read_text()
-    except OSError:
-        return ""

@@ -8,7 +8,7 @@ from hypothesis import example, given, strategies as st
 
 from clbvh import BuildOptions, validate_tree
 from clbvh.builders.build import build_tree
-from clbvh.builders.ladder import LADDER
+from clbvh.builders.ladder.build_variant import LADDER
 from clbvh.builders.options import MAX_DEPTH
 
 from ..profiles import examples

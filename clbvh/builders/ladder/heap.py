@@ -17,8 +17,8 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ...support.atomics import add_atomically
 from ...support.compiled import compiled
+from ...support.loop_functions import add_atomically
 from ..options import MAX_DEPTH
 
 # Words of a node; the box lies in the first three.

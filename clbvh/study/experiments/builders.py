@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...builders.ladder import VARIANTS
+from ...builders.ladder.variants import VARIANTS
 from ...support.host_threads import usable_cores
 from ..bench import PHASE, Bench
 from ..drawing import REPORT, Axis, Point

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ...support.temporary_folder import TemporaryFolder
+from ...support.files import temporary_folder
 from ..bench import Bench
 from ..drawing import Axis, Point
 from ..engines import ENGINES, Contestant, Trimesh
@@ -138,7 +138,7 @@ class Peers(Experiment):
 
 def _share(bench: Bench, name: str) -> Path:
     """Write mesh, rays and points to files that all engines read, and return their folder."""
-    folder = bench.open(("folder", name), lambda: TemporaryFolder(Path(tempfile.gettempdir()), "clbvh-study-")).path
+    folder = bench.open(("folder", name), lambda: temporary_folder(Path(tempfile.gettempdir()), "clbvh-study-"))
     mesh = bench.mesh(name)
     origins, directions = bench.rays(name, bench.scale.pick(_PICTURE, _QUICK_PICTURE))
     generator = np.random.default_rng(_SEED)

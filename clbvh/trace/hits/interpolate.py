@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import QueryError
 from ...geometry import Mesh, Shape
+from ...geometry.arrays import has_masked_values
 from ...structs import NO_PRIM
-from ...support.masked import has_masked_values
 from ..rays.batch import check_room
 from .locations import turn_normals
 from .scene_arrays import SceneArrays

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...errors import QueryError
+from ...geometry.arrays import has_masked_values
 from ...support.compiled import compiled
-from ...support.masked import has_masked_values
 from ...support.memory import check_memory
 
 _FLOAT64 = np.dtype(np.float64)

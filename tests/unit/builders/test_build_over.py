@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, validate_tree
 from clbvh.builders.build import build_over, build_tree
-from clbvh.builders.ladder import LADDER
+from clbvh.builders.ladder.build_variant import LADDER
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
 from clbvh.geometry.box_mesh import sphere_boxes
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, build, make_shape
-from clbvh.builders.ladder import VARIANTS
+from clbvh.builders.ladder.variants import VARIANTS
 from clbvh.study.ladder_work import count_ladder_work
 
 COUNT = 1500

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from clbvh.errors import ConfigError
-from clbvh.support.files import check_target, write_atomically
+from clbvh.support.files import check_target, remove_unfinished, replacing, temporary_folder, write_atomically
 
 
 def test_a_file_is_written_or_replaced(tmp_path):
@@ -114,3 +114,15 @@ def test_a_full_disk_names_the_users_file(tmp_path):
 def test_names_as_long_as_the_system_allows_can_be_written(tmp_path):
     write_atomically(tmp_path / ("a" * 255), lambda file: file.write(b"x"))
     assert [len(path.name) for path in tmp_path.iterdir()] == [255]
+
+
+def test_what_a_signal_interrupts_is_removed(tmp_path):
+    def begin():
+        with replacing(tmp_path / "a"), temporary_folder(tmp_path, "b-") as folder:
+            (folder / "inner").touch()
+            assert len(list(tmp_path.iterdir())) == 2
+            remove_unfinished()
+            assert list(tmp_path.iterdir()) == []
+
+    with pytest.raises(FileNotFoundError):
+        begin()

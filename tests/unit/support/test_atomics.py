@@ -5,8 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from clbvh.support.atomics import add_atomically
 from clbvh.support.host_threads import HostThreads
+from clbvh.support.loop_functions import add_atomically
 
 TIMES = 200_000
 
