@@ -27,6 +27,9 @@ def world_arguments(tree: TracedTree) -> dict[str, Any]:
 
 _KERNEL = "view_entry_points"
 
+# Macros of kernels for views without a cut and without lines.
+NO_PARTS = {"HAS_CUT": 0, "HAS_WIREFRAME": 0}
+
 # The arguments of rays that begin at the root.
 AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
 
@@ -74,10 +77,8 @@ class OneRayPainter:
         Columns and rows of a work-group; by default those of the device's settings.
     colours : (n, 3) float, optional
         Linear colours of the instances; NaN, and by default: that of the view.
-    has_cut : bool
-        Whether the views have a cut.
-    has_wireframe : bool
-        Whether they have lines.
+    parts : mapping of str to int
+        Macros of the parts of the kernel that views need, as `NO_PARTS`.
 
     Raises
     ------
@@ -91,18 +92,14 @@ class OneRayPainter:
         tree: TracedTree,
         tile: tuple[int, int] | None = None,
         colours: NDArray[np.floating] | None = None,
-        *,
-        has_cut: bool = False,
-        has_wireframe: bool = False,
+        parts: Mapping[str, int] = NO_PARTS,
     ) -> None:
         own = np.full((1, 3), np.nan) if colours is None else colours
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
         self._arguments = world_arguments(tree) | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
-        self._kernel = build_kernel(
-            session, "render", {**tree.defines, "HAS_CUT": int(has_cut), "HAS_WIREFRAME": int(has_wireframe)}
-        )
+        self._kernel = build_kernel(session, "render", {**tree.defines, **parts})
         self._entry_points = ViewEntryPoints(session, tree, self._tile, 0.0)
 
     @property
@@ -175,16 +172,9 @@ class SampleShading:
     tree : DeviceTree or DeviceScene
     shading : str
         ``"studio"``, ``"ao"`` or ``"path"``.
-    has_cutouts : bool
-        Whether rays may pass through surfaces.
-    has_normal_maps : bool
-        Whether textures bend normals.
-    has_cut : bool
-        Whether the views have a cut.
-    has_wireframe : bool
-        Whether they have lines.
-    has_ground : bool
-        Whether they have a ground that paths meet.
+    parts : mapping of str to int
+        Macros of the parts of the kernel that views need: those of `NO_PARTS`, and HAS_CUTOUTS, HAS_NORMAL_MAPS and
+        HAS_GROUND.
 
     Attributes
     ----------
@@ -197,30 +187,11 @@ class SampleShading:
         The device's compiler refuses a kernel.
     """
 
-    def __init__(
-        self,
-        session: DeviceSession,
-        tree: TracedTree,
-        shading: str,
-        *,
-        has_cutouts: bool,
-        has_normal_maps: bool = False,
-        has_cut: bool = False,
-        has_wireframe: bool = False,
-        has_ground: bool = False,
-    ) -> None:
+    def __init__(self, session: DeviceSession, tree: TracedTree, shading: str, parts: Mapping[str, int]) -> None:
         self.tree = tree
         self.tile = session.settings.tile
         self.arguments = {**world_arguments(tree), **_NO_LIGHTS}
-        defines = {
-            **tree.defines,
-            "SHADING": SHADINGS[shading],
-            "HAS_CUTOUTS": int(has_cutouts),
-            "HAS_NORMAL_MAPS": int(has_normal_maps),
-            "HAS_CUT": int(has_cut),
-            "HAS_WIREFRAME": int(has_wireframe),
-            "HAS_GROUND": int(has_ground),
-        }
+        defines = {**tree.defines, "SHADING": SHADINGS[shading], **parts}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, DEVELOP)
         self.join_cells = build_kernel(session, "join_cells") if shading == "path" else None

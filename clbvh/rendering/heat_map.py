@@ -7,6 +7,7 @@ and for colour-blind people.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..support.host_threads import HostThreads
-from ..trace.oracle.scene_visits import SceneTraversal, SceneVisits
+from ..trace.oracle.scene_visits import SceneTraversal
 from ..trace.oracle.visits import HostTraversal, Visits, count_visits
 from .camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
@@ -45,20 +46,14 @@ def check_quantity(quantity: str) -> None:
 
 def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
     """Count the steps of the rays of a picture on the host, on all cores; each count is (height * width,) int32."""
-    origins, directions = camera.rays(width, height)
-    with HostThreads() as threads:
-        return HostTraversal(bvh).count_visits(
-            np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
-        )
+    return _count_rays(HostTraversal(bvh), camera, width, height)
 
 
-def count_scene_picture(objects: SceneObjects, camera: Camera, width: int, height: int) -> SceneVisits:
-    """Count the steps through both levels of a scene; see `count_picture`."""
+def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
     origins, directions = camera.rays(width, height)
     with HostThreads() as threads:
-        return SceneTraversal(objects.state, objects.trees, objects.top, objects.merging).count_visits(
-            np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3), threads=threads
-        )
+        rays = np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3)
+        return traversal.count_visits(*rays, threads=threads)
 
 
 def draw_heat_map_of(
@@ -67,13 +62,14 @@ def draw_heat_map_of(
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
     if isinstance(subject, SceneObjects):
-        in_scene = count_scene_picture(subject, camera, width, height)
-        counts = {"nodes": in_scene.node_steps, "triangles": in_scene.prim_tests}
+        traversal = SceneTraversal(subject.state, subject.trees, subject.top, subject.merging)
+        visits = _count_rays(traversal, camera, width, height)
+        counts = visits.node_steps if quantity == "nodes" else visits.prim_tests
     else:
-        visits = count_picture(subject, camera, width, height)
-        counts = {"nodes": visits.node_steps, "triangles": visits.triangle_tests}
+        counted = count_picture(subject, camera, width, height)
+        counts = counted.node_steps if quantity == "nodes" else counted.triangle_tests
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
-    of_pixels = np.where(camera.sees(width, height), counts[quantity].reshape(height, width), 0)
+    of_pixels = np.where(camera.sees(width, height), counts.reshape(height, width), 0)
     return draw_heat_map(of_pixels, quantity)
 
 

@@ -46,10 +46,10 @@ class Painters:
     def __init__(self, session: DeviceSession, tree: TracedTree, subject: MeshSubject | SceneSubject) -> None:
         self._session, self._tree, self._subject = session, tree, subject
         self._lock = threading.Lock()
-        self._one_ray: dict[tuple[bool, bool], OneRayPainter] = {}  # by `_parts_of`
+        self._one_ray: dict[tuple[int, ...], OneRayPainter] = {}  # by `_parts_of`
         self._lights: LightTables | None = None
         self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[str, float, bool, bool, bool], tuple[SampleShading, dict[str, Any]]] = {}
+        self._shadings: dict[tuple[Any, ...], tuple[SampleShading, dict[str, Any]]] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
     def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
@@ -66,12 +66,11 @@ class Painters:
         """
         with self._lock:
             if scene.shading in REPORT_SHADINGS:
-                key = has_cut, has_wireframe = _parts_of(scene)
+                parts = _parts_of(scene)
+                key = tuple(parts.values())
                 if key not in self._one_ray:
                     colours = self._subject.looks().colours
-                    self._one_ray[key] = OneRayPainter(
-                        self._session, self._tree, colours=colours, has_cut=has_cut, has_wireframe=has_wireframe
-                    )
+                    self._one_ray[key] = OneRayPainter(self._session, self._tree, colours=colours, parts=parts)
                 progress.taken = 1
                 return self._one_ray[key]
             if scene.shading == "path":
@@ -84,21 +83,12 @@ class Painters:
 
     def _find_shading(self, scene: Scene, has_ground: bool) -> tuple[SampleShading, dict[str, Any]]:
         """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
-        has_cut, has_wireframe = _parts_of(scene)
-        key = scene.shading, float(scene.smooth), has_cut, has_wireframe, has_ground
+        parts = _parts_of(scene) | {"HAS_GROUND": int(has_ground)}
+        key = scene.shading, float(scene.smooth), *parts.values()
         if key not in self._shadings:
             shapes = self._subject.looks().shapes
-            compile_kernels = partial(
-                SampleShading,
-                self._session,
-                self._tree,
-                scene.shading,
-                has_cutouts=has_cutouts(shapes),
-                has_normal_maps=has_normal_maps(shapes),
-                has_cut=has_cut,
-                has_wireframe=has_wireframe,
-                has_ground=has_ground,
-            )
+            parts |= {"HAS_CUTOUTS": int(has_cutouts(shapes)), "HAS_NORMAL_MAPS": int(has_normal_maps(shapes))}
+            compile_kernels = partial(SampleShading, self._session, self._tree, scene.shading, parts)
             # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
             shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, scene))
             self._shadings[key] = shading, buffers
@@ -140,6 +130,6 @@ class Painters:
         return self._looks[angle]
 
 
-def _parts_of(scene: Scene) -> tuple[bool, bool]:
-    """Return which parts of kernels a picture needs: whether there is a cut, and whether there are lines."""
-    return scene.cut is not None, scene.wireframe is not None
+def _parts_of(scene: Scene) -> dict[str, int]:
+    """Return the macros of the parts of kernels that all shadings have."""
+    return {"HAS_CUT": int(scene.cut is not None), "HAS_WIREFRAME": int(scene.wireframe is not None)}

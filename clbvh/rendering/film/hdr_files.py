@@ -90,53 +90,43 @@ def read_radiance(path: Path) -> NDArray[np.float32]:
     """
     with read_errors_as(SceneError, path):
         content = read_regular(Path(path))
-    lines, begin = _read_head(path, content)
-    exposure, width, height, turned_rows, turned_columns = _parse_head(path, lines)
+    blank = content.find(b"\n\n")
+    end = content.find(b"\n", blank + 2)
+    if not content.startswith(_MAGIC) or blank < 0 or end < 0:
+        raise SceneError(f"{path}: this is no Radiance file: it must begin with #?RADIANCE and hold a size")
+    size = re.fullmatch(rb"([-+])Y (\d{1,9}) ([-+])X (\d{1,9})\s*", content[blank + 2 : end])
+    if size is None:
+        raise SceneError(f"{path}: the size must read like '-Y 512 +X 1024', not {content[blank + 2 : end][:40]!r}")
+    height, width = int(size[2]), int(size[4])
+    if not 0 < width * height <= _MOST_PIXELS:
+        raise SceneError(f"{path}: the size {width} x {height} is empty or too large")
+    exposure = _read_exposure(path, content[:blank].split(b"\n")[1:])
     check_memory(f"the picture {path}", width * height * _PIXEL_BYTES, SceneError)
-    rgbe = _read_rows(path, content, begin, width, height)
+    rgbe = _read_rows(path, content, end + 1, width, height)
     # As most programs read it; Radiance itself takes the middle of a mantissa's range. Exponent 0 is black.
     scale = np.ldexp(np.float32(1), rgbe[..., 3].astype(np.int32) - _EXPONENT_BIAS)
     scale[rgbe[..., 3] == 0] = 0
     pixels = rgbe[..., :3] * scale[..., None]
     if exposure != 1.0:
         pixels = (pixels / exposure).astype(np.float32)
-    return np.ascontiguousarray(pixels[:: -1 if turned_rows else 1, :: -1 if turned_columns else 1])
+    # Rows may go upwards, and columns to the left.
+    return np.ascontiguousarray(pixels[:: -1 if size[1] == b"+" else 1, :: -1 if size[3] == b"-" else 1])
 
 
-def _read_head(path: Path, content: bytes) -> tuple[list[bytes], int]:
-    """Return the lines of the head with that of the size, and the offset of the pixels."""
-    blank = content.find(b"\n\n")
-    end = content.find(b"\n", blank + 2)
-    if not content.startswith(_MAGIC) or blank < 0 or end < 0:
-        raise SceneError(f"{path}: this is no Radiance file: it must begin with #?RADIANCE and hold a size")
-    return [*content[:blank].split(b"\n"), content[blank + 2 : end]], end + 1
-
-
-def _parse_head(path: Path, lines: list[bytes]) -> tuple[float, int, int, bool, bool]:
-    """Return the exposure, the width, the height, and whether rows go upwards and columns to the left."""
+def _read_exposure(path: Path, lines: list[bytes]) -> float:
+    """Return the product of all exposures of a head; raise `SceneError` for another format of pixels."""
     exposure = 1.0
-    for line in lines[1:-1]:
-        name, _, value = line.partition(b"=")
-        if name.strip() == b"FORMAT" and value.strip() != _FORMAT:
-            raise SceneError(f"{path}: the pixels must be {_FORMAT.decode()}, not {value.strip()!r}")
-        if name.strip() == b"EXPOSURE":
-            exposure *= _parse_exposure(path, value)
-    size = re.fullmatch(rb"([-+])Y (\d{1,9}) ([-+])X (\d{1,9})\s*", lines[-1])
-    if size is None:
-        raise SceneError(f"{path}: the size must read like '-Y 512 +X 1024', not {lines[-1][:40]!r}")
-    height, width = int(size[2]), int(size[4])
-    if not 0 < width * height <= _MOST_PIXELS:
-        raise SceneError(f"{path}: the size {width} x {height} is empty or too large")
-    return exposure, width, height, size[1] == b"+", size[3] == b"-"
-
-
-def _parse_exposure(path: Path, value: bytes) -> float:
-    try:
-        exposure = float(value)
-    except ValueError:
-        exposure = 0.0
-    if not 0 < exposure < np.inf:
-        raise SceneError(f"{path}: the exposure must be above 0, not {value.strip()!r}")
+    for line in lines:
+        name, _, value = (part.strip() for part in line.partition(b"="))
+        if name == b"FORMAT" and value != _FORMAT:
+            raise SceneError(f"{path}: the pixels must be {_FORMAT.decode()}, not {value!r}")
+        if name == b"EXPOSURE":
+            try:
+                exposure *= float(value)
+            except ValueError:
+                exposure = 0.0
+            if not 0 < exposure < np.inf:
+                raise SceneError(f"{path}: the exposure must be above 0, not {value!r}")
     return exposure
 
 
@@ -184,9 +174,6 @@ def _read_compressed_row(content: bytes, at: int, width: int) -> tuple[bytearray
     return channels, at
 
 
-_TYPES = (np.float16, np.float32, np.uint32)
-
-
 def import_openexr() -> ModuleType:
     """Return the library, or raise a `ConfigError` that says how to install it."""
     try:
@@ -213,17 +200,9 @@ def write_exr(
     Raises
     ------
     ConfigError
-        OpenEXR is not installed, or the channels have other shapes or types.
+        OpenEXR is not installed.
     """
     openexr = import_openexr()
-    shapes = {pixels.shape for pixels in channels.values()}
-    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
-        raise ConfigError(
-            f"the channels of an EXR file are arrays of one shape (height, width), not {shapes or 'none'}"
-        )
-    for name, pixels in channels.items():
-        if pixels.dtype not in _TYPES:
-            raise ConfigError(f"the channel {name!r} of an EXR file is float16, float32 or uint32, not {pixels.dtype}")
     head = {**(attributes or {}), "compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
     # Copies of the arrays only where they are strided; the library puts objects of its own into the dictionary.
     openexr.File(head, {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}).write(file)

@@ -64,22 +64,6 @@ def test_another_file_is_refused(tmp_path):
         read_exr(tmp_path / "b.exr")
 
 
-@pytest.mark.parametrize(
-    "channels",
-    [
-        {},
-        {"Z": np.zeros((2, 2))},
-        {"Z": np.zeros((2, 2), np.float32), "Y": np.zeros((2, 3), np.float32)},
-        {"Z": np.zeros(4, np.float32)},
-        {"Z": np.zeros((0, 4), np.float32)},
-    ],
-    ids=["none", "float64", "two shapes", "a row", "empty"],
-)
-def test_other_channels_are_refused(channels):
-    with pytest.raises(ConfigError, match="of an EXR file"):
-        encode(channels)
-
-
 def test_a_missing_library_is_named_with_the_command(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     with pytest.raises(ConfigError, match="pip install OpenEXR"):
