@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MARKS = {"ok": "[green]ok[/green]     ", "note": "[yellow]note[/yellow]   ", "problem": "[red]problem[/red]"}
 _INDENT = " " * 8
 
-# The default of `diagnose`, repeated because importing it would make `clbvh --help` slow.
+# A first compilation takes about a second with PoCL; the first use of a GPU after boot can take ten.
 _TIMEOUT_S = 60.0
 
 # Differences that are printed; `--json` has all.

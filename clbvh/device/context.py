@@ -13,19 +13,11 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 from weakref import WeakSet
 
 from ..errors import DeviceError, InternalError
 from .info import DeviceInfo
-
-
-class Session(Protocol):
-    """A session, which knows handles of the driver."""
-
-    def list_handles(self) -> list[Any]:
-        """Return the handles, or objects that refer to them."""
-
 
 _NS_PER_MS = 1e6
 
@@ -35,7 +27,7 @@ class _OpenCL:
 
     is_started: ClassVar[bool] = False
     is_inherited: ClassVar[bool] = False
-    sessions: ClassVar[WeakSet[Session]] = WeakSet()
+    sessions: ClassVar[WeakSet[Any]] = WeakSet()
     kept: ClassVar[list[Any]] = []  # what must never be released
 
 
@@ -69,8 +61,8 @@ def check_process() -> None:
         )
 
 
-def note_session(session: Session) -> None:
-    """Note a session, whose handles a forked child keeps."""
+def note_session(session: Any) -> None:
+    """Note a session: a forked child keeps what its `list_handles` returns."""
     _OpenCL.sessions.add(session)
 
 

@@ -32,9 +32,6 @@ from .preference import pick_device
 from .probe import run_probe
 from .select import DEVICE_VARIABLE
 
-# A first compilation takes about a second with PoCL; the first use of a GPU after boot can take ten.
-PROBE_TIMEOUT_S = 60.0
-
 # Most characters of a compiler's log in a message: a few lines; `Trial.error` has all of it.
 _ERROR_LENGTH = 400
 
@@ -90,15 +87,17 @@ _ADVICE = {
     ),
     "rusticl.*offers no device": ("name the GPU drivers that it serves", "$ export RUSTICL_ENABLE=radeonsi"),
     "did not answer": ("the driver hangs: is the device busy? Else restart the driver or the machine",),
+    "lib(imf|svml|irng|intlc)": ("Intel's runtime needs its compiler's libraries", "$ pip install intel-cmplr-lib-rt"),
+    "which cannot be loaded|cannot be read": ("reinstall the driver and the libraries it needs, or delete the file",),
     "No space left|Permission denied": (
         "the driver keeps kernels in the home folder: make room there, or name another place",
         "$ export POCL_CACHE_DIR=$(mktemp -d) CUDA_CACHE_PATH=$(mktemp -d)",
     ),
-    "lib(imf|svml|irng|intlc)": ("Intel's runtime needs its compiler's libraries", "$ pip install intel-cmplr-lib-rt"),
-    "which cannot be loaded|cannot be read": ("reinstall the driver and the libraries it needs, or delete the file",),
-    "libOpenCL": ("$ sudo apt install ocl-icd-libopencl1",),
-    "pyopencl": ("$ pip install --force-reinstall --only-binary :all: pyopencl",),
-    "all drivers": ("try the drivers one at a time", "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices"),
+    "pyopencl cannot be imported": (
+        *("the loader, if that is missing, and the wheel, which brings one", "$ sudo apt install ocl-icd-libopencl1"),
+        "$ pip install --force-reinstall --only-binary :all: pyopencl",
+    ),
+    "asks all drivers": ("try the drivers one at a time", "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices"),
     "": ("update the driver of this device; until then choose another one with --device",),
 }
 
@@ -148,7 +147,7 @@ def advise(failure: str) -> tuple[str, ...]:
     return next(advice for words, advice in _ADVICE.items() if re.search(words, failure, re.DOTALL))
 
 
-def diagnose(timeout_s: float = PROBE_TIMEOUT_S) -> tuple[list[Finding], list[Trial]]:
+def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
     """Check everything from the Python package down to a kernel on each device.
 
     Returns
@@ -181,7 +180,7 @@ def diagnose(timeout_s: float = PROBE_TIMEOUT_S) -> tuple[list[Finding], list[Tr
         trials.append(Trial(device, result.failure, result.wall_s))
         if result.failure:
             said = textwrap.shorten(result.failure, _ERROR_LENGTH, placeholder=" ...")
-            findings.append(_report("device", f"{device} does not work: {said}", result.log))
+            findings.append(_report("device", f"{device} does not work: {said}", f"{result.failure}\n{result.log}"))
         else:
             findings.append(Finding("device", "ok", f"{device} computes correctly ({result.wall_s:.1f} s)"))
 
@@ -260,15 +259,15 @@ def check_choice(trials: Sequence[Trial], working: Sequence[DeviceInfo]) -> Iter
 def find_unregistered(files: Iterable[DriverFile]) -> list[tuple[Path, str]]:
     """Return the libraries of known drivers that no driver file names, and the usual names of their driver files."""
     named = " ".join(name for file in files for name in file.names)
-    installed = [f"{sys.prefix}/lib", f"{sys.prefix}/Library/bin"]
-    folders = [*os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep), *_LIBRARY_FOLDERS, *installed]
-    found = {}
+    variable = [folder for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder]
+    folders = [*variable, *_LIBRARY_FOLDERS, f"{sys.prefix}/lib", f"{sys.prefix}/Library/bin"]
+    found = []
     for stem, icd_name in KNOWN_DRIVERS.items():
         # The first of a folder: the link "libpocl.so.2" outlives an update of "libpocl.so.2.12.0".
-        paths = [path for folder in filter(None, folders) for path in sorted(Path(folder).glob(f"{stem}*"))]
+        paths = [path for folder in folders for path in sorted(Path(folder).glob(f"{stem}*"))]
         if paths and stem not in named:
-            found[icd_name] = paths[0], icd_name
-    return list(found.values())
+            found.append((paths[0], icd_name))
+    return found
 
 
 def register_drivers(timeout_s: float, *, dry_run: bool) -> list[Step]:

@@ -18,7 +18,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 from ..errors import DeviceError
@@ -29,9 +28,6 @@ _KERNEL = "kernel void change(global float *x) { int i = get_global_id(0); x[i] 
 
 # A compiler that no longer works must not hide behind kernels that it compiled earlier.
 _WITHOUT_CACHES = {"POCL_KERNEL_CACHE": "0", "PYOPENCL_NO_CACHE": "1", "CUDA_CACHE_DISABLE": "1"}
-
-# Time limit for a killed probe to end; one that hangs in the operating system never does.
-_KILL_TIMEOUT_S = 5
 
 
 class ProbeResult(NamedTuple):
@@ -46,37 +42,28 @@ class ProbeResult(NamedTuple):
 def run_probe(*arguments: str, timeout_s: float, environment: Mapping[str, str] | None = None) -> ProbeResult:
     """Run `python -m clbvh.device.probe` with these arguments and more variables, and wait for its answer."""
     begin_s = time.perf_counter()
-    # "-W ignore": a library's warning is not a driver's failure, whatever PYTHONWARNINGS says.
-    process = subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", __name__, *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env={**os.environ, **_WITHOUT_CACHES, **(environment or {})},
-        text=True,
-        errors="replace",
-    )
-    output = log = ""
-    # No `with`, whose end would wait for the process.
     try:
-        output, log = process.communicate(timeout=timeout_s)
-        code = process.returncode
-        failure = f"ended with exit code {code}" if code else ""
-        failure = f"was killed by {signal.Signals(-code).name}" if code < 0 else failure
+        # "-W ignore": a library's warning is not a driver's failure, whatever PYTHONWARNINGS says.
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore", "-m", __name__, *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            env={**os.environ, **_WITHOUT_CACHES, **(environment or {})},
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
-        process.kill()
-        with suppress(subprocess.TimeoutExpired):
-            output, log = process.communicate(timeout=_KILL_TIMEOUT_S)
-        failure = f"did not answer within {timeout_s:g} s"
-    except BaseException:
-        process.kill()
-        raise
-    wall_s = time.perf_counter() - begin_s
+        return ProbeResult({}, f"did not answer within {timeout_s:g} s", "", time.perf_counter() - begin_s)
+    wall_s, code = time.perf_counter() - begin_s, done.returncode
+    failure = f"ended with exit code {code}" if code else ""
+    failure = f"was killed by {signal.Signals(-code).name}" if code < 0 else failure
     try:
-        answer = json.loads(output)
+        answer = json.loads(done.stdout)
     except ValueError:
-        return ProbeResult({}, failure or "gave no readable answer", log, wall_s)
-    return ProbeResult(answer, answer.get("error", failure and f"answered, but then {failure}"), log, wall_s)
+        return ProbeResult({}, failure or "gave no readable answer", done.stderr, wall_s)
+    return ProbeResult(answer, answer.get("error", failure and f"answered, but then {failure}"), done.stderr, wall_s)
 
 
 def _list() -> dict[str, Any]:

@@ -18,7 +18,7 @@ from .info import DeviceInfo
 from .pocl_cpu_name import name_unknown_cpu
 from .pocl_linker import explain_missing_linker
 from .preference import number_devices, pick_device
-from .settings import find_measured_ms
+from .settings import find_settings
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
 
@@ -104,7 +104,7 @@ def survey_devices() -> DeviceSurvey:
                 device = replace(device, is_available=False)
             devices.append(device)
 
-    return DeviceSurvey(number_devices(devices, find_measured_ms), tuple(problems))
+    return DeviceSurvey(number_devices(devices, lambda device: find_settings(device).measured_ms), tuple(problems))
 
 
 def list_devices() -> list[DeviceInfo]:

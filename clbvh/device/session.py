@@ -18,7 +18,6 @@ from .context import (
     EventTimes,
     Kernel,
     check_process,
-    claim_opencl,
     forget_context,
     is_inherited,
     keep_for_ever,
@@ -114,7 +113,6 @@ class DeviceSession(ContextManager):
     def _open(self, info: DeviceInfo, settings: Settings, times: EventTimes, shared: DeviceContext | None) -> None:
         import pyopencl as cl
 
-        claim_opencl()
         self._cl: Any = cl
         self.info = info
         self.settings = settings

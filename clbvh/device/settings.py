@@ -1,8 +1,7 @@
 """The launch settings of a device: by rule, or as `clbvh tune` measured them.
 
-Owns the files of measured settings, one per device and version of its driver. A file that cannot be read is ignored;
-one that holds no valid settings is removed, and that is said once. Only `find_settings` and `keep_settings` access
-files.
+Owns the files of measured settings, one per device and version of its driver; one that cannot be read or that holds no
+valid settings is ignored.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,6 @@ from ..errors import ConfigError
 from ..structs import LAYOUT_WIDTHS
 from ..support.files import write_atomically
 from ..support.folders import __version__, find_cache
-from ..support.say_once import say_once
 from .info import DeviceInfo
 
 # GPUs run at least one whole warp or wavefront. On CPUs the rays of a work-group share an entry point, see
@@ -34,9 +31,6 @@ _TILE = (8, 8)
 _DIGITS = 16
 
 _LARGEST_WORK_GROUP = 1024
-
-# Settings have less than 1 KiB; no more than this is read of any file.
-_LARGEST_FILE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -72,27 +66,11 @@ def default_settings(info: DeviceInfo) -> Settings:
 
 def find_settings(info: DeviceInfo) -> Settings:
     """Return the settings measured on the device, or else those that suit its kind; for a session that opens."""
-    path = settings_path(info)
     try:
-        if not path.is_file():
-            return default_settings(info)
-        with path.open("rb") as file:
-            text = file.read(_LARGEST_FILE)
-    except OSError:
+        return _check(json.loads(settings_path(info).read_text()))
+    # Nothing was measured, or the file is damaged; brackets nested without end are an error of their own kind.
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return default_settings(info)
-    try:
-        return _check(json.loads(text))
-    # Numbers beyond float64, and brackets nested without end, are errors of their own kinds.
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
-        say_once(f"{path}: these settings are damaged and are removed: run 'clbvh tune' to measure them again")
-        with suppress(OSError):
-            path.unlink()
-        return default_settings(info)
-
-
-def find_measured_ms(info: DeviceInfo) -> float | None:
-    """Return the time that `clbvh tune` kept for the device; None without it."""
-    return find_settings(info).measured_ms
 
 
 def keep_settings(info: DeviceInfo, settings: Settings) -> Path:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from clbvh.device.settings import (
     Settings,
     default_settings,
-    find_measured_ms,
     find_settings,
     keep_settings,
     settings_path,
@@ -49,11 +47,11 @@ def test_what_is_kept_is_found(info, cache):
 
 
 def test_a_time_orders_the_drivers_and_a_file_of_an_earlier_version_has_none(info):
-    assert find_measured_ms(info) is None
+    assert find_settings(info).measured_ms is None
     path = keep_settings(info, MEASURED)
-    assert find_measured_ms(info) == MEASURED.measured_ms
+    assert find_settings(info).measured_ms == MEASURED.measured_ms
     path.write_text('{"layout": "bvh4", "work_group_size": 128, "tile": [16, 4]}')
-    assert find_measured_ms(info) is None
+    assert find_settings(info).measured_ms is None
     assert find_settings(info) == dataclasses.replace(MEASURED, measured_ms=None)
 
 
@@ -91,24 +89,11 @@ def test_another_device_or_driver_knows_nothing_of_it(info, field):
         "[" * 60_000, '{"tile":' * 5_000, "\x00", "9" * 10_000,
     ],
 )  # fmt: skip
-def test_a_damaged_file_is_said_once_and_replaced(info, text, monkeypatch, caplog):
-    monkeypatch.delenv("_CLBVH_SAID", raising=False)
-    path = keep_settings(info, MEASURED)
-    path.write_text(text)
+def test_a_damaged_file_is_ignored_and_replaced(info, text):
+    keep_settings(info, MEASURED).write_text(text)
     assert find_settings(info) == default_settings(info)
-    assert find_settings(info) == default_settings(info)
-    (said,) = caplog.messages
-    assert f"{path}: these settings are damaged and are removed" in said
-    assert not path.exists()
     keep_settings(info, MEASURED)
     assert find_settings(info) == MEASURED
-
-
-def test_what_is_no_file_is_not_read(info):
-    path = keep_settings(info, MEASURED)
-    path.unlink()
-    os.mkfifo(path)
-    assert find_settings(info) == default_settings(info)
 
 
 def test_a_cache_that_cannot_be_written_is_named(info, cache):
