@@ -53,8 +53,8 @@ class FileParts(NamedTuple):
 
 
 def drop_loose_vertices(
-    vertices: NDArray[np.float64], faces: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+    vertices: NDArray[np.number], faces: NDArray[np.integer]
+) -> tuple[NDArray[np.number], NDArray[np.integer]]:
     """Return the vertices that faces refer to, in their order, and the faces with the new indices."""
     used, renumbered = np.unique(faces, return_inverse=True)
     if len(used) == len(vertices):

@@ -1,6 +1,6 @@
-"""The OFF format, as text: vertices and polygons in the file's order, with their looks.
+"""The OFF format, as text: its lines are those of an ASCII PLY file under another header.
 
-No library is used for it: trimesh loses the end of a file that was cut off.
+Mark Phillips and others, "Geomview Manual", 1996, section "OFF Files".
 """
 
 from __future__ import annotations
@@ -8,21 +8,19 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ...errors import MeshError
-from .file_mesh import FileMesh, Problems, cut_fans, report_edges
-from .off_looks import OffLines, read_off_looks
-from .text_lines import join_polygons, read_coordinates, read_table
+from .file_mesh import FileMesh, Problems
+from .ply import read_ply
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
 OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*((?:ST)?C?N?)OFF\b")
 _BINARY = re.compile(rb"[ \t]+BINARY\b")
 
+_COLOUR = ("red", "green", "blue", "alpha")
 
-def read_off(data: bytes, _: Path, problems: Problems) -> FileMesh:
-    """Return the vertices (V, 3) and faces (F, 3) of a text OFF file."""
+
+def read_off(data: bytes, file: Path, problems: Problems) -> FileMesh:
+    """Return the mesh of a text OFF file: vertices (V, 3), faces (F, 3), and its looks."""
     keyword = OFF_KEYWORD.match(data)
     if keyword is None:
         raise MeshError("not an OFF file: it does not begin with the word 'OFF'")
@@ -31,38 +29,60 @@ def read_off(data: bytes, _: Path, problems: Problems) -> FileMesh:
     text = re.sub(rb"#[^\r\n]*", b"", data[keyword.end() :])
     counts, *lines = [line for line in text.splitlines() if line.strip()] or [b""]
     vertex_count, face_count = (int(word) for word in counts.split()[:2])
-    if min(vertex_count, face_count) < 0 or len(lines) < vertex_count + face_count:
+    if min(vertex_count, face_count) < 0 or len(lines) != vertex_count + face_count:
         raise MeshError(
             f"the file is cut off or damaged: it declares {vertex_count:,} vertices and {face_count:,} faces, "
             f"but has {len(lines):,} lines for them"
         )
-    if len(lines) > vertex_count + face_count:
-        raise MeshError(
-            f"the file goes on behind the {vertex_count:,} vertices and {face_count:,} faces that it declares, "
-            "so one of the two is damaged"
-        )
-    vertices = read_coordinates(lines[:vertex_count])
-    corners, sizes = _read_faces(lines[vertex_count:])
-    faces = cut_fans(corners, sizes)
-    report_edges(sizes, problems)
-    texts = OffLines(keyword[1].decode(), lines[:vertex_count], lines[vertex_count:])
-    return FileMesh("", vertices, faces, read_off_looks(texts, vertices, faces, sizes, problems))
+    vertices, faces = lines[:vertex_count], lines[vertex_count:]
+    widths = [len(line.split()) for line in vertices]
+    if min(widths, default=3) < 3:
+        vertex = widths.index(min(widths))
+        raise MeshError(f"vertex {vertex} has {widths[vertex]} numbers instead of 3")
+    if len(set(widths)) > 1:
+        vertices = [b" ".join(line.split()[:3]) for line in vertices]
+    of_vertices = _name_columns(vertices[0].split() if vertices else [], keyword[1].decode(), problems)
+    extra = []
+    for face, line in enumerate(faces):
+        words = line.split()
+        extra.append(len(words) - 1 - int(words[0]))
+        if extra[-1] < 0:
+            raise MeshError(f"face {face} declares {int(words[0])} corners, but has {len(words) - 1}")
+    of_faces: list[str] = []
+    if len(set(extra)) == 1:
+        words = faces[0].split()[len(faces[0].split()) - extra[0] :]
+        # One number is that of a colour in a table, which the file does not have.
+        of_faces = _name_colour(words) if len(words) in (3, 4) else [f"float extra{at}" for at in range(len(words))]
+    elif extra:
+        problems.add("the colours cannot be used: not all faces have one")
+        faces = [b" ".join(line.split()[: 1 + int(line.split()[0])]) for line in faces]
+    header = [
+        *("ply", "format ascii 1.0"),
+        *(f"element vertex {vertex_count}", *(f"property {column}" for column in of_vertices)),
+        *(f"element face {face_count}", "property list int int vertex_indices"),
+        *(f"property {column}" for column in of_faces),
+        "end_header",
+    ]
+    return read_ply(b"\n".join(["\n".join(header).encode(), *vertices, *faces, b""]), file, problems)
 
 
-def _read_faces(lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the corners of all faces, concatenated, and the number of corners of each.
+def _name_columns(words: list[bytes], letters: str, problems: Problems) -> list[str]:
+    """Return the types and names of a vertex's numbers: coordinates, normal, colour, texture coordinates."""
+    columns = [f"double {axis}" for axis in "xyz"]
+    rest = words[3:]
+    end = len(rest) - 2 * ("ST" in letters)
+    at = 3 * ("N" in letters)
+    if letters and (("C" not in letters and end != at) or ("C" in letters and end - at not in (3, 4))):
+        problems.add("the looks of the vertices cannot be used: their numbers are not those that the keyword announces")
+        letters = ""
+    if not letters:
+        return columns + [f"double extra{at}" for at in range(len(rest))]
+    columns += [f"double n{axis}" for axis in "xyz"[:at]]
+    columns += _name_colour(rest[at:end])
+    return columns + [f"double {name}" for name in "st" * ("ST" in letters)]
 
-    The line of a face has the number of its corners, their indices, and perhaps a colour.
-    """
-    # Nearly always all faces have as many corners as the first.
-    size = lines[0].split()[0] if lines else b""
-    if size.isdigit() and int(size) < len(lines[0]):
-        table = read_table(lines, range(1 + int(size)))
-        if table is not None and (table[:, 0] == int(size)).all():
-            return table[:, 1:].ravel(), table[:, 0]
-    rows = [line.split() for line in lines]
-    polygons = [row[1 : 1 + int(row[0])] for row in rows]
-    for face, (row, polygon) in enumerate(zip(rows, polygons, strict=True)):
-        if len(polygon) != int(row[0]):
-            raise MeshError(f"face {face} declares {int(row[0])} corners, but its line has {len(row) - 1} more numbers")
-    return join_polygons(polygons)
+
+def _name_colour(words: list[bytes]) -> list[str]:
+    """Return the types and names of a colour's numbers: whole ones are shares of 255, others of 1."""
+    kind = "uchar" if all(word.isdigit() for word in words) else "float"
+    return [f"{kind} {name}" for name in _COLOUR[: len(words)]]

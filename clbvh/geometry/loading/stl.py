@@ -1,14 +1,17 @@
-"""The STL format, binary and text: triangles in the file's order, of all solids.
+"""The STL format, binary and text, read by trimesh: triangles in the file's order, of all solids.
 
-Corners are merged where their coordinates are the same bit for bit, and nowhere else: a tolerance would need to know
-the unit, which the format does not name. Normals are skipped: they are those of the triangles. Colours of binary files
-are read, of both kinds: those of Materialise Magics, whose header has a `COLOR=`, and those of VisCAM and SolidView.
+trimesh takes texts of any structure, and drops a solid that does not end, so texts are looked at first. Corners are
+merged where their coordinates are the same bit for bit, and nowhere else: a tolerance would need to know the unit,
+which the format does not name. Normals are skipped: they are those of the triangles. Colours of binary files are read,
+of both kinds: those of Materialise Magics, whose header has a `COLOR=`, and those of VisCAM and SolidView.
 """
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,33 +22,43 @@ from ..appearance.material import OPAQUE, Material
 from ..appearance.srgb import linear_to_srgb_bytes
 from ..topology import find_equal_points
 from .file_mesh import FileMesh, Problems, finish_looks, spread_colours
+from .ply import are_number_lines
 
 _COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_TRIANGLE_BYTES = 50
 
 # Bits of the attribute: a mark, and three channels of 0 to 31. The colour in a header is red, green, blue and alpha.
 _MARK, _MOST = 0x8000, 31
 _DEFAULT_COLOUR = re.compile(rb"COLOR=(.{4})", re.DOTALL)
 
-# The words of a triangle, None where a number stands. Those of the normal may be anything.
-_VERTEX = (b"vertex", None, None, None)
-_FACET = (b"facet", b"normal", None, None, None, b"outer", b"loop", *3 * _VERTEX, b"endloop", b"endfacet")
-_COORDINATES = [at for at, word in enumerate(_FACET) if word is None][3:]
+# The first two letters of each line: whole solids of whole facets. A solid's name is free, and may hold any word.
+_NAME = re.compile(rb"\n(solid|endsolid)[^\n]*")
+_LINE = re.compile(rb"\n *(\w\w)")
+_STRUCTURE = re.compile(rb"(?:so(?:faouveveveenen)*en)+")
+_VERTEX = re.compile(rb"\n *vertex([^\n]*)")
 
 
 def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3), float32 of a binary file and float64 of a text, and the faces (F, 3)."""
+    from trimesh.exchange.stl import load_stl_ascii, load_stl_binary  # takes 0.3 s
+
     appearance = None
     if is_binary_stl(data):
-        triangles = np.frombuffer(data, _TRIANGLE, offset=_COUNT.stop)
-        corners = triangles["corners"].reshape(-1, 3)
+        loaded = load_stl_binary(io.BytesIO(data))
+        if "vertices" not in loaded:
+            return FileMesh("", np.empty((0, 3)), np.empty((0, 3), np.int64))
         with problems.drop("the colours"):
-            appearance = _read_colours(data[: _COUNT.start], triangles["attribute"])
+            appearance = _read_colours(data[: _COUNT.start], loaded["face_attributes"]["stl"])
+        solids = [loaded]
     else:
-        corners = _read_text(data)
+        text, triangle_count = _check_text(data)
+        loaded = load_stl_ascii(io.BytesIO(text))
+        solids = list(loaded["geometry"].values()) if "geometry" in loaded else [loaded]
+        if sum(len(solid["faces"]) for solid in solids) != triangle_count:
+            raise MeshError(f"the file is damaged: {triangle_count:,} facets are not as many triangles")
+    corners = np.concatenate([solid["vertices"] for solid in solids])
     first, ids = find_equal_points(corners)
-    vertices = corners[first]
-    return FileMesh("", vertices, ids.reshape(-1, 3), appearance)
+    return FileMesh("", corners[first], ids.reshape(-1, 3), appearance)
 
 
 def is_binary_stl(data: bytes) -> bool:
@@ -53,10 +66,24 @@ def is_binary_stl(data: bytes) -> bool:
 
     The first word tells nothing: many programs begin binary files with `solid`, as text files do.
     """
-    return len(data) == _COUNT.stop + int.from_bytes(data[_COUNT], "little") * _TRIANGLE.itemsize
+    return len(data) == _COUNT.stop + int.from_bytes(data[_COUNT], "little") * _TRIANGLE_BYTES
 
 
-def _read_colours(header: bytes, attributes: NDArray[np.uint16]) -> Appearance | None:
+def _check_text(data: bytes) -> tuple[bytes, int]:
+    """Return a text of whole solids without their names, and the number of its triangles."""
+    text = b"\n" + data.strip().replace(b"\r", b"\n").replace(b"\t", b" ").lower() + b"\n"
+    text = _NAME.sub(rb"\n\1", re.sub(rb"\n +(?=solid|endsolid)", b"\n", text))
+    if not text.startswith(b"\nsolid") or b"facet" not in text:
+        raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
+    if not _STRUCTURE.fullmatch(b"".join(_LINE.findall(text))):
+        raise MeshError("the file is cut off or damaged: it is not of whole solids of whole facets")
+    numbers = b"\n".join(_VERTEX.findall(text)) + b"\n"
+    if not are_number_lines(np.frombuffer(numbers, np.uint8), 3):
+        raise MeshError("the file is damaged: a vertex is not three numbers")
+    return text, text.count(b"endfacet")
+
+
+def _read_colours(header: bytes, attributes: NDArray[Any]) -> Appearance | None:
     """Return the colours of the triangles, whose attributes have 5 bits for each channel; None if they have none."""
     found = _DEFAULT_COLOUR.search(header)
     if not attributes.any() and found is None:
@@ -78,44 +105,3 @@ def _read_colours(header: bytes, attributes: NDArray[np.uint16]) -> Appearance |
         colours[has_own, channel] = (shares * OPAQUE + _MOST // 2) // _MOST
     corners = np.repeat(np.arange(len(colours))[:, None], 3, axis=1)
     return finish_looks({"colours": spread_colours(colours, corners)}, [])
-
-
-def _read_text(data: bytes) -> NDArray[np.float64]:
-    """Return the corners of all triangles, (3 F, 3)."""
-    text = data.replace(b"\r", b"\n").lower()
-    keywords, body = _split_solids(text)
-    words = body.split()
-    if not keywords or not words:
-        raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
-    whole_count = len(words) // len(_FACET)
-    for at, keyword in enumerate(_FACET):
-        column = words[at :: len(_FACET)]
-        if keyword is not None and column != [keyword] * len(column):
-            whole_count = min(whole_count, next(i for i, word in enumerate(column) if word != keyword))
-    if whole_count * len(_FACET) != len(words):
-        raise MeshError(
-            f"the file is cut off or damaged: behind {whole_count:,} whole triangles it has words that are none"
-        )
-    if keywords != [b"solid", b"endsolid"] * (len(keywords) // 2):
-        raise MeshError("the file is cut off or damaged: not every 'solid' is followed by its 'endsolid'")
-    columns = [np.loadtxt(words[at :: len(_FACET)], ndmin=1, comments=None) for at in _COORDINATES]
-    return np.column_stack(columns).reshape(-1, 3)
-
-
-def _split_solids(text: bytes) -> tuple[list[bytes], bytes]:
-    """Return the first words of all lines that begin or end a solid, and the text without those lines.
-
-    The name of a solid is free, and may hold any of the format's words.
-    """
-    keywords, parts, begin = [], [], 0
-    at = text.find(b"solid")
-    while at >= 0:
-        line_begin, line_end = text.rfind(b"\n", 0, at) + 1, text.find(b"\n", at)
-        line_end = len(text) if line_end < 0 else line_end
-        word = text[line_begin:line_end].split(None, 1)[0]
-        if word in (b"solid", b"endsolid"):
-            keywords.append(word)
-            parts.append(text[begin:line_begin])
-            begin = line_end
-        at = text.find(b"solid", line_end)
-    return keywords, b"".join([*parts, text[begin:]])

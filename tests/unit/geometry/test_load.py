@@ -235,8 +235,9 @@ def test_obj_with_groups_and_materials_keeps_the_order(tmp_path):
     """
     with pytest.warns(AppearanceWarning, match="none.mtl are missing"):
         mesh = load(tmp_path, "a.obj", text)
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3], [4, 3, 2]]
-    assert in_file_coordinates(mesh).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]]
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]])
+    faces = [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3], [4, 3, 2]]
+    assert mesh.vertices[mesh.faces].tolist() == vertices[faces].tolist()
 
 
 @pytest.mark.parametrize(
@@ -367,20 +368,24 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.off", b"OFF\n", "OFF file is damaged or incomplete", id="off-without-counts"),
         pytest.param("a.off", b"OFF\n-1 2 0\n", "declares -1 vertices", id="off-negative-count"),
         pytest.param("a.off", b"OFF\n%d 1 0\n" % 10**30, "cut off", id="off-huge-count"),
-        pytest.param("a.off", b"OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "row 2 with 2 columns", id="off-short"),
+        pytest.param(
+            "a.off", b"OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "vertex 1 has 2 numbers instead of 3", id="off-short"
+        ),
         pytest.param("a.off", b"OFF\n1 1 0\n0 0 0\n4 0 0 0\n", "face 0 declares 4 corners", id="off-short-face"),
-        pytest.param("a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 0\n3 0 0 0\n", "goes on behind the 1 vert", id="off-long"),
-        pytest.param("a.off", b"OFF\n1 1 0\n0 0 x\n3 0 0 0\n", "'x'", id="off-word"),
+        pytest.param(
+            "a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 0\n3 0 0 0\n", "1 vertices and 1 faces, but has 3 lines", id="off-long"
+        ),
+        pytest.param("a.off", b"OFF\n1 1 0\n0 0 x\n3 0 0 0\n", "OFF file is damaged", id="off-word"),
         pytest.param(
             "a.off", b"OFF\n1 1 0\n0 0 0\n3 0 0 1\n", r"face 0 refers to vertex 1.*\(0 to 0\)", id="off-index"
         ),
         pytest.param("a.obj", b"hello\n", "no vertices", id="not-an-obj"),
-        pytest.param("a.obj", b"v 0 0 0\nv 1 1", "row 2 with 2 columns", id="obj-cut-vertex"),
+        pytest.param("a.obj", b"v 0 0 0\nv 1 1", "vertex 1 is 'v 1 1', and not three", id="obj-cut-vertex"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1", "cut off in a face: face 0 has 2 corners", id="obj-cut-face"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 2\n", r"face 0 refers to vertex 2, .*\(1 to 1\)", id="obj-index"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 0\n", "face 0 refers to vertex 0", id="obj-index-0"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 -2\n", "face 0 refers to vertex", id="obj-index-back"),
-        pytest.param("a.obj", b"v 0 0 0\nv 0 zero 0\n", "'zero'", id="obj-word"),
+        pytest.param("a.obj", b"v 0 0 0\nv 0 zero 0\n", "vertex 1 is 'v 0 zero 0', and not", id="obj-word"),
         pytest.param("a.obj", b"v 0 0 0\nf 1 1 1\nf 1 a 1\n", "'a'", id="obj-face-word"),
         pytest.param("a.obj", b"v 0 0 0\n", "1 vertices but no faces", id="obj-points"),
         pytest.param("a.stl", b"hello", "cut off or not an STL file", id="stl-short"),
@@ -388,11 +393,17 @@ TWO_SOLIDS = f"solid\n{facet(CUBE[:3])}endsolid\nsolid\n{facet(CUBE[:3])}"
         pytest.param("a.stl", b"\1" * 84, "cut off or not an STL file", id="stl-huge"),
         pytest.param("a.stl", b"solid a\n", "cut off or not an STL file", id="stl-cut"),
         pytest.param("a.stl", b"endsolid\nsolid", "cut off or not an STL file", id="stl-turned"),
-        pytest.param("a.stl", f"solid\n{facet(CUBE[:4])}endsolid", "behind 0 whole triangles", id="stl-quad"),
-        pytest.param("a.stl", f"solid\n{facet(CUBE[:3])} facet normal\nendsolid", "behind 1 whole", id="stl-open"),
-        pytest.param("a.stl", f"solid\n{facet([(0, 0, 'x')] * 3)}endsolid", "STL file is damaged", id="stl-word"),
-        pytest.param("a.stl", f"solid\n{facet([(0, 0, '0 0')] * 3)}endsolid", "behind 0 whole triangles", id="stl-4"),
-        pytest.param("a.stl", TWO_SOLIDS, "not every 'solid' is followed by its 'endsolid'", id="stl-open-solid"),
+        pytest.param(
+            "a.stl", f"solid\n{facet(CUBE[:4])}endsolid", "not of whole solids of whole facets", id="stl-quad"
+        ),
+        pytest.param(
+            "a.stl", f"solid\n{facet(CUBE[:3])} facet normal\nendsolid", "not of whole solids of", id="stl-open"
+        ),
+        pytest.param("a.stl", f"solid\n{facet([(0, 0, 'x')] * 3)}endsolid", "not three numbers", id="stl-word"),
+        pytest.param(
+            "a.stl", f"solid\n{facet([(0, 0, '0 0')] * 3)}endsolid", "a vertex is not three numbers", id="stl-4"
+        ),
+        pytest.param("a.stl", TWO_SOLIDS, "not of whole solids", id="stl-open-solid"),
         pytest.param("a.ply", PLY_HEADER, "cut off .*'end_header'", id="ply-cut-header"),
         pytest.param("a.ply", b"ply\nelement vertex 0\nend_header\n", "no 'format' line", id="ply-no-format"),
         pytest.param("a.ply", b"ply\nformat ascii 1.0\nend_header\n", "no vertices", id="ply-no-vertices"),

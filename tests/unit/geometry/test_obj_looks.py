@@ -170,8 +170,8 @@ def test_an_alpha_that_no_statement_asks_for_is_ignored(tmp_path):
         ("mtllib a.mtl\nusemtl a\n", "newmtl a\nKd nan 0 0\n", "material 'a' cannot be used"),
         ("mtllib a.mtl\nusemtl a\n", "newmtl a\nmap_Kd lost.png\nmap_Ke lost.png\n", "texture .*lost.png is missing"),
         ("mtllib a.mtl\nusemtl a\n", "newmtl a\nmap_Kd a.mtl\n", "no picture in a format that is read"),
-        ("vt 0 0\nvt 1 1\nvt nan 0\nf 1/1 2/2 3/3\n", "", "texture coordinates cannot be used"),
-        ("vn 0 0 1\nf 1//1 2//1 3//2\n", "", "normals cannot be used: a corner refers to one"),
+        ("vt 0 0\nvt 1 1\nvt nan 0\nf 1/1 2/2 3/3\n", "", "texture coordinates .*cannot be used"),
+        ("vn 0 0 1\nf 1//1 2//1 3//2\n", "", "normals cannot be used: a corner refers to one that is missing"),
         ("vn 0 0 x\nf 1//1 2//1 3//1\n", "", "normals cannot be used"),
         ("f 1//1 2//1 3//1\n", "", "normals cannot be used"),
         ("f 1/1/1/1 2 3\n", "", "a corner has words that are no indices"),
@@ -188,7 +188,7 @@ def test_what_cannot_be_used_is_one_warning(tmp_path, text, mtl, message):
 def test_many_problems_are_one_warning_that_counts_the_rest(tmp_path):
     text = SQUARE + "mtllib a.mtl\nvn 0 0 x\n" + "".join(f"usemtl {i}\nf 1//1 2//1 3//1\n" for i in range(6))
     mtl = "".join(f"newmtl {i}\nKd x\n" for i in range(5)) + "newmtl 5\n"
-    with pytest.warns(clbvh.AppearanceWarning, match=r"the normals .*; the material '0' .*; and 4 more$") as caught:
+    with pytest.warns(clbvh.AppearanceWarning, match=r"normals .*; the material '0' .*; and 4 more$") as caught:
         load(tmp_path, text, a_mtl=mtl)
     assert len(caught) == 1
 

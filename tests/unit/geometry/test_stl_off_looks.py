@@ -84,8 +84,8 @@ def test_colours_of_faces_follow_the_cut(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("COFF\n4 2 0\n0 0 0 1 1 1\n1 0 0\n2 1 0\n0 1 0\n", "vertices cannot be used: their lines differ"),
-        ("COFF\n4 2 0\n0 0 0 1\n1 0 0 1\n2 1 0 1\n0 1 0 1\n", "a colour has 1 numbers"),
+        ("COFF\n4 2 0\n0 0 0 1 1 1\n1 0 0\n2 1 0\n0 1 0\n", "vertices cannot be used: their numbers are not"),
+        ("COFF\n4 2 0\n0 0 0 1\n1 0 0 1\n2 1 0 1\n0 1 0 1\n", "their numbers are not those that the keyword announces"),
         ("OFF\n4 3 0\n0 0 0\n1 0 0\n2 1 0\n0 1 0\n3 0 1 2 9 9 9\n", "colours cannot be used: not all faces"),
     ],
 )
