@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options, picture_options, view_options
+from . import options, picture_options
 
 if TYPE_CHECKING:
     from ..rendering.camera import Camera
@@ -48,35 +48,31 @@ def images(
             help="Pixel values for a unit of length in PNG files, such as 1000.", show_default="a round one that fits"
         ),
     ] = None,
-    width: view_options.Width = None,
-    height: view_options.Height = None,
-    camera: view_options.CameraKind = None,
+    width: picture_options.Width = None,
+    height: picture_options.Height = None,
+    camera: picture_options.CameraKind = None,
     camera_file: Annotated[
         Path | None,
-        typer.Option(
-            "--camera-file",
+        picture_options.scene_option(
+            "Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.",
             metavar="FILE.json",
-            help="Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files.",
-            rich_help_panel=view_options.SCENE_PANEL,
+            flag="--camera-file",
         ),
     ] = None,
     next_camera_file: Annotated[
         Path | None,
-        typer.Option(
-            "--next-camera-file",
-            metavar="FILE.json",
-            help="Camera of the second pose, for motion.",
-            rich_help_panel=view_options.SCENE_PANEL,
+        picture_options.scene_option(
+            "Camera of the second pose, for motion.", metavar="FILE.json", flag="--next-camera-file"
         ),
     ] = None,
-    eye: view_options.Eye = None,
-    look_at: view_options.LookAt = None,
-    up: view_options.Up = None,
-    fov: view_options.Fov = None,
-    view: view_options.View = None,
-    frame: view_options.Frame = None,
-    cut: view_options.CutPlane = None,
-    cut_box: view_options.CutBox = None,
+    eye: picture_options.Eye = None,
+    look_at: picture_options.LookAt = None,
+    up: picture_options.Up = None,
+    fov: picture_options.Fov = None,
+    view: picture_options.View = None,
+    frame: picture_options.Frame = None,
+    cut: picture_options.CutPlane = None,
+    cut_box: picture_options.CutBox = None,
     shading: picture_options.Shading = None,
     samples: picture_options.Samples = None,
     wireframe: picture_options.ShowWireframe = False,
@@ -105,12 +101,12 @@ def images(
     if "motion" in names and next_camera_file is None:
         raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
     first, second = (None if path is None else read_camera(path) for path in (camera_file, next_camera_file))
-    changes = view_options.parse_view(
+    changes = picture_options.parse_view(
         eye=eye, look_at=look_at, up=up, fov=fov, frame=frame, cut=cut, cut_box=cut_box,
         wireframe=picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
     )  # fmt: skip
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
-    scene = view_options.with_view(options.open_sources(sources), changes, camera, view)
+    scene = picture_options.with_view(options.open_sources(sources), changes, camera, view)
 
     begin = time.perf_counter()
     settings: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}

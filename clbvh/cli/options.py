@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,8 +15,18 @@ if TYPE_CHECKING:
     from ..builders.options import BuildOptions
     from ..rendering.scene import Scene
 
-TREE_PANEL = "Tree"
-DEVICE_PANEL = "Device"
+
+def make_option(panel: str) -> Callable[..., Any]:
+    """Return a short form of `typer.Option` for the options of one panel of the help."""
+
+    def make(text: str, shown: str | bool = True, *, metavar: str | None = None, flag: str | None = None) -> Any:
+        flags = [] if flag is None else [flag]
+        return typer.Option(*flags, help=text, show_default=shown, metavar=metavar, rich_help_panel=panel)
+
+    return make
+
+
+tree_option, device_option = make_option("Tree"), make_option("Device")
 
 # The defaults of `clbvh.BuildOptions`, repeated because importing them would make `clbvh --help` slow. A test compares
 # them.
@@ -41,70 +52,27 @@ Sources = Annotated[
 ]
 Builder = Annotated[
     str,
-    typer.Option(
-        help="sah, or a variant of the report's ladder: sequential, naive, range, cached, median, bin, atomic, "
-        "flatten, flat, frontier; for render also brute: no tree.",
-        rich_help_panel=TREE_PANEL,
+    tree_option(
+        "sah, or a variant of the report's ladder: sequential, naive, range, cached, median, bin, atomic, "
+        "flatten, flat, frontier; for render also brute: no tree."
     ),
 ]
-Workers = Annotated[
-    int | None,
-    typer.Option(
-        help="Threads that build the tree, at most.",
-        show_default="one per usable processor",
-        rich_help_panel=TREE_PANEL,
-    ),
-]
-Bins = Annotated[
-    int | None,
-    typer.Option(
-        help="Bins per axis, 2 to 64.", show_default="16 for sah, 8 for the ladder", rich_help_panel=TREE_PANEL
-    ),
-]
-LeafSize = Annotated[int, typer.Option(help="Most triangles in a leaf.", rich_help_panel=TREE_PANEL)]
-TraversalCost = Annotated[
-    float, typer.Option(help="Cost of a node step, in triangle tests.", rich_help_panel=TREE_PANEL)
-]
+Workers = Annotated[int | None, tree_option("Threads that build the tree, at most.", "one per usable processor")]
+Bins = Annotated[int | None, tree_option("Bins per axis, 2 to 64.", "16 for sah, 8 for the ladder")]
+LeafSize = Annotated[int, tree_option("Most triangles in a leaf.")]
+TraversalCost = Annotated[float, tree_option("Cost of a node step, in triangle tests.")]
 TaskThreshold = Annotated[
-    int | None,
-    typer.Option(
-        help="Most triangles in one task of a worker.",
-        show_default="depends on mesh and workers",
-        rich_help_panel=TREE_PANEL,
-    ),
+    int | None, tree_option("Most triangles in one task of a worker.", "depends on mesh and workers")
 ]
-Frontier = Annotated[
-    int, typer.Option(help="Most triangles in a leaf, for the builder frontier.", rich_help_panel=TREE_PANEL)
-]
-Quality = Annotated[
-    str,
-    typer.Option(
-        help="Quality of the tree, for the builder sah: fast (to build), default or high.", rich_help_panel=TREE_PANEL
-    ),
-]
-UseCache = Annotated[
-    bool,
-    typer.Option(
-        "--cache", help="Keep the tree for later runs, and use one that was kept.", rich_help_panel=TREE_PANEL
-    ),
-]
+Frontier = Annotated[int, tree_option("Most triangles in a leaf, for the builder frontier.")]
+Quality = Annotated[str, tree_option("Quality of the tree, for the builder sah: fast (to build), default or high.")]
+UseCache = Annotated[bool, tree_option("Keep the tree for later runs, and use one that was kept.", flag="--cache")]
 CacheFolder = Annotated[
     Path | None,
-    typer.Option(
-        "--cache-dir",
-        metavar="DIR",
-        help="Like --cache, in this folder.",
-        show_default="CLBVH_CACHE, or the user's cache",
-        rich_help_panel=TREE_PANEL,
-    ),
+    tree_option("Like --cache, in this folder.", "CLBVH_CACHE, or the user's cache", metavar="DIR", flag="--cache-dir"),
 ]
 Device = Annotated[
-    str | None,
-    typer.Option(
-        help="A number, a part of a name, gpu or cpu; see `clbvh devices`.",
-        show_default="a GPU, if there is one",
-        rich_help_panel=DEVICE_PANEL,
-    ),
+    str | None, device_option("A number, a part of a name, gpu or cpu; see `clbvh devices`.", "a GPU, if there is one")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
 

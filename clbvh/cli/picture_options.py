@@ -1,136 +1,227 @@
-"""Options of the pictures that `clbvh render` draws: each is a setting of `Scene` with the same name."""
+"""Options of pictures: what they show, from where, and how. Each is a setting of `Scene`, and the verbs share them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from .view_options import SCENE_PANEL, parse_vector
+from .options import make_option
 
 if TYPE_CHECKING:
+    from ..rendering.cut import Cut
+    from ..rendering.scene import Scene
     from ..rendering.settings import Wireframe
+    from ..rendering.vectors import Vector
 
-SAMPLES_PANEL = "Samples and colours"
+scene_option, samples_option = make_option("Scene"), make_option("Samples and colours")
+
+_AXES = ("x", "y", "z")
+
+Width = Annotated[int | None, scene_option("Pixels.", "800")]
+Height = Annotated[int | None, scene_option("Pixels.", "450")]
+Eye = Annotated[str | None, scene_option("Position of the camera.", "sees the whole mesh", metavar="X,Y,Z")]
+LookAt = Annotated[str | None, scene_option("Point that the camera looks at.", metavar="X,Y,Z")]
+Up = Annotated[
+    str | None,
+    scene_option(
+        "Direction that is up in the picture; auto: y or z, by the shape.",
+        "auto for mesh files, y for glTF and scenes",
+        metavar="X,Y,Z|y|z|auto",
+    ),
+]
+Fov = Annotated[float | None, scene_option("Vertical field of view in degrees.", "35")]
+View = Annotated[
+    str | None,
+    scene_option(
+        "front, right, back, left, top, bottom or iso: the whole mesh from this side.",
+        "a little from the right and above",
+    ),
+]
+Frame = Annotated[
+    str | None,
+    scene_option(
+        "What the picture of the whole shows: auto leaves out a few small parts far away from the rest.",
+        "auto",
+        metavar="auto|all",
+    ),
+]
+CameraKind = Annotated[
+    str | None,
+    scene_option(
+        "perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the "
+        "degrees of a fisheye as in fisheye:220.",
+        "perspective",
+        metavar="KIND",
+    ),
+]
+CutPlane = Annotated[
+    str | None,
+    scene_option(
+        "Do not show what lies on the normal's side of a plane through a point; light comes as if it were there.",
+        metavar='"X,Y,Z;NX,NY,NZ"',
+        flag="--cut",
+    ),
+]
+CutBox = Annotated[
+    str | None,
+    scene_option(
+        "Do not show what lies inside a box, by its lower and its upper corner.",
+        metavar='"X,Y,Z;X,Y,Z"',
+        flag="--cut-box",
+    ),
+]
+Background = Annotated[str | None, scene_option("Linear colour, each 0 to 1.", metavar="R,G,B")]
+
+
+def parse_vector(option: str, text: str | None) -> Vector | None:
+    """Return the three numbers of an option such as ``--eye 1,2,3``."""
+    from ..errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"{option} needs three numbers with commas between them, such as 1,2,3, not '{text}'"
+        ) from error
+    return x, y, z
+
+
+def parse_up(text: str | None) -> Vector | str | None:
+    """Return the direction of ``--up``, which may be an axis such as ``z``, ``+z`` or ``-z``, or ``"auto"``."""
+    from ..errors import ConfigError
+
+    if text is None or text == "auto":
+        return text
+    if text.lower().lstrip("+-") in _AXES and len(text) <= len("-z"):
+        length = -1.0 if text.startswith("-") else 1.0
+        x, y, z = (length if text[-1].lower() == axis else 0.0 for axis in _AXES)
+        return x, y, z
+    try:
+        return parse_vector("--up", text)
+    except ConfigError as error:
+        raise ConfigError(f"--up needs x, y or z, three numbers such as 0,0,1, or auto, not '{text}'") from error
+
+
+def parse_cut(plane: str | None, box: str | None) -> Cut | None:
+    """Return the cut of ``--cut`` or ``--cut-box``."""
+    from ..errors import ConfigError
+    from ..rendering.cut import parse_cut as parse
+
+    if plane is not None and box is not None:
+        raise ConfigError("--cut and --cut-box were given: a picture has one cut")
+    if plane is not None:
+        return parse("plane", plane)
+    return None if box is None else parse("box", box)
+
+
+def parse_view(
+    *,
+    eye: str | None = None,
+    look_at: str | None = None,
+    up: str | None = None,
+    cut: str | None = None,
+    cut_box: str | None = None,
+    background: str | None = None,
+    **settings: Any,
+) -> dict[str, Any]:
+    """Return settings of a scene by their names; None where an option was not given.
+
+    Raises
+    ------
+    ConfigError, SceneError
+        A text cannot be read.
+    """
+    return {
+        "eye": parse_vector("--eye", eye),
+        "look_at": parse_vector("--look-at", look_at),
+        "up": parse_up(up),
+        "cut": parse_cut(cut, cut_box),
+        # One colour stands for top and bottom.
+        "background": parse_vector("--background", background),
+        **settings,
+    }
+
+
+def with_view(scene: Scene, changes: dict[str, Any], camera: str | None = None, view: str | None = None) -> Scene:
+    """Return the scene with changed settings, a camera of another kind, which may be perspective, or a side to see.
+
+    Parameters
+    ----------
+    scene : Scene
+    changes : dict of str to setting
+        Those that are None are left out.
+    camera : str, optional
+        The text of ``--camera``.
+    view : str, optional
+        The text of ``--view``.
+    """
+    from ..errors import ConfigError
+    from ..rendering.projection import parse_projection
+
+    if camera is not None:
+        projection = parse_projection(camera)
+        if projection is not None and changes.get("fov") is not None:
+            raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
+        scene = replace(scene, projection=projection)
+    return (scene if view is None else scene.with_view(view)).with_changes(**changes)
+
 
 Shading = Annotated[
     str | None,
-    typer.Option(
-        help="studio, ao or path; lambert, lambert+shadow, normal or depth, with one ray for each pixel.",
-        show_default="studio",
-        rich_help_panel=SCENE_PANEL,
+    scene_option(
+        "studio, ao or path; lambert, lambert+shadow, normal or depth, with one ray for each pixel.", "studio"
     ),
 ]
-Samples = Annotated[
-    int | None,
-    typer.Option(
-        help="Rays through each pixel, for studio, ao and path.",
-        show_default="16, 16 and 64",
-        rich_help_panel=SAMPLES_PANEL,
-    ),
-]
+Samples = Annotated[int | None, samples_option("Rays through each pixel, for studio, ao and path.", "16, 16 and 64")]
 TimeLimit = Annotated[
     float | None,
-    typer.Option(
-        "--time",
-        metavar="SECONDS",
-        help="Take as many samples as this time allows; one at least.",
-        show_default="no limit",
-        rich_help_panel=SAMPLES_PANEL,
+    samples_option(
+        "Take as many samples as this time allows; one at least.", "no limit", metavar="SECONDS", flag="--time"
     ),
 ]
-Keep = Annotated[
-    bool,
-    typer.Option("--keep", help="On Ctrl-C, write the picture of the samples so far.", rich_help_panel=SAMPLES_PANEL),
-]
-Seed = Annotated[
-    int | None, typer.Option(help="Of the sample points.", show_default="0", rich_help_panel=SAMPLES_PANEL)
-]
+Keep = Annotated[bool, samples_option("On Ctrl-C, write the picture of the samples so far.", flag="--keep")]
+Seed = Annotated[int | None, samples_option("Of the sample points.", "0")]
 Smooth = Annotated[
     float | None,
-    typer.Option(
+    samples_option(
+        "Look smooth over edges that turn by less; 0: facets. Given, also in place of a file's normals.",
+        "40, for meshes without normals",
         metavar="DEGREES",
-        help="Look smooth over edges that turn by less; 0: facets. Given, also in place of a file's normals.",
-        show_default="40, for meshes without normals",
-        rich_help_panel=SAMPLES_PANEL,
     ),
 ]
 Ground = Annotated[
     bool | None,
-    typer.Option(
-        "--ground/--no-ground",
-        help="Put a ground below all objects (studio, path).",
-        show_default="in studio alone",
-        rich_help_panel=SAMPLES_PANEL,
-    ),
+    samples_option("Put a ground below all objects (studio, path).", "in studio alone", flag="--ground/--no-ground"),
 ]
 Transparent = Annotated[
-    bool | None,
-    typer.Option("--transparent", help="Leave the background out, in a PNG with alpha.", rich_help_panel=SAMPLES_PANEL),
+    bool | None, samples_option("Leave the background out, in a PNG with alpha.", flag="--transparent")
 ]
-ShowWireframe = Annotated[
-    bool, typer.Option("--wireframe", help="Draw the edges of triangles.", rich_help_panel=SAMPLES_PANEL)
-]
-WireframeWidth = Annotated[
-    float | None,
-    typer.Option(metavar="PIXELS", help="Of their lines.", show_default="1", rich_help_panel=SAMPLES_PANEL),
-]
+ShowWireframe = Annotated[bool, samples_option("Draw the edges of triangles.", flag="--wireframe")]
+WireframeWidth = Annotated[float | None, samples_option("Of their lines.", "1", metavar="PIXELS")]
 WireframeColour = Annotated[
-    str | None,
-    typer.Option(
-        metavar="R,G,B",
-        help="Of their lines, linear, each 0 to 1.",
-        show_default="0,0,0",
-        rich_help_panel=SAMPLES_PANEL,
-    ),
+    str | None, samples_option("Of their lines, linear, each 0 to 1.", "0,0,0", metavar="R,G,B")
 ]
-Exposure = Annotated[
-    float | None,
-    typer.Option(
-        metavar="STOPS", help="Brighten studio, ao and path.", show_default="0", rich_help_panel=SAMPLES_PANEL
-    ),
-]
+Exposure = Annotated[float | None, samples_option("Brighten studio, ao and path.", "0", metavar="STOPS")]
 ToneCurve = Annotated[
-    str | None,
-    typer.Option(
-        help="linear, or filmic: bright light does not become white at once.",
-        show_default="filmic for path",
-        rich_help_panel=SAMPLES_PANEL,
-    ),
+    str | None, samples_option("linear, or filmic: bright light does not become white at once.", "filmic for path")
 ]
 Environment = Annotated[
     str | None,
-    typer.Option(
-        metavar="FILE",
-        help="Light from a panorama, .hdr or .exr. Without --shading, the shading is path.",
-        show_default="the background",
-        rich_help_panel=SAMPLES_PANEL,
+    samples_option(
+        "Light from a panorama, .hdr or .exr. Without --shading, the shading is path.", "the background", metavar="FILE"
     ),
 ]
-EnvironmentRotation = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DEGREES",
-        help="Turn it about the up direction.",
-        show_default="0",
-        rich_help_panel=SAMPLES_PANEL,
-    ),
-]
-EnvironmentStrength = Annotated[
-    float | None,
-    typer.Option(metavar="FACTOR", help="Of its light.", show_default="1", rich_help_panel=SAMPLES_PANEL),
-]
-MaxBounces = Annotated[
-    int | None,
-    typer.Option(help="Reflections after which a path ends.", show_default="12", rich_help_panel=SAMPLES_PANEL),
-]
+EnvironmentRotation = Annotated[float | None, samples_option("Turn it about the up direction.", "0", metavar="DEGREES")]
+EnvironmentStrength = Annotated[float | None, samples_option("Of its light.", "1", metavar="FACTOR")]
+MaxBounces = Annotated[int | None, samples_option("Reflections after which a path ends.", "12")]
 Clamp = Annotated[
     float | None,
-    typer.Option(
+    samples_option(
+        "Limit the light of a sample (path): no bright dots, and a picture that is a little too dark.",
+        "no limit",
         metavar="LIGHT",
-        help="Limit the light of a sample (path): no bright dots, and a picture that is a little too dark.",
-        show_default="no limit",
-        rich_help_panel=SAMPLES_PANEL,
     ),
 ]
 

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options, picture_options, view_options
-from .render_progress import render_with_status
-from .render_report import print_render_report
+from . import options, picture_options
+from .signals import calling_on_interrupt
+from .tables import add_time, describe_count, describe_mesh, describe_workers, make_facts, make_times, print_tables
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..rendering.picture import Picture
+    from ..rendering.render import RenderOptions
     from ..rendering.scene import Scene
 
-_SCENE = view_options.SCENE_PANEL
+# No estimate of the time that is left before this many seconds: the first samples say little.
+_LEAST_S = 0.5
 
 
 def render(
@@ -36,40 +40,33 @@ def render(
             help="Write t, u, v, prim_id, geometry_id and instance_id of every pixel, each (H, W), and the names.",
         ),
     ] = None,
-    width: view_options.Width = None,
-    height: view_options.Height = None,
+    width: picture_options.Width = None,
+    height: picture_options.Height = None,
     shading: picture_options.Shading = None,
-    eye: view_options.Eye = None,
-    look_at: view_options.LookAt = None,
-    up: view_options.Up = None,
-    fov: view_options.Fov = None,
-    view: view_options.View = None,
-    frame: view_options.Frame = None,
-    camera: view_options.CameraKind = None,
+    eye: picture_options.Eye = None,
+    look_at: picture_options.LookAt = None,
+    up: picture_options.Up = None,
+    fov: picture_options.Fov = None,
+    view: picture_options.View = None,
+    frame: picture_options.Frame = None,
+    camera: picture_options.CameraKind = None,
     aperture: Annotated[
         float | None,
-        typer.Option(
-            metavar="DIAMETER", help="Opening of the lens: depth of field.", show_default="0", rich_help_panel=_SCENE
-        ),
+        picture_options.scene_option("Opening of the lens: depth of field.", "0", metavar="DIAMETER"),
     ] = None,
     focus: Annotated[
         float | None,
-        typer.Option(
-            metavar="DISTANCE",
-            help="Distance that is sharp with an aperture.",
-            show_default="that of the point looked at",
-            rich_help_panel=_SCENE,
+        picture_options.scene_option(
+            "Distance that is sharp with an aperture.", "that of the point looked at", metavar="DISTANCE"
         ),
     ] = None,
     light: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y,Z", help="Direction to the light.", show_default="above, to the left", rich_help_panel=_SCENE
-        ),
+        picture_options.scene_option("Direction to the light.", "above, to the left", metavar="X,Y,Z"),
     ] = None,
-    cut: view_options.CutPlane = None,
-    cut_box: view_options.CutBox = None,
-    background: view_options.Background = None,
+    cut: picture_options.CutPlane = None,
+    cut_box: picture_options.CutBox = None,
+    background: picture_options.Background = None,
     samples: picture_options.Samples = None,
     time_limit: picture_options.TimeLimit = None,
     keep: picture_options.Keep = False,
@@ -100,9 +97,7 @@ def render(
     device: options.Device = None,
     layout: Annotated[
         str,
-        typer.Option(
-            help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8.", rich_help_panel=options.DEVICE_PANEL
-        ),
+        typer.Option(help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8."),
     ] = "auto",
     heatmap: Annotated[
         str | None,
@@ -128,7 +123,7 @@ def render(
     if heatmap is not None:
         _check_heat_map(heatmap, builder)
     changes: dict[str, Any] = {
-        **view_options.parse_view(
+        **picture_options.parse_view(
             width=width,
             height=height,
             eye=eye,
@@ -158,7 +153,7 @@ def render(
         "aperture": aperture,
         "focus_distance": focus,
     }
-    light_direction = view_options.parse_vector("--light", light)
+    light_direction = picture_options.parse_vector("--light", light)
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
@@ -170,13 +165,13 @@ def render(
     )
 
     scene, load_timings_ms = _open(sources)
-    scene = view_options.with_view(scene, changes, camera, view)
+    scene = picture_options.with_view(scene, changes, camera, view)
     if scene.transparent and heatmap is None:
         for path in output:
             check_has_alpha(path)
     if light_direction is not None:
         scene = scene.with_changes(light=scene.light.with_direction(light_direction))
-    picture = render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)
+    picture = _render_with_status(scene, wanted, time_limit_s=time_limit, keeps=keep)
     report = picture.report()
     for phase, ms in load_timings_ms.items():
         report["timings_ms"][phase] += ms
@@ -184,7 +179,7 @@ def render(
     if as_json:
         print(json.dumps(report, indent=2))
     else:
-        print_render_report(report, picture)
+        _print_report(report, picture)
     options.print_notes(picture.notes)
     if not report["hits"]:
         options.print_notes(["no ray hits anything: the picture shows the background only"])
@@ -236,3 +231,105 @@ def _list_names(picture: Picture, scene: Scene) -> tuple[Sequence[str], Sequence
         return (picture.mesh.name,), (picture.mesh.name,)
     state = scene.snapshot()
     return state.names, state.instance_names
+
+
+def _render_with_status(
+    scene: Scene, options: RenderOptions, *, time_limit_s: float | None = None, keeps: bool = False
+) -> Picture:
+    """Render, and show the phase, the share of the samples and the time that is left if stderr is a terminal.
+
+    With `keeps`, Ctrl-C ends the picture early instead of the process.
+    """
+    from rich.console import Console
+
+    from ..rendering.render import render
+
+    stopped = threading.Event()
+    console = Console(stderr=True)
+    with console.status("") as status, calling_on_interrupt(stopped.set) if keeps else nullcontext():
+        begin = time.perf_counter()
+
+        def show(done: int, total: int) -> None:
+            spent = time.perf_counter() - begin
+            left = spent * (total - done) / done
+            if time_limit_s is not None:
+                status.update(f"render: {spent:.0f} of {time_limit_s:.0f} s ...")
+            elif spent > _LEAST_S:
+                status.update(f"render: {100 * done // total} %, about {left:.0f} s left ...")
+
+        return render(
+            scene, options, time_limit_s=time_limit_s, on_samples=show, is_stopped=stopped.is_set,
+            on_phase=lambda phase: status.update(f"{phase} ..."),
+        )  # fmt: skip
+
+
+# The rows of the time table, in the order of the work.
+_PHASES = {
+    "load": "load the mesh, find its local coordinates",
+    "cache": "look the tree up in the cache, or keep it there",
+    "build": "build the tree",
+    "open": "open the device",
+    "layout": "arrange the tree for the device",
+    "compile": "compile kernels in a first run, or load them",
+    "upload": "host to device, by the device's clock",
+    "kernel": "trace and shade, by the device's clock",
+    "download": "device to host, by the device's clock",
+    "other": "launches, and whatever lies between the phases",
+    "total": "wall time",
+    "write": "write the picture or heat map, not in the total",
+}
+
+
+def _print_report(report: dict[str, Any], picture: Picture) -> None:
+    """Print the tables of a picture: what was drawn, and the time of each phase."""
+    from rich.markup import escape
+
+    facts = make_facts()
+    nodes = describe_count(report["nodes"], "node")
+    made_by = "from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])
+    if picture.objects is not None:
+        facts.add_row("scene", _describe_counts(report))
+        spheres = describe_count(report["spheres"], "sphere") if report["spheres"] else ""
+        facts.add_row("geometry", ", ".join(filter(None, (*_describe_triangles(report), spheres))))
+        facts.add_row("trees", f"{nodes}, depth {report['depth']} of both levels, {made_by}")
+    else:
+        facts.add_row("mesh", describe_mesh(report["mesh"], *_describe_triangles(report)))
+    if picture.bvh is not None:
+        facts.add_row(
+            "tree",
+            f"{nodes}, depth {report['depth']}, SAH cost {report['sah_cost']:.2f}, {made_by}",
+        )
+    facts.add_row("device", f"{escape(report['device'])}, layout {report['layout']}")
+    facts.add_row(
+        "picture",
+        f"{report['width']} x {report['height']}, {report['hits']:,} of {report['rays']:,} rays hit, "
+        f"{report['mrays_per_s']:.2f} Mray/s",
+    )
+    if report["validated_pixels"]:
+        trees = "tree" if picture.objects is None else "all trees"
+        facts.add_row("validated", f"{trees} and {report['validated_pixels']:,} pixels agree with the reference")
+
+    times = make_times()
+    for phase, description in _PHASES.items():
+        ms = report["timings_ms"][phase]
+        if phase == "load" and picture.objects is not None:
+            description = "load and place the objects"
+        if phase != "cache" or ms:
+            add_time(times, phase, ms, description, style="bold" if phase == "total" else "")
+    print_tables(facts, times)
+
+
+def _describe_triangles(report: dict[str, Any]) -> tuple[str, ...]:
+    degenerate = report["degenerate_triangles"]
+    return (
+        describe_count(report["triangles"], "triangle") if report["triangles"] else "",
+        f"{degenerate:,} of them degenerate: never hit" if degenerate else "",
+    )
+
+
+def _describe_counts(report: dict[str, Any]) -> str:
+    instances, geometries = report["instances"], report["geometries"]
+    return (
+        f"{instances:,} instance{'s' * (instances > 1)} of {geometries:,} geometr{'ies' if geometries > 1 else 'y'}, "
+        f"{report['placed_primitives']:,} primitives placed"
+    )

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from . import options, picture_options, view_options
+from . import options, picture_options
 
 # Those of `clbvh.contact_sheet`, repeated because importing them would make `clbvh --help` slow. A test compares them.
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300
@@ -21,26 +21,20 @@ def sheet(
         list[Path],
         typer.Option("-o", "--output", help="File of the picture, .png or .ppm; may be given several times."),
     ],
-    width: Annotated[
-        int, typer.Option(help="Pixels of each view.", rich_help_panel=view_options.SCENE_PANEL)
-    ] = DEFAULT_WIDTH,
-    height: Annotated[
-        int, typer.Option(help="Pixels of each view.", rich_help_panel=view_options.SCENE_PANEL)
-    ] = DEFAULT_HEIGHT,
+    width: Annotated[int, picture_options.scene_option("Pixels of each view.")] = DEFAULT_WIDTH,
+    height: Annotated[int, picture_options.scene_option("Pixels of each view.")] = DEFAULT_HEIGHT,
     shading: picture_options.Shading = None,
-    up: view_options.Up = None,
-    frame: view_options.Frame = None,
-    cut: view_options.CutPlane = None,
-    cut_box: view_options.CutBox = None,
-    background: view_options.Background = None,
+    up: picture_options.Up = None,
+    frame: picture_options.Frame = None,
+    cut: picture_options.CutPlane = None,
+    cut_box: picture_options.CutBox = None,
+    background: picture_options.Background = None,
     samples: picture_options.Samples = None,
     seed: picture_options.Seed = None,
     smooth: picture_options.Smooth = None,
     ground: Annotated[
         bool,
-        typer.Option(
-            "--ground", help="Show shadows on a ground (studio).", rich_help_panel=picture_options.SAMPLES_PANEL
-        ),
+        picture_options.samples_option("Show shadows on a ground (studio).", flag="--ground"),
     ] = False,
     wireframe: picture_options.ShowWireframe = False,
     wireframe_width: picture_options.WireframeWidth = None,
@@ -63,7 +57,7 @@ def sheet(
     for path in output:
         check_picture_path(path)
     changes = {
-        **view_options.parse_view(up=up, frame=frame, cut=cut, cut_box=cut_box, background=background),
+        **picture_options.parse_view(up=up, frame=frame, cut=cut, cut_box=cut_box, background=background),
         "shading": shading,
         "samples": samples,
         "seed": seed,

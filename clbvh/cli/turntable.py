@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from . import options, picture_options, view_options
+from . import options, picture_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,15 +30,15 @@ def turntable(
     ],
     frames: Annotated[int, typer.Option(help="Pictures of a full turn.")] = DEFAULT_FRAMES,
     frame_rate: Annotated[float, typer.Option("--fps", help="Pictures shown in a second.")] = DEFAULT_FRAME_RATE,
-    width: view_options.Width = None,
-    height: view_options.Height = None,
+    width: picture_options.Width = None,
+    height: picture_options.Height = None,
     shading: picture_options.Shading = None,
-    up: view_options.Up = None,
-    frame: view_options.Frame = None,
-    cut: view_options.CutPlane = None,
-    cut_box: view_options.CutBox = None,
-    background: view_options.Background = None,
-    camera: view_options.CameraKind = None,
+    up: picture_options.Up = None,
+    frame: picture_options.Frame = None,
+    cut: picture_options.CutPlane = None,
+    cut_box: picture_options.CutBox = None,
+    background: picture_options.Background = None,
+    camera: picture_options.CameraKind = None,
     samples: picture_options.Samples = None,
     seed: picture_options.Seed = None,
     smooth: picture_options.Smooth = None,
@@ -61,7 +61,7 @@ def turntable(
     check_animation(output, frame_rate)
     check_frame_count(frames)
     changes: dict[str, Any] = {
-        **view_options.parse_view(
+        **picture_options.parse_view(
             width=width, height=height, up=up, frame=frame, cut=cut, cut_box=cut_box, background=background
         ),
         "shading": shading,
@@ -74,7 +74,7 @@ def turntable(
         "tone_curve": tone_curve,
     }
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
-    scene = view_options.with_view(options.open_sources(sources), changes, camera)
+    scene = picture_options.with_view(options.open_sources(sources), changes, camera)
 
     begin = time.perf_counter()
     notes: list[str] = []

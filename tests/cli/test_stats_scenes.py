@@ -9,7 +9,7 @@ import pytest
 from clbvh import build, make_shape, open_scene, sah_cost
 from clbvh.builders.build import build_over
 from clbvh.builders.options import BuildOptions
-from clbvh.cli import scene_stats
+from clbvh.cli import stats as scene_stats
 from clbvh.layouts.device_arrays import measure_device_bytes
 from clbvh.structs import INSTANCE
 
@@ -105,12 +105,12 @@ def test_the_tables_have_both_levels(scene):
 
 
 def test_very_many_geometries_are_cut_short(scene, monkeypatch):
-    monkeypatch.setattr(scene_stats, "_MOST_ROWS", 1)
+    monkeypatch.setattr(scene_stats, "_MOST_GEOMETRIES", 1)
     text = run_clbvh("stats", scene).stdout
     assert "the 1 largest geometries; --json has all of them" in text
     assert "knots" in text
     assert "stars" not in text
-    monkeypatch.setattr(scene_stats, "_MOST_ROWS", 2)
+    monkeypatch.setattr(scene_stats, "_MOST_GEOMETRIES", 2)
     assert "largest geometries" not in run_clbvh("stats", scene).stdout
 
 

@@ -11,10 +11,10 @@ from PIL import Image
 
 import clbvh
 from clbvh.cli.images import images
+from clbvh.cli.picture_options import parse_up
 from clbvh.cli.render import render
 from clbvh.cli.sheet import sheet
 from clbvh.cli.turntable import turntable
-from clbvh.cli.view_options import parse_up
 from clbvh.errors import ConfigError
 
 from .command import refuses, run_clbvh
