@@ -56,7 +56,7 @@ conformance: $(INSTALLED) ## compare the answers of every OpenCL runtime here wi
 	$(BIN)/python .ci/compare_runtimes.py $(if $(INSTALL),--install) $(RUNTIMES)
 
 conformance-refresh: $(INSTALLED) ## store the answers of the default device anew, where they change on purpose
-	$(BIN)/python -m clbvh.conformance.refresh
+	$(BIN)/python -m clbvh.conformance.check
 
 platforms: $(INSTALLED_DEV) ## see whether all packages have wheels for each platform and Python (downloads 2 GB)
 	$(BIN)/python .ci/check_platforms.py

@@ -6,9 +6,8 @@ import pytest
 from clbvh.builders.build import build
 from clbvh.conformance import check as check_module
 from clbvh.conformance.cases import make_cases
-from clbvh.conformance.check import check_device, compare_answer
+from clbvh.conformance.check import ALL_LAYOUTS, answer_pictures, answer_rays, check_device, compare_answer
 from clbvh.conformance.expected import Expected, digest_of, load_expected
-from clbvh.conformance.queries import ALL_LAYOUTS, answer_pictures, answer_rays
 from clbvh.errors import ConfigError, InternalError
 
 

@@ -4,9 +4,8 @@ import pytest
 
 from clbvh.conformance import check as check_module, expected as expected_module
 from clbvh.conformance.cases import make_cases
-from clbvh.conformance.check import check_device, collect_expected
+from clbvh.conformance.check import answer_rays, check_device, collect_expected
 from clbvh.conformance.expected import load_expected, store_expected
-from clbvh.conformance.queries import answer_rays
 from clbvh.errors import ValidationError
 
 
