@@ -1,7 +1,7 @@
 """Asks a device about every case in every layout, and compares its answers with the stored ones, byte by byte.
 
 Answers are named arrays with one row per ray, point or pixel. `python -m clbvh.conformance.check`, or
-`make conformance-refresh`, stores them anew, where answers change on purpose, and refuses unless all layouts agree. Then
+`make conformance-refresh`, stores them anew, where answers change on purpose; it refuses unless all layouts agree. Then
 look at the other runtimes, with `make conformance`, before the file is committed.
 """
 
