@@ -9,7 +9,8 @@ from __future__ import annotations
 import pytest
 
 import clbvh
-from clbvh.builders.ladder.build_variant import LADDER
+from clbvh.builders.build import build_tree
+from clbvh.builders.ladder.variants import VARIANTS
 from clbvh.rendering.framing import frame_mesh
 
 RUNS = 9
@@ -29,12 +30,12 @@ NOT_THE_BUILD = "convert"
 
 def test_ladder(mesh):
     options = clbvh.BuildOptions(bins=8)
-    taken = {(name, workers): [] for name in LADDER for workers in WORKERS}
+    taken = {(name, workers): [] for name in VARIANTS for workers in WORKERS}
     with clbvh.SubtreePool(1) as one, clbvh.SubtreePool(2) as two:
         for run in range(RUNS):
             for (name, workers), laps in taken.items():
                 if run < SLOW_RUNS or name not in SLOW:
-                    laps.append(dict(LADDER[name](mesh, {1: one, 2: two}[workers], options).timings_ms))
+                    laps.append(dict(build_tree(mesh, name, {1: one, 2: two}[workers], options).timings_ms))
     print(f"\n{'variant':12}{'workers':>8}{'build ms':>10}  phases")
     for (name, workers), laps in taken.items():
         best = min(laps, key=_build_ms)

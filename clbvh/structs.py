@@ -58,7 +58,7 @@ BOX_TALLY = _lane(BOX, "tally")
 # A primitive reference is a box whose tag is the primitive's id.
 PRIM_REF_ID = BOX_TAG
 
-# A node of a tree whose leaves are expanded, see `builders/reinsertion/expand_leaves.py`: a box whose tag is the index
+# A node of a tree whose leaves are expanded, see `builders/reinsertion/expanded_tree.py`: a box whose tag is the index
 # of the first child, 0 in a leaf, and whose tally is the leaf's primitive.
 EXPANDED_FIRST = BOX_TAG
 EXPANDED_PRIM_ID = BOX_TALLY

@@ -1,10 +1,12 @@
-"""A mesh becomes a tree: the public function.
+"""A mesh becomes a tree: the public function, and the builders by their names.
 
-`registry` finds the builder by its name: `sah/build_sah.py` for the default, from where the steps can be followed.
+`sah/build_sah.py` is the default builder, from where the steps can be followed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..bvh import Bvh
@@ -12,13 +14,16 @@ from ..errors import ConfigError
 from ..geometry import Mesh, MeshLike, Shape, Spheres, as_mesh
 from ..geometry.box_mesh import mesh_of
 from ..support.host_threads import usable_cores
-from .executor import ThreadExecutor
+from .executor import Executor, ThreadExecutor
 from .ladder.variants import VARIANTS
-from .options import BuildOptions, check_workers
-from .registry import DEFAULT_BUILDER, find_builder
+from .options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions, check_workers
+from .sah.build_sah import build_sah
 
 if TYPE_CHECKING:
     from .processes.pool import SubtreePool
+
+
+DEFAULT_BUILDER = "sah"
 
 # Fewest primitives for each worker, unless a task threshold is given. A thread starts in about 100 us, and builds a
 # tree over 10,000 primitives in 2 ms.
@@ -28,6 +33,45 @@ PRIMS_PER_WORKER = 10_000
 # takes 46 % less memory for 50,000 spheres, and coherent rays are 1.1 times as fast, others 1.5 times; 2 and 4 are
 # nearly the same. The wide layouts, which choose their own leaves, are as fast with any (2-core x86-64 server, PoCL).
 _SPHERE_TRAVERSAL_COST = 3.0
+
+Builder = Callable[[Mesh, Executor, BuildOptions], Bvh]
+
+BUILDERS = (DEFAULT_BUILDER, *VARIANTS)
+
+
+def find_builder(name: str, options: BuildOptions) -> Builder:
+    """Return the function behind a builder's name; raise `ConfigError` as `check_builder` does."""
+    check_builder(name, options)
+    # A program needs one of them; the others are imported when they are asked for.
+    if name in VARIANTS:
+        from .ladder.build_variant import build_variant
+
+        return partial(build_variant, VARIANTS[name])
+    if options.quality == FAST_QUALITY:
+        from .hlbvh.build_hlbvh import build_hlbvh
+
+        return build_hlbvh
+    if options.quality == HIGH_QUALITY:
+        from .reinsertion.build_high import build_high
+
+        return build_high
+    return build_sah
+
+
+def check_builder(builder: str, options: BuildOptions, allowed: tuple[str, ...] = BUILDERS) -> None:
+    """Raise `ConfigError` for an unknown builder, and for a quality that it does not have."""
+    if builder not in allowed:
+        raise ConfigError(f"builder must be one of {', '.join(allowed)}, not '{builder}'")
+    if builder != DEFAULT_BUILDER and options.quality != DEFAULT_QUALITY:
+        raise ConfigError(
+            f"the builder {builder} has one quality, {DEFAULT_QUALITY}: leave '{options.quality}' out, or take the "
+            f"builder {DEFAULT_BUILDER}"
+        )
+
+
+def leaf_limit(builder: str, options: BuildOptions) -> int:
+    """Return the largest number of primitives in a leaf of this builder's trees."""
+    return VARIANTS[builder].leaf_size(options) if builder in VARIANTS else options.leaf_size
 
 
 def build(

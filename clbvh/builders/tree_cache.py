@@ -20,9 +20,8 @@ from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
 from ..support.folders import __version__, find_cache
 from ..support.stopwatch import Stopwatch
-from .build import build_tree, choose_workers
+from .build import BUILDERS, DEFAULT_BUILDER, build_tree, check_builder, choose_workers
 from .options import BuildOptions, check_workers
-from .registry import BUILDERS, DEFAULT_BUILDER, check_builder
 
 SUFFIX = ".tree"
 
@@ -151,8 +150,6 @@ def take_tree(path: Path, mesh: Mesh) -> tuple[Bvh | None, str]:
     if not path.exists():
         return None, ""
     unusable = "the tree in the cache cannot be used and is built again"
-    if not path.is_file():
-        return None, f"{unusable}: {path}: this is no regular file"
     try:
         bvh = Bvh.load(path, mesh)
     except TreeFileError as error:

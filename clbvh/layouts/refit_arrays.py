@@ -49,7 +49,7 @@ class RefitArrays:
         Half the size along each axis of the box around the tree, symmetric about zero, as it was last written.
     sah_cost : float
         Cost of the tree as it was last written: the expected number of nodes and blocks that a random ray through the
-        root's box meets, see `bvh/sah_cost.py`. The number of all of them if the root's area is zero.
+        root's box meets, see `bvh/bvh.py`. The number of all of them if the root's area is zero.
     """
 
     def __init__(self, topology: Topology) -> None:

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..builders.build import build
-from ..bvh.bvh import Bvh
-from ..bvh.sah_cost import sah_cost
+from ..bvh.bvh import Bvh, sah_cost
 from ..errors import SceneError
 from ..geometry.box_mesh import box_mesh, mesh_of
 from ..geometry.mesh import Mesh

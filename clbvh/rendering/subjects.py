@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.build import build
+from ..builders.build import BUILDERS, build, leaf_limit
 from ..builders.options import MAX_DEPTH
-from ..builders.registry import BUILDERS, leaf_limit
 from ..builders.tree_cache import BuildResult, TreeOptions, get_tree
 from ..bvh import Bvh, validate_tree
 from ..device.info import DeviceInfo

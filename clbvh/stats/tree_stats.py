@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bvh.bvh import Bvh
-from ..bvh.depth import find_depths
-from ..bvh.sah_cost import sah_cost
+from ..bvh.bvh import Bvh, find_depths, sah_cost
 from ..layouts.device_arrays import measure_device_bytes
 from ..structs import LAYOUT_WIDTHS
 from .overlap import measure_overlap

@@ -14,11 +14,9 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from ..builders.ladder.divide import Rule, Scratch, Task
-from ..builders.ladder.halves import BINS
-from ..builders.ladder.prims import BOX, Cached, Recomputed, bound_prim, centroid_of, fill_cache
-from ..builders.ladder.rows import build_rows
-from ..builders.ladder.variants import VARIANTS, Nodes
+from ..builders.ladder.divide import BOX, Cached, Recomputed, Rule, Scratch, Task, bound_prim, centroid_of, fill_cache
+from ..builders.ladder.subtrees import build_rows
+from ..builders.ladder.variants import BINS, VARIANTS, Nodes
 from ..builders.options import MAX_BINS, BuildOptions
 from ..geometry import Mesh
 from ..structs import NODE, NODE_LANES

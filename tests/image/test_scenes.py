@@ -10,7 +10,7 @@ import pytest
 
 import clbvh
 from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
-from clbvh.builders.registry import BUILDERS
+from clbvh.builders.build import BUILDERS
 from clbvh.errors import ConfigError, SceneError, ValidationError
 from clbvh.rendering import frame as frame_module, subjects as brute_limit
 from clbvh.structs import REPORT_SHADINGS

@@ -8,7 +8,7 @@ from hypothesis import example, given, strategies as st
 
 from clbvh import BuildOptions, validate_tree
 from clbvh.builders.build import build_tree
-from clbvh.builders.ladder.build_variant import LADDER
+from clbvh.builders.ladder.variants import VARIANTS
 from clbvh.builders.options import MAX_DEPTH
 
 from ..profiles import examples
@@ -21,7 +21,7 @@ OPTIONS = st.builds(
     leaf_size=st.sampled_from([1, 2, 4, 255]),
     frontier=st.sampled_from([4, 5, 64, 8192]),
 )
-NAMES = st.sampled_from(list(LADDER))
+NAMES = st.sampled_from(list(VARIANTS))
 THRESHOLDS = (1, 30, 10**6)
 
 # Variants that look for the same split, by different ways.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from clbvh.builders.sah.build_sah import _build_subtrees
-from clbvh.builders.sah.ranges import Range
-from clbvh.builders.sah.rule import Rule
+from clbvh.builders.sah.subtree import Rule
+from clbvh.builders.sah.top import Range
 
 RANGES = 4096
 LOOKS_PER_RANGE = 20
@@ -30,7 +30,7 @@ class OneWorker:
 
 
 def split_evenly(begin, end, depth=0):
-    node = CountedRange(begin, end, 0, depth, np.zeros((2, 8), np.float32))
+    node = CountedRange(begin, end, depth, 0, np.zeros((2, 8), np.float32))
     if end - begin > 1:
         middle = (begin + end) // 2
         node.children = (split_evenly(begin, middle, depth + 1), split_evenly(middle, end, depth + 1))

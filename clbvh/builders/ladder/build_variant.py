@@ -1,12 +1,14 @@
 """A mesh becomes a tree by one variant of the ladder.
 
-Owns the order of the phases. Differences between variants are fields of `Variant`, looked up once per phase.
+Owns the order of the phases, and the top of the tree: a range larger than the task threshold is divided by one worker,
+its two halves by two; the ranges at the bottom are the subtrees, one task each. The root is divided by one worker alone
+while all others wait: that is what the report measured, and `clbvh.builders.sah.top` does better.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,18 +17,67 @@ from numpy.typing import NDArray
 from ...bvh import Bvh
 from ...errors import InternalError, PoolError
 from ...geometry import Mesh
-from ...structs import NODE, NODE_LANES
+from ...structs import NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
-from ..depth_first import place_top
 from ..executor import Executor
+from ..invariants import TopNode, place_top
 from ..options import BuildOptions
 from . import steps
-from .divide import Rule
-from .heap import COUNTER_WORDS, WORDS
-from .prims import BOX
-from .top import TopNode, divide_top, write_top
-from .variants import VARIANTS, Nodes, Variant
+from .divide import BOX, Rule, Task
+from .subtrees import COUNTER_WORDS, WORDS
+from .variants import Nodes, Variant
+
+
+@dataclass
+class Range(TopNode):
+    """A range of primitives.
+
+    Attributes
+    ----------
+    ids : (m,) int32 or None
+        Its own list of primitives, in variants whose nodes have one.
+    box : (6,) float32
+        Known when it has children.
+    block : int
+        Its number, or that of its subtree's root, where a counter numbers nodes.
+    """
+
+    ids: NDArray[np.int32] | None
+    box: NDArray[np.float32] = field(default_factory=lambda: np.empty(BOX, np.float32))
+    block: int = -1
+
+    @property
+    def task(self) -> Task:
+        """Its range and its depth."""
+        return Task(self.begin, self.end, self.depth)
+
+
+def divide_top(executor: Executor, root: Range, rule: Rule, threshold: int) -> None:
+    """Divide the root, and all ranges below it, until none has more than `threshold` primitives."""
+    level = [root]
+    while level := [node for node in level if len(node) > max(threshold, rule.leaf_size)]:
+        halves = executor.map(steps.divide_range, [(node.task, node.ids, rule) for node in level])
+        for node, (box, middle, lists, block) in zip(level, halves, strict=True):
+            node.box, node.block, node.ids = box, block, None
+            node.children = (
+                Range(node.begin, middle, node.depth + 1, lists[0]),
+                Range(middle, node.end, node.depth + 1, lists[1]),
+            )
+        level = [child for node in level for child in node.children]
+
+
+def write_top(root: Range, nodes: NDArray[np.float32]) -> None:
+    """Write the nodes of the top, (N, 8) float32."""
+    node_ints = nodes.view(np.int32)
+    for node in root.walk():
+        if node.children:
+            index, first_child = node.placement
+            nodes[index, :3] = node.box[:3]
+            nodes[index, NODE_MAX : NODE_MAX + 3] = node.box[3:]
+            node_ints[index, NODE_FIRST] = first_child
+            node_ints[index, NODE_COUNT] = 0
+
 
 # The report's number of bins.
 DEFAULT_BINS = 8
@@ -84,7 +135,7 @@ def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: Bui
     if variant.nodes is Nodes.COUNTER:
         executor.create("blocks", (2 * count, WORDS), np.int64)
         executor.create("counter", (COUNTER_WORDS,), np.int64)[:] = 0
-    root = TopNode(0, count, 0, np.arange(count, dtype=np.int32) if variant.copies else None)
+    root = Range(0, count, 0, np.arange(count, dtype=np.int32) if variant.copies else None)
     divide_top(executor, root, rule, _choose_threshold(variant, executor, count, options))
     watch.lap("top")
 
@@ -92,9 +143,6 @@ def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: Bui
     finish = {Nodes.HEAP: _finish_linked, Nodes.COUNTER: _finish_counted, Nodes.ROWS: _finish_rows}[variant.nodes]
     nodes = finish(variant, executor, root, rule, watch)
     return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
-
-
-LADDER = {name: partial(build_variant, variant) for name, variant in VARIANTS.items()}
 
 
 def _choose_threshold(variant: Variant, executor: Executor, count: int, options: BuildOptions) -> int:
@@ -107,7 +155,7 @@ def _choose_threshold(variant: Variant, executor: Executor, count: int, options:
 
 
 def _finish_linked(
-    variant: Variant, executor: Executor, root: TopNode, rule: Rule, watch: Stopwatch
+    variant: Variant, executor: Executor, root: Range, rule: Rule, watch: Stopwatch
 ) -> NDArray[np.float32]:
     """Build linked subtrees; each worker keeps its own, and flattens them when all are built."""
     subtrees = _subtrees(root)
@@ -129,7 +177,7 @@ def _finish_linked(
 
 
 def _finish_counted(
-    variant: Variant, executor: Executor, root: TopNode, rule: Rule, watch: Stopwatch
+    variant: Variant, executor: Executor, root: Range, rule: Rule, watch: Stopwatch
 ) -> NDArray[np.float32]:
     """Build subtrees whose nodes have numbers, link the top by them, and flatten the whole."""
     subtrees = _subtrees(root)
@@ -146,7 +194,7 @@ def _finish_counted(
 
 
 def _finish_rows(
-    variant: Variant, executor: Executor, root: TopNode, rule: Rule, watch: Stopwatch
+    variant: Variant, executor: Executor, root: Range, rule: Rule, watch: Stopwatch
 ) -> NDArray[np.float32]:
     """Build flat subtrees, each in rows of its own, and move them together."""
     executor.create("rows", (2 * root.end, NODE_LANES), np.float32)
@@ -161,19 +209,17 @@ def _finish_rows(
     return nodes
 
 
-def _subtrees(root: TopNode) -> list[TopNode]:
+def _subtrees(root: Range) -> list[Range]:
     """Return the ranges at the bottom of the top, one task each, largest first."""
-    return sorted((node for node in root.walk() if not node.children), key=len, reverse=True)
+    return sorted(root.leaves(), key=len, reverse=True)
 
 
-def _build_all(executor: Executor, step: Any, subtrees: list[TopNode], rule: Rule) -> list[int]:
+def _build_all(executor: Executor, step: Any, subtrees: list[Range], rule: Rule) -> list[int]:
     """Build all subtrees; return the results of the step, the number of nodes or the root's number."""
     return executor.map(step, [(node.task, node.ids, rule) for node in subtrees])
 
 
-def _place(
-    executor: Executor, root: TopNode, subtrees: list[TopNode]
-) -> tuple[NDArray[np.float32], list[steps.Finished]]:
+def _place(executor: Executor, root: Range, subtrees: list[Range]) -> tuple[NDArray[np.float32], list[steps.Finished]]:
     """Create the nodes of the whole tree and write the top; return them, and the place of each subtree."""
     nodes = executor.create("nodes", (place_top(root), NODE_LANES), np.float32)
     write_top(root, nodes)

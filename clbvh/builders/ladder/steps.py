@@ -23,13 +23,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..depth_first import WHOLE_TREE, Placement, place_subtree
 from ..executor import Arrays
-from .divide import Rule, Task, bound_range, divide, make_scratch
-from .heap import COUNT, LEFT, NODE_BYTES, RIGHT, Heap, allocate_node, free_nodes, make_private_heap
-from .linked import LinkedTask, build_linked, flatten
-from .prims import BOX, Cached, Recomputed, fill_cache
-from .rows import build_rows
+from ..invariants import WHOLE_TREE, Placement, place_subtree
+from .divide import BOX, Cached, Recomputed, Rule, Task, bound_range, divide, fill_cache, make_scratch
+from .subtrees import (
+    COUNT,
+    LEFT,
+    NODE_BYTES,
+    RIGHT,
+    Heap,
+    LinkedTask,
+    allocate_node,
+    build_linked,
+    build_rows,
+    flatten,
+    free_nodes,
+    make_private_heap,
+)
 
 Ids = NDArray[np.int32] | None
 

@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from ..options import BuildOptions
-from .halves import BINS, SELECT, SORT
+
+SORT = 0  # sort the whole range, cut in the middle
+SELECT = 1  # find the median, cut there
+BINS = 2  # count the range in bins, cut at the boundary next to the median
 
 
 class Nodes(Enum):
@@ -36,7 +39,7 @@ class Variant:
     cached : bool
         Boxes and centroids are computed once, in parallel, instead of in every comparison.
     how : int
-        SORT, SELECT or BINS, of `halves`.
+        SORT, SELECT or BINS.
     nodes : Nodes
     flattens : bool
         The pass that flattens linked nodes is a part of the build. The other variants with linked nodes need it only

@@ -20,9 +20,7 @@ from ..executor import Executor
 from ..options import DEFAULT_QUALITY, MAX_DEPTH, BuildOptions
 from ..prim_refs import fill_slice
 from ..sah.build_sah import build_sah
-from .collapse import choose_leaves, collapse
-from .expand_leaves import expand_leaves
-from .expanded_tree import ROOT, ExpandedTree, count_prims, list_descendants
+from .expanded_tree import ROOT, ExpandedTree, choose_leaves, collapse, count_prims, expand_leaves, list_descendants
 from .reinsert import reinsert_below
 
 # More bins than the default give a better start on scans, and sometimes a worse one elsewhere: both trees are built,

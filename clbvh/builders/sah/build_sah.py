@@ -1,7 +1,11 @@
 """The default builder: binned surface area heuristic, parallel from the root.
 
-Owns the order of the steps and the arrays they share. The tree is the same, byte for byte, for any number of workers
-and any task threshold.
+Owns the order of the steps, and the arrays that they share, for n primitives:
+
+    prim_refs  (2, n, 8) float32   two buffers of primitive references; in the end they hold the nodes
+    prim_ids   (n,) int32          result
+
+The tree is the same, byte for byte, for any number of workers and any task threshold.
 """
 
 from __future__ import annotations
@@ -16,13 +20,9 @@ from ...support.stopwatch import Stopwatch
 from ..executor import Executor
 from ..options import BuildOptions
 from ..prim_refs import Bounds, fill_slice
-from . import steps
-from .compact import compact
-from .exhaustive_split import MAX_EXHAUSTIVE
-from .ranges import Range
-from .rule import DEFAULT_BINS, Rule, make_rule
-from .subtree import SubtreeTask
-from .top import split_top
+from .split import MAX_EXHAUSTIVE
+from .subtree import DEFAULT_BINS, Rule, SubtreeTask, build_one, compact, make_rule
+from .top import Range, split_top
 
 # Ranges per worker, when the task threshold is chosen here: enough to even out unequal subtrees. Each doubling costs
 # the threads one more level of the top.
@@ -86,5 +86,5 @@ def _build_subtrees(executor: Executor, root: Range, rule: Rule) -> None:
     """Build the subtree of every range at the bottom of the top, largest first, and note its number of nodes."""
     ranges = sorted(root.leaves(), key=len, reverse=True)
     tasks = [(SubtreeTask(node.begin, node.end, node.buffer, node.depth, node.bounds), rule) for node in ranges]
-    for node, node_count in zip(ranges, executor.map(steps.build_one, tasks), strict=True):
+    for node, node_count in zip(ranges, executor.map(build_one, tasks), strict=True):
         node.node_count = node_count

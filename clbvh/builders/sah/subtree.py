@@ -1,4 +1,4 @@
-"""One range of primitives becomes a subtree, in one compiled loop on one core.
+"""One range of primitives becomes a subtree, in one compiled loop on one core; finished subtrees move together.
 
 A range [begin, end) writes only to its own primitive references and to prim_ids[begin:end], so ranges that do not
 overlap need neither a shared counter nor a lock.
@@ -12,19 +12,56 @@ left child themselves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry.boxes import as_node, half_area, load_box, store_box
-from ...structs import BOX_LANES, PRIM_REF_ID
+from ...structs import BOX_LANES, NODE_COUNT, NODE_FIRST, PRIM_REF_ID
 from ...support.compiled import compiled
-from ..halving import middle_of, needs_halving
-from ..options import MAX_DEPTH
+from ..executor import Arrays, Executor
+from ..invariants import index_of, middle_of, needs_halving, place_top
+from ..options import MAX_DEPTH, BuildOptions
 from ..prim_refs import BOUNDS_BOX, BOUNDS_CENTROIDS, Bounds
-from .binned_split import Split, bin_count_for, fill_bins, find_split, make_bins, unite_sides
-from .exhaustive_split import MAX_EXHAUSTIVE, count_left, divide, find_exhaustive_split
-from .partition import Slice, bound_halves, partition
+from .split import (
+    MAX_EXHAUSTIVE,
+    Slice,
+    Split,
+    bin_count_for,
+    bound_halves,
+    count_left,
+    divide,
+    fill_bins,
+    find_exhaustive_split,
+    find_split,
+    make_bins,
+    partition,
+    unite_sides,
+)
+from .top import Range
+
+DEFAULT_BINS = 16
+
+
+class Rule(NamedTuple):
+    """The options of a build that decide about a node; see `BuildOptions`.
+
+    Attributes
+    ----------
+    bins, leaf_size : int
+    traversal_cost : float
+    """
+
+    bins: int
+    leaf_size: int
+    traversal_cost: float
+
+
+def make_rule(options: BuildOptions) -> Rule:
+    """Return the rule that these options ask for."""
+    return Rule(options.bins or DEFAULT_BINS, options.leaf_size, options.traversal_cost)
 
 
 class SubtreeTask(NamedTuple):
@@ -199,3 +236,57 @@ def emit_node(prim_refs, range_end, number, nodes, row):
 def slot_of(range_end, number):
     """Return the buffer of the n-th finished node of a range that ends at `range_end`, and its index in the buffer."""
     return number & 1, range_end - 1 - (number >> 1)
+
+
+def build_one(arrays: Arrays, task: SubtreeTask, rule: Rule) -> int:
+    """Build the subtree of a range; return its number of nodes."""
+    return build_subtree(arrays["prim_refs"], task, rule, arrays["prim_ids"])
+
+
+def compact(executor: Executor, root: Range) -> NDArray[np.float32]:
+    """Return the nodes of the whole tree, (N, 8) float32, once all subtrees are built."""
+    nodes = np.empty((place_top(root), BOX_LANES), np.float32)
+    write_top(root, nodes)
+    subtrees = list(root.leaves())
+    shares = [subtrees[number :: executor.workers] for number in range(executor.workers)]
+    executor.threads.run(place_subtrees, [(executor.arrays["prim_refs"], share, nodes) for share in shares])
+    return nodes
+
+
+def write_top(root: Range, nodes: NDArray[np.float32]) -> None:
+    """Write the nodes of the top."""
+    for node in root.walk():
+        if node.children:
+            index, first_child = node.placement
+            nodes[index] = node.bounds[BOUNDS_BOX]
+            finish_node(nodes, index, first_child, 0)
+
+
+def place_subtrees(prim_refs: NDArray[np.float32], subtrees: Sequence[Range], nodes: NDArray[np.float32]) -> None:
+    """Copy some subtrees to their indices."""
+    for subtree in subtrees:
+        place_finished(prim_refs, subtree.end, subtree.node_count, subtree.placement, nodes)
+
+
+@compiled
+def place_finished(prim_refs, range_end, node_count, placement, nodes):
+    """Copy a subtree to its indices, and let its nodes name their children by these.
+
+    Parameters
+    ----------
+    prim_refs : (2, n, 8) float32
+        As `build_subtree` leaves them.
+    range_end, node_count : int
+        Where the subtree's range ends, and how many nodes it has.
+    placement : Placement
+    nodes : (N, 8) float32, rows of `structs.NODE`, written
+    """
+    node_ints = nodes.view(np.int32)
+    last = node_count - 1
+    for number in range(node_count):
+        index = index_of(number, placement)
+        # Nodes are finished in the reverse of depth-first order.
+        buffer, slot = slot_of(range_end, last - number)
+        store_box(nodes, index, load_box(prim_refs[buffer], slot))
+        if node_ints[index, NODE_COUNT] == 0:
+            node_ints[index, NODE_FIRST] = index_of(last - node_ints[index, NODE_FIRST], placement)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...builders.build import build
 from ...bvh import Bvh
-from ...bvh.sah_cost import sah_cost
+from ...bvh.bvh import sah_cost
 from ...errors import DeviceError, MeshError, QueryError
 from ...geometry import Mesh
 from ...geometry.appearance.normals import VertexFaces, find_vertex_faces

@@ -7,15 +7,7 @@ import pytest
 from numba import njit
 
 from clbvh import Mesh
-from clbvh.builders.sah.binned_split import (
-    Split,
-    bin_count_for,
-    bin_scales,
-    fill_bins,
-    find_split,
-    make_bins,
-    unite_sides,
-)
+from clbvh.builders.sah.split import Split, bin_count_for, bin_scales, fill_bins, find_split, make_bins, unite_sides
 from clbvh.geometry.boxes import lane_of, load_box
 from clbvh.structs import BOX_LANES, BOX_TALLY
 

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, validate_tree
 from clbvh.builders.build import build_over, build_tree
-from clbvh.builders.ladder.build_variant import LADDER
+from clbvh.builders.ladder.variants import VARIANTS
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
 from clbvh.geometry.box_mesh import sphere_boxes
 
@@ -17,7 +17,7 @@ def make_spheres(count, seed=0):
     return Spheres(rng.normal(size=(count, 3)), 10.0 ** rng.uniform(-3, -1, count))
 
 
-RECIPES = [("sah", quality) for quality in QUALITIES] + [(name, "default") for name in LADDER]
+RECIPES = [("sah", quality) for quality in QUALITIES] + [(name, "default") for name in VARIANTS]
 
 
 @pytest.mark.parametrize(("builder", "quality"), RECIPES)

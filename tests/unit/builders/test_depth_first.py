@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from clbvh.builders.depth_first import WHOLE_TREE, Placement, index_of, order_top, place_subtree, place_top
+from clbvh.builders.invariants import WHOLE_TREE, Placement, index_of, order_top, place_subtree, place_top
 from clbvh.structs import NODE, NODE_LANES
 
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh.builders.sah.exhaustive_split import MAX_EXHAUSTIVE, count_left, divide, find_exhaustive_split
+from clbvh.builders.sah.split import MAX_EXHAUSTIVE, count_left, divide, find_exhaustive_split
 from clbvh.structs import BOX_LANES
 
 from ...soup import make_soup

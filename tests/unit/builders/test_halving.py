@@ -1,6 +1,6 @@
 import pytest
 
-from clbvh.builders.halving import middle_of, needs_halving
+from clbvh.builders.invariants import middle_of, needs_halving
 from clbvh.builders.options import MAX_DEPTH
 
 

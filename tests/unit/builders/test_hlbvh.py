@@ -8,14 +8,19 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, sah_cost, validate_tree
-from clbvh.builders.hlbvh.clusters import CLUSTER_SIZE, bound_clusters, cut_clusters
-from clbvh.builders.hlbvh.codes import bound_vertices, count_cells, make_grid
-from clbvh.builders.hlbvh.sort import sort_prim_refs
-from clbvh.builders.hlbvh.sweep import Cluster, make_sweep_scratch, sweep_cluster
-from clbvh.builders.hlbvh.treelets import cut_treelets
+from clbvh.builders.hlbvh.clusters import (
+    CLUSTER_SIZE,
+    Cluster,
+    bound_clusters,
+    cut_clusters,
+    make_sweep_scratch,
+    sort_prim_refs,
+    sweep_cluster,
+)
+from clbvh.builders.hlbvh.treelets import bound_vertices, count_cells, cut_treelets, make_grid
 from clbvh.builders.options import MAX_DEPTH
 from clbvh.builders.prim_refs import MeshSlice
-from clbvh.builders.sah.rule import Rule
+from clbvh.builders.sah.subtree import Rule
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.structs import BOX_LANES, NODE
 

@@ -2,7 +2,7 @@ from itertools import permutations
 
 import numpy as np
 
-from clbvh.builders.leaf_prims import insert_prim
+from clbvh.builders.invariants import insert_prim
 
 
 def test_primitives_are_listed_in_ascending_order_whatever_order_they_arrive_in():

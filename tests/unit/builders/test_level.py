@@ -8,8 +8,8 @@ import pytest
 from clbvh import build
 from clbvh.builders.options import MAX_DEPTH
 from clbvh.builders.sah import top
-from clbvh.builders.sah.binned_split import bin_count_for, fill_bins, find_split, make_bins, unite_sides
-from clbvh.builders.sah.level import (
+from clbvh.builders.sah.split import Slice, bin_count_for, fill_bins, find_split, make_bins, partition, unite_sides
+from clbvh.builders.sah.top import (
     LEFT_COUNT,
     bin_slices,
     choose_splits,
@@ -18,7 +18,6 @@ from clbvh.builders.sah.level import (
     slice_begin,
     unite_bins,
 )
-from clbvh.builders.sah.partition import Slice, partition
 from clbvh.structs import BOX_LANES, BOX_TALLY
 
 from ...soup import make_soup

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, build
+from clbvh.builders.build import find_builder
 from clbvh.builders.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER, QUALITIES
-from clbvh.builders.registry import find_builder
 from clbvh.errors import ConfigError
 from clbvh.rendering.render import RenderOptions
 

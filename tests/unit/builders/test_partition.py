@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from clbvh.builders.sah.binned_split import Split
-from clbvh.builders.sah.partition import Slice, bound_halves, partition
+from clbvh.builders.sah.split import Slice, Split, bound_halves, partition
 from clbvh.structs import BOX_LANES
 
 from ...soup import make_soup

@@ -9,9 +9,16 @@ import pytest
 
 from clbvh import Bvh, Mesh, build, sah_cost, validate_tree
 from clbvh.builders.prim_refs import fill_slice
-from clbvh.builders.reinsertion.collapse import choose_leaves, collapse
-from clbvh.builders.reinsertion.expand_leaves import expand_leaves, sweep
-from clbvh.builders.reinsertion.expanded_tree import ROOT, ExpandedTree, count_prims, list_descendants
+from clbvh.builders.reinsertion.expanded_tree import (
+    ROOT,
+    ExpandedTree,
+    choose_leaves,
+    collapse,
+    count_prims,
+    expand_leaves,
+    list_descendants,
+    sweep,
+)
 from clbvh.builders.reinsertion.reinsert import reinsert_below
 from clbvh.bvh.refit import fit_nodes
 from clbvh.structs import EXPANDED_FIRST, EXPANDED_PRIM_ID, NODE

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh
-from clbvh.builders.depth_first import WHOLE_TREE
+from clbvh.builders.invariants import WHOLE_TREE
 from clbvh.builders.options import MAX_DEPTH
-from clbvh.builders.sah.compact import place_finished
-from clbvh.builders.sah.rule import Rule
-from clbvh.builders.sah.subtree import SubtreeTask, build_subtree
-from clbvh.bvh.depth import measure_depth
+from clbvh.builders.sah.subtree import Rule, SubtreeTask, build_subtree, place_finished
+from clbvh.bvh.bvh import measure_depth
 from clbvh.structs import BOX_LANES, NODE
 
 from ...soup import make_soup

@@ -79,5 +79,5 @@ def test_a_fifo_in_the_place_of_a_tree_is_not_read(tmp_path, mesh, tree):
     os.mkfifo(path)
     taken, note = take_tree(path, mesh)
     assert taken is None
-    assert note.endswith("this is no regular file")
+    assert note.endswith("this is a named pipe, not a file")
     assert "only a regular file can be replaced" in keep_tree(path, tree)

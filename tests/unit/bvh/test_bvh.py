@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import Bvh, Mesh
-from clbvh.bvh.depth import measure_depth
+from clbvh.bvh.bvh import measure_depth
 from clbvh.structs import NODE
 
 from ..hand_made import make_leaf, make_tree

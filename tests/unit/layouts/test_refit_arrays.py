@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, build, sah_cost
-from clbvh.builders.build import build_over
-from clbvh.builders.registry import DEFAULT_BUILDER
+from clbvh.builders.build import DEFAULT_BUILDER, build_over
 from clbvh.geometry.box_mesh import sphere_boxes
 from clbvh.layouts import refit_arrays
 from clbvh.layouts.device_arrays import make_device_arrays

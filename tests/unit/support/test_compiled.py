@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.bvh.depth import find_depths
+from clbvh.bvh.bvh import find_depths
 from clbvh.support import compiled as home
 from clbvh.support.compiled import INTERPRETED_ROOMS, digest_sources, find_compiled_cache
 

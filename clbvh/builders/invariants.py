@@ -1,17 +1,20 @@
-"""Depth-first order: the indices of the nodes of a finished tree.
+"""Steps by which every builder keeps its promises: the depth limit, ascending leaves, depth-first order.
 
-The root has index 0. Siblings stand side by side; then come all descendants of the left child, then all of the right
-one. So the nodes of a subtree are one block, apart from its root, and no index is left out.
+**Depth.** A split into halves by position needs ``ceil(log2(n))`` levels for n primitives, whatever their boxes. As
+soon as that many levels are all that is left, a builder takes no other split.
 
-Builders make a tree in parts: a top, and below each leaf of the top a subtree whose nodes have numbers of their own,
-0 for its root, 1 and 2 for the root's children, and so on in the same order. Once the size of every subtree is known,
+**Depth-first order.** The root has index 0. Siblings stand side by side; then come all descendants of the left child,
+then all of the right one. So the nodes of a subtree are one block, apart from its root, and no index is left out.
+Builders make a tree in parts: a top, and below each leaf of the top a subtree whose nodes have numbers of their own, 0
+for its root, 1 and 2 for the root's children, and so on in the same order. Once the size of every subtree is known,
 `order_top` finds the indices of the top, and `index_of` turns a number within a subtree into an index.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -19,6 +22,41 @@ from ..geometry.boxes import load_box, store_box
 from ..structs import NODE_COUNT, NODE_FIRST
 from ..support.compiled import compiled
 from .options import MAX_DEPTH
+
+
+@compiled
+def needs_halving(prim_count, depth):
+    """Say whether only splits by halves still keep `prim_count` primitives, at `depth`, above `MAX_DEPTH`."""
+    levels = 0
+    while (1 << levels) < prim_count:
+        levels += 1
+    return levels >= MAX_DEPTH - depth
+
+
+@compiled
+def middle_of(begin, end):
+    """Return where the right half of a range begins."""
+    return begin + (end - begin) // 2
+
+
+@compiled
+def insert_prim(prim_ids, begin, end, prim):
+    """Insert a primitive into the ascending list `prim_ids[begin:end]`, which then ends one later.
+
+    One step of an insertion sort: O(1) when primitives arrive in ascending order, and no memory besides the list.
+
+    Parameters
+    ----------
+    prim_ids : (n,) int32, changed in place
+        `prim_ids[end]` is overwritten.
+    begin, end : int
+    prim : int
+    """
+    slot = end
+    while slot > begin and prim_ids[slot - 1] > prim:
+        prim_ids[slot] = prim_ids[slot - 1]
+        slot -= 1
+    prim_ids[slot] = prim
 
 
 class Placement(NamedTuple):
@@ -40,15 +78,40 @@ class Placement(NamedTuple):
 WHOLE_TREE = Placement(0, 1)
 
 
-class TopNode(Protocol):
-    """A node of the top, as `place_top` needs it."""
+@dataclass
+class TopNode:
+    """A range of primitives at the top of a tree, and either its two halves or a worker's subtree.
 
-    @property
-    def children(self) -> Sequence[TopNode]:
-        """Its two children; none in a leaf of the top."""
+    Attributes
+    ----------
+    begin, end, depth : int
+    children : tuple of TopNode
+        Two, or none.
+    node_count : int
+        Nodes of its subtree, when that is built.
+    placement : Placement
+        Its place in the finished tree, when all subtrees are built.
+    """
 
-    node_count: int  # nodes of the subtree below a leaf of the top, the leaf's own included
-    placement: Placement
+    begin: int
+    end: int
+    depth: int
+    children: tuple[Self, ...] = field(default=(), init=False)
+    node_count: int = field(default=0, init=False)
+    placement: Placement = field(default=WHOLE_TREE, init=False)
+
+    def __len__(self) -> int:
+        return self.end - self.begin
+
+    def walk(self) -> Iterator[Self]:
+        """Yield this node and all below it, parents first, from left to right."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+    def leaves(self) -> Iterator[Self]:
+        """Yield the ranges without children, from left to right."""
+        return (node for node in self.walk() if not node.children)
 
 
 def place_top(root: TopNode) -> int:
