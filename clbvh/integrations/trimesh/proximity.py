@@ -7,7 +7,7 @@ trimesh considers two.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -126,7 +126,10 @@ class ProximityQuery:
         given = np.asanyarray(points, dtype=np.float64)
         if given.shape[-1:] != (3,):
             raise QueryError(f"points must be (..., 3), not of shape {given.shape}")
-        flat = _check_finite(given.reshape(-1, 3))
+        flat = given.reshape(-1, 3)
+        bad = np.flatnonzero(~np.isfinite(flat).all(axis=1))
+        if len(bad):
+            raise QueryError(f"points[{bad[0]}] is not finite: {flat[bad[0]]}")
         if len(self._mesh.faces):
             tree = _kept_tracer(self._mesh, self._found_options()).find_tree(self._mesh)
             distance, vertex_id = find_nearest_vertices(tree, flat)
@@ -270,13 +273,6 @@ def _kept_tracer(mesh: Any, options: EngineOptions) -> MeshTracer:
     return find_tracer(mesh, options, keep=True)
 
 
-def _check_finite(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
-        raise QueryError(f"points[{bad[0]}] is not finite: {points[bad[0]]}")
-    return points
-
-
 def _nearest_of_few(vertices: NDArray[Any], points: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the nearest vertices of a mesh that has no faces, and so no tree."""
     if len(vertices) == 0:
@@ -338,8 +334,7 @@ def choose_facing(
 @compiled(error_model="numpy")
 def _choose(points, triangles, centre, around, tolerance, closest):
     scale = triangles.scale
-    a, b, c, weights, nearest = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    best_weights = np.empty(3)
+    a, b, c, weights = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for index in range(len(points)):
         own, point = closest.prim_id[index], points[index]
         is_far = False
@@ -352,7 +347,6 @@ def _choose(points, triangles, centre, around, tolerance, closest):
             continue
         equal = max(min(tolerance * scale * scale, least * _LARGEST_SHARE), least * _ROUNDING)
         best, facing = own, _facing(a, b, c, weights, least)
-        best_weights[0], best_weights[1], best_weights[2] = weights[0], weights[1], weights[2]
         for corner in range(3):
             point_id = around.point_ids[triangles.faces[own, corner]]
             for slot in range(around.begin[point_id], around.begin[point_id + 1]):
@@ -367,19 +361,15 @@ def _choose(points, triangles, centre, around, tolerance, closest):
                 is_equal = abs(other - facing) <= _SAME_COSINE and face < best
                 if is_nearer or is_equal or other > facing + _SAME_COSINE:
                     best, facing, least = face, other, min(least, squared)
-                    best_weights[0], best_weights[1], best_weights[2] = weights[0], weights[1], weights[2]
         if best == own:
             continue
-        closest.prim_id[index] = best
+        squared = _see(point, triangles, best, a, b, c, weights)
+        closest.prim_id[index], closest.distance[index] = best, np.sqrt(squared) / scale
         first, second, third = triangles.faces[best, 0], triangles.faces[best, 1], triangles.faces[best, 2]
-        away = 0.0
         for axis in range(3):
             origin = triangles.vertices[first, axis]
             to_second, to_third = triangles.vertices[second, axis] - origin, triangles.vertices[third, axis] - origin
-            nearest[axis] = origin + (best_weights[1] * to_second + best_weights[2] * to_third)
-            away += ((nearest[axis] - point[axis]) * scale) ** 2
-            closest.point[index, axis] = nearest[axis]
-        closest.distance[index] = np.sqrt(away) / scale
+            closest.point[index, axis] = origin + (weights[1] * to_second + weights[2] * to_third)
 
 
 @compiled(error_model="numpy")
@@ -412,16 +402,6 @@ def _facing(a, b, c, weights, squared):
 _BOX_SLACK = 2.0**-23
 
 
-class _Tree(NamedTuple):
-    """The arrays of a tree that a descent on the host reads."""
-
-    boxes: NDArray[np.float32]
-    first: NDArray[np.int32]
-    counts: NDArray[np.int32]
-    prim_ids: NDArray[np.int32]
-    depth: int
-
-
 def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the distance to the nearest vertex of a tree's mesh, and its index, for each point.
 
@@ -440,12 +420,11 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
     mesh, nodes = bvh.mesh, bvh.nodes
     points = np.ascontiguousarray(points, np.float64)
     loose = mesh.loose_vertices
-    lanes: NDArray[Any] = nodes.view(np.float32).reshape(-1, NODE_LANES)
-    tree = _Tree(lanes, nodes["first"], nodes["count"], bvh.prim_ids, bvh.depth)
+    tree = nodes.view(np.float32).reshape(-1, NODE_LANES), nodes["first"], nodes["count"], bvh.prim_ids
     vertex_id = np.empty(len(points), np.int64)
 
     def find(begin: int, end: int) -> None:
-        _find(points[begin:end], mesh.origin, triangles_of(mesh), tree, loose, vertex_id[begin:end])
+        _find(points[begin:end], mesh.origin, triangles_of(mesh), tree, bvh.depth, loose, vertex_id[begin:end])
 
     with HostThreads() as threads:
         threads.for_ranges(len(points), find)
@@ -459,12 +438,12 @@ def _lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @compiled(error_model="numpy")
-def _find(points, centre, triangles, tree, loose, vertex_id):
+def _find(points, centre, triangles, tree, depth, loose, vertex_id):
     vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
-    boxes, first, count, prim_ids = tree.boxes, tree.first, tree.counts, tree.prim_ids
+    boxes, first, count, prim_ids = tree
     local = np.empty(3)
     # A descent leaves one sibling behind at each level.
-    stack, stack_near = np.empty(tree.depth + 2, np.int64), np.empty(tree.depth + 2)
+    stack, stack_near = np.empty(depth + 2, np.int64), np.empty(depth + 2)
     for index in range(len(points)):
         size = 0.0
         for axis in range(3):

@@ -5,25 +5,87 @@ Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pye
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from copy import copy
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...device.info import DeviceInfo
-from ...device.select import choose_device
-from ...device.settings import find_settings
-from ...errors import DeviceError, MeshError, QueryError
+from ...errors import MeshError, QueryError
 from ...trace.hits.hits import AllHits
 from ...trace.points.queries import GENERIC_DIRECTIONS
-from .following_tracer import EngineOptions, read_options
-from .tracers import find_tracer, read_mesh
+from .following_tracer import EngineOptions, FollowingTracer, read_options
+from .tracers import MeshTracer, find_tracer, read_mesh
 
 # Most hits of a ray, unless the caller says otherwise: trimesh's default.
 MAX_HITS = 100
 
 
-class RayMeshIntersector:
+class RayEngine(ABC):
+    """What the ray engines of a mesh and of a scene share: a tracer that follows it, and copies.
+
+    Any number of threads may use one object, as long as none changes the mesh or the scene meanwhile.
+    """
+
+    def __init__(self, thing: Any, device: DeviceInfo | str | int | None, layout: str) -> None:
+        self._thing = thing
+        self._options = read_options(device, layout)
+        self._tracer = self._find_tracer()
+
+    @abstractmethod
+    def _find_tracer(self) -> FollowingTracer[Any]:
+        """Return the tracer of the engine."""
+
+    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
+        """Return (n,) bool: whether each ray hits anything.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector
+        >>> RayMeshIntersector(trimesh.creation.box()).intersects_any([[0, 0, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
+        array([ True, False])
+        """
+        return self._cast("any_hit", read_rays(ray_origins, ray_directions))
+
+    @property
+    def options(self) -> EngineOptions:
+        """The device and the layout that were asked for."""
+        return self._options
+
+    def close(self) -> None:
+        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        self._tracer.close()
+
+    def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
+        """Run a query of the tracer; rays that it refuses hit nothing."""
+        return self._tracer.cast(self._thing, query, rays, **more)
+
+    def __repr__(self) -> str:
+        tracer = self._tracer.open_tracer
+        device, layout = self._options if tracer is None else (tracer.device.name, tracer.layout)
+        return f"clbvh.{type(self).__name__}({self._thing!r}, device={device!r}, layout={layout!r})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_thing": self._thing, "_options": self._options}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._tracer = self._find_tracer()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
+        return copy(self)
+
+
+class RayMeshIntersector(RayEngine):
     """Ray queries of a mesh on an OpenCL device.
 
     Parameters
@@ -72,10 +134,12 @@ class RayMeshIntersector:
         device: DeviceInfo | str | int | None = None,
         layout: str = "auto",
     ) -> None:
-        self.mesh = read_mesh(geometry)
-        self._scale_to_box = scale_to_box
-        self._options = read_options(device, layout)
-        self._tracer = find_tracer(self.mesh, self._options, keep=False)
+        super().__init__(read_mesh(geometry), device, layout)
+
+    @property
+    def mesh(self) -> Any:
+        """The `trimesh.Trimesh`."""
+        return self._thing
 
     def intersects_location(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True
@@ -186,23 +250,6 @@ class RayMeshIntersector:
         """
         return self._cast("closest_prim", read_rays(ray_origins, ray_directions))
 
-    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
-        """Return (n,) bool: whether each ray hits the mesh.
-
-        Parameters
-        ----------
-        ray_origins, ray_directions : (n, 3) float
-            Directions of any length.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import RayMeshIntersector
-        >>> RayMeshIntersector(trimesh.creation.box()).intersects_any([[0, 0, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
-        array([ True, False])
-        """
-        return self._cast("any_hit", read_rays(ray_origins, ray_directions))
-
     def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (n,) bool: whether the mesh contains points; on its surface the answer is either.
 
@@ -242,56 +289,8 @@ class RayMeshIntersector:
             undecided = undecided[~agree & (there > 0) & (back > 0)]
         return contains
 
-    @property
-    def options(self) -> EngineOptions:
-        """The device and the layout that were asked for."""
-        return self._options
-
-    def close(self) -> None:
-        """Give the device's memory back, after the queries of other threads; the next query takes it again.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import RayMeshIntersector
-        >>> engine = RayMeshIntersector(trimesh.creation.box())
-        >>> engine.close()
-        """
-        self._tracer.close()
-
-    def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
-        """Run a query of the tracer; rays that it refuses hit nothing."""
-        return self._tracer.cast(self.mesh, query, rays, **more)
-
-    def __repr__(self) -> str:
-        tracer = self._tracer.open_tracer
-        if tracer is not None:
-            device, layout = tracer.device.name, tracer.layout
-        else:
-            given, layout = self._options
-            try:
-                info = given if isinstance(given, DeviceInfo) else choose_device(given)
-            except DeviceError:
-                device = "none"
-            else:
-                device = info.name
-                layout = find_settings(info).layout if layout == "auto" else layout
-        return f"clbvh.RayMeshIntersector({self.mesh!r}, device={device!r}, layout={layout!r})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"mesh": self.mesh, "_scale_to_box": self._scale_to_box, "_options": self._options}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._tracer = find_tracer(self.mesh, self._options, keep=False)
-
-    def __copy__(self) -> RayMeshIntersector:
-        device, layout = self._options
-        return type(self)(self.mesh, self._scale_to_box, device=device, layout=layout)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> RayMeshIntersector:
-        # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
-        return self.__copy__()
+    def _find_tracer(self) -> MeshTracer:
+        return find_tracer(self.mesh, self._options, keep=False)
 
 
 def order_by_depth(hits: AllHits) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

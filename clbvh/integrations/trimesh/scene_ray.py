@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.info import DeviceInfo
 from ...errors import QueryError, SceneError
 from ...trace.points.queries import GENERIC_DIRECTIONS
-from .following_tracer import EngineOptions, SceneTracer, read_options
-from .ray import MAX_HITS, order_by_depth, read_rays
+from .following_tracer import SceneTracer
+from .ray import MAX_HITS, RayEngine, order_by_depth, read_rays
 from .tracers import make_room
 
 # Points whose rays are cast at a time; their crossings are on the host.
 _POINTS_AT_ONCE = 2**18
 
 
-class SceneRay:
+class SceneRay(RayEngine):
     """Ray queries of all triangle meshes of a scene, where its nodes place them, on an OpenCL device.
 
     Parameters
@@ -35,10 +35,6 @@ class SceneRay:
         See `clbvh.Tracer`.
     layout : str
         See `clbvh.Tracer`.
-
-    Attributes
-    ----------
-    scene : trimesh.Scene
 
     Raises
     ------
@@ -78,6 +74,8 @@ class SceneRay:
     array([-1,  1], dtype=int32)
     """
 
+    _tracer: SceneTracer
+
     def __init__(self, scene: Any, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
         import trimesh
 
@@ -85,9 +83,12 @@ class SceneRay:
             raise SceneError(
                 f"expected a trimesh.Scene, not {type(scene).__name__}: for one mesh, use RayMeshIntersector"
             )
-        self.scene = scene
-        self._options = read_options(device, layout)
-        self._tracer = SceneTracer(self._options, make_room)
+        super().__init__(scene, device, layout)
+
+    @property
+    def scene(self) -> Any:
+        """The `trimesh.Scene`."""
+        return self._thing
 
     @property
     def nodes(self) -> NDArray[np.object_]:
@@ -218,23 +219,6 @@ class SceneRay:
         hits = self._cast("closest_hit", read_rays(ray_origins, ray_directions))
         return hits.prim_id, hits.instance_id
 
-    def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
-        """Return (n,) bool: whether each ray hits anything in the scene.
-
-        Parameters
-        ----------
-        ray_origins, ray_directions : (n, 3) float
-            In the scene's base frame; directions of any length.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import SceneRay
-        >>> SceneRay(trimesh.Scene(trimesh.creation.box())).intersects_any([[0, 0, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
-        array([ True, False])
-        """
-        return self._cast("any_hit", read_rays(ray_origins, ray_directions))
-
     def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (n,) bool: whether any mesh of the scene contains points; on a surface the answer is either.
 
@@ -266,22 +250,6 @@ class SceneRay:
             contains[part] = self._contains(points[part])
         return contains
 
-    @property
-    def options(self) -> EngineOptions:
-        """The device and the layout that were asked for."""
-        return self._options
-
-    def close(self) -> None:
-        """Give the device's memory back, after the queries of other threads; the next query takes it again.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import SceneRay
-        >>> SceneRay(trimesh.Scene(trimesh.creation.box())).close()
-        """
-        self._tracer.close()
-
     def _contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether points are inside; see `contains_points`."""
         contains = np.zeros(len(points), np.bool_)
@@ -312,26 +280,5 @@ class SceneRay:
         hits = self._cast("all_hits", (points[chosen], np.tile(direction, (len(chosen), 1))))
         return np.unique((chosen[hits.ray_id] << 32) | hits.instance_id, return_counts=True)
 
-    def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
-        """Run a query of the tracer; rays that it refuses hit nothing."""
-        return self._tracer.cast(self.scene, query, rays, **more)
-
-    def __repr__(self) -> str:
-        tracer = self._tracer.open_tracer
-        device, layout = self._options if tracer is None else (tracer.device.name, tracer.layout)
-        return f"clbvh.SceneRay({self.scene!r}, device={device!r}, layout={layout!r})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"scene": self.scene, "_options": self._options}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._tracer = SceneTracer(self._options, make_room)
-
-    def __copy__(self) -> SceneRay:
-        device, layout = self._options
-        return type(self)(self.scene, device=device, layout=layout)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SceneRay:
-        # The same scene, as engines of a mesh have it.
-        return self.__copy__()
+    def _find_tracer(self) -> SceneTracer:
+        return SceneTracer(self._options, make_room)

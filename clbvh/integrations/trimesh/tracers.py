@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import threading
 import time
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, TypeAlias
 from weakref import WeakSet, WeakValueDictionary, ref
 
@@ -194,7 +194,7 @@ def find_tracer(mesh: Any, options: EngineOptions, *, keep: bool) -> MeshTracer:
         if keep:
             entry = _Tracers.kept.get(id(mesh))
             if entry is None:
-                entry = _Tracers.kept[id(mesh)] = (ref(mesh, _Forget(id(mesh))), set())
+                entry = _Tracers.kept[id(mesh)] = (ref(mesh, partial(_forget, id(mesh))), set())
             entry[1].add(tracer)
         return tracer
 
@@ -210,14 +210,9 @@ def open_tracers() -> list[AnyTracer]:
         return [tracer for tracer in _Tracers.open if tracer.open_tracer is not None]
 
 
-class _Forget:
-    """Called when a mesh is collected."""
-
-    def __init__(self, mesh_id: int) -> None:
-        self._mesh_id = mesh_id
-
-    def __call__(self, mesh: ref[Any]) -> None:
-        _Tracers.kept.pop(self._mesh_id, None)
+def _forget(mesh_id: int, mesh: ref[Any]) -> None:
+    """Drop the tracers of a mesh that is collected."""
+    _Tracers.kept.pop(mesh_id, None)
 
 
 def make_room(newest: AnyTracer) -> None:

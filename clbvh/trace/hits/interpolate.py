@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -185,60 +185,58 @@ def _read_array(values: ArrayLike, shape: Shape, name: str) -> NDArray[Any]:
 _LEAST_SQUARE = 2.0**-40
 
 
+class SurfacePoints(NamedTuple):
+    """Points on the primitives of a surface.
+
+    Attributes
+    ----------
+    prim_id : (...) int32
+        The primitive, by its number in its geometry; -1 for none.
+    instance_id : (...) int32
+        The instance, -1 for none.
+    u, v : (...) float
+        The coordinates on the primitive; see `Hits`.
+    """
+
+    prim_id: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
+    u: NDArray[np.floating]
+    v: NDArray[np.floating]
+
+
 def find_smooth_normals(
-    mesh: Mesh,
-    prim_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
+    arrays: SceneArrays | None,
+    shapes: Sequence[Shape],
+    points: SurfacePoints,
+    geometry_id: NDArray[np.int32],
     normals: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return (..., 3) float64: interpolated unit normals; see `Normals.__call__`.
 
     Parameters
     ----------
-    mesh : Mesh
-    prim_id : (...) int32
-    u, v : (...) float
+    arrays : SceneArrays or None
+        Where instances are; None: the shape is where its coordinates say.
+    shapes : sequence of Mesh or Spheres
+        Of each geometry.
+    points : SurfacePoints
+    geometry_id : (...) int32
     normals : (..., 3) float64
         Those of the faces, to whose side the result keeps.
     """
     smooth = normals.reshape(-1, 3).copy()
-    prims, us, vs = _flatten(prim_id, u, v)
-    for hits in _chunks(np.flatnonzero(prims != NO_PRIM)):
-        blended = _blend(mesh, prims[hits], us[hits], vs[hits])
-        smooth[hits] = _keep_sides(blended, smooth[hits])
-    return smooth.reshape(normals.shape)
-
-
-def find_placed_smooth_normals(
-    arrays: SceneArrays,
-    shapes: Sequence[Shape],
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    geometry_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-    normals: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return (..., 3) float64: the same for hits on the instances of a scene, in world coordinates."""
-    smooth = normals.reshape(-1, 3).copy()
-    prims, us, vs = _flatten(prim_id, u, v)
-    instances = np.asarray(instance_id).reshape(-1)
+    prims, instances = np.asarray(points.prim_id).reshape(-1), np.asarray(points.instance_id).reshape(-1)
+    us, vs = (np.asarray(coordinates, np.float64).reshape(-1) for coordinates in (points.u, points.v))
     for geometry, of_geometry in group_by_geometry(np.asarray(geometry_id).reshape(-1)):
         shape = shapes[geometry]
         if not isinstance(shape, Mesh):
             continue
         for hits in _chunks(of_geometry):
-            blended = turn_normals(arrays, instances[hits], _blend(shape, prims[hits], us[hits], vs[hits]))
+            blended = _blend(shape, prims[hits], us[hits], vs[hits])
+            if arrays is not None:
+                blended = turn_normals(arrays, instances[hits], blended)
             smooth[hits] = _keep_sides(blended, smooth[hits])
     return smooth.reshape(normals.shape)
-
-
-def _flatten(
-    prim_id: NDArray[np.int32], u: NDArray[np.floating], v: NDArray[np.floating]
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    us, vs = (np.asarray(coordinates, np.float64).reshape(-1) for coordinates in (u, v))
-    return np.asarray(prim_id).reshape(-1), us, vs
 
 
 def _chunks(hits: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:

@@ -9,65 +9,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
-from .interpolate import find_placed_smooth_normals, find_smooth_normals
+from .interpolate import SurfacePoints, find_smooth_normals
 from .locations import find_locations, find_normals, find_placed_locations, find_placed_normals
 from .offsets import find_offset_points, find_placed_offset_points, find_sides
 from .scene_arrays import SceneArrays, make_scene_arrays
 
 
-class SurfacePoints(NamedTuple):
-    """Points on the primitives of a surface.
-
-    Attributes
-    ----------
-    prim_id : (...) int32
-        The primitive, by its number in its geometry; -1 for none.
-    instance_id : (...) int32
-        The instance, -1 for none.
-    u, v : (...) float
-        The coordinates on the primitive; see `Hits`.
-    """
-
-    prim_id: NDArray[np.int32]
-    instance_id: NDArray[np.int32]
-    u: NDArray[np.floating]
-    v: NDArray[np.floating]
-
-
-class Surface(Protocol):
-    """What was hit: functions of points on it, with NaN for points on no primitive."""
-
-    def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
-        """Return (...) int32: the geometry of each point, -1 for none."""
-
-    def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
-        """Return (..., 3) float64, the file's coordinates, or those of the world: where the points are."""
-
-    def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
-        """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
-
-    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
-
-    def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
-
-    def offset_points(
-        self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
-        """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
-
-
 @dataclass(frozen=True, eq=False)
 class MeshSurface:
-    """The surface of one mesh in the file's coordinates.
+    """The surface of one mesh in the file's coordinates: functions of points on it, NaN for points on no primitive.
 
     Attributes
     ----------
@@ -77,23 +34,29 @@ class MeshSurface:
     mesh: Mesh
 
     def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
+        """Return (...) int32: the geometry of each point, -1 for none."""
         return points.instance_id
 
     def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
+        """Return (..., 3) float64, the file's coordinates: where the points are."""
         return find_locations(self.mesh, points.prim_id, points.u, points.v)
 
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
+        """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
         return find_normals(self.mesh, points.prim_id)
 
     def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        return find_smooth_normals(self.mesh, points.prim_id, points.u, points.v, normals)
+        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
+        return find_smooth_normals(None, (self.mesh,), points, self.geometry_ids(points), normals)
 
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
         return find_sides(self.normals(points), directions)
 
     def offset_points(
         self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
+        """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
         return find_offset_points(self.mesh, points.prim_id, locations, is_front)
 
 
@@ -148,10 +111,7 @@ class SceneSurface:
         return find_placed_normals(self.arrays, *points)
 
     def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        return find_placed_smooth_normals(
-            self.arrays, self.shapes, points.prim_id, points.instance_id, self.geometry_ids(points), points.u, points.v,
-            normals,
-        )  # fmt: skip
+        return find_smooth_normals(self.arrays, self.shapes, points, self.geometry_ids(points), normals)
 
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
         return find_sides(self.normals(points), directions)
@@ -160,6 +120,10 @@ class SceneSurface:
         self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
         return find_placed_offset_points(self.arrays, self.scene_reach, *points, locations, is_front)
+
+
+Surface: TypeAlias = MeshSurface | SceneSurface
+"""What was hit, in the file's coordinates or those of the world."""
 
 
 class Normals(np.ndarray):

@@ -85,11 +85,6 @@ class Visits:
         """Mean of node steps plus triangle tests: what the SAH cost estimates, with both costs 1."""
         return self.node_steps_per_ray + self.triangle_tests_per_ray
 
-    @property
-    def visits_per_ray(self) -> float:
-        """Mean number of nodes visited, interior nodes and leaves."""
-        return self.node_steps_per_ray + self.leaf_visits_per_ray
-
 
 def _mean(counts: NDArray[np.int32]) -> float:
     return float(counts.mean(dtype=np.float64)) if len(counts) else 0.0

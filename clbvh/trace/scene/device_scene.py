@@ -133,10 +133,9 @@ class DeviceScene:
         surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
         self.surface = merging.note_on(surface)
         self._items = TopItems.of(state, self.surface, merging)
-        with self._emptied_on_error():
-            for name, parts in joined.items():
-                self._upload(session, name, parts)
-            self._put_top(session, session)
+        for name, parts in joined.items():
+            self._upload(session, name, parts)
+        self._put_top(session, session)
 
     def moved(self, owner: DeviceSession, session: DeviceSession, state: SceneState) -> Self:
         """Return the scene with other transforms of instances that are not merged; this one does not change.
@@ -152,8 +151,7 @@ class DeviceScene:
         moved = self._copy(state)
         moved.surface = self.merging.note_on(move_instances(self.surface, state.transforms))
         moved._items = self._items.moved(state, moved.surface)
-        with moved._emptied_on_error():
-            moved._put_top(owner, session)
+        moved._put_top(owner, session)
         return moved
 
     def with_geometry(
@@ -166,22 +164,12 @@ class DeviceScene:
     ) -> Self:
         """Return the scene with a geometry whose vertices or spheres have moved, given what writes its arrays anew."""
         moved = self._copy(state)
-        with moved._emptied_on_error():
-            moved._refit(self, owner, session, geometry_id, write)
-            arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-            moved.surface = self.merging.note_on(arrays)
-            moved._items = TopItems.of(state, moved.surface, self.merging)
-            moved._put_top(owner, session)
+        moved._refit(self, owner, session, geometry_id, write)
+        arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        moved.surface = self.merging.note_on(arrays)
+        moved._items = TopItems.of(state, moved.surface, self.merging)
+        moved._put_top(owner, session)
         return moved
-
-    @contextmanager
-    def _emptied_on_error(self) -> Iterator[None]:
-        """Let go of the buffers if the block fails: the error itself refers to the scene."""
-        try:
-            yield
-        except BaseException:
-            self.arguments.clear()
-            raise
 
     @contextmanager
     def mapped(
