@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 from weakref import ref
 
 import numpy as np
@@ -30,9 +30,11 @@ from ..layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ..layouts.refit_arrays import RefitArrays, read_topology
 from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
 from .hits.scene_arrays import Triangles, triangles_of
-from .launch import Caster
 from .rays.batch import TreeBox
 from .traced_tree import WideArrays
+
+if TYPE_CHECKING:  # pictures need no queries
+    from .launch import Caster
 
 BRUTE = "brute"
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -293,7 +293,7 @@ def _write_records(arrays, parts, fields, order, frame, lanes, ints):
     return -1
 
 
-def prune_top(top: Any, instance_ids: NDArray[np.integer]) -> dict[str, NDArray[np.void]]:
+def prune_top(top: TopTree, instance_ids: NDArray[np.integer]) -> dict[str, NDArray[np.void]]:
     """Return the arrays of the tree over some instances, by the names of the kernels' arguments.
 
     Parameters

@@ -6,7 +6,7 @@ import trimesh
 
 from clbvh import Mesh, Tracer, make_shape
 from clbvh.geometry.appearance.normals import find_vertex_faces
-from clbvh.integrations.trimesh.proximity import choose_facing
+from clbvh.integrations.trimesh.nearest import choose_facing
 from clbvh.trace.points.refine import ClosestPoints
 
 TOLERANCE = 1e-8

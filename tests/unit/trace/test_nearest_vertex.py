@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, make_shape
-from clbvh.integrations.trimesh.proximity import find_nearest_vertices
+from clbvh.integrations.trimesh.nearest import find_nearest_vertices
 
 from ...soup import make_soup
 
