@@ -222,7 +222,7 @@ def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     """Return a table of bars."""
     from rich.table import Table
 
-    from ..stats.histogram import gather_bars
+    from ..stats.tree_stats import gather_bars
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column(heading, justify="right")

@@ -7,7 +7,7 @@ triangle that is hit. The measure sums these visits up, and explains differences
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from ..support.compiled import compiled
 _MAX_VERTICES = 9
 
 
-@dataclass(frozen=True)
-class Overlap:
+class Overlap(NamedTuple):
     """The end-point overlap of a tree.
 
     Attributes

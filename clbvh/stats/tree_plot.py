@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import ConfigError
 from ..support.files import check_target, write_atomically
-from . import TreeStats
-from .histogram import Bar, gather_bars
+from .tree_stats import Bar, TreeStats, gather_bars
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,15 +32,9 @@ _TICK_PAD = 9
 
 _INK, _MUTED, _GRID = "#20262e", "#66707c", "#e3e7ec"
 _SIZE_COLOUR, _DEPTH_COLOUR = "#2f6f9f", "#c7772e"
-_STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 10,
-    "text.color": _INK,
-    "axes.edgecolor": _MUTED,
-    "axes.labelcolor": _MUTED,
-    "xtick.color": _MUTED,
-    "ytick.color": _MUTED,
-}
+_MUTED_PARTS = ("axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+_HIDDEN_PARTS = ("axes.spines.top", "axes.spines.right", "axes.spines.left")
+_STYLE: Any = {"text.color": _INK, **dict.fromkeys(_MUTED_PARTS, _MUTED), **dict.fromkeys(_HIDDEN_PARTS, False)}
 
 
 def check_plot_path(path: Path) -> None:
@@ -93,7 +86,8 @@ def _draw(stats: TreeStats, title: str) -> Figure:
         (depths, stats.leaf_depths, _DEPTH_COLOUR, "Depth of a leaf", stats.mean_leaf_depth),
     ):
         _draw_bars(axes, gather_bars(histogram, _MOST_BARS), stats.leaf_count, colour)
-        _mark_mean(axes, heading, mean)
+        axes.plot([mean], [0], "D", markersize=7, color="white", markeredgecolor=_INK, clip_on=False, zorder=4)
+        axes.set_title(f"{heading}: mean {mean:.2f}", loc="left", fontsize=11, fontweight="bold", pad=10)
     sizes.set_ylabel("share of all leaves")
     return figure
 
@@ -129,21 +123,6 @@ def _draw_bars(axes: Any, bars: list[Bar], total: int, colour: str) -> None:
     axes.grid(axis="y", color=_GRID, linewidth=0.8, zorder=0)
     axes.tick_params(length=0)
     axes.tick_params(axis="x", pad=_TICK_PAD)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
-
-
-def _mark_mean(axes: Any, heading: str, mean: float) -> None:
-    """Write the heading, and mark the mean on the axis."""
-    mark = {"marker": "D", "markersize": 7, "color": "white", "markeredgecolor": _INK, "clip_on": False}
-    axes.plot([mean], [0], zorder=4, **mark)
-    axes.set_title(heading, loc="left", fontsize=11, fontweight="bold", pad=10)
-    legend = axes.legend(
-        [axes.plot([], [], linestyle="none", **mark)[0]], [f"mean {mean:.2f}"],
-        loc="lower right", bbox_to_anchor=(1, 1), frameon=False, borderaxespad=0.1, handletextpad=0.2,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_color(_MUTED)
 
 
 def _percent(share: float) -> str:

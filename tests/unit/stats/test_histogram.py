@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clbvh.stats.histogram import Bar, gather_bars
+from clbvh.stats.tree_stats import Bar, gather_bars
 
 
 def test_a_short_histogram_stays_as_it_is():
