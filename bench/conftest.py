@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import clbvh
+from clbvh.study.engines import ENGINES, Engine
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +21,22 @@ def mesh() -> clbvh.Mesh:
 
 
 @pytest.fixture(scope="session")
-def open3d():
-    """Return the peer, if it is installed."""
-    return pytest.importorskip("open3d", reason="peers: open3d is not installed, `make bench` does it")
+def open3d(mesh):
+    """Return the peer with the mesh, if it is installed."""
+    return open_peer("Open3D", mesh)
+
+
+@pytest.fixture(scope="session")
+def embreex(mesh):
+    """Return the peer with the mesh, if it is installed."""
+    return open_peer("embreex", mesh)
+
+
+def open_peer(name: str, mesh: clbvh.Mesh) -> Engine:
+    """Return an engine that has built its tree."""
+    engine = ENGINES[name]()
+    for package in engine.packages:
+        pytest.importorskip(package, reason=f"peers: {package} is not installed, `make bench` does it")
+    engine.open(mesh.vertices, mesh.faces)
+    engine.build()
+    return engine

@@ -7,6 +7,7 @@ import pytest
 
 import clbvh
 from clbvh.geometry.surface_samples import DRAWS_PER_POINT, sample_surface
+from clbvh.study.engines import Open3D
 
 from .paired import compare, measure_ms
 from .rival import Rival, Tasks
@@ -39,18 +40,17 @@ def make_rays(points, normals, offset, generator):
 
 def serve_open3d(vertices, faces, points, normals) -> Tasks:
     """Return Open3D's tasks: rays are made and cast, or cast alone."""
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    engine = Open3D()
+    engine.open(vertices, faces)
+    engine.build()
     offset = OFFSET_SHARE * np.ptp(vertices, axis=0).max()
-    made = open3d.core.Tensor(make_rays(points, normals, offset, np.random.default_rng(0)))
+    made = engine.pack(make_rays(points, normals, offset, np.random.default_rng(0)))
 
     def cast(rays):
-        return 1 - scene.test_occlusions(rays).numpy().mean(axis=1)
+        return 1 - engine.scene.test_occlusions(rays).numpy().mean(axis=1)
 
     def make_and_cast():
-        return cast(open3d.core.Tensor(make_rays(points, normals, offset, np.random.default_rng(1))))
+        return cast(engine.pack(make_rays(points, normals, offset, np.random.default_rng(1))))
 
     return {"cast": lambda: cast(made), "make and cast": make_and_cast}
 

@@ -74,31 +74,24 @@ def ordered(request, primary):
     return request.param, tuple(values[shuffle] for values in primary)
 
 
-def test_closest_hit_against_open3d(mesh, ordered, tracer, open3d):
+def test_closest_hit_against_open3d(ordered, tracer, open3d):
     order, rays = ordered
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    packed = open3d.core.Tensor(np.concatenate(rays, axis=1))
+    packed = open3d.pack(*rays)
     ratio = compare(
         f"{len(rays[0]):,} {order} rays, whole closest_hit, Open3D's cast_rays",
         lambda: measure_ms(lambda: tracer.closest_hit(*rays)),
-        lambda: measure_ms(lambda: scene.cast_rays(packed)),
+        lambda: measure_ms(lambda: open3d.scene.cast_rays(packed)),
     )
     print(f"{1 / ratio:.2f} times Open3D's rays per second")
 
 
-def test_closest_hit_against_embreex(mesh, ordered, tracer):
+def test_closest_hit_against_embreex(ordered, tracer, embreex):
     order, rays = ordered
-    scene_module = pytest.importorskip("embreex.rtcore_scene", reason="peers: embreex is not installed")
-    from embreex.mesh_construction import TriangleMesh
-
-    scene = scene_module.EmbreeScene()
-    TriangleMesh(scene=scene, vertices=mesh.vertices.astype(np.float32), indices=mesh.faces)
     host_share(tracer, lambda: tracer.closest_hit(*rays))
     ratio = compare(
         f"{len(rays[0]):,} {order} rays, whole closest_hit, embreex's run",
         lambda: measure_ms(lambda: tracer.closest_hit(*rays)),
-        lambda: measure_ms(lambda: scene.run(*rays)),
+        lambda: measure_ms(lambda: embreex.scene.run(*rays)),
     )
     print(f"{1 / ratio:.2f} times embreex's rays per second")
 
@@ -148,14 +141,12 @@ def test_closest_point_against_open3d(mesh, tracer, open3d):
         scale=size.max() / 100, size=(POINTS // 2, 3)
     )
     points = np.concatenate((near, generator.uniform(-0.5, 0.5, (POINTS // 2, 3)) * size)) + mesh.origin
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    packed = open3d.core.Tensor(points.astype(np.float32))
+    packed = open3d.pack(points)
     host_share(tracer, lambda: tracer.closest_point(points))
     ratio = compare(
         f"{POINTS:,} points, whole closest_point, Open3D's compute_closest_points",
         lambda: measure_ms(lambda: tracer.closest_point(points)),
-        lambda: measure_ms(lambda: scene.compute_closest_points(packed)),
+        lambda: measure_ms(lambda: open3d.scene.compute_closest_points(packed)),
         runs=3,
     )
     print(f"{1 / ratio:.2f} times Open3D's points per second")

@@ -91,11 +91,9 @@ def test_layouts_and_open3d(mesh, rays, tracers, open3d, order):
     if order == "shuffled":
         shuffle = np.random.default_rng(1).permutation(len(origins))
         origins, directions = origins[shuffle], directions[shuffle]
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    packed = open3d.core.Tensor(np.concatenate([origins, directions], axis=1))
+    packed = open3d.pack(origins, directions)
     tasks = {layout: kernel_ms(tracer, "closest_hit", (origins, directions)) for layout, tracer in tracers.items()}
-    tasks["Open3D"] = lambda: measure_ms(lambda: scene.cast_rays(packed))
+    tasks["Open3D"] = lambda: measure_ms(lambda: open3d.scene.cast_rays(packed))
     speeds = race(f"closest hit, {len(origins):,} {order} rays", len(origins), tasks)
     print(
         f"bvh8: {speeds['bvh8'] / speeds['Open3D']:.2f} times Open3D, {speeds['bvh8'] / speeds['bvh2']:.2f} times bvh2"

@@ -115,7 +115,8 @@ class Open3D(Engine):
 
     def pack(self, *arrays: Array) -> Any:
         """Return arrays of equal length side by side, as a tensor of float32."""
-        return self._open3d.core.Tensor(np.concatenate(arrays, axis=1).astype(np.float32))
+        joined = np.concatenate(arrays, axis=1) if len(arrays) > 1 else arrays[0]
+        return self._open3d.core.Tensor(joined.astype(np.float32, copy=False))
 
     def build(self) -> None:
         self.scene = self._open3d.t.geometry.RaycastingScene()

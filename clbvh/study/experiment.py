@@ -1,10 +1,16 @@
-"""The parts that an experiment is made of, and its section of the page."""
+"""What an experiment is: its cases, measurement and section of the page; and the report's figures beside ours."""
 
 from __future__ import annotations
 
 import inspect
+import tomllib
 from collections.abc import Sequence
+from functools import cache, reduce
+from operator import getitem
+from pathlib import Path
+from typing import Any
 
+from ..errors import InternalError
 from .bench import Bench
 from .page import Part, Section
 from .samples import Case, Results, Sample
@@ -91,3 +97,32 @@ def _note_failures(failures: Sequence[tuple[Case, str]]) -> list[str]:
         named = ", ".join(f"{name} {value}" for name, value in cases[0].items() if (name, value) in shared)
         notes.append(f"Not measured, {len(cases)} case{'s' if len(cases) > 1 else ''} ({named}): {reason}.")
     return notes
+
+
+@cache
+def _read() -> dict[str, Any]:
+    return tomllib.loads(Path(__file__).with_name("report.toml").read_text("utf-8"))
+
+
+def published(path: str) -> Any:
+    """Return a figure or a table of the report by its path, such as ``"scaling.build_ms"``.
+
+    Raises
+    ------
+    InternalError
+        The report has no such figure.
+    """
+    try:
+        return reduce(getitem, path.split("."), _read())
+    except (KeyError, TypeError):
+        raise InternalError(f"report.toml has no '{path}'") from None
+
+
+def curve(path: str) -> dict[int, float]:
+    """Return a table of the report whose keys are numbers."""
+    return {int(key): float(value) for key, value in published(path).items()}
+
+
+def source_of(experiment: str) -> str:
+    """Return where in the report the figures of an experiment stand."""
+    return str(published(experiment)["source"])

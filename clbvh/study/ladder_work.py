@@ -7,7 +7,6 @@ on an index array that count each access. Counts do not depend on the machine, a
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from ..builders.ladder.divide import BOX, Cached, Recomputed, Rule, Scratch, Tas
 from ..builders.ladder.subtrees import build_rows
 from ..builders.ladder.variants import BINS, VARIANTS, Nodes
 from ..builders.options import MAX_BINS, BuildOptions
+from ..bvh.depth import find_depths
 from ..geometry import Mesh
 from ..structs import NODE, NODE_LANES
 from ..support.compiled import compiled
@@ -25,8 +25,7 @@ from ..support.compiled import compiled
 _DEFAULT_BINS = 8
 
 
-@dataclass(frozen=True)
-class LadderWork:
+class LadderWork(NamedTuple):
     """The counted work of one build.
 
     Attributes
@@ -146,32 +145,21 @@ def count_ladder_work(mesh: Mesh, name: str, options: BuildOptions | None = None
     )
     rows = np.empty((2 * count, NODE_LANES), np.float32)
     node_count = int(_build(_CountedPrims(source, accesses), Task(0, count, 0), rule, ids, scratch, rows))
-    sizes = _measure_ranges(rows[:node_count].view(NODE).reshape(-1))
-    interior_count = node_count // 2
-    copied = int(sizes.sum()) - count  # each node but the root gets a list
+    nodes = rows[:node_count].view(NODE).reshape(-1)
+    # Each primitive lies in the ranges of its leaf and of all nodes above.
+    range_sizes = int((nodes["count"] * (find_depths(nodes["first"], nodes["count"]) + 1)).sum())
 
     # Each node asks for three coordinates of all its centroids to find its longest axis.
-    asked_to_divide = int(accesses[1]) - 3 * int(sizes.sum())
-    node_allocations = node_count if variant.nodes is Nodes.HEAP else 0
-    list_allocations = 2 * interior_count if variant.copies else 0
+    asked_to_divide = int(accesses[1]) - 3 * range_sizes
+    # Each node but the root gets a list.
+    copied, lists = (range_sizes - count, node_count - 1) if variant.copies else (0, 0)
     return LadderWork(
         comparisons=0 if variant.how == BINS else asked_to_divide // 2,
         bin_lookups=asked_to_divide if variant.how == BINS else 0,
         boxes=count if variant.cached else int(accesses.sum()),
-        moves=int(writes[0]) + (copied if variant.copies else 0),
-        allocations=node_allocations + list_allocations,
+        moves=int(writes[0]) + copied,
+        allocations=lists + (node_count if variant.nodes is Nodes.HEAP else 0),
     )
-
-
-def _measure_ranges(nodes: NDArray[np.void]) -> NDArray[np.int64]:
-    """Return the number of primitives below each node."""
-    sizes = nodes["count"].astype(np.int64)
-    # Children stand behind their parent.
-    for node in range(len(nodes) - 1, -1, -1):
-        if nodes["count"][node] == 0:
-            first = nodes["first"][node]
-            sizes[node] = sizes[first] + sizes[first + 1]
-    return sizes
 
 
 @compiled

@@ -1,6 +1,6 @@
 """The parts of a study's page, without their form, and the page: as HTML, and as Markdown for documents that quote it.
 
-The forms are the templates `page.html.jinja` and `results.md.jinja`.
+The forms and their standing texts are the templates beside this file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .statistics import NOISY_SPREAD, Summary
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-HTML, MARKDOWN = "page.html.jinja", "results.md.jinja"
+HTML, RESULTS, README = "page.html.jinja", "results.md.jinja", "readme.md.jinja"
 
 # What a cell of a table can be. A summary shows its median and its range.
 Cell = str | int | float | Summary | None
@@ -120,20 +120,9 @@ class Section:
     notes: Sequence[str] = ()
 
 
-def write_page(template: str, facts: dict[str, str], sections: Sequence[Section], **texts: Any) -> str:
-    """Return the whole page in one of the forms `HTML` and `MARKDOWN`.
-
-    Parameters
-    ----------
-    template : str
-    facts : dict of str to str
-        The machine.
-    sections : sequence of Section
-    **texts
-        What else the template shows.
-    """
-    machine = Table("", ("machine", ""), [*facts.items()])
-    return _load_templates().get_template(template).render(machine=machine, sections=sections, **texts)
+def render(template: str, **content: Any) -> str:
+    """Return a document: one of the templates `HTML`, `RESULTS` and `README` with its content."""
+    return _load_templates().get_template(template).render(content)
 
 
 @cache
@@ -145,7 +134,7 @@ def _load_templates() -> Environment:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=StrictUndefined,
     )  # fmt: skip
     environment.filters |= {"cell": format_cell, "number": format_number, "table": write_table, "wrap": wrap}
-    environment.globals["noise"] = f"the samples lie more than {100 * NOISY_SPREAD:.0f} % apart"
+    environment.globals["apart"] = f"{100 * NOISY_SPREAD:.0f} %"
     return environment
 
 

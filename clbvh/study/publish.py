@@ -14,7 +14,7 @@ from ..errors import ConfigError
 from ..support.files import write_atomically
 from .experiments.peers import QUERIES, figure_of, lead_of
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
-from .page import MARKDOWN, Table, wrap, write_page, write_table
+from .page import README, RESULTS, Table, render
 from .registry import EXPERIMENTS
 from .samples import FILE_NAME as SAMPLES_NAME, Results, SampleFile
 from .scale import FULL, QUICK, TINY, Scale
@@ -69,7 +69,7 @@ def write_results(study: PublishedStudy) -> str:
         results = study.results(experiment.name)
         if results.cases:
             sections.append(experiment.make_section(results))
-    return write_page(MARKDOWN, study.facts, sections, folder=SAMPLES_FOLDER, size=study.scale.name)
+    return render(RESULTS, machine=study.facts, sections=sections, folder=SAMPLES_FOLDER, size=study.scale.name)
 
 
 def write_readme_table(study: PublishedStudy) -> str:
@@ -85,25 +85,12 @@ def write_readme_table(study: PublishedStudy) -> str:
         ratios = [lead_of(results, cases) for cases in by_mesh]
         leads.append((title.removesuffix(", ms"), *(ratio and ratio.median for ratio in ratios)))
         rows.append((title, *(figure_of(results, by_mesh[-1].get(name)) for name in engines)))
-    versions = [f"{name} {study.facts.get(name.lower(), study.facts['clbvh'])}" for name in engines]
-    blocks = [
-        wrap(
-            f"Machine: {study.facts['cores']} cores of {study.facts['processor']}; {study.facts['device']}; "
-            f"{', '.join(versions)}. Written by `make results` from docs/{SAMPLES_FOLDER}/; "
-            f"[docs/{RESULTS_NAME}](docs/{RESULTS_NAME}) has all figures and says how they were measured."
-        ),
-        wrap(
-            "The time of the fastest other engine over clbvh's, whole calls, for meshes of growing size; above 1, "
-            "clbvh is faster:"
-        ),
-        write_table(Table("", ("", *(f"{mesh}, {triangles[mesh]:,}" for mesh in meshes)), leads)),
-        wrap(
-            f"The largest of them, {meshes[-1]}. Build in ms, queries in millions of rays or points per second: "
-            "medians, with the smallest and the largest sample."
-        ),
-        write_table(Table("", ("", *engines), rows)),
-    ]
-    return "\n\n".join(blocks) + "\n"
+    versions = ", ".join(f"{name} {study.facts.get(name.lower(), study.facts['clbvh'])}" for name in engines)
+    return render(
+        README, machine=study.facts, versions=versions, folder=SAMPLES_FOLDER, results=RESULTS_NAME, largest=meshes[-1],
+        leads=Table("", ("", *(f"{mesh}, {triangles[mesh]:,}" for mesh in meshes)), leads),
+        speeds=Table("", ("", *engines), rows),
+    )  # fmt: skip
 
 
 def publish(source: Path, project: Path) -> None:

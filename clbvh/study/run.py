@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import psutil
 
 from ..errors import ClbvhError, ConfigError
@@ -15,12 +17,10 @@ from .bench import Bench
 from .engines import ENGINES
 from .experiment import Experiment
 from .machine import Machine, describe_machine, keep_machine, list_missing
-from .page import HTML, write_page
+from .page import HTML, render
 from .registry import EXPERIMENTS, find_experiments
-from .report import TITLE
 from .samples import FILE_NAME, TABLE_NAME, Case, NotMeasuredError, Results, Sample, SampleFile, key_of
 from .scale import FULL, SCANS, Scale
-from .statistics import NOISY_SPREAD
 
 PAGE_NAME = "index.html"
 PICTURES_NAME = "pictures"
@@ -128,17 +128,15 @@ def _take_samples(
     total = sum(weight for *_, weight in to_do)
     finished = 0.0
     for experiment, group, members, weight in to_do:
-        step = weight / (len(members) * (scale.rounds + 1))
-        ticks = 0
-
-        def tick(experiment: Experiment = experiment, finished: float = finished, step: float = step) -> None:
-            nonlocal ticks
-            on_progress(experiment.name, min(1.0, (finished + ticks * step) / total))
-            ticks += 1
-
+        shares = iter(np.linspace(finished, finished + weight, len(members) * (scale.rounds + 1) + 1) / total)
+        tick = partial(_report, on_progress, experiment.name, shares)
         tick()
         sample_group(experiment, group, members, scale, machine, samples, pictures, tick)
         finished += weight
+
+
+def _report(on_progress: Callable[[str, float], None], name: str, shares: Iterator[float]) -> None:
+    on_progress(name, float(next(shares)))
 
 
 def group_cases(experiment: Experiment, cases: list[Case]) -> dict[str, list[Case]]:
@@ -201,27 +199,16 @@ def _make_page(samples: SampleFile, scale: Scale, machine: Machine, pictures: Pa
         results = Results(experiment.name, samples, scale, machine.facts, experiment.cases(scale), pictures)
         if results.cases or results.failures:
             sections.append(experiment.make_section(results))
-    warm = f"{scale.least_rounds} to {scale.rounds} rounds" if scale.rounds > scale.least_rounds else "all rounds"
-    introduction = [
-        f"The experiments of the report “{TITLE}” (course project, 2026), repeated with clbvh on this machine, and a "
-        "contest with other engines. Figures of the report stand beside ours, and were measured on other machines: "
-        "compare shapes and ratios, not milliseconds.",
-        f"How it is measured: one warm-up of each case that does not count, then {warm} in which the cases of a group "
-        "take turns, forwards and backwards; median, with the smallest and the largest sample below it. Ratios are "
-        f"medians of the ratios of each round. Figures whose samples lie more than {100 * NOISY_SPREAD:.0f} % apart "
-        "are marked by their colour, and counted as noisy. Wall time and the device's own event time are never mixed "
-        "in one figure without saying so.",
-        f"Size of this study: {scale.name}. Raw samples: {FILE_NAME} and {TABLE_NAME} beside this page.",
-        *notes,
-    ]
+    rounds = f"{scale.least_rounds} to {scale.rounds} rounds" if scale.rounds > scale.least_rounds else "all rounds"
     stand_ins = {
         f"instead of {name}": f"{mesh}, procedural: 'clbvh fetch {name}' brings the scan"
         for name in SCANS
         if (mesh := scale.mesh(name)) != name
     }
-    return write_page(
-        HTML, {**machine.facts, **stand_ins}, sections, title="The clbvh study", introduction=introduction
-    )
+    return render(
+        HTML, machine={**machine.facts, **stand_ins}, sections=sections, notes=notes, rounds=rounds, size=scale.name,
+        samples=FILE_NAME, table=TABLE_NAME,
+    )  # fmt: skip
 
 
 def _collect_notes(machine: Machine, changes: Sequence[str], others: int) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 from clbvh import Tracer, build, load_mesh
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.rendering.framing import frame_mesh
+from clbvh.study.engines import Open3D
 
 from ..mesh_reference import find_differences
 from ..rays import as_float32, centred, random_rays
@@ -29,14 +30,15 @@ def cast_with_open3d():
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            import open3d
+            import open3d as open3d
     except ImportError as error:
         pytest.skip(f"peers: Open3D cannot be imported: {error}")
 
     def cast(mesh, origins, directions):
-        scene = open3d.t.geometry.RaycastingScene()
-        scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-        answer = scene.cast_rays(np.concatenate((origins, directions), axis=1).astype(np.float32))
+        engine = Open3D()
+        engine.open(mesh.vertices, mesh.faces)
+        engine.build()
+        answer = engine.scene.cast_rays(engine.pack(origins, directions))
         prim_id = answer["primitive_ids"].numpy().astype(np.int64)
         return answer["t_hit"].numpy(), np.where(prim_id == NO_GEOMETRY, -1, prim_id)
 

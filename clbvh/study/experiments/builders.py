@@ -6,11 +6,10 @@ from ...builders.ladder.variants import VARIANTS
 from ...support.host_threads import usable_cores
 from ..bench import PHASE, Bench
 from ..drawing import REPORT, Axis, Point
-from ..experiment import Experiment
+from ..experiment import Experiment, curve, published, source_of
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
 from ..page import Cell, Figure, Paragraph, Part, Table
-from ..report import curve, published, source_of
 from ..samples import Case, Results, Sample
 from ..scale import Scale
 from ..statistics import amdahl_speedup, fit_amdahl
@@ -241,7 +240,7 @@ class Counters(Experiment):
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         work = count_ladder_work(bench.mesh(case["mesh"]), case["builder"])
-        values = {quantity: float(getattr(work, quantity)) for quantity in _WORK}
+        values = {quantity: float(count) for quantity, count in work._asdict().items()}
         problem = find_counter_problem()
         if problem:
             return Sample(values, {_PROBLEM: problem})

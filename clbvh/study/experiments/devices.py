@@ -13,9 +13,8 @@ from ...trace.oracle.visits import HostTraversal, count_wide_visits
 from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..drawing import REPORT, Axis, Point
-from ..experiment import Experiment
+from ..experiment import Experiment, published, source_of
 from ..page import Cell, Figure, Paragraph, Part, Picture, Table
-from ..report import published, source_of
 from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
 from ..statistics import lane_use

@@ -9,9 +9,8 @@ from ...support.host_threads import HostThreads, usable_cores
 from ...trace.oracle.visits import HostTraversal
 from ..bench import Bench
 from ..drawing import REPORT, Axis, Point
-from ..experiment import Experiment
+from ..experiment import Experiment, curve, published, source_of
 from ..page import Cell, Figure, Paragraph, Part, Picture, Table
-from ..report import curve, published, source_of
 from ..samples import Case, Results, Sample
 from ..scale import SCANS, Scale, load_named_mesh, scan_of
 from ..statistics import Summary, growth_exponent

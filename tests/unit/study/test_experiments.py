@@ -11,11 +11,10 @@ import pytest
 import clbvh.study
 from clbvh.errors import ConfigError, InternalError
 from clbvh.study import engines, machine as machines
-from clbvh.study.experiment import Experiment
+from clbvh.study.experiment import Experiment, curve, published, source_of
 from clbvh.study.experiments import peers
 from clbvh.study.page import Table
 from clbvh.study.registry import EXPERIMENTS, find_experiments
-from clbvh.study.report import curve, published, source_of
 from clbvh.study.run import run_study
 from clbvh.study.samples import Sample
 from clbvh.study.scale import FULL, QUICK, SCANS, TINY, Scale

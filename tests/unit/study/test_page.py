@@ -11,7 +11,7 @@ import pytest
 from clbvh.study.drawing import REPORT, Axis, draw_figure
 from clbvh.study.page import (
     HTML,
-    MARKDOWN,
+    RESULTS,
     Figure,
     Paragraph,
     Picture,
@@ -19,7 +19,7 @@ from clbvh.study.page import (
     Table,
     format_cell,
     format_number,
-    write_page,
+    render,
 )
 from clbvh.study.statistics import Summary
 
@@ -81,7 +81,8 @@ def check_self_contained(text):
 
 def make_page(*parts, **fields):
     section = Section(**{"name": "one", "title": "One", "question": "Why?", "method": "", "parts": parts, **fields})
-    return write_page(HTML, {"cores": "2"}, [section], title="A <study>", introduction=["First & last."])
+    texts = {"notes": ["First & <last>."], "rounds": "all rounds", "size": "tiny", "samples": "a", "table": "b"}
+    return render(HTML, machine={"cores": "2"}, sections=[section], **texts)
 
 
 def test_tables_show_median_and_range():
@@ -139,7 +140,7 @@ def test_markdown_has_tables_and_texts_without_figures():
     section = Section(
         "one", "One", "Why?", "By hand.", [Table("All.", ("a|b", "ms"), [("x", QUIET)]), figure], ["Noise."]
     )
-    text = write_page(MARKDOWN, {"cores": "2"}, [section], folder="results", size="tiny")
+    text = render(RESULTS, machine={"cores": "2"}, sections=[section], folder="results", size="tiny")
     head = "| machine |  |\n|---|---|\n| cores | 2 |\n\n## One\n\nWhy?\n\nBy hand.\n\nAll.\n\n"
     assert text.endswith(f"{head}| a/b | ms |\n|---|---|\n| x | 10.0 (9.90 to 10.1) |\n\nNoise.\n")
 
