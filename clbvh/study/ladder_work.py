@@ -17,7 +17,7 @@ from ..builders.ladder.divide import BOX, Cached, Recomputed, Rule, Scratch, Tas
 from ..builders.ladder.subtrees import build_rows
 from ..builders.ladder.variants import BINS, VARIANTS, Nodes
 from ..builders.options import MAX_BINS, BuildOptions
-from ..bvh.depth import find_depths
+from ..bvh.bvh import find_depths
 from ..geometry import Mesh
 from ..structs import NODE, NODE_LANES
 from ..support.compiled import compiled
