@@ -26,9 +26,6 @@ STANFORD = "https://graphics.stanford.edu/pub/3Dscanrep"
 MESHES_VARIABLE = "CLBVH_MESHES"
 
 _TIMEOUT_S = 30
-_BLOCK_BYTES = 1 << 16
-# The largest known mesh has 34 MB; a larger member of an archive is not a known mesh.
-_MAX_MEMBER_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -168,9 +165,8 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
         cache.mkdir(parents=True, exist_ok=True)
         # A folder that is removed with its content, whatever happens.
         with temporary_folder(cache, f".{name}-") as work:
-            archive = _download(url, mesh, work, progress)
             extracted = work / mesh.file_name
-            _extract(archive, mesh, extracted, url)
+            extracted.write_bytes(_extract(_download(url, mesh, work, progress), mesh, url))
             extracted.replace(target)
     except OSError as error:
         raise FetchError(f"{url}: cannot be stored in {cache}: {error.strerror or error}") from error
@@ -184,50 +180,34 @@ def _download(url: str, mesh: KnownMesh, folder: Path, progress: Any) -> Path:
     import requests
 
     pooch.get_logger().setLevel("WARNING")
-    downloader = pooch.HTTPDownloader(
-        progressbar=progress or False, chunk_size=_BLOCK_BYTES, timeout=_TIMEOUT_S, allow_redirects=True
-    )
+    downloader = pooch.HTTPDownloader(progressbar=progress or False, timeout=_TIMEOUT_S, allow_redirects=True)
     known_hash = mesh.archive_sha256 and f"sha256:{mesh.archive_sha256}"
     try:
-        return Path(
-            pooch.retrieve(url, known_hash=known_hash, fname="archive.tar.gz", path=folder, downloader=downloader)
-        )
-    except requests.HTTPError as error:
-        answer = "an error"
-        if error.response is not None:
-            answer = f"{error.response.status_code} {error.response.reason}"
-            error.response.close()  # pooch leaves the connection open when the status is bad
-        raise FetchError(f"{url}: the server answers {answer}") from error
-    except requests.Timeout as error:
-        raise FetchError(f"{url}: no answer within {_TIMEOUT_S} s: try again later") from error
+        return Path(pooch.retrieve(url, known_hash, "archive.tar.gz", folder, downloader=downloader))
     except requests.RequestException as error:
-        raise FetchError(f"{url}: the connection failed or was cut ({type(error).__name__}): try again") from error
+        if error.response is None:
+            raise FetchError(f"{url}: the connection failed or was cut ({type(error).__name__}): try again") from error
+        error.response.close()  # pooch leaves the connection open when the status is bad
+        answer = f"{error.response.status_code} {error.response.reason}"
+        raise FetchError(f"{url}: the server answers {answer}") from error
     except ValueError as error:
         raise FetchError(f"{url}: the archive is not the known one, or was damaged on its way: {error}") from error
 
 
-def _extract(archive: Path, mesh: KnownMesh, target: Path, url: str) -> None:
-    """Copy the mesh out of the archive and check its checksum, if that is known.
-
-    Only the member's bytes are used, never the path that the archive gives it.
-    """
-    digest = hashlib.sha256()
+def _extract(archive: Path, mesh: KnownMesh, url: str) -> bytes:
+    """Return the mesh in the archive, after a check of its checksum, if that is known."""
     try:
-        with tarfile.open(archive, "r:gz") as tar, target.open("wb") as out:
-            member = tar.getmember(mesh.member)
-            source = tar.extractfile(member) if member.isreg() and member.size <= _MAX_MEMBER_BYTES else None
-            if source is None:
-                raise FetchError(f"{url}: '{mesh.member}' in the archive is not a mesh file")
-            with source:
-                while block := source.read(_BLOCK_BYTES):
-                    digest.update(block)
-                    out.write(block)
+        with tarfile.open(archive, "r:gz") as tar:
+            source = tar.extractfile(mesh.member)
+            content = source.read() if source is not None else b""
     except KeyError as error:
         raise FetchError(f"{url}: the archive has no '{mesh.member}'") from error
     except (tarfile.TarError, gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FetchError(f"{url}: the archive is damaged or was cut off ({error}): try again") from error
-    if mesh.member_sha256 is not None and digest.hexdigest() != mesh.member_sha256:
+    digest = hashlib.sha256(content).hexdigest()
+    if not content or mesh.member_sha256 not in (None, digest):
         raise FetchError(
-            f"{url}: '{mesh.member}' is not the known mesh, or was damaged on its way: its sha256 is "
-            f"{digest.hexdigest()} instead of {mesh.member_sha256}"
+            f"{url}: '{mesh.member}' is not the known mesh, or was damaged on its way: its sha256 is {digest} instead "
+            f"of {mesh.member_sha256}"
         )
+    return content

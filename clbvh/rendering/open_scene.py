@@ -10,7 +10,7 @@ from typing import TypeAlias
 from ..bvh import Bvh
 from ..errors import SceneError
 from ..geometry import MeshLike, Spheres, as_mesh
-from ..geometry.loading.several_parts import may_have_parts
+from ..geometry.loading.load import may_have_parts
 from ..scene.parts import HasGraph
 from ..scene.serialize import is_saved_scene
 from ..support.folders import find_folder

@@ -7,6 +7,7 @@ triangles. What is wrong with the looks becomes one warning for all of it, and t
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +23,12 @@ from ..appearance.appearance import Appearance, find_flat_normals, make_unchecke
 from ..appearance.material import Material
 from ..appearance.srgb import to_bytes
 from ..mesh import check_face_count
+
+# The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
+OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*((?:ST)?C?N?)OFF\b")
+
+_STL_COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
+_STL_TRIANGLE_BYTES = 50
 
 
 class FileMesh(NamedTuple):
@@ -271,3 +278,11 @@ def cut_fans(corners: NDArray[np.integer], sizes: NDArray[np.integer]) -> NDArra
     first = np.repeat(np.cumsum(sizes) - sizes, triangle_counts)
     step = np.arange(len(first)) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
     return corners[np.column_stack((first, first + step + 1, first + step + 2))]
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Return whether the size is the one that the header of a binary STL file would declare.
+
+    The first word tells nothing: many programs begin binary files with `solid`, as text files do.
+    """
+    return len(data) == _STL_COUNT.stop + int.from_bytes(data[_STL_COUNT], "little") * _STL_TRIANGLE_BYTES

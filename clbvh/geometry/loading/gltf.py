@@ -62,31 +62,7 @@ def read_gltf(data: bytes, file: Path, problems: Problems) -> FileMesh:
     """
     gltf, parts = _find_parts(data, file)
     check_face_count(*_count_faces_and_vertices(gltf, parts))
-    primitives: dict[int, list[_Primitive]] = {}
-    points: dict[int, NDArray[np.float64]] = {}
-    vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
-    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
-    looks: list[LooksPiece] = []
-    reader = GltfLooks(gltf, problems)
-    vertex_count = 0
-    for part in parts:
-        if part.mesh not in primitives:
-            primitives[part.mesh] = list(_read_primitives(gltf, part.mesh, points, reader))
-        first_vertices: dict[int, int] = {}
-        moved: dict[int, NDArray[np.float64]] = {}
-        with np.errstate(invalid="ignore"):
-            mirrors = np.linalg.slogdet(part.matrix[:3, :3])[0] < 0
-        for positions, triangles, piece in primitives[part.mesh]:
-            if positions not in moved:
-                moved[positions] = _move(points[positions], part.matrix)
-                first_vertices[positions] = vertex_count
-                vertices.append(moved[positions])
-                vertex_count += len(vertices[-1])
-            # A mirrored triangle is seen from its other side, unless its corners are turned round.
-            turned = triangles[:, ::-1] if mirrors else triangles
-            faces.append(turned + first_vertices[positions])
-            looks.append(piece.moved(part.matrix, moved[positions], turned, is_turned=bool(mirrors)))
-    return FileMesh("", np.concatenate(vertices), np.concatenate(faces), join_looks(looks))
+    return FileMesh("", *_join(gltf, parts, {}, GltfLooks(gltf, problems)))
 
 
 def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
@@ -107,7 +83,7 @@ def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
         mesh_name = _read_name(gltf.item("meshes", part.mesh))
         if part.mesh not in numbers:
             numbers[part.mesh] = len(numbers)
-            joined, corners, looks = _join_primitives(gltf, part.mesh, points, reader)
+            joined, corners, looks = _join(gltf, [_Part(part.mesh, np.eye(4))], points, reader)
             vertices, faces = drop_loose_vertices(joined, corners)
             parts_of_file.meshes.append(FileMesh(mesh_name or part.name, vertices, faces, looks))
         matrix = part.matrix.copy()
@@ -122,22 +98,32 @@ def _find_parts(data: bytes, file: Path) -> tuple[GltfData, list[_Part]]:
     return gltf, list(_walk_nodes(gltf))
 
 
-def _join_primitives(
-    gltf: GltfData, mesh: int, points: dict[int, NDArray[np.float64]], reader: GltfLooks
+def _join(
+    gltf: GltfData, parts: list[_Part], points: dict[int, NDArray[np.float64]], reader: GltfLooks
 ) -> tuple[NDArray[np.float64], NDArray[np.integer], Appearance | None]:
-    """Return the vertices (V, 3), faces (F, 3) and looks of a mesh; an accessor's vertices are listed once."""
-    first_vertices: dict[int, int] = {}
+    """Return the vertices (V, 3), faces (F, 3) and looks of parts in their positions."""
+    primitives: dict[int, list[_Primitive]] = {}
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
     looks: list[LooksPiece] = []
     vertex_count = 0
-    for positions, triangles, piece in _read_primitives(gltf, mesh, points, reader):
-        if positions not in first_vertices:
-            first_vertices[positions] = vertex_count
-            vertices.append(points[positions])
-            vertex_count += len(points[positions])
-        faces.append(triangles + first_vertices[positions])
-        looks.append(piece)
+    for part in parts:
+        if part.mesh not in primitives:
+            primitives[part.mesh] = list(_read_primitives(gltf, part.mesh, points, reader))
+        first_vertices: dict[int, int] = {}
+        moved: dict[int, NDArray[np.float64]] = {}
+        with np.errstate(invalid="ignore"):
+            mirrors = np.linalg.slogdet(part.matrix[:3, :3])[0] < 0
+        for positions, triangles, piece in primitives[part.mesh]:
+            if positions not in moved:
+                moved[positions] = _move(points[positions], part.matrix)
+                first_vertices[positions] = vertex_count
+                vertices.append(moved[positions])
+                vertex_count += len(vertices[-1])
+            # A mirrored triangle is seen from its other side, unless its corners are turned round.
+            turned = triangles[:, ::-1] if mirrors else triangles
+            faces.append(turned + first_vertices[positions])
+            looks.append(piece.moved(part.matrix, moved[positions], turned, is_turned=bool(mirrors)))
     return np.concatenate(vertices), np.concatenate(faces), join_looks(looks)
 
 

@@ -12,6 +12,7 @@ physically-based rendering", 2014.
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +28,10 @@ _MAX_BYTES = 1 << 26
 _NEW = b"newmtl"
 _BUMP_KEYS = (b"map_bump", b"bump")
 _TEXTURE_KEYS = (b"map_kd", b"map_d", b"map_ke", b"norm", *_BUMP_KEYS)
-# Options of a texture and the words behind each, at most; the last word is the file.
-_OPTIONS = {
-    **{b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-boost": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1},
-    **{b"-clamp": 1, b"-texres": 1, b"-imfchan": 1, b"-type": 1},
-}
+# An option of a texture, with its numbers or its word; the rest of the line is the name of a file.
+_OPTION = re.compile(
+    rb"(?i)(-(?:s|o|t|mm|bm|boost|texres)(?: +[-+.0-9e]+(?= ))+|-(?:blendu|blendv|cc|clamp|imfchan|type) +\S+) +"
+)
 _REFRACTION, _GLASS = (6, 7), (4, 9)  # values of `illum`
 # A surface that is darker than this and reflects more than that is a metal, if nothing else says so.
 _DARK, _BRIGHT = 0.04, 0.3
@@ -178,25 +178,11 @@ def _read_texture(words: _Words, key: bytes, textures: TextureFiles, folder: Pat
     if not words.get(key) or not words[key][0]:
         return None
     rest, wrap = words[key][0], "repeat"
-    while (found := rest.split(None, 1)) and len(found) == 2 and found[0].lower() in _OPTIONS:
-        option, rest = found
-        for _ in range(_OPTIONS[option.lower()]):
-            value, *more = rest.split(None, 1)
-            is_file = option.lower() in (b"-s", b"-o", b"-t", b"-mm") and not _is_number(value)
-            if not more or is_file:
-                break
-            if option.lower() == b"-clamp" and value.lower() == b"on":
-                wrap = "clamp"
-            rest = more[0]
+    while option := _OPTION.match(rest):
+        if option[1].lower() == b"-clamp on":
+            wrap = "clamp"
+        rest = rest[option.end() :]
     return textures.read(rest.decode("utf-8", "replace"), is_srgb=is_srgb, wrap=(wrap, wrap), folder=folder)
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _join_alpha(texture: Texture | None, mask: Texture | None) -> Texture | None:
@@ -214,14 +200,11 @@ def _join_alpha(texture: Texture | None, mask: Texture | None) -> Texture | None
         return _with_alpha(texture, alpha)
     # To the size of the larger one, pixel by pixel.
     height, width = np.maximum(alpha.shape, texture.pixels.shape[:2])
-    enlarged = _enlarge(texture.pixels, height, width)
-    return _with_alpha(dataclasses.replace(texture, pixels=enlarged), _enlarge(alpha, height, width))
-
-
-def _enlarge(pixels: np.ndarray, height: int, width: int) -> np.ndarray:
-    rows = np.arange(height) * pixels.shape[0] // height
-    columns = np.arange(width) * pixels.shape[1] // width
-    return pixels[rows[:, None], columns]
+    pixels, alpha = (
+        values[np.arange(height)[:, None] * len(values) // height, np.arange(width) * values.shape[1] // width]
+        for values in (texture.pixels, alpha)
+    )
+    return _with_alpha(dataclasses.replace(texture, pixels=pixels), alpha)
 
 
 def _with_alpha(texture: Texture, alpha: np.ndarray | np.uint8) -> Texture:

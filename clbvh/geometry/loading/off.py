@@ -9,11 +9,9 @@ import re
 from pathlib import Path
 
 from ...errors import MeshError
-from .file_mesh import FileMesh, Problems
+from .file_mesh import OFF_KEYWORD, FileMesh, Problems
 from .ply import read_ply
 
-# The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
-OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*((?:ST)?C?N?)OFF\b")
 _BINARY = re.compile(rb"[ \t]+BINARY\b")
 
 _COLOUR = ("red", "green", "blue", "alpha")

@@ -21,11 +21,11 @@ from ..appearance.appearance import Appearance
 from ..appearance.material import OPAQUE, Material
 from ..appearance.srgb import linear_to_srgb_bytes
 from ..topology import find_equal_points
-from .file_mesh import FileMesh, Problems, finish_looks, spread_colours
+from .file_mesh import FileMesh, Problems, finish_looks, is_binary_stl, spread_colours
 from .ply import are_number_lines
 
-_COUNT = slice(80, 84)  # bytes of a binary file that hold the number of its triangles
-_TRIANGLE_BYTES = 50
+_HEADER_BYTES = 80
+
 
 # Bits of the attribute: a mark, and three channels of 0 to 31. The colour in a header is red, green, blue and alpha.
 _MARK, _MOST = 0x8000, 31
@@ -48,7 +48,7 @@ def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
         if "vertices" not in loaded:
             return FileMesh("", np.empty((0, 3)), np.empty((0, 3), np.int64))
         with problems.drop("the colours"):
-            appearance = _read_colours(data[: _COUNT.start], loaded["face_attributes"]["stl"])
+            appearance = _read_colours(data[:_HEADER_BYTES], loaded["face_attributes"]["stl"])
         solids = [loaded]
     else:
         text, triangle_count = _check_text(data)
@@ -59,14 +59,6 @@ def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
     corners = np.concatenate([solid["vertices"] for solid in solids])
     first, ids = find_equal_points(corners)
     return FileMesh("", corners[first], ids.reshape(-1, 3), appearance)
-
-
-def is_binary_stl(data: bytes) -> bool:
-    """Return whether the size is the one that the header of a binary STL file would declare.
-
-    The first word tells nothing: many programs begin binary files with `solid`, as text files do.
-    """
-    return len(data) == _COUNT.stop + int.from_bytes(data[_COUNT], "little") * _TRIANGLE_BYTES
 
 
 def _check_text(data: bytes) -> tuple[bytes, int]:

@@ -15,7 +15,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import AppearanceWarning, MeshError
-from clbvh.geometry.loading import load as load_module, ply
+from clbvh.geometry.loading import ply
 from clbvh.geometry.shapes.make_shape import make_shape
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
@@ -499,7 +499,7 @@ def test_running_out_of_memory_is_no_damage(tmp_path, monkeypatch):
     def read(*_):
         raise MemoryError
 
-    monkeypatch.setitem(load_module._READERS, "ply", read)
+    monkeypatch.setattr(ply, "read_ply", read)
     with pytest.raises(MeshError, match=r"a\.ply: there is not enough free memory to read the file"):
         load(tmp_path, "a.ply", TRIANGLE_PLY)
 

@@ -10,7 +10,7 @@ import trimesh
 
 from clbvh import make_shape
 from clbvh.errors import MeshError, SceneError
-from clbvh.geometry.loading.several_parts import may_have_parts
+from clbvh.geometry.loading.load import may_have_parts
 from clbvh.rendering.guesses import guess_up
 from clbvh.rendering.open_scene import open_mesh_file, open_mesh_files, open_scene
 from clbvh.rendering.scene import Scene
