@@ -20,14 +20,12 @@ from ..geometry.mesh import Mesh
 from ..geometry.shapes.make_spheres import make_spheres
 from ..geometry.spheres import Spheres
 from ..geometry.surface_samples import DRAWS_PER_POINT, sample_surface
-from ..scene.handles import Geometry
+from ..scene.handles import ALL_BITS, Geometry
 from ..scene.store import UniqueNames
 from ..support.memory import check_memory
 from .guesses import known_up
 from .scene import MeshSource, Scene
 from .vectors import Vector, check_vector
-
-ALL_BITS = 2**32 - 1  # of a mask: visible for every ray
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -249,27 +249,21 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
             last_row = min(first_row + row_count, height)
             origins, directions = camera.rays(width, height, range(first_row, last_row))
             rays, _ = read_rays(origins, directions, 0.0, np.inf)
-            of_rows = found[first_row:last_row].reshape(-1)
-
-            def refine(
-                begin: int,
-                end: int,
-                first: int = first_row * width,
-                batch: RayBatch = rays,
-                of_rows: NDArray[np.void] = of_rows,
-            ) -> None:
-                pixels = first + begin, first + end
-                refine_closest(
-                    batch.part(begin, end), surface, of_rows[begin:end], refined.part(*pixels), ids.part(*pixels)
-                )
-
-            threads.for_ranges(len(of_rows), refine)
+            pixels = first_row * width, last_row * width
+            of_rows = rays, surface, found[first_row:last_row].reshape(-1), refined.part(*pixels), ids.part(*pixels)
+            threads.for_ranges(pixels[1] - pixels[0], partial(_refine_range, *of_rows))
             if cut is not None:
-                t = refined.t[first_row * width : last_row * width]
+                t = refined.t[slice(*pixels)]
                 t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
     if isinstance(mesh, Mesh):
         return refined.as_hits(ids, (height, width), mesh=mesh)
     return refined.as_hits(ids, (height, width), mesh=None, scene_surface=mesh)
+
+
+def _refine_range(
+    rays: RayBatch, surface: Any, found: NDArray[np.void], refined: RefinedHits, ids: HitIds, begin: int, end: int
+) -> None:
+    refine_closest(rays.part(begin, end), surface, found[begin:end], refined.part(begin, end), ids.part(begin, end))
 
 
 def list_setup_ms(watch: Stopwatch, made: BuildResult | None, upload_ms: float) -> dict[str, float]:

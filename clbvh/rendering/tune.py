@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -100,11 +101,10 @@ def tune(
         results = session.allocate(ray_count * HIT.itemsize)
         largest = session.info.cl_device.max_work_group_size
 
-        def casts(tree: DeviceTree, work_group_size: int) -> Callable[[], None]:
+        def casts(tree: DeviceTree, work_group_size: int) -> Callable[[], object]:
             kernel = build_kernel(session, "closest_hit", tree.defines)
-            entry_point_kernel = None
-            if tree.has_entry_points:
-                entry_point_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines)
+            has_entry_points = tree.has_entry_points
+            entry_point_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines) if has_entry_points else None
             entry_point_buffer = ReusableBuffer(session)
             work_size, work_group = (ray_count, 1), (work_group_size, 1)
 
@@ -123,7 +123,7 @@ def tune(
 
             return run
 
-        tasks: dict[Any, Callable[[], None]] = {
+        tasks: dict[Any, Callable[[], object]] = {
             layout: casts(tree, chosen.work_group_size) for layout, tree in trees.items()
         }
         layout = _choose(trials, "layout", _measure(session, tasks), chosen.layout)
@@ -138,7 +138,7 @@ def tune(
         scene = Scene(mesh=MeshSource(shape="knot"), width=size[0], height=size[1], shading="lambert+shadow")
         view = make_view(scene, camera, mesh)
         tasks = {
-            tile: _renders(FrameRenderer(session, tree), OneRayPainter(session, tree, tile), view)
+            tile: partial(FrameRenderer(session, tree).render, view, OneRayPainter(session, tree, tile))
             for tile in _TILES
             if tile[0] * tile[1] <= largest
         }
@@ -157,14 +157,7 @@ def _make_rays(camera: Camera, bvh: Bvh, size: tuple[int, int]) -> list[NDArray[
     return [rays, np.random.default_rng(0).permutation(rays)]
 
 
-def _renders(renderer: FrameRenderer, painter: OneRayPainter, view: NDArray[np.void]) -> Callable[[], None]:
-    def run() -> None:
-        renderer.render(view, painter)
-
-    return run
-
-
-def _measure(session: DeviceSession, tasks: dict[Any, Callable[[], None]]) -> dict[Any, float]:
+def _measure(session: DeviceSession, tasks: dict[Any, Callable[[], object]]) -> dict[Any, float]:
     """Return the least milliseconds that the kernels of each task took; the tasks take turns."""
     best = dict.fromkeys(tasks, np.inf)
     for _ in range(_RUNS):
