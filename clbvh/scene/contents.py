@@ -80,8 +80,10 @@ class SceneContents:
             return self.add_scene(source)
         if isinstance(source, Geometry):
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
-        shape = _as_shape(source)
-        return self._store.add(shape, name, _default_name(source, shape))
+        kinds = "clbvh.Spheres, a trimesh.Scene, a clbvh.Scene"
+        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else=kinds)
+        wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
+        return self._store.add(shape, name, wish)
 
     def add_scene(
         self,
@@ -404,12 +406,6 @@ class SceneContents:
         return copied
 
 
-def _as_shape(source: Any) -> Shape:
-    if isinstance(source, Spheres):
-        return source
-    return as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene, a clbvh.Scene")
-
-
 def _find_parts(source: Any) -> Parts:
     if isinstance(source, str | os.PathLike):
         return parts_of_file(source)
@@ -418,11 +414,6 @@ def _find_parts(source: Any) -> Parts:
     if isinstance(source, HasGraph):
         return parts_of_graph(source)
     raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {shorten(source)}")
-
-
-def _default_name(source: object, shape: Shape) -> str:
-    """Return the name of a geometry whose user gave none."""
-    return name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
 
 
 def _say_unknown(kind: str, name: object, names: list[str]) -> str:

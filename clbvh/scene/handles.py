@@ -49,8 +49,7 @@ class Geometry:
 
 
 # Bits of a mask. A ray sees the instances whose mask shares a bit with its own.
-MASK_BITS = 32
-ALL_BITS = 2**MASK_BITS - 1
+ALL_BITS = 2**32 - 1
 
 Colour: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue, 0 to 1."""

@@ -41,7 +41,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,13 +67,6 @@ _HEADER_BYTES = _FACTS.size + _DIGEST_BYTES
 _ALIGNMENT = 8
 _MESH, _SPHERES = "mesh", "spheres"
 _REMEDY = "save the scene again"
-
-
-class SavedScene(NamedTuple):
-    """The content of a file: the scene, and an object of JSON that its caller has given."""
-
-    state: SceneState
-    settings: dict[str, Any]
 
 
 def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[str, Any]) -> None:
@@ -130,8 +123,8 @@ def is_saved_scene(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def read_scene(path: str | os.PathLike[str]) -> SavedScene:
-    """Read a scene that `write_scene` wrote.
+def read_scene(path: str | os.PathLike[str]) -> tuple[SceneState, dict[str, Any]]:
+    """Return the scene of a file that `write_scene` wrote, and the settings that its caller gave.
 
     Raises
     ------
@@ -194,7 +187,7 @@ def _check_header(file: BinaryIO, path: str | os.PathLike[str]) -> tuple[int, by
     return text_bytes, digest
 
 
-def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
+def _parse(text: bytes, data: NDArray[np.uint8]) -> tuple[SceneState, dict[str, Any]]:
     """Return the scene of a file whose digests are right; nothing else is trusted."""
     try:
         document = json.loads(text.decode())
@@ -249,7 +242,7 @@ def _parse(text: bytes, data: NDArray[np.uint8]) -> SavedScene:
         materials=materials,
         material_ids=material_ids.astype(np.int32),
     )
-    return SavedScene(state, get_item(document, "settings", dict))
+    return state, get_item(document, "settings", dict)
 
 
 class _Arrays:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.spheres import Shape
-from .handles import ALL_BITS, Colour, Geometry, Instance, colour_of_row
+from .handles import ALL_BITS, Colour, Geometry, Instance, colour_of_row, shorten
 from .state import SceneState
 
 # The top tree counts instances as a mesh counts faces.
@@ -271,9 +271,6 @@ def _grow(rows: NDArray[Any], count: int, needed: int) -> NDArray[Any]:
     return grown
 
 
-_MAX_SHOWN = 60  # characters of a wrong value in a message
-
-
 class UniqueNames:
     """The names of all things of one kind, and their ids, which count up from 0.
 
@@ -301,9 +298,9 @@ class UniqueNames:
     def check(self, name: object) -> None:
         """Raise `SceneError` unless a name is a text that nothing else has."""
         if not _is_name(name):
-            raise SceneError(f"the name of {self._kind} must be a text that is not empty, not {_show(name)}")
+            raise SceneError(f"the name of {self._kind} must be a text that is not empty, not {shorten(name)}")
         if name in self._ids:
-            raise SceneError(f"the scene has {self._kind} with the name {_show(name)} already: choose another one")
+            raise SceneError(f"the scene has {self._kind} with the name {shorten(name)} already: choose another one")
 
     def add(self, name: str) -> str:
         """Add a name that `check` has accepted."""
@@ -343,7 +340,3 @@ def _clean(text: str) -> str:
 def name_of_file(path: str) -> str:
     """Return the name of what a file holds: the file's without its suffix."""
     return Path(path).stem or path
-
-
-def _show(value: object) -> str:
-    return repr(value)[:_MAX_SHOWN]
