@@ -12,7 +12,7 @@ import ctypes
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any, ClassVar
 from weakref import WeakSet
 
@@ -85,19 +85,13 @@ class Kernel:
     Parameters
     ----------
     cl_kernel : pyopencl.Kernel
-    argument_names : sequence of str
+    argument_names : iterable of str
         In the order of the declaration.
-    number_types : mapping of str to type, optional
-        The numpy types of the arguments that are numbers. PyOpenCL takes 6 us for a number of which it knows no type.
     """
 
-    def __init__(
-        self, cl_kernel: Any, argument_names: Sequence[str], number_types: Mapping[str, type[Any]] | None = None
-    ) -> None:
+    def __init__(self, cl_kernel: Any, argument_names: Iterable[str]) -> None:
         self.name = str(cl_kernel.function_name)
         self.argument_names = tuple(argument_names)
-        if number_types is not None:
-            cl_kernel.set_scalar_arg_dtypes([number_types.get(name) for name in argument_names])
         self._cl_kernel = cl_kernel
         # The driver takes the arguments one by one, before the launch.
         self._one_launch = threading.Lock()
@@ -200,15 +194,9 @@ class DeviceContext:
     def __init__(self, cl_device: Any) -> None:
         import pyopencl as cl
 
-        self._queue_type: Any = cl.CommandQueue
-        self._queue_properties = cl.command_queue_properties.PROFILING_ENABLE
         self.context = cl.Context([cl_device])
         self._kernels: dict[Hashable, Kernels] = {}
         self._compiling = threading.Lock()
-
-    def open_queue(self) -> Any:
-        """Return a new queue, which runs its commands one after the other."""
-        return self._queue_type(self.context, properties=self._queue_properties)
 
     def kernels(self, key: Hashable, compile_them: Callable[[], Kernels]) -> Kernels:
         """Return the kernels of a key, compiled when first asked for."""

@@ -17,7 +17,7 @@ from .driver_files import added_drivers, note_loader_call, prepare_pocl_folder
 from .info import DeviceInfo
 from .pocl_cpu_name import name_unknown_cpu
 from .pocl_linker import explain_missing_linker
-from .preference import number_devices, pick_device
+from .preference import KINDS, number_devices, pick_device
 from .settings import find_settings
 
 DEVICE_VARIABLE = "CLBVH_DEVICE"
@@ -211,13 +211,7 @@ def _describe(cl: Any, platform: Any, cl_device: Any) -> DeviceInfo:
 
 def _name_kind(cl: Any, type_bits: int) -> str:
     # The DEFAULT bit may be set besides, so the bits are tested one by one.
-    if type_bits & cl.device_type.GPU:
-        return "gpu"
-    if type_bits & cl.device_type.ACCELERATOR:
-        return "accelerator"
-    if type_bits & cl.device_type.CPU:
-        return "cpu"
-    return "other"
+    return next((kind for kind in KINDS if type_bits & getattr(cl.device_type, kind.upper())), "other")
 
 
 def _tidy(text: str) -> str:

@@ -124,7 +124,8 @@ class DeviceSession(ContextManager):
         self._unfinished = ""  # the kernel whose errors the next wait may report
         with _DeviceErrors(cl, info, "be opened"):
             self.shared = shared or open_context(info)
-            self.queue = self.shared.open_queue()
+            # It runs its commands one after the other.
+            self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         note_session(self)
 
     @property

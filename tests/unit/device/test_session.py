@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh.device.context import EventTimes
-from clbvh.device.program import build_kernel, find_arguments, find_number_types
+from clbvh.device.program import build_kernel, find_arguments
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, InternalError
 from clbvh.structs import HIT
@@ -130,10 +130,9 @@ def test_numbers_are_passed_by_the_type_of_the_source():
         "    global int *x, const uint seed)\n{\n}\n"
         "kernel void two(global float *x)\n{\n}\n"
     )
-    assert find_arguments(text)["one"] == ["nodes", "count", "scale", "x", "seed"]
-    assert find_number_types(text) == {
-        "one": {"count": np.int32, "scale": np.float32, "seed": np.uint32},
-        "two": {},
+    assert find_arguments(text) == {
+        "one": {"nodes": None, "count": np.int32, "scale": np.float32, "x": None, "seed": np.uint32},
+        "two": {"x": None},
     }
 
 
