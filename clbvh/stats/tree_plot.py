@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..errors import ConfigError
 from ..support.files import check_target, write_atomically
 from .tree_stats import Bar, TreeStats, gather_bars
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PLOT_SUFFIX = ".png"
 
@@ -71,7 +68,7 @@ def write_tree_plot(path: Path, stats: TreeStats, title: str) -> None:
         write_atomically(path, lambda file: figure.savefig(file, format="png", facecolor="white"))
 
 
-def _draw(stats: TreeStats, title: str) -> Figure:
+def _draw(stats: TreeStats, title: str) -> Any:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI)

@@ -24,6 +24,7 @@ HTML, RESULTS, README = "page.html.jinja", "results.md.jinja", "readme.md.jinja"
 
 # What a cell of a table can be. A summary shows its median and its range.
 Cell = str | int | float | Summary | None
+Rows = list[tuple[Cell, ...]]
 
 _DIGITS, _MOST_DECIMALS = 3, 6
 _MISSING = "\u2013"  # a dash

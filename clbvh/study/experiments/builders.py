@@ -9,7 +9,7 @@ from ..drawing import REPORT, Axis, Point
 from ..experiment import Experiment, curve, published, source_of
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
-from ..page import Cell, Figure, Paragraph, Part, Table
+from ..page import Figure, Paragraph, Part, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import Scale
 from ..statistics import amdahl_speedup, fit_amdahl
@@ -43,8 +43,6 @@ _WORK = {
     "allocations": "allocations",
 }
 _DRAWN_WORK = ("comparisons", "boxes", "moves")
-
-Rows = list[tuple[Cell, ...]]
 
 
 class Ladder(Experiment):

@@ -14,7 +14,7 @@ from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..drawing import REPORT, Axis, Point
 from ..experiment import Experiment, published, source_of
-from ..page import Cell, Figure, Paragraph, Part, Picture, Table
+from ..page import Figure, Paragraph, Part, Picture, Rows, Table
 from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
 from ..statistics import lane_use
@@ -33,8 +33,6 @@ _DEVICE_PICTURE = (1280, 720)
 _SEED = 1
 _NAME_LENGTH = 28
 _QUERIES = ("closest hit", "closest hit, shuffled", "any hit")
-
-Rows = list[tuple[Cell, ...]]
 
 
 class Layouts(Experiment):

@@ -10,7 +10,7 @@ from ...trace.oracle.visits import HostTraversal
 from ..bench import Bench
 from ..drawing import REPORT, Axis, Point
 from ..experiment import Experiment, curve, published, source_of
-from ..page import Cell, Figure, Paragraph, Part, Picture, Table
+from ..page import Figure, Paragraph, Part, Picture, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import SCANS, Scale, load_named_mesh, scan_of
 from ..statistics import Summary, growth_exponent
@@ -37,8 +37,6 @@ _FRONTIER_TIMES = ("build_ms", "kernel_ms", "total_ms")
 
 _SHADINGS = {"drill": "lambert", "bunny": "lambert+shadow", "dragon": "lambert+shadow"}
 _HEAT_MAP = "heat map"
-
-Rows = list[tuple[Cell, ...]]
 
 
 class Scenes(Experiment):

@@ -15,7 +15,7 @@ from ..drawing import Axis, Point
 from ..engines import ENGINES, Contestant, Trimesh
 from ..experiment import Experiment
 from ..machine import list_missing
-from ..page import Cell, Figure, Paragraph, Part, Table
+from ..page import Figure, Paragraph, Part, Rows, Table
 from ..rival import Rival
 from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
@@ -45,8 +45,6 @@ QUERIES = {
     "all": "all hits",
     "points": "closest point",
 }
-
-Rows = list[tuple[Cell, ...]]
 
 
 class Peers(Experiment):
