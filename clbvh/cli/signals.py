@@ -15,11 +15,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-# Not in the thread: the main thread may stand still inside this very import.
-import psutil
-
-from ..support.files import remove_unfinished
-
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 if hasattr(signal, "SIGHUP"):
     _WORDS[signal.SIGHUP] = "hung up"
@@ -29,6 +24,9 @@ _EXIT_BASE = 128
 
 # Clears the line of a progress display, and shows the cursor again.
 _END_OF_STATUS = "\r\x1b[K\x1b[?25h"
+
+# What the thread does before it ends the process.
+_cleanups: list[Callable[[], None]] = []
 
 # Called instead of ending the process, see `calling_on_interrupt`.
 _on_interrupt: list[Callable[[], None]] = []
@@ -40,7 +38,8 @@ def end_on_signals() -> None:
     A signal that is ignored, as Ctrl-C is for a job in the background and SIGHUP under `nohup`, stays ignored.
     """
     read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
+    if hasattr(os, "set_blocking"):  # on Windows from Python 3.12 on
+        os.set_blocking(write_end, False)
     # The number of every signal that has a handler is written there, also while native code runs.
     signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
     for number in _WORDS:
@@ -49,6 +48,17 @@ def end_on_signals() -> None:
     threading.Thread(target=_wait, args=(read_end,), name="clbvh-signals", daemon=True).start()
     # The first function registered runs last: from then on nothing is left to clean up, and the thread is gone.
     atexit.register(lambda: [signal.signal(number, signal.SIG_IGN) for number in _WORDS])
+    # Not in the thread: the main thread may stand still inside an import. Before it, there is nothing to clean up.
+    import psutil
+
+    from ..support.files import remove_unfinished
+
+    def kill_children() -> None:
+        for process in psutil.Process().children(recursive=True):
+            with suppress(psutil.Error):
+                process.kill()
+
+    _cleanups.extend((kill_children, remove_unfinished))
 
 
 @contextmanager
@@ -82,10 +92,9 @@ def _wait(read_end: int) -> None:
 
 def _end(number: int) -> None:
     try:
-        for process in psutil.Process().children(recursive=True):
-            with suppress(psutil.Error):
-                process.kill()
-        remove_unfinished()
+        for clean_up in _cleanups:
+            with suppress(Exception):  # no handle is left, for example
+                clean_up()
         status = _END_OF_STATUS if os.isatty(2) else ""
         os.write(2, f"{status}clbvh: {_WORDS[signal.Signals(number)]}\n".encode())
     finally:

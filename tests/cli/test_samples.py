@@ -59,7 +59,8 @@ def test_a_transparent_png_has_alpha(scene, tmp_path):
 
 
 def test_a_transparent_ppm_is_refused_before_any_work(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("clbvh.cli.render.render_with_status", lambda *_, **__: pytest.fail("no work before the check"))
+    fail = lambda *_, **__: pytest.fail("no work before the check")  # noqa: E731
+    monkeypatch.setattr("clbvh.cli.render._render_with_status", fail)
     answer = run_clbvh("render", scene, "-o", tmp_path / "a.ppm", *SIZE, "--samples", 1, "--transparent")
     refuses(answer, 2, "PNG")
     assert not (tmp_path / "a.ppm").exists()
