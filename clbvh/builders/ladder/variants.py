@@ -27,11 +27,7 @@ class Variant:
     Attributes
     ----------
     name : str
-        Its name for `clbvh.build`.
-    report : str
-        Its name in the report.
-    does, teaches : str
-        Its change against the variant before, and the lesson of the report.
+        Its name for `clbvh.build`; docs/ladder.md has its name in the report, its change and what that showed.
     parallel : bool
         Children are tasks for the workers, down to the task threshold.
     copies : bool
@@ -49,9 +45,6 @@ class Variant:
     """
 
     name: str
-    report: str
-    does: str
-    teaches: str
     parallel: bool = False
     copies: bool = True
     cached: bool = False
@@ -65,86 +58,27 @@ class Variant:
         return options.frontier if self.frontier else options.leaf_size
 
 
-SEQUENTIAL = Variant(
-    name="sequential",
-    report="sequential baseline",
-    does="top-down; a list of primitives per node, sorted on the longest axis, cut at the median; linked nodes",
-    teaches="what is right",
-)
-NAIVE = replace(
-    SEQUENTIAL,
-    name="naive",
-    report="bvh_omp_naive",
-    does="the left and the right child are parallel tasks",
-    teaches="almost no gain: the sorts at the top are serial",
-    parallel=True,
-)
-RANGE = replace(
-    NAIVE,
-    name="range",
-    report="range recursion",
-    does="ranges of one shared index array",
-    teaches="no lists to allocate and to copy",
-    copies=False,
-)
-CACHED = replace(
-    RANGE,
-    name="cached",
-    report="cached metadata",
-    does="box and centroid of each primitive are computed once, in parallel, before the build",
-    teaches="millions of computations less",
-    cached=True,
-)
-MEDIAN = replace(
-    CACHED,
-    name="median",
-    report="nth_element",
-    does="the median is selected, in O(n), instead of sorting everything",
-    teaches="a node needs its median, not an order",
-    how=SELECT,
-)
-BIN = replace(
-    MEDIAN,
-    name="bin",
-    report="bucket partition, bvh_omp_opt",
-    does="a few bins on the longest axis; the cut is the boundary next to the median",
-    teaches="about the middle is good enough: 28 % off the build time, and the trees traverse equally well",
-    how=BINS,
-)
-ATOMIC = replace(
-    BIN,
-    name="atomic",
-    report="bvh_omp_pool",
-    does="nodes come from one array, by a counter that all workers increment",
-    teaches="2.9 times slower there: the counter's cache line travels between the cores",
-    nodes=Nodes.COUNTER,
-)
-FLATTEN = replace(
-    BIN,
-    name="flatten",
-    report="bvh_cpu_gpu",
-    does="a separate pass flattens the linked nodes",
-    teaches="the pass costs time",
-    flattens=True,
-)
-FLAT = replace(
-    BIN,
-    name="flat",
-    report="bvh_cpu_gpu_flat",
-    does="straight into the flat array",
-    teaches="the report's final design",
-    nodes=Nodes.ROWS,
-)
-FRONTIER = replace(
-    FLAT,
-    name="frontier",
-    report="frontier hybrid",
-    does="stops at large leaves, which the device tests by brute force",
-    teaches="saves little build time and loses much kernel time; the best size is between 64 and 256",
-    frontier=True,
-)
+_SEQUENTIAL = Variant("sequential")
+# The two children are parallel tasks.
+_NAIVE = replace(_SEQUENTIAL, name="naive", parallel=True)
+# Ranges of one shared index array.
+_RANGE = replace(_NAIVE, name="range", copies=False)
+# Boxes and centroids are computed once.
+_CACHED = replace(_RANGE, name="cached", cached=True)
+# The median is selected, in O(n), instead of sorting everything.
+_MEDIAN = replace(_CACHED, name="median", how=SELECT)
+# A few bins on the longest axis; the cut is the boundary next to the median.
+_BIN = replace(_MEDIAN, name="bin", how=BINS)
+# Nodes come from one array, by a counter that all workers increment.
+_ATOMIC = replace(_BIN, name="atomic", nodes=Nodes.COUNTER)
+# A separate pass flattens the linked nodes.
+_FLATTEN = replace(_BIN, name="flatten", flattens=True)
+# Straight into the flat array: the report's final design.
+_FLAT = replace(_BIN, name="flat", nodes=Nodes.ROWS)
+# Stops at large leaves, which the device tests by brute force.
+_FRONTIER = replace(_FLAT, name="frontier", frontier=True)
 
 VARIANTS = {
     variant.name: variant
-    for variant in (SEQUENTIAL, NAIVE, RANGE, CACHED, MEDIAN, BIN, ATOMIC, FLATTEN, FLAT, FRONTIER)
+    for variant in (_SEQUENTIAL, _NAIVE, _RANGE, _CACHED, _MEDIAN, _BIN, _ATOMIC, _FLATTEN, _FLAT, _FRONTIER)
 }

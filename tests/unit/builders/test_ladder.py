@@ -112,10 +112,8 @@ def test_the_ladder_has_the_variants_of_the_report_in_its_order():
     ],
 )
 def test_a_variant_changes_one_thing(name, before, change):
-    words = {"name", "report", "does", "teaches"}
     now, then = dataclasses.asdict(VARIANTS[name]), dataclasses.asdict(VARIANTS[before])
-    assert {field: now[field] for field in now if field not in words and now[field] != then[field]} == change
-    assert all(now[word] != then[word] for word in words)
+    assert {field: now[field] for field in now if field != "name" and now[field] != then[field]} == change
 
 
 @pytest.mark.parametrize("mesh_name", MESHES)
