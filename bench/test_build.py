@@ -9,6 +9,7 @@ import sys
 import pytest
 
 import clbvh
+from clbvh.support.host_threads import usable_cores
 
 from .paired import DEFAULT_RUNS, compare, measure_ms
 
@@ -19,7 +20,7 @@ begin = time.perf_counter()
 from clbvh import SubtreePool
 if __name__ == "__main__":
     with SubtreePool(2) as pool:
-        pool.map(len, [()])
+        pool.wait_ready()
         print((time.perf_counter() - begin) * 1e3)
 """
 
@@ -47,63 +48,63 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture(scope="module")
-def pool():
-    with clbvh.SubtreePool() as pool:
-        pool.wait_ready()
-        yield pool
-
-
-def test_build_against_open3d(mesh, pool, open3d):
+def test_build_against_open3d(mesh, open3d):
     def build_peer() -> float:
         return measure_ms(open3d.build)
 
-    with_pool = f"build, {pool.workers} workers, Open3D"
-    compare(with_pool, lambda: measure_ms(lambda: clbvh.build(mesh, pool=pool)), build_peer)
-    compare("build, one process, Open3D", lambda: measure_ms(lambda: clbvh.build(mesh)), build_peer)
-    bvh = clbvh.build(mesh, pool=pool)
+    for workers in (None, 1):
+        name = f"build, {workers or usable_cores()} threads, Open3D"
+        compare(name, lambda workers=workers: measure_ms(lambda: clbvh.build(mesh, workers=workers)), build_peer)
+    bvh = clbvh.build(mesh)
     print(f"{bvh}, SAH cost {clbvh.sah_cost(bvh):.2f}, phases in ms: {bvh.timings_ms}")
 
 
-def test_two_workers_against_one(mesh):
-    with clbvh.SubtreePool(1) as one, clbvh.SubtreePool(2) as two:
-        ratio = compare(
-            "build, 2 workers, 1 worker",
-            lambda: measure_ms(lambda: clbvh.build(mesh, pool=two)),
-            lambda: measure_ms(lambda: clbvh.build(mesh, pool=one)),
-            runs=3 * DEFAULT_RUNS,
+def test_threads_against_one_and_against_processes(mesh):
+    def build_by_threads() -> float:
+        return measure_ms(lambda: clbvh.build(mesh, workers=2))
+
+    with clbvh.SubtreePool(2) as pool:
+        compare(
+            "build, 2 threads, 2 processes", build_by_threads, lambda: measure_ms(lambda: clbvh.build(mesh, pool=pool))
         )
+    ratio = compare(
+        "build, 2 threads, 1 thread",
+        build_by_threads,
+        lambda: measure_ms(lambda: clbvh.build(mesh, workers=1)),
+        runs=3 * DEFAULT_RUNS,
+    )
     # Amdahl's law, 1 / speedup = serial + (1 - serial) / workers, solved for the serial part and put in again.
     serial = max(0.0, 2 * ratio - 1)
     predicted = ", ".join(f"{workers}: {1 / (serial + (1 - serial) / workers):.1f}" for workers in (4, 8, 16))
     print(f"{1 / ratio:.2f} times as fast; serial part {serial:.2f}, which allows for workers {predicted}")
 
 
-@pytest.mark.parametrize("alone", [False, True], ids=["pool", "alone"])
-def test_fast_against_default(mesh, pool, alone):
-    who = None if alone else pool
+@pytest.mark.parametrize("workers", [None, 1], ids=["all", "one"])
+def test_fast_against_default(mesh, workers):
     compare(
-        f"build, quality fast, {'one process' if alone else f'{pool.workers} workers'}, default",
-        lambda: measure_ms(lambda: clbvh.build(mesh, pool=who, quality="fast")),
-        lambda: measure_ms(lambda: clbvh.build(mesh, pool=who)),
+        f"build, quality fast, {workers or usable_cores()} threads, default",
+        lambda: measure_ms(lambda: clbvh.build(mesh, workers=workers, quality="fast")),
+        lambda: measure_ms(lambda: clbvh.build(mesh, workers=workers)),
     )
-    fast, default = clbvh.build(mesh, pool=who, quality="fast"), clbvh.build(mesh, pool=who)
+    fast, default = clbvh.build(mesh, quality="fast"), clbvh.build(mesh)
     print(f"SAH cost {clbvh.sah_cost(fast):.2f} against {clbvh.sah_cost(default):.2f}, phases in ms: {fast.timings_ms}")
 
 
-def test_ten_million_against_one(pool):
+def test_ten_million_against_one():
     small, large = (clbvh.make_shape("knot", triangles=count, seed=1) for count in (1_000_000, 10_000_000))
-    for name, helpers in (("one process", None), (f"{pool.workers} workers", pool)):
-        millions = [_median_of_builds(mesh, helpers) for mesh in (small, large)]
+    for workers in (1, usable_cores()):
+        millions = [_median_of_builds(mesh, workers) for mesh in (small, large)]
         linear = millions[0] * large.face_count / small.face_count
-        print(f"\n10 million, {name}: {millions[1]:.0f} ms, {millions[1] / linear:.2f} of linear from 1 million")
+        print(
+            f"\n10 million, {workers} threads: {millions[1]:.0f} ms, {millions[1] / linear:.2f} of linear from a tenth"
+        )
 
 
 def test_memory_beyond_the_mesh_and_the_result(tmp_path):
     script = tmp_path / "memory.py"
     script.write_text(MEMORY)
     beyond = subprocess.run([sys.executable, script], check=True, capture_output=True, text=True).stdout
-    print(f"\nbuild, one process: {float(beyond):.0f} bytes per triangle beside the mesh and the result")
+    print(f"\nbuild: {float(beyond):.0f} bytes per triangle beside the mesh and the result")
 
 
 def test_start_of_a_pool():
@@ -114,5 +115,5 @@ def test_start_of_a_pool():
     print(f"\nimport and start of 2 workers: {statistics.median(start() for _ in range(DEFAULT_RUNS)):.0f} ms")
 
 
-def _median_of_builds(mesh, pool):
-    return statistics.median(measure_ms(lambda: clbvh.build(mesh, pool=pool)) for _ in range(3))
+def _median_of_builds(mesh, workers):
+    return statistics.median(measure_ms(lambda: clbvh.build(mesh, workers=workers)) for _ in range(3))
