@@ -16,6 +16,6 @@ def test_the_next_use_of_the_pool_says_which_worker_died():
         pool.wait_ready()
         process = pool._workers[1]._process
         os.kill(process.pid, signal.SIGKILL)
-        process.wait()
+        process.join()
         with pytest.raises(PoolError, match=r"worker 1 died \(exit code -9\)"):
             pool.wait_ready()
