@@ -18,16 +18,12 @@ from ..builders.build import build
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.select import choose_device
-from ..device.session import DeviceSession
 from ..errors import ConfigError, ValidationError
-from ..rendering.band_painters import OneRayPainter
 from ..rendering.camera import Camera
-from ..rendering.frame import FrameRenderer
-from ..rendering.picture import refine_pixels
-from ..rendering.scene import MeshSource, Scene
-from ..rendering.view import make_view
+from ..rendering.renderer import Renderer
+from ..rendering.subjects import RenderOptions
 from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS
-from ..trace.device_tree import BRUTE, DeviceTree
+from ..trace.device_tree import BRUTE
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.launch import device_casts_all
 from ..trace.tracer import Tracer
@@ -71,20 +67,18 @@ def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterat
 
 def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:
     """Yield each shading, and the picture in it."""
-    mesh, extent = case.mesh, np.ptp(case.vertices, axis=0)
+    extent = np.ptp(case.vertices, axis=0)
     size = extent.max()
     aside = case.vertices.min(axis=0) + extent / 2 + size * np.array([*_EYE_ASIDE, 0.0])
     eye = aside + size * np.array([0.0, 0.0, _EYE_AWAY])
     camera = Camera(tuple(eye), tuple(aside))
-    scene = Scene(MeshSource(shape="knot"), width=_PICTURE_WIDTH, height=_PICTURE_HEIGHT)
-    with DeviceSession(device) as session:
-        tree = DeviceTree(session, mesh, None if layout == BRUTE else bvh, "auto" if layout == BRUTE else layout)
-        renderer, painter = FrameRenderer(session, tree), OneRayPainter(session, tree)
+    is_brute = layout == BRUTE
+    options = RenderOptions(device=device, builder=BRUTE) if is_brute else RenderOptions(device=device, layout=layout)
+    with Renderer(case.mesh if is_brute else bvh, options) as renderer:
         for shading in REPORT_SHADINGS:
-            view = make_view(scene.with_changes(shading=shading), camera, mesh)
-            colours, found = renderer.render(view, painter)
-            hits = refine_pixels(mesh, camera, found)
-            yield f"picture {shading}", _describe_hits(hits) | {"colour": colours.reshape(found.size, -1)}
+            picture = renderer.render(camera=camera, shading=shading, width=_PICTURE_WIDTH, height=_PICTURE_HEIGHT)
+            colours = np.dstack((picture.rgb, picture.alpha)).reshape(-1, 4)
+            yield f"picture {shading}", _describe_hits(picture.hits) | {"colour": colours}
 
 
 def _describe_hits(hits: Hits) -> Answer:
