@@ -7,7 +7,6 @@ writes both from them. A test writes them again from these samples, and compares
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import ConfigError
@@ -17,7 +16,7 @@ from .machine import FILE_NAME as MACHINES_NAME, read_machines
 from .page import README, RESULTS, Table, render
 from .registry import EXPERIMENTS
 from .samples import FILE_NAME as SAMPLES_NAME, Results, SampleFile
-from .scale import FULL, QUICK, TINY, Scale
+from .scale import FULL, QUICK, TINY
 
 RESULTS_NAME = "results.md"
 SAMPLES_FOLDER = "results"
@@ -25,22 +24,8 @@ README_NAME = "README.md"
 BEGIN, END = "<!-- study: begin -->", "<!-- study: end -->"
 
 
-@dataclass(frozen=True)
-class PublishedStudy:
-    """The samples that documents quote, and the facts of their machine."""
-
-    samples: SampleFile
-    facts: dict[str, str]
-    scale: Scale
-    folder: Path
-
-    def results(self, name: str) -> Results:
-        """Return the results of an experiment."""
-        return Results(name, self.samples, self.scale, self.facts, None, self.folder)
-
-
-def open_study(folder: Path) -> PublishedStudy:
-    """Return the latest study of a folder.
+def open_study(folder: Path) -> dict[str, Results]:
+    """Return the results of the latest study of a folder, by experiment.
 
     Raises
     ------
@@ -59,22 +44,19 @@ def open_study(folder: Path) -> PublishedStudy:
             f"({', '.join(scale.name for scale in scales)}): documents need one study of one size, in a folder of its "
             "own"
         )
-    return PublishedStudy(samples, machines[digest], scales[0], folder)
+    return {name: Results(name, samples, scales[0], machines[digest], None, folder) for name in EXPERIMENTS}
 
 
-def write_results(study: PublishedStudy) -> str:
+def write_results(study: dict[str, Results]) -> str:
     """Return the page of all tables."""
-    sections = []
-    for experiment in EXPERIMENTS.values():
-        results = study.results(experiment.name)
-        if results.cases:
-            sections.append(experiment.make_section(results))
-    return render(RESULTS, machine=study.facts, sections=sections, folder=SAMPLES_FOLDER, size=study.scale.name)
+    sections = [EXPERIMENTS[name].make_section(results) for name, results in study.items() if results.cases]
+    machine, size = study["peers"].machine, study["peers"].scale.name
+    return render(RESULTS, machine=machine, sections=sections, folder=SAMPLES_FOLDER, size=size)
 
 
-def write_readme_table(study: PublishedStudy) -> str:
+def write_readme_table(study: dict[str, Results]) -> str:
     """Return the part of the README between its two marks: the contest on every mesh, and in full on the largest."""
-    results = study.results("peers")
+    results, facts = study["peers"], study["peers"].machine
     builds = results.by("mesh", query="build", engine="clbvh")
     triangles = {mesh: results.count(case, "items") or 0 for mesh, case in builds.items()}
     meshes = sorted(triangles, key=lambda mesh: triangles[mesh])
@@ -85,9 +67,9 @@ def write_readme_table(study: PublishedStudy) -> str:
         ratios = [lead_of(results, cases) for cases in by_mesh]
         leads.append((title.removesuffix(", ms"), *(ratio and ratio.median for ratio in ratios)))
         rows.append((title, *(figure_of(results, by_mesh[-1].get(name)) for name in engines)))
-    versions = ", ".join(f"{name} {study.facts.get(name.lower(), study.facts['clbvh'])}" for name in engines)
+    versions = ", ".join(f"{name} {facts.get(name.lower(), facts['clbvh'])}" for name in engines)
     return render(
-        README, machine=study.facts, versions=versions, folder=SAMPLES_FOLDER, results=RESULTS_NAME, largest=meshes[-1],
+        README, machine=facts, versions=versions, folder=SAMPLES_FOLDER, results=RESULTS_NAME, largest=meshes[-1],
         leads=Table("", ("", *(f"{mesh}, {triangles[mesh]:,}" for mesh in meshes)), leads),
         speeds=Table("", ("", *engines), rows),
     )  # fmt: skip

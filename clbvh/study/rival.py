@@ -6,7 +6,7 @@ import multiprocessing
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, Protocol
+from typing import Any
 
 from ..errors import ClbvhError
 from ..support.context_manager import ContextManager
@@ -20,16 +20,6 @@ class EngineError(ClbvhError, RuntimeError):
     """An engine's process failed or fell silent."""
 
 
-class Server(Protocol):
-    """What answers questions in the process."""
-
-    def answer(self, question: str) -> Any:
-        """Return an answer that can be pickled."""
-
-    def close(self) -> None:
-        """Free what must be freed."""
-
-
 class Rival(ContextManager):
     """A process that answers questions, started by spawning, and idle while others are measured.
 
@@ -38,7 +28,7 @@ class Rival(ContextManager):
     name : str
         For messages.
     set_up : function
-        Of a module; called there with the arguments, it returns a `Server`.
+        Of a module; called there with the arguments, it returns an object with `answer(question)` and `close()`.
     *arguments
         Are pickled.
 
@@ -48,7 +38,7 @@ class Rival(ContextManager):
         `set_up` fails; the message is its own.
     """
 
-    def __init__(self, name: str, set_up: Callable[..., Server], *arguments: Any) -> None:
+    def __init__(self, name: str, set_up: Callable[..., Any], *arguments: Any) -> None:
         self._name = name
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
@@ -97,7 +87,7 @@ class Rival(ContextManager):
         return answer
 
 
-def _serve(connection: Connection, set_up: Callable[..., Server], arguments: tuple[Any, ...]) -> None:
+def _serve(connection: Connection, set_up: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     """Answer until the other end is closed, also by the death of its process; the life of the process."""
     with suppress(EOFError, OSError, KeyboardInterrupt):
         try:

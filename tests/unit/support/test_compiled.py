@@ -149,7 +149,7 @@ def test_numbers_in_calls_make_no_versions_and_a_second_process_loads(tmp_path):
 
 def test_the_folder_is_in_use():
     assert find_depths(np.array([1, 0, 1]), np.array([0, 1, 1])).tolist() == [0, 1, 1]
-    assert any(find_compiled_cache().rglob("depth.find_depths-*.nbc"))
+    assert any(find_compiled_cache().rglob("bvh.find_depths-*.nbc"))
 
 
 def test_modules_that_are_imported_at_once_leave_numba_as_it_was(monkeypatch):
