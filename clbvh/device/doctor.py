@@ -185,7 +185,7 @@ def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
             findings.append(Finding("device", "ok", f"{device} computes correctly ({result.wall_s:.1f} s)"))
 
     working = [trial.device for trial in trials if not trial.error]
-    findings += check_hardware(find_gpus(), working)
+    findings += check_gpus(working)
     if not working:
         commands = CPU_DRIVERS.get(f"{sys.platform} {platform.machine().lower()}", (_CONDA,))
         message = "no device works: clbvh needs an OpenCL driver; each of these brings one for the CPU"
@@ -220,20 +220,12 @@ def _check_files(timeout_s: float) -> Iterator[Finding]:
         yield Finding("driver library", "note", f"{library} is a driver that no *.icd file names", advice)
 
 
-def find_gpus(root: Path = Path("/sys/bus/pci/devices")) -> list[int]:
-    """Return the PCI vendor id of each GPU on the bus; none where the system does not tell."""
-    gpus = []
-    for path in sorted(root.glob("*/class")):
-        vendor = int((path.parent / "vendor").read_text(), 16)
-        if int(path.read_text(), 16) >> 16 in _GPU_CLASSES and vendor in _GPUS:
-            gpus.append(vendor)
-    return gpus
-
-
-def check_hardware(gpus: Iterable[int], working: Iterable[DeviceInfo]) -> Iterator[Finding]:
-    """Find GPUs on the bus that no working device belongs to."""
+def check_gpus(working: Iterable[DeviceInfo], root: Path = Path("/sys/bus/pci/devices")) -> Iterator[Finding]:
+    """Find GPUs on the PCI bus that no working device belongs to; none where the system does not tell."""
+    classes = {path: int(path.read_text(), 16) >> 16 for path in sorted(root.glob("*/class"))}
+    vendors = [int((path.parent / "vendor").read_text(), 16) for path in classes if classes[path] in _GPU_CLASSES]
     served = " ".join(f"{info.vendor} {info.name} {info.platform}" for info in working if info.kind != "cpu").lower()
-    for vendor, *commands in (_GPUS[gpu] for gpu in dict.fromkeys(gpus)):
+    for vendor, *commands in (_GPUS[number] for number in dict.fromkeys(vendors) if number in _GPUS):
         # AMD's own driver spells its vendor's name out.
         if vendor.lower() not in served.replace("advanced micro devices", "amd"):
             message = f"there is a GPU of {vendor} in this machine, and no OpenCL device that uses it"

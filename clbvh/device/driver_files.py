@@ -136,11 +136,7 @@ def added_drivers() -> Iterator[None]:
                     (Path(folder) / f"{number:03}-{file.path.name}").write_text(f"{file.library}\n")
                 stack.enter_context(_variable(VENDOR_VARIABLES[0], folder))
         yield
-
-
-def note_loader_call() -> None:
-    """Note that the loader has read its environment: it will not do so again."""
-    _callers[:] = [True]
+        _callers[:] = [True]
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..errors import DeviceError
 from .context import claim_opencl
-from .driver_files import added_drivers, note_loader_call, prepare_pocl_folder
+from .driver_files import added_drivers, prepare_pocl_folder
 from .info import DeviceInfo
 from .pocl_cpu_name import name_unknown_cpu
 from .pocl_linker import explain_missing_linker
@@ -52,8 +52,7 @@ def import_pyopencl() -> Any:
     """
     prepare_pocl_folder()
     try:
-        with added_drivers():
-            import pyopencl
+        import pyopencl
     except (ImportError, OSError) as error:
         raise DeviceError(f"pyopencl cannot be imported ({error}): run `clbvh doctor` for advice") from error
     return pyopencl
@@ -81,7 +80,6 @@ def survey_devices() -> DeviceSurvey:
         if error.code != _PLATFORM_NOT_FOUND:
             problems.append(f"the OpenCL loader fails: {error}")
         platforms = []
-    note_loader_call()
 
     for number, platform in enumerate(platforms):
         try:

@@ -10,9 +10,8 @@ from clbvh.device.doctor import (
     Trial,
     advise,
     check_choice,
-    check_hardware,
+    check_gpus,
     diagnose,
-    find_gpus,
     find_unregistered,
     register_drivers,
     try_library,
@@ -34,26 +33,20 @@ def make_pci_device(root, address, vendor, pci_class):
     (folder / "class").write_text(f"{pci_class:#08x}\n")
 
 
-def test_gpus_are_found_on_the_bus(tmp_path):
-    make_pci_device(tmp_path, "0000:00:02.0", 0x8086, 0x030000)
+def test_gpus_without_a_device_are_found_on_the_bus(tmp_path):
     make_pci_device(tmp_path, "0000:00:1f.0", 0x8086, 0x060100)  # a bridge
     make_pci_device(tmp_path, "0000:01:00.0", 0x10DE, 0x030200)
     make_pci_device(tmp_path, "0000:01:00.1", 0x10DE, 0x040300)  # its sound
     make_pci_device(tmp_path, "0000:02:00.0", 0x1002, 0x120000)  # a card without a display
     make_pci_device(tmp_path, "0000:03:00.0", 0x1AF4, 0x030000)  # a virtual display
-    (tmp_path / "0000:04:00.0").mkdir()
-    assert find_gpus(tmp_path) == [0x8086, 0x10DE, 0x1002]
-    assert find_gpus(tmp_path / "no bus") == []
-
-
-def test_a_gpu_without_a_device_is_reported_once():
-    nvidia, amd = 0x10DE, 0x1002
-    findings = list(check_hardware([nvidia, nvidia, amd], [POCL_3]))
+    make_pci_device(tmp_path, "0000:04:00.0", 0x10DE, 0x030200)
+    (tmp_path / "0000:05:00.0").mkdir()
+    findings = list(check_gpus([POCL_3], tmp_path))
     assert [finding.message.split()[5] for finding in findings] == ["NVIDIA", "AMD"]
     assert all(finding.advice for finding in findings)
-    assert list(check_hardware([nvidia], [POCL_3, GEFORCE])) == []
     # The CPU is called "AMD EPYC": that is no GPU of AMD.
-    assert len(list(check_hardware([amd], [POCL_3, GEFORCE]))) == 1
+    assert [finding.message.split()[5] for finding in check_gpus([POCL_3, GEFORCE], tmp_path)] == ["AMD"]
+    assert list(check_gpus([], tmp_path / "no bus")) == []
 
 
 # The words of the report in pocl/pocl issue 1049.

@@ -23,7 +23,7 @@ TIMEOUT_S = 120
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """A machine with two drivers of the system's, no call of the loader yet; returns the folder for its user's."""
+    """A machine with two drivers of the system's; returns the folder for its user's."""
     system, own, bundled = (tmp_path / name for name in ("system", "own", "bundled"))
     for folder in (system, own, bundled):
         folder.mkdir()
@@ -32,8 +32,8 @@ def machine(tmp_path, monkeypatch):
     (system / "system.icd").write_text(f"{tmp_path}/libsystem.so.1\n")
     (system / "bare.icd").write_text("libbare.so.3\n")
     monkeypatch.setattr(module, "SYSTEM_VENDORS", system)
-    monkeypatch.setattr(module, "find_bundled_folder", lambda: bundled)
     monkeypatch.setattr(module, "_callers", [])
+    monkeypatch.setattr(module, "find_bundled_folder", lambda: bundled)
     monkeypatch.setenv("CLBVH_DRIVERS", str(own))
     for variable in module.VENDOR_VARIABLES:
         monkeypatch.delenv(variable, raising=False)
@@ -77,12 +77,10 @@ def test_the_loader_sees_the_files_of_the_system_and_the_users_for_one_call(mach
     assert not folder.exists()
 
 
-def test_nothing_happens_without_a_registered_driver_or_after_the_first_call(machine, tmp_path, monkeypatch):
+def test_nothing_happens_without_a_registered_driver_or_after_the_first_call(machine):
     with added_drivers():
         assert "OCL_ICD_VENDORS" not in os.environ
-    (tmp_path / "libmine.so").touch()
-    register(machine, "mine.icd", tmp_path / "libmine.so")
-    monkeypatch.setattr(module, "_callers", [True])
+    register(machine, "mine.icd", __file__)
     with added_drivers():
         assert "OCL_ICD_VENDORS" not in os.environ
 
