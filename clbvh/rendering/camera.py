@@ -99,7 +99,11 @@ class Camera:
             object.__setattr__(self, "fov", self.lens.fov)
         check_fov(self.fov)
         object.__setattr__(self, "fov", float(self.fov))
-        self._check_projection()
+        check_projection(self.projection)
+        if self.projection is not None and self.lens is not None:
+            raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
+        if self.projection == Orthographic():
+            raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
         check_focus(self.projection, self.aperture, self.focus_distance)
         object.__setattr__(self, "aperture", float(self.aperture))
         if self.focus_distance is not None:
@@ -107,16 +111,6 @@ class Camera:
         if self.aperture and self.lens is not None and self.focus_distance is None:
             raise SceneError("a camera with a lens and an aperture needs a focus_distance: its look_at is arbitrary")
         self.axes()
-
-    def _check_projection(self) -> None:
-        """Raise `SceneError` unless the projection and the other values make one camera."""
-        check_projection(self.projection)
-        if self.projection is None:
-            return
-        if self.lens is not None:
-            raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
-        if self.projection == Orthographic():
-            raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
 
     @classmethod
     def from_intrinsics(

@@ -93,11 +93,10 @@ def open_scene(source: str | os.PathLike[str]) -> Scene:
         return _read_scene_file(Path(text))
     if is_saved_scene(text):
         return Scene.load(text)
-    shipped = find_folder("scenes") / f"{text}{SCENE_SUFFIX}"
+    if (shipped := _find_shipped(text)) is not None:
+        return _read_scene_file(shipped)
     if not Path(text).exists() and Path(text).name == text and not Path(text).suffix:
-        if shipped.is_file():
-            return _read_scene_file(shipped)
-        names = sorted(path.stem for path in shipped.parent.glob(f"*{SCENE_SUFFIX}"))
+        names = sorted(path.stem for path in find_folder("scenes").glob(f"*{SCENE_SUFFIX}"))
         raise SceneError(f"{text}: no such file, and no shipped scene: these are {', '.join(names)}")
     return open_mesh_file(text)
 
@@ -142,7 +141,7 @@ def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
     if not paths:
         raise SceneError("a scene of mesh files needs at least one of them")
     for path in paths:
-        if Path(path).suffix.lower() == SCENE_SUFFIX or _is_shipped(path):
+        if Path(path).suffix.lower() == SCENE_SUFFIX or _find_shipped(os.fspath(path)):
             raise SceneError(f"{path}: several files make a scene if all of them are meshes: draw a scene file alone")
     if len(paths) == 1:
         return open_mesh_file(paths[0])
@@ -152,10 +151,11 @@ def open_mesh_files(paths: Sequence[str | os.PathLike[str]]) -> Scene:
     return scene
 
 
-def _is_shipped(path: str | os.PathLike[str]) -> bool:
-    """Return whether this is the name of a shipped scene, and not of a file."""
-    is_name = Path(path).name == os.fspath(path) and not Path(path).exists()
-    return is_name and (find_folder("scenes") / f"{os.fspath(path)}.toml").is_file()
+def _find_shipped(name: str) -> Path | None:
+    """Return the file of a shipped scene; None if this is the name of a file, or of no scene."""
+    shipped = find_folder("scenes") / f"{name}{SCENE_SUFFIX}"
+    is_name = Path(name).name == name and not Path(name).exists()
+    return shipped if is_name and shipped.is_file() else None
 
 
 def _empty_scene(paths: Sequence[str | os.PathLike[str]]) -> Scene:

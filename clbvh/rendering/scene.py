@@ -275,24 +275,14 @@ class Scene(SceneContents):
         """
         framed = frame_without_outliers(extent).extent if self.frame == AUTO else extent
         up = guess_up(framed, self.eye, self.look_at).vector if isinstance(self.up, str) else self.up
-        camera = self._place_camera(framed, up, self.width / self.height)
+        view: dict[str, Any] = {"aspect": self.width / self.height, "up": up, "fov": self.fov}
+        if self.eye is None or self.look_at is None:
+            camera = frame_mesh(framed, eye=self.eye, projection=self.projection, side=self.view, **view)
+        else:
+            camera = look_from(framed, self.projection, self.eye, self.look_at, **view)
         if self.aperture == 0 and self.focus_distance is None:
             return camera
         return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)
-
-    def _place_camera(self, extent: Any, up: Vector, aspect: float) -> Camera:
-        """Return the camera without its depth of field."""
-        if self.eye is None or self.look_at is None:
-            return frame_mesh(
-                extent,
-                aspect=aspect,
-                up=up,
-                fov=self.fov,
-                eye=self.eye,
-                projection=self.projection,
-                side=self.view,
-            )
-        return look_from(extent, self.projection, self.eye, self.look_at, aspect=aspect, up=up, fov=self.fov)
 
     def with_view(self, view: str) -> Scene:
         """Return the scene seen from another side, see `view`; it has no eye of its own.
