@@ -23,6 +23,7 @@ DEFAULT_CHANNELS = "rgb,alpha,depth,normal,instance_id"
 
 
 def images(
+    context: typer.Context,
     sources: options.Sources,
     output: Annotated[
         list[Path],
@@ -101,10 +102,7 @@ def images(
     if "motion" in names and next_camera_file is None:
         raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
     first, second = (None if path is None else read_camera(path) for path in (camera_file, next_camera_file))
-    changes = picture_options.parse_view(
-        eye=eye, look_at=look_at, up=up, fov=fov, frame=frame, cut=cut, cut_box=cut_box,
-        wireframe=picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
-    )  # fmt: skip
+    changes = picture_options.read_settings(context.params, without=("width", "height", "shading", "samples"))
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
     scene = picture_options.with_view(options.open_sources(sources), changes, camera, view)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
 scene_option, samples_option = make_option("Scene"), make_option("Samples and colours")
 
 _AXES = ("x", "y", "z")
+
+# Settings of `Scene` that are taken as they are given.
+_AS_GIVEN = (
+    "width", "height", "fov", "frame", "shading", "samples", "seed", "smooth", "ground", "transparent", "exposure",
+    "tone_curve", "max_bounces", "clamp", "environment", "environment_rotation", "environment_strength", "aperture",
+)  # fmt: skip
 
 Width = Annotated[int | None, scene_option("Pixels.", "800")]
 Height = Annotated[int | None, scene_option("Pixels.", "450")]
@@ -116,32 +123,25 @@ def parse_cut(plane: str | None, box: str | None) -> Cut | None:
     return None if box is None else parse("box", box)
 
 
-def parse_view(
-    *,
-    eye: str | None = None,
-    look_at: str | None = None,
-    up: str | None = None,
-    cut: str | None = None,
-    cut_box: str | None = None,
-    background: str | None = None,
-    **settings: Any,
-) -> dict[str, Any]:
-    """Return settings of a scene by their names; None where an option was not given.
+def read_settings(given: Mapping[str, Any], *, without: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the settings of a scene among the parameters of a command; None for an option that was not given.
 
     Raises
     ------
     ConfigError, SceneError
         A text cannot be read.
     """
-    return {
-        "eye": parse_vector("--eye", eye),
-        "look_at": parse_vector("--look-at", look_at),
-        "up": parse_up(up),
-        "cut": parse_cut(cut, cut_box),
+    parsed = {
+        "eye": parse_vector("--eye", given.get("eye")),
+        "look_at": parse_vector("--look-at", given.get("look_at")),
+        "up": parse_up(given.get("up")),
+        "cut": parse_cut(given.get("cut"), given.get("cut_box")),
         # One colour stands for top and bottom.
-        "background": parse_vector("--background", background),
-        **settings,
+        "background": parse_vector("--background", given.get("background")),
+        "focus_distance": given.get("focus"),
+        "wireframe": _parse_wireframe(given),
     }
+    return {name: given.get(name) for name in _AS_GIVEN if name not in without} | parsed
 
 
 def with_view(scene: Scene, changes: dict[str, Any], camera: str | None = None, view: str | None = None) -> Scene:
@@ -226,10 +226,11 @@ Clamp = Annotated[
 ]
 
 
-def parse_wireframe(is_shown: bool, width: float | None, colour: str | None) -> Wireframe | None:
+def _parse_wireframe(given: Mapping[str, Any]) -> Wireframe | None:
     """Return the lines of ``--wireframe``; its width and its colour ask for them, too."""
     from ..rendering.settings import Wireframe
 
-    values: dict[str, Any] = {"width": width, "colour": parse_vector("--wireframe-colour", colour)}
-    given = {name: value for name, value in values.items() if value is not None}
-    return Wireframe(**given) if is_shown or given else None
+    colour = parse_vector("--wireframe-colour", given.get("wireframe_colour"))
+    values = {"width": given.get("wireframe_width"), "colour": colour}
+    wanted: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    return Wireframe(**wanted) if given.get("wireframe") or wanted else None

@@ -27,6 +27,7 @@ _LEAST_S = 0.5
 
 
 def render(
+    context: typer.Context,
     sources: options.Sources,
     output: Annotated[
         list[Path],
@@ -97,7 +98,7 @@ def render(
     device: options.Device = None,
     layout: Annotated[
         str,
-        typer.Option(help="Layout of the tree on the device: auto, bvh2, bvh4 or bvh8."),
+        options.device_option("Layout of the tree on the device: auto, bvh2, bvh4 or bvh8."),
     ] = "auto",
     heatmap: Annotated[
         str | None,
@@ -122,37 +123,9 @@ def render(
         check_hits_path(hits)
     if heatmap is not None:
         _check_heat_map(heatmap, builder)
-    changes: dict[str, Any] = {
-        **picture_options.parse_view(
-            width=width,
-            height=height,
-            eye=eye,
-            look_at=look_at,
-            up=up,
-            fov=fov,
-            frame=frame,
-            cut=cut,
-            cut_box=cut_box,
-            background=background,
-        ),
-        # Only paths see an environment.
-        "shading": "path" if shading is None and environment is not None else shading,
-        "samples": samples,
-        "seed": seed,
-        "smooth": smooth,
-        "ground": ground,
-        "transparent": transparent,
-        "exposure": exposure,
-        "wireframe": picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
-        "tone_curve": tone_curve,
-        "max_bounces": max_bounces,
-        "clamp": clamp,
-        "environment": environment,
-        "environment_rotation": environment_rotation,
-        "environment_strength": environment_strength,
-        "aperture": aperture,
-        "focus_distance": focus,
-    }
+    changes = picture_options.read_settings(context.params)
+    if shading is None and environment is not None:
+        changes["shading"] = "path"  # others see no environment
     light_direction = picture_options.parse_vector("--light", light)
     wanted = RenderOptions(
         builder=builder,

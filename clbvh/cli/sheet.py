@@ -16,6 +16,7 @@ DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300
 
 
 def sheet(
+    context: typer.Context,
     sources: options.Sources,
     output: Annotated[
         list[Path],
@@ -56,16 +57,8 @@ def sheet(
     # All input is checked before any work.
     for path in output:
         check_picture_path(path)
-    changes = {
-        **picture_options.parse_view(up=up, frame=frame, cut=cut, cut_box=cut_box, background=background),
-        "shading": shading,
-        "samples": samples,
-        "seed": seed,
-        "smooth": smooth,
-        "exposure": exposure,
-        "wireframe": picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
-        "tone_curve": tone_curve,
-    }
+    # Those of one view, and the ground of all.
+    changes = picture_options.read_settings(context.params, without=("width", "height", "ground"))
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
     scene = options.open_sources(sources).with_changes(**changes)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,7 @@ DEFAULT_FRAME_RATE = 25.0
 
 
 def turntable(
+    context: typer.Context,
     sources: options.Sources,
     output: Annotated[
         Path, typer.Option("-o", "--output", help="File of the animation, .mp4 (needs imageio-ffmpeg) or .gif.")
@@ -60,19 +61,7 @@ def turntable(
     # All input is checked before any work.
     check_animation(output, frame_rate)
     check_frame_count(frames)
-    changes: dict[str, Any] = {
-        **picture_options.parse_view(
-            width=width, height=height, up=up, frame=frame, cut=cut, cut_box=cut_box, background=background
-        ),
-        "shading": shading,
-        "samples": samples,
-        "seed": seed,
-        "smooth": smooth,
-        "ground": ground,
-        "exposure": exposure,
-        "wireframe": picture_options.parse_wireframe(wireframe, wireframe_width, wireframe_colour),
-        "tone_curve": tone_curve,
-    }
+    changes = picture_options.read_settings(context.params)
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
     scene = picture_options.with_view(options.open_sources(sources), changes, camera)
 
