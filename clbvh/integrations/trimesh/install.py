@@ -213,11 +213,6 @@ def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
     return RayMeshIntersector(mesh, device=options.device, layout=options.layout)
 
 
-def _make_proximity_query(mesh: Any, options: EngineOptions) -> ProximityQuery:
-    # It looks its options up: the ray engine may have been assigned by hand.
-    return ProximityQuery(mesh)
-
-
 class _Patches:
     """The changes in trimesh, and the originals."""
 
@@ -232,7 +227,8 @@ class _Patches:
             setattr(trimesh_proximity, name, function)
         for stand_in in (
             _EngineProperty("ray", _find_ray_classes, _make_ray_engine),
-            _EngineProperty("nearest", _find_proximity_classes, _make_proximity_query),
+            # It looks its options up: the ray engine may have been assigned by hand.
+            _EngineProperty("nearest", _find_proximity_classes, lambda mesh, _: ProximityQuery(mesh)),
         ):
             setattr(trimesh.Trimesh, stand_in.name, stand_in)
 

@@ -72,7 +72,7 @@ class ProximityQuery:
         >>> point, distance
         (array([[0.1, 0.2, 0.5]]), array([1.5]))
         """
-        closest = _closest_point(self._mesh, self._found_options(), points)
+        closest = self._find_closest(read_points(points))
         return closest.point, closest.distance, closest.prim_id.astype(np.int64)
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -85,7 +85,28 @@ class ProximityQuery:
         >>> ProximityQuery(trimesh.creation.box()).signed_distance([[0, 0, 0.25], [0, 0, 2]])
         array([ 0.25, -1.5 ])
         """
-        return _signed_distance(self._mesh, self._found_options(), points)
+        mesh, vectors = self._mesh, read_points(points)
+        closest = self._find_closest(vectors)
+        distance = closest.distance.copy()
+        away = np.flatnonzero(distance > tol.merge)
+
+        # Points over the interior of their closest face: on the side of its normal.
+        prim_id = closest.prim_id[away]
+        normals = mesh.face_normals[prim_id]
+        with np.errstate(over="ignore", invalid="ignore"):  # of points so far away that their squares overflow
+            height = ((vectors[away] - closest.point[away]) * normals).sum(axis=1)
+            feet = vectors[away] - normals * height[:, None]
+            weights = trimesh.triangles.points_to_barycentric(mesh.triangles[prim_id], feet)
+        is_over = ((weights >= -tol.merge) & (weights <= 1 + tol.merge)).all(axis=1)
+        distance[away[is_over]] *= -np.sign(height[is_over])
+
+        # The others are nearest to an edge or a vertex.
+        beside = away[~is_over]
+        if len(beside):
+            device, layout = self._found_options()
+            engine = RayMeshIntersector(mesh, device=device, layout=layout)
+            distance[beside] *= np.where(engine.contains_points(vectors[beside]), 1.0, -1.0)
+        return distance
 
     def vertex(self, points: ArrayLike) -> tuple[Any, Any]:
         """Return the nearest vertex of the mesh for each point, without scipy.
@@ -125,7 +146,7 @@ class ProximityQuery:
         if len(bad):
             raise QueryError(f"points[{bad[0]}] is not finite: {flat[bad[0]]}")
         if len(self._mesh.faces):
-            tree = _kept_tracer(self._mesh, self._found_options()).find_tree(self._mesh)
+            tree = self._find_tracer().find_tree(self._mesh)
             distance, vertex_id = find_nearest_vertices(tree, flat)
         else:
             distance, vertex_id = _nearest_of_few(np.asarray(self._mesh.vertices), flat)
@@ -134,16 +155,22 @@ class ProximityQuery:
         return distance.reshape(given.shape[:-1]), vertex_id.reshape(given.shape[:-1])
 
     def close(self) -> None:
-        """Give the device's memory back, after the queries of other threads; the next query takes it again.
+        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        self._find_tracer().close()
 
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import ProximityQuery
-        >>> query = ProximityQuery(trimesh.creation.box())
-        >>> query.close()
-        """
-        _kept_tracer(self._mesh, self._found_options()).close()
+    def _find_closest(self, points: NDArray[np.float64]) -> ClosestPoints:
+        """Return the closest points on the faces that trimesh chooses."""
+
+        def find(tracer: Tracer, tree: FollowedTree) -> ClosestPoints:
+            closest = tracer.closest_point(points)
+            choose_facing(points, tree.mesh, tree.vertex_faces, tol.merge, closest)
+            return closest
+
+        closest: ClosestPoints = self._find_tracer().ask(self._mesh, find)
+        return closest
+
+    def _find_tracer(self) -> MeshTracer:
+        return find_tracer(self._mesh, self._found_options(), keep=True)
 
     def _found_options(self) -> EngineOptions:
         return options_for(self._mesh) if self._options == EngineOptions() else self._options
@@ -224,47 +251,6 @@ def read_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
     if array.ndim != 2 or array.shape[1] != 3:
         raise QueryError(f"{name} must be (n,3), not of shape {array.shape}")
     return array
-
-
-def _closest_point(mesh: Any, options: EngineOptions, points: ArrayLike) -> ClosestPoints:
-    vectors = read_points(points)
-
-    def find(tracer: Tracer, tree: FollowedTree) -> ClosestPoints:
-        closest = tracer.closest_point(vectors)
-        choose_facing(vectors, tree.mesh, tree.vertex_faces, tol.merge, closest)
-        return closest
-
-    found: ClosestPoints = _kept_tracer(mesh, options).ask(mesh, find)
-    return found
-
-
-def _signed_distance(mesh: Any, options: EngineOptions, points: ArrayLike) -> NDArray[np.float64]:
-    vectors = read_points(points)
-    closest = _closest_point(mesh, options, vectors)
-    distance = closest.distance.copy()
-    away = np.flatnonzero(distance > tol.merge)
-
-    # Points over the interior of their closest face: on the side of its normal.
-    prim_id = closest.prim_id[away]
-    normals = mesh.face_normals[prim_id]
-    with np.errstate(over="ignore", invalid="ignore"):  # of points so far away that their squares overflow
-        height = ((vectors[away] - closest.point[away]) * normals).sum(axis=1)
-        feet = vectors[away] - normals * height[:, None]
-        weights = trimesh.triangles.points_to_barycentric(mesh.triangles[prim_id], feet)
-    is_over = ((weights >= -tol.merge) & (weights <= 1 + tol.merge)).all(axis=1)
-    distance[away[is_over]] *= -np.sign(height[is_over])
-
-    # The others are nearest to an edge or a vertex.
-    beside = away[~is_over]
-    if len(beside):
-        device, layout = options
-        engine = RayMeshIntersector(mesh, device=device, layout=layout)
-        distance[beside] *= np.where(engine.contains_points(vectors[beside]), 1.0, -1.0)
-    return distance
-
-
-def _kept_tracer(mesh: Any, options: EngineOptions) -> MeshTracer:
-    return find_tracer(mesh, options, keep=True)
 
 
 def _nearest_of_few(vertices: NDArray[Any], points: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int64]]:
