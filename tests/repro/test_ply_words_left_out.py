@@ -49,3 +49,11 @@ def test_they_are_refused(tmp_path, line):
 def test_numbers_of_every_form_are_read(tmp_path, number):
     mesh = read(tmp_path, f"0 0 0\n1 0 0\n0 1 {number}")
     assert mesh.vertices[2, 2] == pytest.approx(float(number), rel=1e-7)
+
+
+@pytest.mark.parametrize("face", ["4 0 1 - 2 0", "4 0 1 2 +", "3 0 + 1 2"])
+def test_a_sign_without_a_number_is_no_part_of_the_next_one(tmp_path, face):
+    path = tmp_path / "a.ply"
+    path.write_text(f"{HEADER}0 0 0\n1 0 0\n0 1 0\n{face}\n")
+    with pytest.raises(MeshError):
+        load_mesh(path)

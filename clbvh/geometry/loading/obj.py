@@ -44,7 +44,7 @@ _BLANKS = bytes.maketrans(b"\t\v\f\r", b"   \n")
 _UNSUPPORTED = re.compile(rb"\n(surf|call|fo|bsp|bzp|cdp|res)(?=[ \n])")
 _STATEMENT = re.compile(rb"\n(o|g|s|usemtl|mtllib)(?=[ \n])([^\n]*)")
 _FACE = re.compile(rb"\nf(?=[ \n])[^\n]*")
-_FACE_BYTES = b"0123456789+/ \nf"
+_FACE_BYTES = b"0123456789/ \nf"
 _NOT_SMOOTH = (b"off", b"0")
 
 
@@ -274,12 +274,14 @@ def _unify(
 
     Where forms differ, a corner without a value gets one behind the last of the file.
     """
+    if b"+" in faces:
+        faces = re.sub(rb"\+(?=[0-9])", b"", faces)
     slashes = _count(faces, b"/", b" ")
     if faces.translate(None, _FACE_BYTES) or slashes.max(initial=0) > 2:
         problems.add("the texture coordinates and normals cannot be used: a corner has words that are no indices")
         faces = re.sub(rb"/[^ \n]*", b"", faces)
         slashes[:] = 0
-    if faces.translate(None, _FACE_BYTES) or re.search(rb" \+?0*(?=[/ \n])", faces):
+    if faces.translate(None, _FACE_BYTES) or re.search(rb" 0*(?=[/ \n])", faces):
         raise _describe_corner(faces, vertex_count)
     if b"/0" in faces:
         faces = re.sub(rb"/0+(?=[/ \n])", b"/", faces)  # written by programs that mean none
@@ -300,7 +302,7 @@ def _unify(
     if re.search(rb" [^ /\n]+/0*%d(?=[ /\n])|/[^ /\n]*/0*%d(?=[ \n])" % (uv, normal), faces):
         problems.add("the texture coordinates and normals cannot be used: a corner refers to one that is missing")
         return re.sub(rb"/[^ \n]*", b"", faces), None, None
-    has_uvs, has_normals = re.search(rb"[0-9]/[0-9+]", faces), re.search(rb"/[^ /\n]*/", faces)
+    has_uvs, has_normals = re.search(rb"[0-9]/[0-9]", faces), re.search(rb"/[^ /\n]*/", faces)
     faces = faces.replace(b"//", b"/%d/" % uv)
     faces = re.sub(rb"( [^ /\n]+)(?=[ \n])", rb"\g<1>/%d/%d" % (uv, normal), faces)
     faces = re.sub(rb"( [^ /\n]+/[^ /\n]+)(?=[ \n])", rb"\g<1>/%d" % normal, faces)
@@ -312,7 +314,7 @@ def _describe_corner(faces: bytes, vertex_count: int) -> MeshError:
     for face, line in enumerate(faces.split(b"\n")[1:-1]):
         for corner in line.split()[1:]:
             index = corner.partition(b"/")[0]
-            if not re.fullmatch(rb"[+-]?[0-9]{1,18}", index):
+            if not re.fullmatch(rb"-?[0-9]{1,18}", index):
                 return MeshError(
                     f"face {face} has a corner '{corner.decode('latin-1')[:80]}', which is no vertex index"
                 )

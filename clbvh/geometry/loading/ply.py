@@ -124,6 +124,7 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
     **{"double": "f8", "float64": "f8"},
 }
+_BARE_SIGN = re.compile(rb"[+-](?![0-9.in])", re.IGNORECASE)  # numpy takes one with the number behind the next blank
 _STRIPS = "tristrips"
 _FACE_KINDS = ("face", _STRIPS)
 _KEYWORDS = ("format", "element", "property")
@@ -270,6 +271,8 @@ def _read_plain_text(
     end = _find_line_end(data, begin, vertex_count)
     if data.count(b"\n3 ", end - 1) != face_count or data.count(b"\n", end) not in (face_count - 1, face_count):
         return None
+    if data.find(b"-", end) >= 0 or data.find(b"+", end) >= 0:
+        return None
     if end < begin or not are_number_lines(np.frombuffer(data, np.uint8, end - begin, begin), len(vertex_properties)):
         return None
     try:
@@ -290,6 +293,8 @@ def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[st
     end = _find_line_end(data, begin, element.row_count)
     if end < begin:
         raise _cut_off(element)
+    if word := _BARE_SIGN.search(data, begin, end):
+        raise MeshError(f"the lines of '{element.name}' have a '{word[0].decode()}' that is no number")
     is_whole = all(prop.dtype.kind != "f" for prop in element.properties)
     dtype = np.dtype(np.int64 if is_whole else np.float64)
     rows = np.fromstring(data[begin:end], dtype, sep=" ").tobytes()

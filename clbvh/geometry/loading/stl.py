@@ -72,7 +72,8 @@ def _check_text(data: bytes) -> tuple[bytes, int]:
     numbers = b"\n".join(_VERTEX.findall(text)) + b"\n"
     if not are_number_lines(np.frombuffer(numbers, np.uint8), 3):
         raise MeshError("the file is damaged: a vertex is not three numbers")
-    return text, text.count(b"endfacet")
+    # Normals that are no numbers would make trimesh print a traceback.
+    return text.replace(b"normal", b""), text.count(b"endfacet")
 
 
 def _read_colours(header: bytes, attributes: NDArray[Any]) -> Appearance | None:
