@@ -147,11 +147,12 @@ def build_tree(
         uses_pool = VARIANTS[builder].parallel
     else:
         uses_pool = options.task_threshold is not None or mesh.face_count >= 2 * PRIMS_PER_WORKER
-    with (
-        pool.open_executor()
-        if pool is not None and uses_pool
-        else ThreadExecutor(choose_workers(mesh.face_count, builder, options, workers))
-    ) as executor:
+    if pool is not None and uses_pool:
+        from .processes.pool import open_executor
+
+        with open_executor(pool) as executor:
+            return run(mesh, executor, options)
+    with ThreadExecutor(choose_workers(mesh.face_count, builder, options, workers)) as executor:
         return run(mesh, executor, options)
 
 

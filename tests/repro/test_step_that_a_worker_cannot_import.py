@@ -8,6 +8,7 @@ import types
 import pytest
 
 from clbvh import SubtreePool
+from clbvh.builders.processes.pool import open_executor
 from clbvh.errors import PoolError
 
 
@@ -27,7 +28,7 @@ def test_the_error_holds_the_workers_traceback(step_known_only_here):
     with (
         SubtreePool(workers=1) as pool,
         pytest.raises(PoolError, match="No module named 'module_of_the_coordinator'"),
-        pool.open_executor() as executor,
+        open_executor(pool) as executor,
     ):
         executor.map(step_known_only_here, [()])
 
@@ -36,6 +37,6 @@ def test_a_result_that_cannot_be_sent_is_an_error_too():
     with (
         SubtreePool(workers=1) as pool,
         pytest.raises(PoolError, match=r"(?s)worker 0 failed.*pickle"),
-        pool.open_executor() as executor,
+        open_executor(pool) as executor,
     ):
         executor.map(return_a_function, [()])

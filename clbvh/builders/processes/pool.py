@@ -82,21 +82,8 @@ class SubtreePool(ContextManager):
         >>> with clbvh.SubtreePool(workers=1) as pool:
         ...     pool.wait_ready()  # an error of a worker is raised here, not in the first build
         """
-        with self.open_executor() as executor:
+        with open_executor(self) as executor:
             executor.run_on_each(_do_nothing)
-
-    @contextmanager
-    def open_executor(self) -> Iterator[Executor]:
-        """Open the executor of one build; builds of other threads wait."""
-        if os.getpid() != self._owner:
-            raise PoolError(
-                "the pool belongs to the process that this one was forked from: create another one, or build without"
-            )
-        with self._turn:
-            if not self._stop.alive:
-                raise PoolError("the pool is closed: create another one")
-            with _PoolExecutor(self._threads, self._workers, self._stop) as executor:
-                yield executor
 
     def close(self) -> None:
         """End the workers, after the builds of other threads. In a forked child nothing happens."""
@@ -107,6 +94,20 @@ class SubtreePool(ContextManager):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(workers={self.workers}{'' if self._stop.alive else ', closed'})"
+
+
+@contextmanager
+def open_executor(pool: SubtreePool) -> Iterator[Executor]:
+    """Open the executor of one build; builds of other threads wait."""
+    if os.getpid() != pool._owner:
+        raise PoolError(
+            "the pool belongs to the process that this one was forked from: create another one, or build without"
+        )
+    with pool._turn:
+        if not pool._stop.alive:
+            raise PoolError("the pool is closed: create another one")
+        with _PoolExecutor(pool._threads, pool._workers, pool._stop) as executor:
+            yield executor
 
 
 class _Worker:

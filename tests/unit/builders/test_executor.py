@@ -11,6 +11,7 @@ import pytest
 
 from clbvh import SubtreePool
 from clbvh.builders.executor import ThreadExecutor
+from clbvh.builders.processes.pool import open_executor
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def executor(request, pool):
     kinds = {
         "one thread": lambda: ThreadExecutor(1),
         "threads": lambda: ThreadExecutor(2),
-        "processes": pool.open_executor,
+        "processes": lambda: open_executor(pool),
     }
     with kinds[request.param]() as executor:
         yield executor
@@ -87,12 +88,12 @@ def test_a_step_runs_once_in_every_process(executor):
 def test_arrays_outlive_the_build_and_workers_let_go_of_them(pool):
     kept = []
     for number in range(2):
-        with pool.open_executor() as executor:
+        with open_executor(pool) as executor:
             kept.append(executor.create("array", (3,), np.int64))
             kept[-1][:] = number
             assert executor.map(total, [("array",)]) == [3 * number]
     assert [array.tolist() for array in kept] == [[0, 0, 0], [1, 1, 1]]
-    with pool.open_executor() as executor:
+    with open_executor(pool) as executor:
         assert executor.run_on_each(list_names) == [[], []]
 
 

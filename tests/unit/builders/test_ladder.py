@@ -29,6 +29,7 @@ from clbvh.builders.ladder.subtrees import (
 )
 from clbvh.builders.ladder.variants import BINS, SELECT, VARIANTS, Nodes
 from clbvh.builders.options import MAX_DEPTH
+from clbvh.builders.processes.pool import open_executor
 from clbvh.errors import InternalError
 
 from ...rays import mesh_as_on_device
@@ -331,7 +332,7 @@ ROUNDS = 20
 
 @pytest.fixture(params=["threads", "processes"])
 def executor(request, pool):
-    with pool.open_executor() if request.param == "processes" else ThreadExecutor(2) as executor:
+    with open_executor(pool) if request.param == "processes" else ThreadExecutor(2) as executor:
         yield executor
 
 
@@ -379,7 +380,7 @@ def count_held(arrays):
 def test_workers_keep_no_linked_nodes_after_a_build(pool):
     mesh = make_soup(500, seed=7)
     first = build_by("flatten", mesh, pool, BuildOptions(task_threshold=20))
-    with pool.open_executor() as executor:
+    with open_executor(pool) as executor:
         assert executor.run_on_each(count_held) == [0, 0]
     assert bytes_of(first) == bytes_of(build_by("flatten", mesh, None, BuildOptions()))
     assert count_held({}) == 0

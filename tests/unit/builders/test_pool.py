@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from clbvh import SubtreePool, build, validate_tree
+from clbvh.builders.processes.pool import open_executor
 from clbvh.builders.sah import build_sah as sah_module
 from clbvh.errors import ConfigError, PoolError
 from clbvh.support.host_threads import HostThreads, usable_cores
@@ -39,7 +40,7 @@ def sleep_or_die(arrays, seconds):
 
 
 def run(pool, step, tasks):
-    with pool.open_executor() as executor:
+    with open_executor(pool) as executor:
         return executor.map(step, tasks)
 
 
