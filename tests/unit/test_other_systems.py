@@ -11,7 +11,7 @@ import pytest
 TIMEOUT_S = 300
 
 WITHOUT = """
-import asyncio, ctypes, multiprocessing.connection, multiprocessing.resource_tracker, importlib, os, pkgutil, resource
+import asyncio, ctypes, multiprocessing.connection, psutil, multiprocessing.resource_tracker, importlib, os, pkgutil, resource
 import shutil, signal, subprocess, sys, tempfile
 import imageio.v3, numba, numpy, platformdirs, pooch, pyopencl, rich.progress, trimesh, typer
 
