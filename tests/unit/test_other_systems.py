@@ -11,9 +11,9 @@ import pytest
 TIMEOUT_S = 300
 
 WITHOUT = """
-import asyncio, ctypes, multiprocessing.connection, psutil, multiprocessing.resource_tracker, importlib, os, pkgutil, resource
+import asyncio, ctypes, multiprocessing.connection, multiprocessing.resource_tracker, importlib, os, pkgutil, resource
 import shutil, signal, subprocess, sys, tempfile
-import imageio.v3, numba, numpy, platformdirs, pooch, pyopencl, rich.progress, trimesh, typer
+import imageio.v3, numba, numpy, platformdirs, pooch, psutil, pyopencl, rich.progress, trimesh, typer
 
 for module in {modules!r}:
     sys.modules[module] = None
