@@ -90,7 +90,7 @@ def test_a_first_hit_needs_no_picture_and_no_compiler(tmp_path):
 @pytest.mark.usefixtures("session")
 def test_a_picture_of_a_mesh_needs_no_tracer_and_no_compiler(tmp_path):
     (tmp_path / "mesh.off").write_text(OFF)
-    modules = list_modules(tmp_path, PICTURE, ("render", "mesh.off", "-o", "a.png", "--width", "32"), runs=2)
+    modules = list_modules(tmp_path, PICTURE, ("render", "mesh.off", "-o", "a.ppm", "--width", "32"), runs=2)
     assert "clbvh.rendering.renderer" in modules
     unwanted = {"clbvh.trace.tracer", "clbvh.rendering.check_pixels", "clbvh.rendering.heat_map"}
     assert modules & (unwanted | {*TO_COMPILE, *OTHER_LIBRARIES, *OTHER_PARTS}) == set()
