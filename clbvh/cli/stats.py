@@ -72,8 +72,6 @@ def stats(
     from ..stats.tree_stats import OVERLAP_SAMPLE
     from ..support.stopwatch import Stopwatch, add_total
 
-    pass  # join: import dropped
-
     # All input is checked before any work.
     if plot is not None:
         check_plot_path(plot)
