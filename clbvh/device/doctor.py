@@ -12,20 +12,12 @@ import sys
 import tempfile
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from ..errors import ConfigError, DeviceError
-from .driver_files import (
-    KHRONOS_VARIABLE,
-    VENDOR_VARIABLES,
-    DriverFile,
-    find_folders,
-    find_naming_variable,
-    find_registered_folder,
-    read_driver_files,
-)
+from .driver_files import DriverFile, find_folders, find_naming_variable, find_registered_folder, read_driver_files
 from .info import DeviceInfo
 from .pocl_linker import explain_missing_linker
 from .preference import pick_device
@@ -42,25 +34,23 @@ KNOWN_DRIVERS = {
     "libigdrcl.so": "intel.icd",
     "libRusticlOpenCL.so": "rusticl.icd",
     "libintelocl.so": "intel64.icd",
-    "intelocl64.dll": "intel64.icd",
     "libpocl.so": "pocl.icd",
 }
-# Where drivers install their libraries; an environment of conda or pip, and on Windows.
+# Where drivers install their libraries, beside the environment's own folder.
 _LIBRARY_FOLDERS = f"""
     /usr/lib/{platform.machine()}-linux-gnu /usr/lib64 /usr/lib /usr/local/lib
     /usr/lib/{platform.machine()}-linux-gnu/intel-opencl /usr/lib64/intel-opencl /usr/lib/intel-opencl
     /usr/local/nvidia/lib64 /usr/lib/wsl/lib /run/opengl-driver/lib /opt/rocm/lib /opt/intel/oneapi/compiler/latest/lib
 """.split()
 
-# By PCI vendor id: the vendors of GPUs, and what gives their GPUs a device.
-_GROUPS = '$ sudo usermod -aG render,video "$USER"    # and log in again; in a container: --device, --group-add'
+# By PCI vendor id: the vendors of GPUs, and the command that brings their driver.
 _GPUS = {
     0x10DE: ("NVIDIA", "$ sudo apt install libnvidia-compute-VERSION    # VERSION: that of the driver"),
-    0x1002: ("AMD", "$ sudo apt install rocm-opencl-runtime    # from AMD's repository, or mesa-opencl-icd", _GROUPS),
-    0x8086: ("Intel", "$ sudo apt install intel-opencl-icd", _GROUPS),
+    0x1002: ("AMD", "$ sudo apt install rocm-opencl-runtime    # from AMD, or mesa-opencl-icd; join the group render"),
+    0x8086: ("Intel", "$ sudo apt install intel-opencl-icd    # and join the group render"),
 }
 # PCI base classes: display controller, processing accelerator (AMD's Instinct cards call themselves that).
-_GPU_CLASSES = (0x03, 0x12)
+_GPU_CLASSES = ("0x03", "0x12")
 
 # Commands of which each brings a driver for the CPU, by system and machine; the table of docs/devices.md has the same.
 _APT, _CONDA = "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl"
@@ -69,34 +59,26 @@ CPU_DRIVERS = {
     "linux x86_64": ("$ pip install --force-reinstall pocl-binary-distribution", _APT, _CONDA),
     "linux aarch64": (_APT, _CONDA),
     "darwin arm64": (_CONDA,),
-    # Of conda-forge's packages of PoCL, this one has a build for Windows.
-    "win32 amd64": (_INTEL, "$ conda install -c conda-forge pyopencl pocl-cpu-minimal"),
+    "win32 amd64": ("$ conda install -c conda-forge pyopencl pocl-cpu-minimal",),
 }
 
 # Advice by the words of a failure: the first that fits.
 _ADVICE = {
     # The LLVM inside PoCL calls a newer processor "generic", which the compiler then refuses (pocl/pocl issue 1049).
     "unknown target CPU|does not recognize your cpu|Portable Computing Language.*SIGILL": (
-        *("this PoCL is older than the CPU: use a newer one, or, after 3.0, name a CPU that it knows", _CONDA, _APT),
+        "this PoCL is older than the CPU: use a newer one, as that of conda-forge, or name a CPU that it knows",
         "$ export POCL_LLVM_CPU_NAME=x86-64-v3",
     ),
     "cannot compile kernels without": ("$ apt-get install binutils libc6-dev libgcc-12-dev    # or gcc", _INTEL),
-    "Portable Computing Language.*offers no device": (
-        "PoCL needs a folder that it can write to, and POCL_DEVICES, if set, must name devices that it has",
-        "$ export POCL_CACHE_DIR=$(mktemp -d)",
+    "Portable Computing Language.*offers no device|No space left|Permission denied": (
+        "the driver needs a folder for kernels with room to write: name another place",
+        "$ export POCL_CACHE_DIR=$(mktemp -d) CUDA_CACHE_PATH=$(mktemp -d)",
     ),
     "rusticl.*offers no device": ("name the GPU drivers that it serves", "$ export RUSTICL_ENABLE=radeonsi"),
     "did not answer": ("the driver hangs: is the device busy? Else restart the driver or the machine",),
     "lib(imf|svml|irng|intlc)": ("Intel's runtime needs its compiler's libraries", "$ pip install intel-cmplr-lib-rt"),
     "which cannot be loaded|cannot be read": ("reinstall the driver and the libraries it needs, or delete the file",),
-    "No space left|Permission denied": (
-        "the driver keeps kernels in the home folder: make room there, or name another place",
-        "$ export POCL_CACHE_DIR=$(mktemp -d) CUDA_CACHE_PATH=$(mktemp -d)",
-    ),
-    "pyopencl cannot be imported": (
-        *("the loader, if that is missing, and the wheel, which brings one", "$ sudo apt install ocl-icd-libopencl1"),
-        "$ pip install --force-reinstall --only-binary :all: pyopencl",
-    ),
+    "pyopencl cannot be imported": ("$ pip install --force-reinstall --only-binary :all: pyopencl",),
     "asks all drivers": ("try the drivers one at a time", "$ OCL_ICD_VENDORS=/path/of/one/driver.icd clbvh devices"),
     "": ("update the driver of this device; until then choose another one with --device",),
 }
@@ -129,14 +111,13 @@ class Trial(NamedTuple):
 
     device: DeviceInfo
     error: str
-    wall_s: float
 
 
 @dataclass(frozen=True)
 class Step:
-    """A driver file to write or to remove, or a driver to leave alone; and the reason, or the devices that work."""
+    """A driver file to write, with the devices that work; or a driver to leave alone, with the reason."""
 
-    action: Literal["write", "remove", "leave"]
+    action: Literal["write", "leave"]
     path: Path
     library: str
     reason: str
@@ -172,17 +153,17 @@ def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
         problems.append(f"the process that asks all drivers for their devices {listing.failure}")
     findings += [_report("platform", problem) for problem in problems]
 
-    known = {field.name for field in fields(DeviceInfo)}
     trials = []
     for facts in listing.answer.get("devices", ()):
-        device = DeviceInfo(**{name: fact for name, fact in facts.items() if name in known})
+        del facts["layout"]
+        device = DeviceInfo(**facts)
         result = run_probe("try", str(device.number), timeout_s=timeout_s)
-        trials.append(Trial(device, result.failure, result.wall_s))
+        trials.append(Trial(device, result.failure))
         if result.failure:
             said = textwrap.shorten(result.failure, _ERROR_LENGTH, placeholder=" ...")
             findings.append(_report("device", f"{device} does not work: {said}", f"{result.failure}\n{result.log}"))
         else:
-            findings.append(Finding("device", "ok", f"{device} computes correctly ({result.wall_s:.1f} s)"))
+            findings.append(Finding("device", "ok", f"{device} computes correctly"))
 
     working = [trial.device for trial in trials if not trial.error]
     findings += check_gpus(working)
@@ -190,7 +171,9 @@ def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
         commands = CPU_DRIVERS.get(f"{sys.platform} {platform.machine().lower()}", (_CONDA,))
         message = "no device works: clbvh needs an OpenCL driver; each of these brings one for the CPU"
         findings.append(Finding("device", "problem", message, commands))
-    return [*findings, *check_choice(trials, working)], trials
+    if trials:
+        findings.append(check_choice(trials, working))
+    return findings, trials
 
 
 def _report(check: str, message: str, log: str = "") -> Finding:
@@ -222,37 +205,34 @@ def _check_files(timeout_s: float) -> Iterator[Finding]:
 
 def check_gpus(working: Iterable[DeviceInfo], root: Path = Path("/sys/bus/pci/devices")) -> Iterator[Finding]:
     """Find GPUs on the PCI bus that no working device belongs to; none where the system does not tell."""
-    classes = {path: int(path.read_text(), 16) >> 16 for path in sorted(root.glob("*/class"))}
-    vendors = [int((path.parent / "vendor").read_text(), 16) for path in classes if classes[path] in _GPU_CLASSES]
+    gpus = [path for path in root.glob("*/class") if path.read_text().startswith(_GPU_CLASSES)]
+    vendors = {int(path.with_name("vendor").read_text(), 16) for path in gpus}
     served = " ".join(f"{info.vendor} {info.name} {info.platform}" for info in working if info.kind != "cpu").lower()
-    for vendor, *commands in (_GPUS[number] for number in dict.fromkeys(vendors) if number in _GPUS):
-        # AMD's own driver spells its vendor's name out.
-        if vendor.lower() not in served.replace("advanced micro devices", "amd"):
+    for number, (vendor, command) in _GPUS.items():
+        if number in vendors and vendor.lower() not in served:
             message = f"there is a GPU of {vendor} in this machine, and no OpenCL device that uses it"
-            yield Finding("hardware", "note", message, tuple(commands))
+            yield Finding("hardware", "note", message, (command,))
 
 
-def check_choice(trials: Sequence[Trial], working: Sequence[DeviceInfo]) -> Iterator[Finding]:
-    """Check whether the device that would be used works."""
+def check_choice(trials: Sequence[Trial], working: Sequence[DeviceInfo]) -> Finding:
+    """Check whether the device that would be used works; there is at least one device."""
     spec = os.environ.get(DEVICE_VARIABLE, "").strip() or None
     asked_by = f" (asked for by {DEVICE_VARIABLE})" if spec else ""
     try:
-        chosen = pick_device([trial.device for trial in trials], spec, asked_by) if trials else None
+        chosen = pick_device([trial.device for trial in trials], spec, asked_by)
     except DeviceError as error:
-        yield Finding("choice", "problem", str(error), (f"$ unset {DEVICE_VARIABLE}",))
-        return
+        return Finding("choice", "problem", str(error), (f"$ unset {DEVICE_VARIABLE}",))
     if chosen in working:
-        yield Finding("choice", "ok", f"clbvh uses {chosen}{asked_by} unless --device says otherwise")
-    elif chosen is not None:
-        advice = tuple(f"$ export {DEVICE_VARIABLE}={other.number}" for other in working[:1])
-        yield Finding("choice", "problem", f"clbvh would use {chosen}{asked_by}, which does not work", advice)
+        return Finding("choice", "ok", f"clbvh uses {chosen}{asked_by} unless --device says otherwise")
+    advice = tuple(f"$ export {DEVICE_VARIABLE}={other.number}" for other in working[:1])
+    return Finding("choice", "problem", f"clbvh would use {chosen}{asked_by}, which does not work", advice)
 
 
 def find_unregistered(files: Iterable[DriverFile]) -> list[tuple[Path, str]]:
     """Return the libraries of known drivers that no driver file names, and the usual names of their driver files."""
     named = " ".join(name for file in files for name in file.names)
     variable = [folder for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if folder]
-    folders = [*variable, *_LIBRARY_FOLDERS, f"{sys.prefix}/lib", f"{sys.prefix}/Library/bin"]
+    folders = [*variable, *_LIBRARY_FOLDERS, f"{sys.prefix}/lib"]
     found = []
     for stem, icd_name in KNOWN_DRIVERS.items():
         # The first of a folder: the link "libpocl.so.2" outlives an update of "libpocl.so.2.12.0".
@@ -265,7 +245,7 @@ def find_unregistered(files: Iterable[DriverFile]) -> list[tuple[Path, str]]:
 def register_drivers(timeout_s: float, *, dry_run: bool) -> list[Step]:
     """Try the drivers that no driver file names, each alone, and register those that work in clbvh's own folder.
 
-    Files there whose library is gone are removed. Nothing is written with `dry_run`.
+    A file there whose library is gone counts for nothing. Nothing is written with `dry_run`.
 
     Raises
     ------
@@ -274,22 +254,17 @@ def register_drivers(timeout_s: float, *, dry_run: bool) -> list[Step]:
     """
     if variable := find_naming_variable():
         raise ConfigError(f"{variable} is set, so clbvh's own drivers are not read: unset it, then run this again")
-    own, files = find_registered_folder(), read_driver_files()
-    gone = [file for file in files if file.path.parent == own and not Path(file.library).is_file()]
-    steps = [Step("remove", file.path, file.library, "its library is not there any more") for file in gone]
-    for library, icd_name in find_unregistered(file for file in files if file not in gone):
+    own, steps = find_registered_folder(), []
+    files = [file for file in read_driver_files() if file.path.parent != own or Path(file.library).is_file()]
+    for library, icd_name in find_unregistered(files):
         working, failure = try_library(str(library), timeout_s)
-        action: Literal["write", "leave"] = "write" if working else "leave"
-        steps.append(Step(action, own / icd_name, str(library), ", ".join(working) or failure))
-    try:
-        for step in () if dry_run else steps:
-            if step.action == "remove":
-                step.path.unlink(missing_ok=True)
-            elif step.action == "write":
+        steps.append(Step("write" if working else "leave", own / icd_name, str(library), ", ".join(working) or failure))
+        if working and not dry_run:
+            try:
                 own.mkdir(parents=True, exist_ok=True)
-                step.path.write_text(f"{step.library}\n")
-    except OSError as error:
-        raise ConfigError(f"{own}: cannot be written to ({error.strerror}): check the folder") from error
+                (own / icd_name).write_text(f"{library}\n")
+            except OSError as error:
+                raise ConfigError(f"{own}: cannot be written to ({error.strerror}): check the folder") from error
     return steps
 
 
@@ -300,9 +275,8 @@ def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
     with tempfile.TemporaryDirectory(prefix="clbvh-drivers-") as folder:
         icd = Path(folder) / "only.icd"
         icd.write_text(f"{library}\n")
-        # A file, not its folder: the loader takes it for the only driver. That of Windows adds the library to others.
-        is_windows = sys.platform == "win32"
-        environment = {KHRONOS_VARIABLE: library} if is_windows else {VENDOR_VARIABLES[0]: str(icd)}
+        # A file, not its folder: the loader takes it for the only driver.
+        environment = {"OCL_ICD_VENDORS": str(icd)}
         listing = run_probe("list", timeout_s=timeout_s, environment=environment)
         failure = listing.failure or "; ".join(listing.answer.get("problems", ())) or "it offers no device"
         working = []

@@ -27,10 +27,8 @@ SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 DRIVERS_VARIABLE = "CLBVH_DRIVERS"
 POCL_VARIABLE = "POCL_CACHE_DIR"
 
-# Name the drivers of a process, in the order in which the loader reads them; the other, that of Khronos for Windows,
-# adds the libraries that this one has.
+# Name the drivers of a process, in the order in which the loader reads them.
 VENDOR_VARIABLES = ("OCL_ICD_VENDORS", "OPENCL_VENDOR_PATH")
-KHRONOS_VARIABLE = "OCL_ICD_FILENAMES"
 
 _first_call = threading.RLock()
 _callers: list[bool] = []  # one item, once the loader has read its environment
@@ -123,32 +121,18 @@ def added_drivers() -> Iterator[None]:
     with _first_call, ExitStack() as stack:
         # If a file cannot be read or the folder cannot be made, the loader still has the drivers of the system.
         with suppress(OSError):
-            added = [] if _callers else find_added()
-            if added and sys.platform == "win32":
-                named = [os.environ.get(KHRONOS_VARIABLE, ""), *(file.library for file in added)]
-                stack.enter_context(_variable(KHRONOS_VARIABLE, os.pathsep.join(filter(None, named))))
-            elif added:
+            if not _callers and (added := find_added()):
                 folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="clbvh-drivers-"))
                 beside = (find_registered_folder(), find_bundled_folder())
                 system = [file for file in read_driver_files() if file.path.parent not in beside]
                 for number, file in enumerate([*system, *added]):
                     # The number keeps the order, and keeps two files of one name apart.
                     (Path(folder) / f"{number:03}-{file.path.name}").write_text(f"{file.library}\n")
-                stack.enter_context(_variable(VENDOR_VARIABLES[0], folder))
+                # It is empty or not set: `find_added` finds nothing where it names drivers.
+                os.environ[VENDOR_VARIABLES[0]] = folder
+                stack.callback(os.environ.pop, VENDOR_VARIABLES[0])
         yield
         _callers[:] = [True]
-
-
-@contextmanager
-def _variable(name: str, value: str) -> Iterator[None]:
-    before = os.environ.get(name)
-    os.environ[name] = value
-    try:
-        yield
-    finally:
-        os.environ.pop(name)
-        if before is not None:
-            os.environ[name] = before
 
 
 @cache

@@ -16,7 +16,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -31,17 +30,15 @@ _WITHOUT_CACHES = {"POCL_KERNEL_CACHE": "0", "PYOPENCL_NO_CACHE": "1", "CUDA_CAC
 
 
 class ProbeResult(NamedTuple):
-    """The outcome: the JSON object, the reason of a failure or nothing, all of standard error, and the duration."""
+    """The outcome: the JSON object, the reason of a failure or nothing, and all of standard error."""
 
     answer: dict[str, Any]
     failure: str
     log: str
-    wall_s: float
 
 
 def run_probe(*arguments: str, timeout_s: float, environment: Mapping[str, str] | None = None) -> ProbeResult:
     """Run `python -m clbvh.device.probe` with these arguments and more variables, and wait for its answer."""
-    begin_s = time.perf_counter()
     try:
         # "-W ignore": a library's warning is not a driver's failure, whatever PYTHONWARNINGS says.
         done = subprocess.run(
@@ -55,15 +52,14 @@ def run_probe(*arguments: str, timeout_s: float, environment: Mapping[str, str] 
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return ProbeResult({}, f"did not answer within {timeout_s:g} s", "", time.perf_counter() - begin_s)
-    wall_s, code = time.perf_counter() - begin_s, done.returncode
-    failure = f"ended with exit code {code}" if code else ""
-    failure = f"was killed by {signal.Signals(-code).name}" if code < 0 else failure
+        return ProbeResult({}, f"did not answer within {timeout_s:g} s", "")
+    code = done.returncode
+    failure = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}" * bool(code)
     try:
         answer = json.loads(done.stdout)
     except ValueError:
-        return ProbeResult({}, failure or "gave no readable answer", done.stderr, wall_s)
-    return ProbeResult(answer, answer.get("error", failure and f"answered, but then {failure}"), done.stderr, wall_s)
+        return ProbeResult({}, failure or "gave no readable answer", done.stderr)
+    return ProbeResult(answer, answer.get("error", failure and f"answered, but then {failure}"), done.stderr)
 
 
 def _list() -> dict[str, Any]:

@@ -4,6 +4,7 @@ The doctor touches drivers in processes of its own, so the command itself can ru
 """
 
 import json
+import re
 
 import pytest
 
@@ -93,7 +94,7 @@ def test_pyopencl_without_a_loader_is_exit_code_3(tmp_path):
     problem = findings_of(answer, "problem")[0]
     assert problem["check"] == "pyopencl"
     assert "libOpenCL.so.1: cannot open shared object file" in problem["message"]
-    assert "$ sudo apt install ocl-icd-libopencl1" in problem["advice"]
+    assert "$ pip install --force-reinstall --only-binary :all: pyopencl" in problem["advice"]
 
 
 def test_a_driver_that_hangs_is_given_up_after_the_timeout():
@@ -114,9 +115,8 @@ def test_a_choice_in_the_environment_that_fits_nothing_is_a_problem():
 def test_a_device_with_the_stored_answers_conforms():
     answer = run_doctor("--conformance", "--mesh", "single")
     assert answer.returncode == 0, answer.stderr
-    assert "closest_hit" in answer.stdout
-    assert "equal" in answer.stdout
-    assert "differ" not in answer.stdout
+    count, total = re.search(r"(\d+) of (\d+) parts of the stored answers are equal", answer.stdout).groups()
+    assert int(count) == int(total) > 0
 
 
 def test_other_answers_are_exit_code_1_and_named(monkeypatch):

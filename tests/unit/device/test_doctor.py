@@ -1,5 +1,6 @@
 """The doctor's checks on made-up machines, its registrations, and its probes on real processes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -80,17 +81,14 @@ def test_the_documentation_has_the_commands_of_each_platform(machine):
 
 def test_the_choice_is_checked_against_the_trials(monkeypatch):
     monkeypatch.delenv("CLBVH_DEVICE", raising=False)
-    from dataclasses import replace
-
     geforce, pocl = replace(GEFORCE, number=0), replace(POCL_3, number=1)
-    trials = [Trial(geforce, "was killed by SIGSEGV", 0.1), Trial(pocl, "", 0.1)]
-    (finding,) = check_choice(trials, [pocl])
+    trials = [Trial(geforce, "was killed by SIGSEGV"), Trial(pocl, "")]
+    finding = check_choice(trials, [pocl])
     assert (finding.severity, finding.advice) == ("problem", ("$ export CLBVH_DEVICE=1",))
     monkeypatch.setenv("CLBVH_DEVICE", "1")
-    assert [finding.severity for finding in check_choice(trials, [pocl])] == ["ok"]
+    assert check_choice(trials, [pocl]).severity == "ok"
     monkeypatch.setenv("CLBVH_DEVICE", "riva tnt")
-    assert [finding.severity for finding in check_choice(trials, [pocl])] == ["problem"]
-    assert list(check_choice([], [])) == []
+    assert check_choice(trials, [pocl]).severity == "problem"
 
 
 # The registration
@@ -139,17 +137,12 @@ def test_a_driver_that_does_not_work_is_left_alone_with_the_reason(machine, monk
     assert not machine.exists()
 
 
-def test_a_registration_whose_library_is_gone_is_removed_and_replaced(machine):
+def test_a_registration_whose_library_is_gone_is_replaced(machine, tmp_path):
     machine.mkdir()
     (machine / "intel64.icd").write_text("/gone/libintelocl.so\n")
-    (machine / "other.icd").write_text("/gone/libother.so\n")
-    steps = register_drivers(TIMEOUT_S, dry_run=False)
-    assert [(step.action, step.path.name) for step in steps] == [
-        ("remove", "intel64.icd"),
-        ("remove", "other.icd"),
-        ("write", "intel64.icd"),
-    ]
-    assert [file.name for file in machine.iterdir()] == ["intel64.icd"]
+    (step,) = register_drivers(TIMEOUT_S, dry_run=False)
+    assert (step.action, step.path) == ("write", machine / "intel64.icd")
+    assert step.path.read_text() == f"{tmp_path}/lib/libintelocl.so\n"
 
 
 def test_what_keeps_a_registration_from_counting_is_one_sentence(machine, monkeypatch):
@@ -171,7 +164,7 @@ def test_a_file_that_is_no_driver_is_tried_and_refused(tmp_path):
 
 def test_a_runtime_of_intel_without_its_compilers_libraries_is_told_what_brings_them(monkeypatch):
     failure = "libimf.so: cannot open shared object file: No such file or directory"
-    monkeypatch.setattr(doctor, "run_probe", lambda *_, **__: ProbeResult({}, failure, "", 0.1))
+    monkeypatch.setattr(doctor, "run_probe", lambda *_, **__: ProbeResult({}, failure, ""))
     working, reason = try_library("/lib/libintelocl.so", TIMEOUT_S)
     assert working == []
     assert reason.startswith(failure)
@@ -232,7 +225,6 @@ def test_a_driver_that_hangs_is_given_up(tmp_path, monkeypatch):
     break_pyopencl(tmp_path, monkeypatch, "cl.get_platforms = lambda: time.sleep(600)\n")
     result = run_probe("list", timeout_s=1.5)
     assert result.failure == "did not answer within 1.5 s"
-    assert result.wall_s < 10
 
 
 def test_a_driver_that_runs_without_computing_fails_its_trial(tmp_path, monkeypatch):

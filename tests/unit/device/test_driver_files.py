@@ -93,16 +93,6 @@ def test_an_error_within_leaves_the_environment_as_it_was(machine, tmp_path):
     assert "OCL_ICD_VENDORS" not in os.environ
 
 
-def test_the_loader_of_windows_gets_the_libraries_themselves(machine, tmp_path, monkeypatch):
-    (tmp_path / "libmine.so").touch()
-    register(machine, "mine.icd", tmp_path / "libmine.so")
-    monkeypatch.setattr(module.sys, "platform", "win32")
-    monkeypatch.setenv("OCL_ICD_FILENAMES", "other.dll")
-    with added_drivers():
-        assert os.environ["OCL_ICD_FILENAMES"] == os.pathsep.join(["other.dll", f"{tmp_path}/libmine.so"])
-    assert os.environ["OCL_ICD_FILENAMES"] == "other.dll"
-
-
 def test_the_users_folder_is_named_by_a_variable_or_is_that_for_settings(monkeypatch, tmp_path):
     monkeypatch.setenv("CLBVH_DRIVERS", str(tmp_path))
     assert find_registered_folder() == tmp_path
