@@ -27,14 +27,7 @@ def _lane_count(struct: np.dtype) -> int:
 
 # A node of a finished tree: 32 bytes. `count > 0` is a leaf over prim_ids[first : first + count]; `count == 0` is an
 # interior node with its children at `first` and `first + 1`.
-NODE = np.dtype(
-    [
-        ("aabb_min", np.float32, 3),
-        ("first", np.int32),
-        ("aabb_max", np.float32, 3),
-        ("count", np.int32),
-    ]
-)
+NODE = np.dtype([("aabb_min", "f4", 3), ("first", "i4"), ("aabb_max", "f4", 3), ("count", "i4")])
 NODE_LANES = _lane_count(NODE)
 NODE_FIRST = _lane(NODE, "first")
 NODE_MAX = _lane(NODE, "aabb_max")
@@ -42,14 +35,7 @@ NODE_COUNT = _lane(NODE, "count")
 
 # An aabb in a vector register, and in the builders' arrays. The maximum is negated, so that one eight-lane minimum
 # unites two boxes; the minimum leaves garbage in the tag and in the tally, whose meaning is up to each array.
-BOX = np.dtype(
-    [
-        ("aabb_min", np.float32, 3),
-        ("tag", np.int32),
-        ("negated_max", np.float32, 3),
-        ("tally", np.int32),
-    ]
-)
+BOX = np.dtype([("aabb_min", "f4", 3), ("tag", "i4"), ("negated_max", "f4", 3), ("tally", "i4")])
 BOX_LANES = _lane_count(BOX)
 BOX_TAG = _lane(BOX, "tag")
 BOX_NEGATED_MAX = _lane(BOX, "negated_max")
@@ -68,14 +54,7 @@ EXPANDED_PRIM_ID = BOX_TALLY
 # A node of the `bvh2` layout: 64 bytes, one cache line, with both child boxes in the parent, so that one load serves
 # the tests of two children. Index 0 is the left child, 1 the right one. `count[i] > 0`: child i is a leaf over the
 # triangles first[i] to first[i] + count[i]; `count[i] == 0`: child i is the node at first[i].
-BVH2_NODE = np.dtype(
-    [
-        ("aabb_min", np.float32, (2, 3)),
-        ("aabb_max", np.float32, (2, 3)),
-        ("first", np.int32, 2),
-        ("count", np.int32, 2),
-    ]
-)
+BVH2_NODE = np.dtype([("aabb_min", "f4", (2, 3)), ("aabb_max", "f4", (2, 3)), ("first", "i4", 2), ("count", "i4", 2)])
 BVH2_LANES = _lane_count(BVH2_NODE)
 BVH2_MIN = _lane(BVH2_NODE, "aabb_min")  # of the left child; the right child's begin 3 lanes later
 BVH2_MAX = _lane(BVH2_NODE, "aabb_max")
@@ -86,48 +65,27 @@ BVH2_COUNT = _lane(BVH2_NODE, "count")
 # all children at once. `child[i] >= 0` is the index of a node; otherwise `~child[i]` is the index of a triangle block.
 # A missing child has an inverted box.
 WIDE_NODES = {
-    width: np.dtype(
-        [
-            ("aabb_min", np.float32, (3, width)),
-            ("aabb_max", np.float32, (3, width)),
-            ("child", np.int32, width),
-        ]
-    )
+    width: np.dtype([("aabb_min", "f4", (3, width)), ("aabb_max", "f4", (3, width)), ("child", "i4", width)])
     for width in (4, 8)
 }
 
 # The triangles of a leaf of the wide layouts, side by side: `corners[i][axis]` is one coordinate of corner i of all
 # triangles. Lanes without a triangle and lanes of degenerate triangles are NaN, which no ray hits.
-TRIANGLE_BLOCKS = {
-    width: np.dtype([("corners", np.float32, (3, 3, width)), ("prim_id", np.int32, width)]) for width in (4, 8)
-}
+TRIANGLE_BLOCKS = {width: np.dtype([("corners", "f4", (3, 3, width)), ("prim_id", "i4", width)]) for width in (4, 8)}
 
 # A triangle of the `bvh2` layout, in leaf order. A degenerate triangle is stored with three equal corners: its
 # determinant is exactly zero, so that rounding cannot make a ray hit it.
-TRIANGLE = np.dtype(
-    [
-        ("a", np.float32, 3),
-        ("b", np.float32, 3),
-        ("c", np.float32, 3),
-        ("prim_id", np.int32),
-    ]
-)
+TRIANGLE = np.dtype([("a", "f4", 3), ("b", "f4", 3), ("c", "f4", 3), ("prim_id", "i4")])
 TRIANGLE_LANES = _lane_count(TRIANGLE)
 TRIANGLE_PRIM_ID = _lane(TRIANGLE, "prim_id")
 
 # A sphere of the `bvh2` layout, in leaf order.
-SPHERE = np.dtype(
-    [
-        ("centre", np.float32, 3),
-        ("radius", np.float32),
-        ("prim_id", np.int32),
-    ]
-)
+SPHERE = np.dtype([("centre", "f4", 3), ("radius", "f4"), ("prim_id", "i4")])
 
 # The spheres of a leaf of the wide layouts, side by side: `centre[axis]` is one coordinate of all spheres. Lanes
 # without a sphere are NaN, which no ray hits.
 SPHERE_BLOCKS = {
-    width: np.dtype([("centre", np.float32, (3, width)), ("radius", np.float32, width), ("prim_id", np.int32, width)])
+    width: np.dtype([("centre", "f4", (3, width)), ("radius", "f4", width), ("prim_id", "i4", width)])
     for width in (4, 8)
 }
 
@@ -135,62 +93,32 @@ SPHERE_BLOCKS = {
 
 # A ray as it is uploaded, in local coordinates. The longest component of the direction is from 1 to 2; the unit of t is
 # the direction's length.
-PACKED_RAY = np.dtype(
-    [
-        ("origin", np.float32, 3),
-        ("t_min", np.float32),
-        ("direction", np.float32, 3),
-        ("t_max", np.float32),
-    ]
-)
+PACKED_RAY = np.dtype([("origin", "f4", 3), ("t_min", "f4"), ("direction", "f4", 3), ("t_max", "f4")])
 PACKED_RAY_LANES = _lane_count(PACKED_RAY)
 PACKED_RAY_T_MIN = _lane(PACKED_RAY, "t_min")
 PACKED_RAY_DIRECTION = _lane(PACKED_RAY, "direction")
 PACKED_RAY_T_MAX = _lane(PACKED_RAY, "t_max")
 
 # A point as it is uploaded, in local coordinates.
-PACKED_POINT = np.dtype([("position", np.float32, 3)])
+PACKED_POINT = np.dtype([("position", "f4", 3)])
 PACKED_POINT_LANES = _lane_count(PACKED_POINT)
 
 # A hit at (1 - u - v) a + u b + v c. On a miss t is infinite and prim_id is NO_PRIM.
-HIT = np.dtype(
-    [
-        ("t", np.float32),
-        ("u", np.float32),
-        ("v", np.float32),
-        ("prim_id", np.int32),
-    ]
-)
-HIT_LANES = _lane_count(HIT)
+HIT = np.dtype([("t", "f4"), ("u", "f4"), ("v", "f4"), ("prim_id", "i4")])
 HIT_U = _lane(HIT, "u")
-HIT_V = _lane(HIT, "v")
 HIT_PRIM_ID = _lane(HIT, "prim_id")
 
 # --- Scenes ---
 
 # What float32 has rounded off the origin and the direction of a packed ray in a scene, and the ray's mask: only the
 # instances whose mask shares a bit with it are visible. The rays of a camera share one.
-SCENE_LOW = np.dtype(
-    [
-        ("origin", np.float32, 3),
-        ("mask", np.uint32),
-        ("direction", np.float32, 3),
-        ("spare", np.float32),
-    ]
-)
+SCENE_LOW = np.dtype([("origin", "f4", 3), ("mask", "u4"), ("direction", "f4", 3), ("spare", "f4")])
 SCENE_LOW_LANES = _lane_count(SCENE_LOW)
 SCENE_LOW_DIRECTION = _lane(SCENE_LOW, "direction")
 
 # A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
 # mask shares a bit with the point's are visible to it.
-SCENE_POINT = np.dtype(
-    [
-        ("position", np.float32, 3),
-        ("mask", np.uint32),
-        ("position_low", np.float32, 3),
-        ("spare", np.float32),
-    ]
-)
+SCENE_POINT = np.dtype([("position", "f4", 3), ("mask", "u4"), ("position_low", "f4", 3), ("spare", "f4")])
 SCENE_POINT_LANES = _lane_count(SCENE_POINT)
 SCENE_POINT_MASK = _lane(SCENE_POINT, "mask")
 SCENE_POINT_POSITION_LOW = _lane(SCENE_POINT, "position_low")
@@ -200,25 +128,25 @@ SCENE_POINT_SPARE = _lane(SCENE_POINT, "spare")
 INSTANCE = np.dtype(
     [
         # The linear part of the map from the scene's local coordinates to the geometry's.
-        ("to_object", np.float32, (3, 3)),
+        ("to_object", "f4", (3, 3)),
         # The zero of the geometry's local coordinates in the scene's, and what float32 has rounded off it.
-        ("centre", np.float32, 3),
-        ("centre_low", np.float32, 3),
+        ("centre", "f4", 3),
+        ("centre_low", "f4", 3),
         # No point of the geometry is farther from the centre, in the scene's local coordinates.
-        ("radius", np.float32),
+        ("radius", "f4"),
         # The linear part of the map from the geometry's local coordinates to the scene's.
-        ("to_scene", np.float32, (3, 3)),
+        ("to_scene", "f4", (3, 3)),
         # The primitives of merged instances have numbers of two parts: this many bits are the prim_id, and those above
         # are added to instance_id. ALL_PRIM_BITS where nothing is merged.
-        ("prim_bits", np.int32),
+        ("prim_bits", "i4"),
         # Where the geometry's nodes and blocks begin, and how many blocks it has.
-        ("first_node", np.int32),
-        ("first_block", np.int32),
-        ("block_count", np.int32),
+        ("first_node", "i4"),
+        ("first_block", "i4"),
+        ("block_count", "i4"),
         # One of PRIM_KINDS.
-        ("kind", np.int32),
-        ("mask", np.uint32),
-        ("instance_id", np.int32),
+        ("kind", "i4"),
+        ("mask", "u4"),
+        ("instance_id", "i4"),
     ]
 )
 
@@ -234,14 +162,14 @@ SCENE_TILE = np.dtype(
     [
         # Leaves that the tile's beam meets, as slots 2 * node + child; or -1: its rays traverse the tree over the
         # instances from `top_node` on.
-        ("leaf_count", np.int32),
-        ("top_node", np.int32),
+        ("leaf_count", "i4"),
+        ("top_node", "i4"),
         # The only instance that the rays can hit, which they enter without a test; or -1.
-        ("instance_index", np.int32),
-        ("spare", np.int32),
-        ("leaf", np.int32, MAX_TILE_LEAVES),
+        ("instance_index", "i4"),
+        ("spare", "i4"),
+        ("leaf", "i4", MAX_TILE_LEAVES),
         # The least t at which a ray of the tile may enter the leaf's box, in ascending order.
-        ("t_near", np.float32, MAX_TILE_LEAVES),
+        ("t_near", "f4", MAX_TILE_LEAVES),
     ]
 )
 
@@ -249,32 +177,31 @@ SCENE_TILE = np.dtype(
 # leaves.
 SCENE_HIT = np.dtype(
     [
-        ("t", np.float32),
-        ("u", np.float32),
-        ("v", np.float32),
-        ("prim_id", np.int32),
-        ("instance_id", np.int32),
+        ("t", "f4"),
+        ("u", "f4"),
+        ("v", "f4"),
+        ("prim_id", "i4"),
+        ("instance_id", "i4"),
         # The t inside the instance, which is finer where the ray has been advanced to it.
-        ("t_inside", np.float32),
+        ("t_inside", "f4"),
     ]
 )
-SCENE_HIT_LANES = _lane_count(SCENE_HIT)
 SCENE_HIT_INSTANCE_ID = _lane(SCENE_HIT, "instance_id")
 
 # A primitive of an instance, both NO_PRIM where there is none.
-SCENE_PRIM = np.dtype([("prim_id", np.int32), ("instance_id", np.int32)])
+SCENE_PRIM = np.dtype([("prim_id", "i4"), ("instance_id", "i4")])
 
 # A point over which rays are drawn, with the unit normal around which they are, in local coordinates: a scene point,
 # the length of the rays, and the number of the point, from which its samples are derived. Without a scene, what float32
 # has rounded off the position and the mask are not used.
 HEMISPHERE = np.dtype(
     [
-        ("position", np.float32, 3),
-        ("mask", np.uint32),
-        ("position_low", np.float32, 3),
-        ("t_max", np.float32),
-        ("normal", np.float32, 3),
-        ("number", np.uint32),
+        ("position", "f4", 3),
+        ("mask", "u4"),
+        ("position_low", "f4", 3),
+        ("t_max", "f4"),
+        ("normal", "f4", 3),
+        ("number", "u4"),
     ]
 )
 HEMISPHERE_LANES = _lane_count(HEMISPHERE)
@@ -293,96 +220,96 @@ VIEW = np.dtype(
         # from -1 to 1. `forward` points to the middle of the picture's plane at distance 1 from the eye; `right` and
         # `up` are half its size. They are at right angles unless the lens is off centre or has skew. The other
         # projections have them, too, see cl/rays/camera.cl.
-        ("eye", np.float32, 3),
-        ("forward", np.float32, 3),
-        ("right", np.float32, 3),
-        ("up", np.float32, 3),
+        ("eye", "f4", 3),
+        ("forward", "f4", 3),
+        ("right", "f4", 3),
+        ("up", "f4", 3),
         # The unit vector along which depth is measured.
-        ("optical_axis", np.float32, 3),
+        ("optical_axis", "f4", 3),
         # Directed light, with a unit vector towards it, and ambient light from the sky and the ground.
-        ("to_light", np.float32, 3),
-        ("light_colour", np.float32, 3),
-        ("to_sky", np.float32, 3),
-        ("sky_colour", np.float32, 3),
-        ("ground_colour", np.float32, 3),
-        ("surface_colour", np.float32, 3),
-        ("background_top", np.float32, 3),
-        ("background_bottom", np.float32, 3),
+        ("to_light", "f4", 3),
+        ("light_colour", "f4", 3),
+        ("to_sky", "f4", 3),
+        ("sky_colour", "f4", 3),
+        ("ground_colour", "f4", 3),
+        ("surface_colour", "f4", 3),
+        ("background_top", "f4", 3),
+        ("background_bottom", "f4", 3),
         # Distances along `optical_axis` that a depth picture shows as white and as black.
-        ("depth_near", np.float32),
-        ("depth_far", np.float32),
-        ("width", np.int32),
-        ("height", np.int32),
-        ("shading", np.int32),
+        ("depth_near", "f4"),
+        ("depth_far", "f4"),
+        ("width", "i4"),
+        ("height", "i4"),
+        ("shading", "i4"),
         # The ground of a picture: a plane through a point, with a unit normal, seen up to a distance from the point.
         # A radius of 0: there is none.
-        ("ground_point", np.float32, 3),
-        ("ground_normal", np.float32, 3),
-        ("ground_radius", np.float32),
+        ("ground_point", "f4", 3),
+        ("ground_normal", "f4", 3),
+        ("ground_radius", "f4"),
         # A box and a ball around all objects: rays that come near neither are not stopped.
-        ("objects_centre", np.float32, 3),
-        ("objects_half_size", np.float32, 3),
-        ("objects_radius", np.float32),
+        ("objects_centre", "f4", 3),
+        ("objects_half_size", "f4", 3),
+        ("objects_radius", "f4"),
         # Tangent of half the angle under which the directed light is seen: soft shadows.
-        ("light_spread", np.float32),
+        ("light_spread", "f4"),
         # The same light of `path`: 1 - cos of half that angle, 0 for a light without size.
-        ("sun_width", np.float32),
+        ("sun_width", "f4"),
         # Whether the directed light of `studio` comes from the eye, without shadows: objects are all around it.
-        ("is_headlight", np.int32),
+        ("is_headlight", "i4"),
         # Occlusion is searched for up to here, in local units.
-        ("occlusion_reach", np.float32),
+        ("occlusion_reach", "f4"),
         # Light is multiplied by it before it becomes a colour.
-        ("exposure", np.float32),
+        ("exposure", "f4"),
         # One of TONE_CURVES.
-        ("tone_curve", np.int32),
-        ("is_transparent", np.int32),
+        ("tone_curve", "i4"),
+        ("is_transparent", "i4"),
         # Of the sample points.
-        ("seed", np.uint32),
-        ("most_bounces", np.int32),
+        ("seed", "u4"),
+        ("most_bounces", "i4"),
         # Samples of `path` are limited to it; inf where none is.
-        ("most_light", np.float32),
+        ("most_light", "f4"),
         # The light that paths draw: whether there is directed light, how many emitting primitives there are, and the
         # sum of their luminance times area, in local units.
-        ("has_sun", np.int32),
-        ("light_count", np.int32),
-        ("light_power", np.float32),
+        ("has_sun", "i4"),
+        ("light_count", "i4"),
+        ("light_power", "f4"),
         # Pixels of the environment, 0 where there is none; and the unit vectors to the right of its middle, and to it.
-        ("environment_width", np.int32),
-        ("environment_height", np.int32),
-        ("environment_right", np.float32, 3),
-        ("environment_front", np.float32, 3),
+        ("environment_width", "i4"),
+        ("environment_height", "i4"),
+        ("environment_right", "f4", 3),
+        ("environment_front", "f4", 3),
         # Factor of its light.
-        ("environment_strength", np.float32),
+        ("environment_strength", "f4"),
         # What float32 has rounded off the eye and off `forward`: used in scenes, whose instances may be far away.
-        ("eye_low", np.float32, 3),
-        ("forward_low", np.float32, 3),
+        ("eye_low", "f4", 3),
+        ("forward_low", "f4", 3),
         # One of PROJECTIONS.
-        ("projection", np.int32),
+        ("projection", "i4"),
         # The lens of depth of field, if there is one: its halves to the right and upwards, in local units, and 1 / its
         # distance to the plane of focus.
-        ("has_lens", np.int32),
-        ("lens_right", np.float32, 3),
-        ("lens_up", np.float32, 3),
-        ("inverse_focus", np.float32),
+        ("has_lens", "i4"),
+        ("lens_right", "f4", 3),
+        ("lens_up", "f4", 3),
+        ("inverse_focus", "f4"),
         # The picture in the plane of its projection, see clbvh/rendering/lens.py.
-        ("centre", np.float32, 2),
-        ("half_size", np.float32, 2),
-        ("shear", np.float32),
+        ("centre", "f4", 2),
+        ("half_size", "f4", 2),
+        ("shear", "f4"),
         # Of a fisheye, from the middle to the circle: turns.
-        ("half_angle", np.float32),
+        ("half_angle", "f4"),
         # k1, k2, p1, p2 and k3 of OpenCV.
-        ("distortion", np.float32, 5),
+        ("distortion", "f4", 5),
         # One of CUTS. Of a plane the unit normal, and how far the eye is on its side; of a box the corners, from the
         # eye. In local units.
-        ("cut", np.int32),
-        ("cut_normal", np.float32, 3),
-        ("cut_height", np.float32),
-        ("cut_lower", np.float32, 3),
-        ("cut_upper", np.float32, 3),
+        ("cut", "i4"),
+        ("cut_normal", "f4", 3),
+        ("cut_height", "f4"),
+        ("cut_lower", "f4", 3),
+        ("cut_upper", "f4", 3),
         # Lines along the edges of triangles: their width in pixels, and their colour, in the kind of numbers that the
         # shading computes.
-        ("line_width", np.float32),
-        ("line_colour", np.float32, 3),
+        ("line_width", "f4"),
+        ("line_colour", "f4", 3),
     ]
 )
 
@@ -391,18 +318,18 @@ VIEW = np.dtype(
 LOOK = np.dtype(
     [
         # Linear; instead of the base colour of the material where `has_colour` is 1.
-        ("colour", np.float32, 3),
-        ("has_colour", np.int32),
-        ("first_normal", np.int32),
+        ("colour", "f4", 3),
+        ("has_colour", "i4"),
+        ("first_normal", "i4"),
         # In the same table; -1 also where no material has a texture of normals.
-        ("first_tangent", np.int32),
-        ("first_colour", np.int32),
-        ("first_uv", np.int32),
-        ("first_material_id", np.int32),
+        ("first_tangent", "i4"),
+        ("first_colour", "i4"),
+        ("first_uv", "i4"),
+        ("first_material_id", "i4"),
         # Of all primitives, where `first_material_id` is -1.
-        ("material_id", np.int32),
+        ("material_id", "i4"),
         # Whether its emitting primitives are among the lights that paths draw.
-        ("is_light", np.int32),
+        ("is_light", "i4"),
     ]
 )
 
@@ -410,48 +337,48 @@ LOOK = np.dtype(
 MATERIAL = np.dtype(
     [
         # Linear.
-        ("base_colour", np.float32, 3),
-        ("alpha", np.float32),
-        ("emission", np.float32, 3),
+        ("base_colour", "f4", 3),
+        ("alpha", "f4"),
+        ("emission", "f4", 3),
         # An alpha below it is no surface, any other is opaque; -1: the alpha is a share of covered area.
-        ("alpha_cutoff", np.float32),
-        ("metallic", np.float32),
-        ("roughness", np.float32),
-        ("ior", np.float32),
+        ("alpha_cutoff", "f4"),
+        ("metallic", "f4"),
+        ("roughness", "f4"),
+        ("ior", "f4"),
         # The share of light that goes through: 1 is glass.
-        ("transmission", np.float32),
-        ("base_colour_texture", np.int32),
-        ("metallic_roughness_texture", np.int32),
-        ("emission_texture", np.int32),
-        ("normal_texture", np.int32),
-        ("normal_scale", np.float32),
+        ("transmission", "f4"),
+        ("base_colour_texture", "i4"),
+        ("metallic_roughness_texture", "i4"),
+        ("emission_texture", "i4"),
+        ("normal_texture", "i4"),
+        ("normal_scale", "f4"),
         # Whether paths may draw its light: neither textures nor alpha change it.
-        ("is_light", np.int32),
+        ("is_light", "i4"),
     ]
 )
 
 # A texture: rows of texels from the top, 8-bit red, green, blue and alpha in one uint.
 TEXTURE = np.dtype(
     [
-        ("first_texel", np.int32),
-        ("width", np.int32),
-        ("height", np.int32),
+        ("first_texel", "i4"),
+        ("width", "i4"),
+        ("height", "i4"),
         # One of TEXTURE_WRAPS, along u and along v.
-        ("wrap", np.int32, 2),
-        ("is_srgb", np.int32),
+        ("wrap", "i4", 2),
+        ("is_srgb", "i4"),
     ]
 )
 
 # A primitive that emits light, in local coordinates: a triangle with corner a and two edges, or a sphere around a.
 LIGHT = np.dtype(
     [
-        ("a", np.float32, 3),
+        ("a", "f4", 3),
         # 0: a triangle.
-        ("radius", np.float32),
-        ("ab", np.float32, 3),
-        ("ac", np.float32, 3),
+        ("radius", "f4"),
+        ("ab", "f4", 3),
+        ("ac", "f4", 3),
         # Linear.
-        ("emission", np.float32, 3),
+        ("emission", "f4", 3),
     ]
 )
 
@@ -459,9 +386,9 @@ LIGHT = np.dtype(
 LIGHT_CHOICE = np.dtype(
     [
         # Of a fixed-point fraction: below it, the primitive of this index is chosen.
-        ("threshold", np.uint32),
+        ("threshold", "u4"),
         # The primitive that is chosen otherwise.
-        ("alias", np.int32),
+        ("alias", "i4"),
     ]
 )
 
