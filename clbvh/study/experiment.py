@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InternalError
 from .bench import Bench
-from .page import Part, Section
+from .page import Part, Section, write_caption
 from .samples import Case, Results, Sample
 from .scale import Scale
 from .statistics import NOISY_SPREAD
@@ -61,6 +61,12 @@ class Experiment:
         paragraphs = inspect.cleandoc(type(self).__doc__ or self.name).split("\n\n")
         title, question, method, *_ = [" ".join(paragraph.split()) for paragraph in paragraphs] + ["", ""]
         return title.removesuffix("."), question, method
+
+    def say(self, results: Results, part: str, *values: Any) -> str:
+        """Return a longer caption or a paragraph of this experiment; see `captions.md.jinja`."""
+        report = _read().get(self.name, {})
+        context = {"report": report, "source": report.get("source"), "size": results.scale.size_of}
+        return write_caption(f"{self.name}_{part}", *values, results=results, **context)
 
     def make_section(self, results: Results) -> Section:
         """Return the section of the page: what the experiment presents, noise, and what was not measured."""

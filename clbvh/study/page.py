@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 HTML, RESULTS, README = "page.html.jinja", "results.md.jinja", "readme.md.jinja"
+_CAPTIONS = "captions.md.jinja"
 
 # What a cell of a table can be. A summary shows its median and its range.
 Cell = str | int | float | Summary | None
@@ -124,6 +125,12 @@ class Section:
 def render(template: str, **content: Any) -> str:
     """Return a document: one of the templates `HTML`, `RESULTS` and `README` with its content."""
     return _load_templates().get_template(template).render(content)
+
+
+def write_caption(name: str, *values: Any, **context: Any) -> str:
+    """Return a longer caption or a paragraph of `captions.md.jinja` as one line."""
+    captions = _load_templates().get_template(_CAPTIONS).make_module(context)
+    return " ".join(getattr(captions, name)(*values).split())
 
 
 @cache

@@ -86,11 +86,7 @@ class Ladder(Experiment):
                 )
                 for name, case in cases.items()
             ]  # fmt: skip
-            text = (
-                f"{mesh}, {results.cores} workers, a picture of {results.scale.size_of(*_PICTURE)}. Speed-up: over the "
-                f"variant before; of flatten and flat over bin, of frontier and {_DEFAULT} over flat. The report: "
-                f"{source_of('ladder')}."
-            )
+            text = self.say(results, "table", mesh, _PICTURE, _DEFAULT)
             columns = ("variant", "build, ms", "speed-up", "report's speed-up", "kernel, ms", "same picture", "report")
             points = [("clbvh", name, build_ms) for name, build_ms, *_ in rows]
             caption = f"Build times of the variants on {mesh}, on a logarithmic scale."
@@ -158,16 +154,12 @@ class Scaling(Experiment):
                 points, Axis("speed-up"), Axis("workers", is_log=True, ticks=ticks),
             ),
             Table(
-                f"Amdahl's law fitted to the medians: the serial fraction, and what it allows on {_PREDICTED} workers. "
-                "The last row is fitted to the report's two times.",
+                self.say(results, "fits", _PREDICTED),
                 ("builder", "serial fraction", f"speed-up on {_PREDICTED}, by the law"),
                 fits,
             ),
             *phases,
-            Paragraph(
-                "A fit to one or two worker counts says little about more: on a machine with few cores the law is an "
-                "extrapolation."
-            ),
+            Paragraph(self.say(results, "limits")),
         ]  # fmt: skip
 
 
@@ -206,8 +198,7 @@ class Threshold(Experiment):
         ticks = sorted({*_THRESHOLDS[::2], *results.distinct("threshold")})
         return [
             Table(
-                f"Build on {results.meshes} with {results.cores} workers, and relative to the best threshold of the "
-                f"builder. The report: {source_of('threshold')}.",
+                self.say(results, "table"),
                 ("builder", "task threshold", "build, ms", "relative", "report's relative"),
                 rows,
             ),
@@ -251,13 +242,6 @@ class Counters(Experiment):
             for quantity in _DRAWN_WORK
             for builder, case in cases.items()
         ]
-        fewer, more = (
-            ", ".join(
-                f"{published(prefix + quantity)} times {comparison} {event.replace('-', ' ')}"
-                for event, quantity in EVENTS.items()
-            )
-            for prefix, comparison in (("counters.", "fewer"), ("counters.atomic.", "the"))
-        )
         return [
             self._present_events(results, cases),
             Table(
@@ -266,19 +250,13 @@ class Counters(Experiment):
                 [(name, *(results.count(case, quantity) for quantity in _WORK)) for name, case in cases.items()],
             ),
             Figure("Counted work.", points, Axis("times in one build", is_log=True)),
-            Paragraph(
-                f"The report ({source_of('counters')}): bin has {fewer} than sequential; atomic has {more} of bin."
-            ),
+            Paragraph(self.say(results, "report")),
         ]
 
     def _present_events(self, results: Results, cases: dict[str, Case]) -> Part:
         measured = {name: case for name, case in cases.items() if results.quantities(case, "instructions")}
         if not measured:
-            return Paragraph(
-                f"No hardware counters here: {results.fact(results.cases[0], _PROBLEM)}. The table below is counted "
-                "work, not what a processor counts: how often the variants' own code compares, looks up, computes, "
-                "moves and allocates."
-            )
+            return Paragraph(self.say(results, "missing", results.fact(results.cases[0], _PROBLEM)))
         first = next(iter(measured))
         ratios = {name: [results.ratio(measured[first], case, event) for event in EVENTS.values()]
                   for name, case in measured.items()}  # fmt: skip

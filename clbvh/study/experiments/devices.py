@@ -94,14 +94,12 @@ class Layouts(Experiment):
                 points.append(("clbvh", f"{mesh}, {name}", kernel_ms))
         return [
             Table(
-                f"A separate pass that flattens, against writing the flat array at once; {results.cores} workers. "
-                f"The report: {source_of('ladder')}.",
+                self.say(results, "flattening", source_of("ladder")),
                 ("mesh", "variant", "build, ms", "last pass, ms", "speed-up over flatten", "report"),
                 builders,
             ),
             Table(
-                f"Layouts of the default tree: kernel of a picture of {results.scale.size_of(*_PICTURE)}, size on the "
-                "device with the triangles, and means per ray.",
+                self.say(results, "table", _PICTURE),
                 ("mesh", "layout", "kernel, ms", "bytes a triangle", "node visits", "leaf visits", "triangle tests",
                  "same picture"),
                 layouts,
@@ -170,19 +168,13 @@ class Divergence(Experiment):
                 steps,
             ),
             Table(
-                "Lane use in %, for groups of 8, 16 and 32 neighbouring pixels: along a row, and as tiles of 4 rows. "
-                f"The report: {source_of('divergence')}, {published('divergence.active_threads')} of {report_lanes} "
-                "threads.",
+                self.say(results, "lanes"),
                 ("mesh", "builder", *(f"{shape} {lanes}" for shape, lanes in _GROUPS)),
                 rows,
             ),
             Figure("Lane use of tiles.", points, Axis("lane use, %")),
             *pictures,
-            Paragraph(
-                "Lane use: node steps plus triangle tests of all rays, over the lanes' time if each group takes as "
-                "long as its longest ray. It leaves out that lanes can do different things at the same step, so a "
-                "device's own counter shows less."
-            ),
+            Paragraph(self.say(results, "method")),
         ]
 
 
@@ -240,9 +232,7 @@ class Devices(Experiment):
             points += [(query, name, speed) for query, speed in zip(_QUERIES, speeds, strict=True)]
         return [
             Table(
-                f"{results.meshes}, rays of a picture of {results.scale.size_of(*_DEVICE_PICTURE)}: million rays per "
-                "second, by the kernel's event time. Shuffled rays are sorted on the host before, which is not in this "
-                "time.",
+                self.say(results, "table", _DEVICE_PICTURE),
                 ("device", "layout", *(f"{query}, Mray/s" for query in _QUERIES)),
                 rows,
             ),

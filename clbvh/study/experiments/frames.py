@@ -105,8 +105,7 @@ class Scenes(Experiment):
                 scans,
             ),
             Table(
-                f"Procedural meshes: build with all workers, and the kernel of a picture of "
-                f"{results.scale.size_of(*_PICTURE)}.",
+                self.say(results, "growth", _PICTURE),
                 ("mesh", "triangles", "build, ms", "kernel, ms"),
                 rows,
             ),
@@ -176,18 +175,10 @@ class Resolution(Experiment):
                     total, trace = (results.ratio(cases[host], cases[_DEVICE], f"{part}_ms")
                                     for part in ("total", "kernel"))  # fmt: skip
                     gains.append((picture, host, total, report[0], trace, report[1]))
-        kind = results.machine.get("device kind", "missing")
-        device = {"cpu": "the same processor, with its vector units", "gpu": "a graphics card"}.get(kind, kind)
         return [
-            Paragraph(
-                "The host traversal is the compiled one by which clbvh counts node steps (clbvh.trace.oracle.visits): "
-                "one ray at a time through the binary tree, near child first, step for step the device's layout bvh2, "
-                "without vector instructions. It also counts, which takes a little time. The device here is "
-                f"{device}."
-            ),
+            Paragraph(self.say(results, "method")),
             Table(
-                f"{results.meshes}: build with {results.cores} workers, and traversal. On the device, traversal is "
-                "upload, kernel and download by its own clock.",
+                self.say(results, "table"),
                 ("picture", "traversal", "rays", "build, ms", "traversal, ms", "total, ms"),
                 rows,
             ),
@@ -197,8 +188,7 @@ class Resolution(Experiment):
                 Axis("total, ms", is_log=True),
             ),
             Table(
-                f"The host's time over the device's. The report: {source_of('resolution')}, and kernel against CPU "
-                "traversal.",
+                self.say(results, "gains"),
                 ("picture", "host", "total", "report's", "traversal alone", "report's"),
                 gains,
             ),
@@ -247,8 +237,7 @@ class Breakdown(Experiment):
         points += [(REPORT, phase, report_ms[phase]) for phase in _FRAME]
         return [
             Table(
-                f"One frame of {results.meshes} at {results.scale.size_of(*_LARGE_PICTURE)}. The frame is the sum "
-                f"without loading. The report: {source_of('breakdown')}.",
+                self.say(results, "table", _LARGE_PICTURE),
                 ("phase", *(f"builder {name}" for name in cases), REPORT),
                 rows,
             ),
@@ -289,21 +278,16 @@ class Frontier(Experiment):
         ticks = sorted({*ours, *[*theirs][::2]})
         return [
             Table(
-                f"{results.meshes}, {results.cores} workers, layout bvh2, a picture of "
-                f"{results.scale.size_of(*_PICTURE)}. The report: {source_of('frontier')}, at 3840 x 2160.",
+                self.say(results, "table", _PICTURE),
                 ("F", "build, ms", "kernel, ms", "total, ms", "report: build", "kernel", "total"),
                 [
                     (size, *results.summaries(case, *_FRONTIER_TIMES), *(table.get(size) for table in report))
                     for size, case in cases.items()
                 ],
             ),
-            Paragraph(
-                f"Best F here: {best:,}. The report: between {published('frontier.best_from')} and "
-                f"{published('frontier.best_to')}; the least total of its table is at {their_best}."
-            ),
+            Paragraph(self.say(results, "best", best, their_best)),
             Figure(
-                "Total relative to the best F. The report's picture is larger and its device faster, so only the "
-                "shapes compare.",
+                self.say(results, "totals"),
                 points, Axis("relative total", is_log=True), Axis("F, triangles in a leaf", is_log=True, ticks=ticks),
             ),
         ]  # fmt: skip

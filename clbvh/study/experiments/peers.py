@@ -88,7 +88,7 @@ class Peers(Experiment):
         return Sample(rival.ask(query))
 
     def present(self, results: Results) -> list[Part]:
-        size = results.scale.size_of(*results.scale.pick(_PICTURE, _QUICK_PICTURE))
+        picture = results.scale.pick(_PICTURE, _QUICK_PICTURE)
         count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
         names = [name for name in ENGINES if results.find(engine=name)]
         engines: Rows = []
@@ -102,12 +102,7 @@ class Peers(Experiment):
         ]
         return [
             Table("The engines.", ("engine", "version", "threads of a query"), engines),
-            Paragraph(
-                f"Coherent rays are those of a picture of {size}; shuffled ones are the same in random order; "
-                "scattered ones come from all around the mesh, in no order. any hit and all hits get the coherent "
-                f"rays. {count:,} points, half of them near the surface. trimesh's own engine gets every n-th ray or "
-                f"point, about {Trimesh.most_items:,} of each."
-            ),
+            Paragraph(self.say(results, "method", picture, count, Trimesh.most_items)),
             Figure("Closest hit of coherent rays.", points, Axis("million rays per second", is_log=True)),
             *(table for mesh in results.distinct("mesh") for table in self._present_mesh(results, mesh, names)),
         ]
@@ -125,8 +120,7 @@ class Peers(Experiment):
             answers.append((title, *(texts.get(name) for name in names)))
         return [
             Table(
-                f"{mesh}: build in ms, queries in millions of rays or points per second, whole calls. Last column: "
-                "the fastest other engine's time over clbvh's; above 1 clbvh is faster.",
+                self.say(results, "speeds", mesh),
                 ("query", *names, "clbvh's lead"),
                 speeds,
             ),
