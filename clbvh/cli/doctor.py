@@ -50,7 +50,7 @@ def doctor(
     findings, trials = diagnose(timeout_s)
     working_count = sum(not trial.error for trial in trials)
     if as_json:
-        devices = [describe_device(info) | {"works": not error, "error": error} for info, error in trials]
+        devices = [describe_device(info) | {"works": not error, "error": error} for info, error, _ in trials]
         report = {"works": working_count > 0, "findings": [vars(finding) for finding in findings], "devices": devices}
         if fix:
             report |= {"dry_run": dry_run, "steps": [vars(step) for step in steps]}

@@ -11,18 +11,16 @@ import re
 import sys
 import tempfile
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from ..errors import ConfigError, DeviceError
+from ..errors import ConfigError
 from .driver_files import DriverFile, find_folders, find_naming_variable, find_registered_folder, read_driver_files
 from .info import DeviceInfo
 from .pocl_linker import explain_missing_linker
-from .preference import pick_device
-from .probe import run_probe
-from .select import DEVICE_VARIABLE
+from .probe import ProbeResult, run_probe
 
 # Most characters of a compiler's log in a message: a few lines; `Trial.error` has all of it.
 _ERROR_LENGTH = 400
@@ -92,7 +90,7 @@ class Finding:
     ----------
     check : str
         The check: ``"pyopencl"``, ``"loader"``, ``"driver file"``, ``"driver library"``, ``"platform"``,
-        ``"device"``, ``"hardware"`` or ``"choice"``.
+        ``"device"`` or ``"hardware"``.
     severity : {"ok", "note", "problem"}
         A note may be intended; a problem prevents something from working.
     message : str
@@ -107,10 +105,11 @@ class Finding:
 
 
 class Trial(NamedTuple):
-    """The result of a small kernel on one device; `error` is empty if the result was right."""
+    """The result of a small kernel on one device; `error` is empty if it was right, `log` is the driver's output."""
 
     device: DeviceInfo
     error: str
+    log: str
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
     trials : list of Trial
         One for each device.
     """
-    listing = run_probe("list", timeout_s=timeout_s)
+    listing, trials = _try_devices(timeout_s)
     findings = []
     if version := listing.answer.get("pyopencl"):
         findings.append(Finding("pyopencl", "ok", f"pyopencl {version}"))
@@ -152,16 +151,10 @@ def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
     if not listing.answer:
         problems.append(f"the process that asks all drivers for their devices {listing.failure}")
     findings += [_report("platform", problem) for problem in problems]
-
-    trials = []
-    for facts in listing.answer.get("devices", ()):
-        del facts["layout"]
-        device = DeviceInfo(**facts)
-        result = run_probe("try", str(device.number), timeout_s=timeout_s)
-        trials.append(Trial(device, result.failure))
-        if result.failure:
-            said = textwrap.shorten(result.failure, _ERROR_LENGTH, placeholder=" ...")
-            findings.append(_report("device", f"{device} does not work: {said}", f"{result.failure}\n{result.log}"))
+    for device, error, log in trials:
+        if error:
+            said = textwrap.shorten(error, _ERROR_LENGTH, placeholder=" ...")
+            findings.append(_report("device", f"{device} does not work: {said}", f"{error}\n{log}"))
         else:
             findings.append(Finding("device", "ok", f"{device} computes correctly"))
 
@@ -171,9 +164,18 @@ def diagnose(timeout_s: float) -> tuple[list[Finding], list[Trial]]:
         commands = CPU_DRIVERS.get(f"{sys.platform} {platform.machine().lower()}", (_CONDA,))
         message = "no device works: clbvh needs an OpenCL driver; each of these brings one for the CPU"
         findings.append(Finding("device", "problem", message, commands))
-    if trials:
-        findings.append(check_choice(trials, working))
     return findings, trials
+
+
+def _try_devices(timeout_s: float, environment: Mapping[str, str] | None = None) -> tuple[ProbeResult, list[Trial]]:
+    """Return the list of all devices, as a process of its own has it, and the trial of each."""
+    listing = run_probe("list", timeout_s=timeout_s, environment=environment)
+    trials = []
+    for facts in listing.answer.get("devices", ()):
+        result = run_probe("try", str(facts["number"]), timeout_s=timeout_s, environment=environment)
+        del facts["layout"]
+        trials.append(Trial(DeviceInfo(**facts), result.failure, result.log))
+    return listing, trials
 
 
 def _report(check: str, message: str, log: str = "") -> Finding:
@@ -212,20 +214,6 @@ def check_gpus(working: Iterable[DeviceInfo], root: Path = Path("/sys/bus/pci/de
         if number in vendors and vendor.lower() not in served:
             message = f"there is a GPU of {vendor} in this machine, and no OpenCL device that uses it"
             yield Finding("hardware", "note", message, (command,))
-
-
-def check_choice(trials: Sequence[Trial], working: Sequence[DeviceInfo]) -> Finding:
-    """Check whether the device that would be used works; there is at least one device."""
-    spec = os.environ.get(DEVICE_VARIABLE, "").strip() or None
-    asked_by = f" (asked for by {DEVICE_VARIABLE})" if spec else ""
-    try:
-        chosen = pick_device([trial.device for trial in trials], spec, asked_by)
-    except DeviceError as error:
-        return Finding("choice", "problem", str(error), (f"$ unset {DEVICE_VARIABLE}",))
-    if chosen in working:
-        return Finding("choice", "ok", f"clbvh uses {chosen}{asked_by} unless --device says otherwise")
-    advice = tuple(f"$ export {DEVICE_VARIABLE}={other.number}" for other in working[:1])
-    return Finding("choice", "problem", f"clbvh would use {chosen}{asked_by}, which does not work", advice)
 
 
 def find_unregistered(files: Iterable[DriverFile]) -> list[tuple[Path, str]]:
@@ -277,13 +265,8 @@ def try_library(library: str, timeout_s: float) -> tuple[list[str], str]:
         icd.write_text(f"{library}\n")
         # A file, not its folder: the loader takes it for the only driver.
         environment = {"OCL_ICD_VENDORS": str(icd)}
-        listing = run_probe("list", timeout_s=timeout_s, environment=environment)
-        failure = listing.failure or "; ".join(listing.answer.get("problems", ())) or "it offers no device"
-        working = []
-        for device in listing.answer.get("devices", ()):
-            result = run_probe("try", str(device["number"]), timeout_s=timeout_s, environment=environment)
-            if result.failure:
-                failure = f"{device['name']}: {result.failure}"
-            else:
-                working.append(device["name"])
-    return working, failure
+        listing, trials = _try_devices(timeout_s, environment)
+    working = [trial.device.name for trial in trials if not trial.error]
+    failures = [f"{trial.device.name}: {trial.error}" for trial in trials if trial.error]
+    reasons = [listing.failure, *listing.answer.get("problems", ()), *failures, "it offers no device"]
+    return working, next(filter(None, reasons))

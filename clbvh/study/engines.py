@@ -54,13 +54,13 @@ class Engine:
         """Build the acceleration structure anew, all of it."""
         raise NotImplementedError
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
         """Return a function that does a query of origins and directions, or of points, and counts its answers."""
         raise NotImplementedError
 
-    def kernel_ms(self) -> float | None:
-        """Return the device's event time so far, None where there is none."""
-        return None
+    def kernel_ms(self) -> float:
+        """Return the device's event time so far; 0 where there is none."""
+        return 0.0
 
     def close(self) -> None:
         """Free what must be freed."""
@@ -82,20 +82,19 @@ class Clbvh(Engine):
     def build(self) -> None:
         self._bvh = self._clbvh.build(self._mesh)
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
         if self._tracer is None:
             self._tracer = self._clbvh.Tracer(self._bvh)
         tracer = self._tracer
-        if query == "points":
-            return lambda: len(tracer.closest_point(*arrays).distance)
-        if query == "any":
-            return lambda: int(np.count_nonzero(tracer.any_hit(*arrays)))
-        if query == "all":
-            return lambda: len(tracer.all_hits(*arrays).t)
-        return lambda: int(np.count_nonzero(tracer.closest_hit(*arrays).is_hit))
+        calls: dict[str, Callable[[], Any]] = {
+            "points": lambda: len(tracer.closest_point(*arrays).distance),
+            "any": lambda: np.count_nonzero(tracer.any_hit(*arrays)),
+            "all": lambda: len(tracer.all_hits(*arrays).t),
+        }
+        return calls.get(query, lambda: np.count_nonzero(tracer.closest_hit(*arrays).is_hit))
 
-    def kernel_ms(self) -> float | None:
-        return None if self._tracer is None else self._tracer.timings_ms.get("kernel", 0.0)
+    def kernel_ms(self) -> float:
+        return 0.0 if self._tracer is None else self._tracer.timings_ms.get("kernel", 0.0)
 
     def close(self) -> None:
         if self._tracer is not None:
@@ -124,15 +123,14 @@ class Open3D(Engine):
         # Embree builds when the first query needs the tree; one ray costs nothing beside that.
         self.scene.cast_rays(self.pack(np.array([[0, 0, 0, 0, 0, 1]])))
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
         scene, packed = self.scene, self.pack(*arrays)
-        if query == "points":
-            return lambda: len(scene.compute_closest_points(packed)["points"])
-        if query == "any":
-            return lambda: int(np.count_nonzero(scene.test_occlusions(packed).numpy()))
-        if query == "all":
-            return lambda: len(scene.list_intersections(packed)["t_hit"])
-        return lambda: int(np.count_nonzero(np.isfinite(scene.cast_rays(packed)["t_hit"].numpy())))
+        calls: dict[str, Callable[[], Any]] = {
+            "points": lambda: len(scene.compute_closest_points(packed)["points"]),
+            "any": lambda: np.count_nonzero(scene.test_occlusions(packed).numpy()),
+            "all": lambda: len(scene.list_intersections(packed)["t_hit"]),
+        }
+        return calls.get(query, lambda: np.count_nonzero(np.isfinite(scene.cast_rays(packed)["t_hit"].numpy())))
 
 
 class Embreex(Engine):
@@ -155,7 +153,7 @@ class Embreex(Engine):
         # As above.
         self.scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
         scene = self.scene
         if query == "all":
             import trimesh
@@ -166,8 +164,8 @@ class Embreex(Engine):
             return lambda: len(over.intersects_location(*wide)[0])
         rays = [array.astype(np.float32) for array in arrays]
         if query == "any":
-            return lambda: int(np.count_nonzero(np.asarray(scene.run(*rays, query="OCCLUDED")) != -1))
-        return lambda: int(np.count_nonzero(np.asarray(scene.run(*rays)) >= 0))
+            return lambda: np.count_nonzero(np.asarray(scene.run(*rays, query="OCCLUDED")) != -1)
+        return lambda: np.count_nonzero(np.asarray(scene.run(*rays)) >= 0)
 
 
 class Trimesh(Engine):
@@ -193,15 +191,14 @@ class Trimesh(Engine):
         self._engine = self._engine_class(self._mesh)
         _ = self._mesh.triangles_tree
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], int]:
+    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
         engine, wide = self._engine, [array.astype(np.float64) for array in arrays]
-        if query == "points":
-            return lambda: len(self._trimesh.proximity.closest_point(self._mesh, *wide)[1])
-        if query == "any":
-            return lambda: int(np.count_nonzero(engine.intersects_any(*wide)))
-        if query == "all":
-            return lambda: len(engine.intersects_location(*wide)[0])
-        return lambda: int(np.count_nonzero(engine.intersects_first(*wide) >= 0))
+        calls: dict[str, Callable[[], Any]] = {
+            "points": lambda: len(self._trimesh.proximity.closest_point(self._mesh, *wide)[1]),
+            "any": lambda: np.count_nonzero(engine.intersects_any(*wide)),
+            "all": lambda: len(engine.intersects_location(*wide)[0]),
+        }
+        return calls.get(query, lambda: np.count_nonzero(engine.intersects_first(*wide) >= 0))
 
 
 ENGINES: dict[str, type[Engine]] = {engine.name: engine for engine in (Clbvh, Open3D, Embreex, Trimesh)}
@@ -216,7 +213,7 @@ class Contestant:
         faces = self._load("faces")
         self._engine.open(self._load("vertices"), faces)
         self._engine.build()
-        self._calls: dict[str, tuple[Callable[[], int | None], int]] = {"build": (self._engine.build, len(faces))}
+        self._calls: dict[str, tuple[Callable[[], Any], int]] = {"build": (self._engine.build, len(faces))}
 
     def answer(self, query: str) -> dict[str, float]:
         """Return wall time, number of items and of answers; and the device's event time where it has one."""
@@ -224,15 +221,14 @@ class Contestant:
             arrays = self._load_arrays(query)
             self._calls[query] = self._engine.prepare(query, *arrays), len(arrays[0])
         call, item_count = self._calls[query]
-        before = self._engine.kernel_ms()
+        before_ms = self._engine.kernel_ms()
         begin = time.perf_counter()
         answers = call()
         values: dict[str, float] = {"wall_ms": (time.perf_counter() - begin) * 1e3, "items": item_count}
         if answers is not None:
-            values["answers"] = answers
-        after = self._engine.kernel_ms()
-        if before is not None and after is not None and after > before:
-            values["kernel_ms"] = after - before
+            values["answers"] = int(answers)
+        if (kernel_ms := self._engine.kernel_ms() - before_ms) > 0:
+            values["kernel_ms"] = kernel_ms
         return values
 
     def close(self) -> None:

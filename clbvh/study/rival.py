@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -89,25 +89,16 @@ class Rival(ContextManager):
 
 def _serve(connection: Connection, set_up: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     """Answer until the other end is closed, also by the death of its process; the life of the process."""
-    with suppress(EOFError, OSError, KeyboardInterrupt):
-        try:
-            server = set_up(*arguments)
-        except Exception as error:
-            connection.send((_describe(error), None))
-            return
-        try:
-            connection.send((None, None))
-            while True:
-                question = connection.recv()
-                try:
-                    answer = server.answer(question)
-                except Exception as error:
-                    connection.send((_describe(error), None))
+    with suppress(EOFError, OSError, KeyboardInterrupt), ExitStack() as stack:
+        server, question = None, ""
+        while True:
+            failure, answer = "", None
+            try:
+                if server is None:
+                    server = stack.enter_context(closing(set_up(*arguments)))
                 else:
-                    connection.send((None, answer))
-        finally:
-            server.close()
-
-
-def _describe(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
+                    answer = server.answer(question)
+            except Exception as error:
+                failure = f"{type(error).__name__}: {error}"
+            connection.send((failure, answer))
+            question = connection.recv()

@@ -1,6 +1,5 @@
 """The doctor's checks on made-up machines, its registrations, and its probes on real processes."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,9 +7,7 @@ import pytest
 from clbvh.device import doctor
 from clbvh.device.doctor import (
     CPU_DRIVERS,
-    Trial,
     advise,
-    check_choice,
     check_gpus,
     diagnose,
     find_unregistered,
@@ -77,18 +74,6 @@ def test_the_documentation_has_the_commands_of_each_platform(machine):
     commands = "; ".join(f"`{command.removeprefix('$ ')}`" for command in CPU_DRIVERS[machine])
     rows = [line for line in (DOCS / "devices.md").read_text().splitlines() if line.endswith(f"| {commands} |")]
     assert len(rows) == 1
-
-
-def test_the_choice_is_checked_against_the_trials(monkeypatch):
-    monkeypatch.delenv("CLBVH_DEVICE", raising=False)
-    geforce, pocl = replace(GEFORCE, number=0), replace(POCL_3, number=1)
-    trials = [Trial(geforce, "was killed by SIGSEGV"), Trial(pocl, "")]
-    finding = check_choice(trials, [pocl])
-    assert (finding.severity, finding.advice) == ("problem", ("$ export CLBVH_DEVICE=1",))
-    monkeypatch.setenv("CLBVH_DEVICE", "1")
-    assert check_choice(trials, [pocl]).severity == "ok"
-    monkeypatch.setenv("CLBVH_DEVICE", "riva tnt")
-    assert check_choice(trials, [pocl]).severity == "problem"
 
 
 # The registration
