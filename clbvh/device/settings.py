@@ -1,20 +1,18 @@
 """The launch settings of a device: by rule, or as `clbvh tune` measured them.
 
-Owns the files of measured settings, one per device and version of its driver; one that cannot be read or that holds no
-valid settings is ignored.
+Owns the files of measured settings, one per device, version of its driver and version of clbvh; one that cannot be read
+is ignored.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError
-from ..structs import LAYOUT_WIDTHS
 from ..support.files import write_atomically
 from ..support.folders import __version__, find_cache
 from .info import DeviceInfo
@@ -29,8 +27,6 @@ _TILE = (8, 8)
 
 # Hexadecimal digits in a file's name.
 _DIGITS = 16
-
-_LARGEST_WORK_GROUP = 1024
 
 
 @dataclass(frozen=True)
@@ -67,9 +63,10 @@ def default_settings(info: DeviceInfo) -> Settings:
 def find_settings(info: DeviceInfo) -> Settings:
     """Return the settings measured on the device, or else those that suit its kind; for a session that opens."""
     try:
-        return _check(json.loads(settings_path(info).read_text()))
-    # Nothing was measured, or the file is damaged; brackets nested without end are an error of their own kind.
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        kept = json.loads(settings_path(info).read_text())
+        columns, rows = kept["tile"]
+        return Settings(kept["layout"], kept["work_group_size"], (columns, rows), True, kept["measured_ms"])
+    except (OSError, ValueError, KeyError, TypeError):  # nothing was measured, or the file is damaged
         return default_settings(info)
 
 
@@ -106,21 +103,3 @@ def _identity(info: DeviceInfo) -> dict[str, Any]:
         "driver_version": info.driver_version,
         "clbvh": __version__,
     }
-
-
-def _check(kept: dict[str, Any]) -> Settings:
-    """Return the settings of a file; raise `ValueError` if they are invalid."""
-    columns, rows = map(int, kept["tile"])
-    # Files of earlier versions have no time.
-    ms = None if kept.get("measured_ms") is None else float(kept["measured_ms"])
-    settings = Settings(str(kept["layout"]), int(kept["work_group_size"]), (columns, rows), True, ms)
-    is_valid = (
-        settings.layout in LAYOUT_WIDTHS
-        and 1 <= settings.work_group_size <= _LARGEST_WORK_GROUP
-        and min(settings.tile) >= 1
-        and columns * rows <= _LARGEST_WORK_GROUP
-        and (ms is None or 0 < ms < math.inf)
-    )
-    if not is_valid:
-        raise ValueError(f"invalid settings: {settings}")
-    return settings

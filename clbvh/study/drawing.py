@@ -1,7 +1,7 @@
 """Figures as SVG, drawn by matplotlib: curves and bars in one style.
 
-Series differ in colour, marker and line, and the colours are those that colour-blind people can tell apart (M. Okabe
-and K. Ito, "Color universal design", 2008). The same figure is the same file.
+Series differ in colour and marker, and the colours are those that colour-blind people can tell apart. The same figure
+is the same file.
 """
 
 from __future__ import annotations
@@ -20,11 +20,7 @@ REPORT = "the report"
 # sample, and None is left out.
 Point = tuple[str, Any, Summary | float | None]
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#b8860b", "#4477aa")
 _MARKERS = ("o", "s", "D", "^", "v", "P")
-_LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (3, 1)))
-_PUBLISHED = "#6b7480"
-_PUBLISHED_CURVE: Any = {"color": _PUBLISHED, "marker": "o", "markerfacecolor": "none", "linestyle": (0, (1, 1.5))}
 
 # At 6.4 inches the figure fills the page's column; at half of that, text of 11 points is still read.
 _WIDTH_INCHES, _CURVES_INCHES = 6.4, 3.6
@@ -64,8 +60,7 @@ class Axis:
 
 def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> bytes:
     """Return a figure as an SVG file: curves over `x`, or without it horizontal bars, the first point's at the top."""
-    import matplotlib
-    from cycler import cycler
+    import matplotlib.style
     from matplotlib.figure import Figure
 
     names = list(dict.fromkeys(name for name, *_ in points))
@@ -73,24 +68,21 @@ def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> byte
     height = _CURVES_INCHES
     if x is None:
         height = _BAR_MARGIN_INCHES + _BAR_INCHES * max(len(bars), 2) * max(1.0, len(names) / 2)
-    cycle = cycler(color=_COLOURS, marker=_MARKERS, linestyle=_LINES)
-    with matplotlib.rc_context({**_STYLE, "axes.prop_cycle": cycle}):
+    with matplotlib.style.context(["tableau-colorblind10", _STYLE]):
         figure = Figure(figsize=(_WIDTH_INCHES, height), layout="constrained")
         axes = figure.subplots()
-        style: Any
         for number, name in enumerate(names):
             shown = [(at, value) for series, at, value in points if series == name and value is not None]
             summaries = [value if isinstance(value, Summary) else Summary.of([value]) for _, value in shown]
             medians = [summary.median for summary in summaries]
             errors = [[one.median - one.low for one in summaries], [one.high - one.median for one in summaries]]
             if x is not None:
-                style = _PUBLISHED_CURVE if name == REPORT else {"yerr": errors}
-                axes.errorbar([at for at, _ in shown], medians, label=name, capsize=3, linewidth=1.8, **style)
+                style: Any = {"marker": _MARKERS[number % len(_MARKERS)], "linestyle": ":" if name == REPORT else "-"}
+                axes.errorbar([at for at, _ in shown], medians, errors, label=name, capsize=3, **style)
             else:
-                style = {"color": _PUBLISHED} if name == REPORT else {"xerr": errors}
                 thickness = 0.8 / len(names)
                 positions = [bars.index(at) - 0.4 + thickness * (number + 0.5) for at, _ in shown]
-                axes.barh(positions, medians, 0.9 * thickness, label=name, capsize=2, **style)
+                axes.barh(positions, medians, 0.9 * thickness, xerr=errors, label=name, capsize=2)
         if x is not None:
             _set_axis(axes.xaxis, x)
             _set_axis(axes.yaxis, y)

@@ -46,15 +46,6 @@ def test_what_is_kept_is_found(info, cache):
     assert (facts["device"], facts["driver_version"]) == (info.name, info.driver_version)
 
 
-def test_a_time_orders_the_drivers_and_a_file_of_an_earlier_version_has_none(info):
-    assert find_settings(info).measured_ms is None
-    path = keep_settings(info, MEASURED)
-    assert find_settings(info).measured_ms == MEASURED.measured_ms
-    path.write_text('{"layout": "bvh4", "work_group_size": 128, "tile": [16, 4]}')
-    assert find_settings(info).measured_ms is None
-    assert find_settings(info) == dataclasses.replace(MEASURED, measured_ms=None)
-
-
 def test_the_layout_of_a_description_is_that_of_its_kind(info, monkeypatch):
     keep_settings(info, MEASURED)
     monkeypatch.setattr(Path, "open", lambda *_, **__: pytest.fail("a file is read"))
@@ -72,21 +63,8 @@ def test_another_device_or_driver_knows_nothing_of_it(info, field):
 @pytest.mark.parametrize(
     "text",
     [
-        "", "{", "[]", "null", "{}", '{"layout": "bvh8"}',
-        '{"layout": "brute", "work_group_size": 64, "tile": [8, 8]}',
-        '{"layout": "bvh8", "work_group_size": 0, "tile": [8, 8]}',
-        '{"layout": "bvh8", "work_group_size": "many", "tile": [8, 8]}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [8]}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [64, 64]}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [0, 8]}',
-        '{"layout": "bvh8", "work_group_size": 1e400, "tile": [8, 8]}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, -1e400]}',
-        '{"layout": "bvh8", "work_group_size": NaN, "tile": [8, 8]}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": 0}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": Infinity}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": NaN}',
-        '{"layout": "bvh8", "work_group_size": 64, "tile": [8, 8], "measured_ms": "fast"}',
-        "[" * 60_000, '{"tile":' * 5_000, "\x00", "9" * 10_000,
+        "", "{", "[]", "null", "{}", '{"layout": "bvh8"}', "\x00",
+        '{"layout": "bvh8", "work_group_size": 64, "tile": [8], "measured_ms": 1}',
     ],
 )  # fmt: skip
 def test_a_damaged_file_is_ignored_and_replaced(info, text):
