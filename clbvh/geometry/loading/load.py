@@ -51,8 +51,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Mesh
         Faces in the file's order. Polygons are cut into fans around their first corners, so a concave one may not be
         covered exactly. Nothing is merged, except corners of an STL file whose coordinates are equal bit for bit, and
-        degenerate triangles are kept. A vertex of an OBJ file with several normals or texture coordinates is several
-        vertices. The parts of a scene follow each other, moved to their positions in the scene.
+        degenerate triangles are kept. The parts of a scene follow each other, moved to their positions in the scene.
         Normals, texture coordinates, colours, materials and textures become its `appearance`.
 
     Warns
@@ -69,7 +68,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Notes
     -----
     On two x86-64 cores, 871,306 triangles take 0.25 s from an ASCII PLY file, 0.05 s from a binary one, 0.5 s from
-    binary STL, 0.8 s from OFF and 2.5 s from OBJ. Looks add up to 0.1 s, but 3.5 s for OBJ.
+    binary STL, 0.8 s from OFF and 1.4 s from OBJ. Looks add up to 0.1 s, but 1.1 s for OBJ.
 
     Examples
     --------

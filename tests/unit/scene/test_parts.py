@@ -157,9 +157,9 @@ class TestObj:
         )
         assert names(scene.geometries) == names(scene.instances) == ["a", "left/side 1", "right"]
         assert [geometry.shape.face_count for geometry in scene.geometries] == [1, 2, 2]
-        corners = [geometry.shape.vertices[geometry.shape.faces].tolist() for geometry in scene.geometries]
-        assert corners[1] == SQUARE[[[0, 1, 2], [0, 2, 3]]].tolist()
-        assert corners[2] == np.array([*SQUARE[:3], [7, 7, 7]])[[[3, 0, 1], [3, 1, 2]]].tolist()
+        assert scene.geometries[1].shape.vertices.tolist() == SQUARE.tolist()
+        assert scene.geometries[2].shape.vertices.tolist() == [*SQUARE[:3].tolist(), [7, 7, 7]]
+        assert scene.geometries[2].shape.faces.tolist() == [[3, 0, 1], [3, 1, 2]]
         assert (scene.instances[2].transform == np.eye(4)).all()
 
     def test_groups_are_parts_where_no_object_is_named(self, tmp_path):
