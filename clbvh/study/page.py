@@ -164,14 +164,9 @@ def format_cell(cell: Cell) -> str:
     if cell is None:
         return _MISSING
     if isinstance(cell, Summary):
-        spread = format_range(cell)
-        return f"{format_number(cell.median)} ({spread})" if spread else format_number(cell.median)
+        median, low, high = map(format_number, (cell.median, cell.low, cell.high))
+        return f"{median} ({low} to {high})" if cell.count > 1 else median
     return cell if isinstance(cell, str) else format_number(cell)
-
-
-def format_range(summary: Summary) -> str:
-    """Return the smallest and the largest sample of a summary, empty for one sample."""
-    return "" if summary.count < 2 else f"{format_number(summary.low)} to {format_number(summary.high)}"
 
 
 def format_number(value: float) -> str:

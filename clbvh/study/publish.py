@@ -39,11 +39,7 @@ def open_study(folder: Path) -> dict[str, Results]:
     samples = SampleFile(folder, digest)
     scales = [scale for scale in (FULL, QUICK, TINY) if scale.name in samples.scales()]
     if len(scales) != 1:
-        raise ConfigError(
-            f"{folder}: the samples of this study are of {len(scales)} sizes "
-            f"({', '.join(scale.name for scale in scales)}): documents need one study of one size, in a folder of its "
-            "own"
-        )
+        raise ConfigError(f"{folder}: documents need one study of one size, in a folder of its own, not {len(scales)}")
     return {name: Results(name, samples, scales[0], machines[digest], None, folder) for name in EXPERIMENTS}
 
 

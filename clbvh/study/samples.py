@@ -251,10 +251,10 @@ class Results:
         """Return ``yes`` or ``NO``: whether a case has the same fact as the first of some cases."""
         return "yes" if self.fact(case, name) == self.fact(next(iter(cases)), name) else "NO"
 
-    def picture(self, case: Case, name: str) -> bytes:
-        """Return the file of a picture whose name is a fact, empty if there is none."""
+    def picture(self, case: Case, name: str) -> list[bytes]:
+        """Return the file of a picture whose name is a fact, nothing if there is none."""
         path = self.pictures / (self.fact(case, name) or "")
-        return path.read_bytes() if path.is_file() else b""
+        return [path.read_bytes()] if path.is_file() else []
 
     @property
     def highest_load(self) -> float:

@@ -7,7 +7,8 @@ a test's study is a tiny one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import TypeVar
 
 from ..errors import ClbvhError
@@ -60,7 +61,6 @@ class Scale:
     shrink: int = 1
     most_meshes: int = 100
     is_full: bool = False
-    _found: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
 
     def pick(self, full: _Choice, quick: _Choice) -> _Choice:
         """Return the full or the quick one of two tables."""
@@ -76,9 +76,11 @@ class Scale:
 
     def mesh(self, name: str) -> str:
         """Return the name of a scan, or of the procedural mesh of its size if the scan is missing or too large."""
-        if name not in self._found:
-            self._found[name] = self._find(name)
-        return self._found[name]
+        if SCANS[name] <= self.most_triangles:
+            with suppress(ClbvhError):
+                find_known_mesh(name)
+                return name
+        return self.shape(_STAND_IN, SCANS[name])
 
     def shape(self, shape: str, triangles: int) -> str:
         """Return the name of a procedural mesh, no larger than this scale has them."""
@@ -87,16 +89,6 @@ class Scale:
     def sizes(self, sizes: Sequence[int]) -> list[int]:
         """Return those numbers of triangles that this scale has; at least the two smallest, for a curve."""
         return [size for index, size in enumerate(sizes) if index < 2 or size <= self.most_triangles]
-
-    def _find(self, name: str) -> str:
-        if SCANS[name] <= self.most_triangles:
-            try:
-                find_known_mesh(name)
-            except ClbvhError:
-                pass
-            else:
-                return name
-        return self.shape(_STAND_IN, SCANS[name])
 
 
 def scan_of(mesh: str) -> str:

@@ -159,7 +159,7 @@ class Divergence(Experiment):
             Picture(f"{case['mesh']}: {QUANTITIES[quantity].lower()} per ray.", png)
             for case in results.cases
             for quantity in QUANTITIES
-            if (png := results.picture(case, quantity))
+            for png in results.picture(case, quantity)
         ]
         return [
             Table(

@@ -329,6 +329,6 @@ class Gallery(Experiment):
         pictures = [
             Picture(f"{case['mesh']}, {case['shading']}.", png)
             for case in results.cases
-            if (png := results.picture(case, "file"))
+            for png in results.picture(case, "file")
         ]
         return [Table(text, ("mesh", "shading", "triangles", "kernel, ms"), rows), *pictures]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import clbvh.study
-from clbvh.errors import ConfigError, InternalError
+from clbvh.errors import ConfigError
 from clbvh.study import engines, machine as machines
-from clbvh.study.experiment import Experiment, curve, published, source_of
+from clbvh.study.experiment import Experiment, curve, source_of
 from clbvh.study.experiments import peers
 from clbvh.study.page import Table
 from clbvh.study.registry import EXPERIMENTS, find_experiments
@@ -69,8 +69,6 @@ def test_figures_of_the_report():
     assert curve("scaling.build_ms") == {1: 2687, 8: 570}
     assert curve("frontier.total_ms")[8192] == 1715
     assert source_of("ladder")
-    with pytest.raises(InternalError):
-        published("scaling.nothing")
 
 
 def test_no_figure_of_the_report_is_typed_into_an_experiment():
