@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -153,12 +152,9 @@ def keep_machine(folder: Path, machine: Machine) -> list[str]:
 
 
 def read_machines(folder: Path) -> dict[str, dict[str, str]]:
-    """Return the facts of the machines of a folder by their digests, the latest last; empty for a damaged file."""
-    try:
-        kept: Any = json.loads((folder / FILE_NAME).read_text("utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return kept if isinstance(kept, dict) and all(isinstance(facts, dict) for facts in kept.values()) else {}
+    """Return the facts of the machines of a folder by their digests, the latest last."""
+    path = folder / FILE_NAME
+    return json.loads(path.read_text("utf-8")) if path.is_file() else {}
 
 
 @cache

@@ -11,6 +11,7 @@ import io
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -137,12 +138,8 @@ class SampleFile:
 def _read(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the complete lines of a file."""
     for line in path.read_bytes().splitlines() if path.is_file() else ():
-        try:
-            record = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(record, dict) and {"kind", "experiment"} <= record.keys():
-            yield record
+        with suppress(ValueError):
+            yield json.loads(line)
 
 
 class Results:

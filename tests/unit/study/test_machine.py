@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
-from clbvh.study.machine import FILE_NAME, Machine, describe_machine, find_version, keep_machine, read_machines
+from clbvh.study.machine import Machine, describe_machine, find_version, keep_machine, read_machines
 
 
 def make(**facts):
@@ -22,13 +20,6 @@ def test_changes_are_named(tmp_path):
     # Back again: these samples are seen again.
     assert keep_machine(tmp_path, make(numpy="1")) == []
     assert list(read_machines(tmp_path)) == [make(numpy="2", numba="3").digest, make(numpy="1").digest]
-
-
-@pytest.mark.parametrize("text", ["", "[1]", "{", '{"a": 1}', "null"])
-def test_a_damaged_file_is_begun_anew(tmp_path, text):
-    (tmp_path / FILE_NAME).write_text(text)
-    assert keep_machine(tmp_path, make()) == []
-    assert json.loads((tmp_path / FILE_NAME).read_text()) == {make().digest: {"cores": "2"}}
 
 
 @pytest.mark.usefixtures("_opened_device")

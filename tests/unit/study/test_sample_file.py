@@ -44,12 +44,6 @@ def test_a_line_that_was_cut_off_is_lost_alone(samples, tmp_path):
     assert values == [1.5, 3.0]
 
 
-def test_lines_that_are_no_samples_are_ignored(samples, tmp_path):
-    with (tmp_path / FILE_NAME).open("a") as file:
-        file.write('[1, 2]\n"text"\n{"kind": "sample"}\n\n')
-    assert SampleFile(tmp_path, "here").count("ladder", CASE) == 2
-
-
 def test_a_failure_is_forgotten_when_the_case_is_measured(samples):
     samples.add_failure("ladder", CASE, "no memory")
     samples.add_failure("ladder", {"mesh": "drill"}, "first")
