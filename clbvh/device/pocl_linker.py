@@ -11,6 +11,7 @@ import os
 import platform
 import shutil
 import sys
+from functools import cache
 from pathlib import Path
 
 # The PoCL of other packages has another version, and needs another linker or none.
@@ -34,6 +35,7 @@ def explain_missing_linker(driver_version: str = _POCL_OF_PYPI) -> str:
     return f"PoCL 3.0 cannot compile kernels without {', '.join(missing)}: install what is missing, {REMEDY}"
 
 
+@cache
 def _find_missing() -> list[str]:
     programs = [*_split("PATH"), "/usr/local/bin", *map(str, Path("/usr").glob("x86_64*/bin"))]
     libraries = [*_split("LIBRARY_PATH"), *_LIBRARY_FOLDERS]

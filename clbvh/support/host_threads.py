@@ -166,7 +166,10 @@ class _Batch(Generic[_Result]):
             except KeyboardInterrupt as error:
                 interrupt = error
         if interrupt is not None:
-            raise interrupt
+            try:
+                raise interrupt
+            finally:
+                del interrupt  # as in `results`
 
     def results(self) -> list[_Result]:
         """Return the results in the order of the tasks, or raise the exception of the first that failed."""

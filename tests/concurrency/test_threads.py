@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 from clbvh import RenderOptions, Scene, SubtreePool, Tracer, build, make_shape, render
+from clbvh.builders.processes.pool import open_executor
 from clbvh.device.session import DeviceSession
 from clbvh.errors import PoolError, QueryError
 from clbvh.integrations.trimesh import RayMeshIntersector
@@ -196,6 +197,10 @@ class TestTrimesh:
             closer.join()
 
 
+def list_arrays(arrays):
+    return list(arrays)
+
+
 class TestPool:
     def test_builds_of_several_threads_take_turns(self, mesh, bvh):
         with SubtreePool(2) as pool:
@@ -209,10 +214,10 @@ class TestPool:
         is_held, order = threading.Event(), []
 
         def hold():
-            with pool.hold():
+            with open_executor(pool) as executor:
                 is_held.set()
                 time.sleep(0.2)
-                pool.attach({})  # the workers still answer
+                executor.run_on_each(list_arrays)  # the workers still answer
                 order.append("built")
 
         def close():
@@ -230,7 +235,7 @@ class TestPool:
         is_held = threading.Event()
 
         def hold():
-            with pool.hold():
+            with open_executor(pool):
                 is_held.set()
                 time.sleep(0.2)
                 pool.close()

@@ -19,9 +19,7 @@ from .public_names import INTEGRATIONS, list_public_names
 from .snippets import REPOSITORY
 
 # Closing needs no example.
-WITHOUT_EXAMPLE = {name for name in list_public_names() if name.endswith(".close")} | {
-    "clbvh.SubtreePool.open_executor"
-}
+WITHOUT_EXAMPLE = {name for name in list_public_names() if name.endswith(".close")}
 
 FLAGS = doctest.ELLIPSIS
 

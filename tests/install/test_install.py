@@ -167,7 +167,7 @@ def test_the_version_is_that_of_the_metadata_and_costs_nothing_until_asked_for(i
     packages = call(installed_wheel, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
     code = f"""
 import sys
-sys.path.append({packages!r})
+sys.path += [{packages!r}, {sysconfig.get_path("purelib")!r}]
 import clbvh
 print("importlib.metadata" in sys.modules, clbvh.__version__)
 """

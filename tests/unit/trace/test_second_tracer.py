@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 _SCRIPT = """
+import os
 import sys
 import numpy as np
 from numba.core.event import install_recorder
@@ -15,7 +16,9 @@ from clbvh.device import program
 opened, compiled = [], []
 
 def listen(event, arguments):
-    if is_second and event in ("open", "os.listdir", "os.scandir", "subprocess.Popen"):
+    # Settings are looked for at each opening, and there are none.
+    is_found = event != "open" or os.path.exists(str(arguments[0]))
+    if is_second and is_found and event in ("open", "os.listdir", "os.scandir", "subprocess.Popen"):
         opened.append(str(arguments[0]))
 
 def use(bvh):
