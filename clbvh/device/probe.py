@@ -65,10 +65,9 @@ def run_probe(*arguments: str, timeout_s: float, environment: Mapping[str, str] 
 def _list() -> dict[str, Any]:
     from .select import import_pyopencl, survey_devices
 
-    version = import_pyopencl().VERSION_TEXT
-    survey = survey_devices()
+    version, survey = import_pyopencl().VERSION_TEXT, survey_devices()
     devices = [device.as_dict() for device in survey.devices]
-    return {"pyopencl": version, "devices": devices, "problems": list(survey.problems)}
+    return {"pyopencl": version, "devices": devices, "problems": survey.problems}
 
 
 def _try(number: int) -> dict[str, Any]:

@@ -218,18 +218,7 @@ class DeviceSession(ContextManager):
         """
         flags = self._cl.map_flags.WRITE_INVALIDATE_REGION if write else self._cl.map_flags.READ
         label = "upload" if write else "download"
-        with self._errors(f"{self._unfinished}share {item_count * dtype.itemsize / 1e6:,.1f} MB with the host"):
-            # As bytes: PyOpenCL takes no dtype that holds arrays.
-            array, event = self._cl.enqueue_map_buffer(
-                self.queue,
-                buffer,
-                flags,
-                first * dtype.itemsize,
-                item_count * dtype.itemsize,
-                np.uint8,
-                is_blocking=True,
-            )
-        self._unfinished = ""
+        array, event = self._map(buffer, flags, first * dtype.itemsize, item_count * dtype.itemsize)
         self.times.note(label, event)
         try:
             yield array.view(dtype)
@@ -245,12 +234,16 @@ class DeviceSession(ContextManager):
 
         Kernels may read the buffer meanwhile, but nothing may write to it.
         """
-        with self._errors(f"share {size / 1e6:,.1f} MB with the host"):
-            array, _ = self._cl.enqueue_map_buffer(
-                self.queue, buffer, self._cl.map_flags.READ, 0, size, np.uint8, is_blocking=True
-            )
+        array, _ = self._map(buffer, self._cl.map_flags.READ, 0, size)
         self._held[id(array)] = array
         return array
+
+    def _map(self, buffer: Any, flags: Any, begin: int, size: int) -> tuple[Any, Any]:
+        """Return some bytes of a buffer, and the event; as bytes, since PyOpenCL takes no dtype that holds arrays."""
+        with self._errors(f"{self._unfinished}share {size / 1e6:,.1f} MB with the host"):
+            mapped = self._cl.enqueue_map_buffer(self.queue, buffer, flags, begin, size, np.uint8, is_blocking=True)
+        self._unfinished = ""
+        return mapped
 
     def end_mapping(self, array: NDArray[np.uint8]) -> None:
         """Let an array of `hold_mapped` go, which nobody may use any more."""
