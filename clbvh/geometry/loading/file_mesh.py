@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import AppearanceWarning, MeshError
+from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from ..appearance.material import Material
 from ..appearance.srgb import to_bytes
@@ -67,6 +68,16 @@ def drop_loose_vertices(
     if len(used) == len(vertices):
         return vertices, faces
     return vertices[used], renumbered.reshape(faces.shape)
+
+
+def read_named(path: Path, *, max_bytes: int | None = None) -> bytes:
+    """Return the content of a file that another one names; `MeshError` says what is wrong with it."""
+    try:
+        return read_regular(path, max_bytes=max_bytes)
+    except FileNotFoundError:
+        raise MeshError(f"{path} is missing") from None
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 _MAX_SHOWN = 3  # problems in a warning

@@ -39,14 +39,6 @@ _INSTANCING = "EXT_mesh_gpu_instancing"
 _AFFINE_TOLERANCE = 1e-6
 
 
-class _Part(NamedTuple):
-    """A mesh of the file, placed in the scene by a (4, 4) float64 matrix."""
-
-    mesh: int
-    matrix: NDArray[np.float64]
-    name: str = ""
-
-
 class _Primitive(NamedTuple):
     """The triangles of a primitive over the points of an accessor, and their looks."""
 
@@ -83,7 +75,7 @@ def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
         mesh_name = _read_name(gltf.item("meshes", part.mesh))
         if part.mesh not in numbers:
             numbers[part.mesh] = len(numbers)
-            joined, corners, looks = _join(gltf, [_Part(part.mesh, np.eye(4))], points, reader)
+            joined, corners, looks = _join(gltf, [FileNode("", part.mesh, np.eye(4))], points, reader)
             vertices, faces = drop_loose_vertices(joined, corners)
             parts_of_file.meshes.append(FileMesh(mesh_name or part.name, vertices, faces, looks))
         matrix = part.matrix.copy()
@@ -92,14 +84,14 @@ def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
     return parts_of_file
 
 
-def _find_parts(data: bytes, file: Path) -> tuple[GltfData, list[_Part]]:
+def _find_parts(data: bytes, file: Path) -> tuple[GltfData, list[FileNode]]:
     gltf = GltfData(data, file)
     _check_extensions(gltf)
     return gltf, list(_walk_nodes(gltf))
 
 
 def _join(
-    gltf: GltfData, parts: list[_Part], points: dict[int, NDArray[np.float64]], reader: GltfLooks
+    gltf: GltfData, parts: list[FileNode], points: dict[int, NDArray[np.float64]], reader: GltfLooks
 ) -> tuple[NDArray[np.float64], NDArray[np.integer], Appearance | None]:
     """Return the vertices (V, 3), faces (F, 3) and looks of parts in their positions."""
     primitives: dict[int, list[_Primitive]] = {}
@@ -140,13 +132,13 @@ def _check_extensions(gltf: GltfData) -> None:
             raise MeshError(f"the file requires the glTF extension {str(name)[:80]!r}, which is not read")
 
 
-def _walk_nodes(gltf: GltfData) -> Iterator[_Part]:
+def _walk_nodes(gltf: GltfData) -> Iterator[FileNode]:
     """Yield the meshes of the scene, depth first; each node is visited once."""
     nodes = get_list(gltf.document, "nodes")
     if not nodes and not get_list(gltf.document, "scenes"):
         # A file without a scene is a library of meshes.
         for mesh in range(len(get_list(gltf.document, "meshes"))):
-            yield _Part(mesh, np.eye(4))
+            yield FileNode("", mesh, np.eye(4))
     is_visited = np.zeros(len(nodes), np.bool_)
     stack = [(root, np.eye(4)) for root in reversed(_find_roots(gltf))]
     while stack:
@@ -161,7 +153,7 @@ def _walk_nodes(gltf: GltfData) -> Iterator[_Part]:
             matrix = parent @ _read_matrix(node, index)
         if "mesh" in node:
             gltf.item("meshes", node["mesh"])
-            yield _Part(node["mesh"], matrix, _read_name(node))
+            yield FileNode(_read_name(node), node["mesh"], matrix)
         stack += [(child, matrix) for child in reversed(get_list(node, "children"))]
 
 
@@ -212,7 +204,7 @@ def _read_vector(node: dict[str, Any], key: str, default: NDArray[np.float64]) -
     return values
 
 
-def _count_faces_and_vertices(gltf: GltfData, parts: list[_Part]) -> tuple[int, int]:
+def _count_faces_and_vertices(gltf: GltfData, parts: list[FileNode]) -> tuple[int, int]:
     """Return the number of triangles and vertices that the parts will have; nothing is read for it."""
     totals: dict[int, tuple[int, int]] = {}
     for mesh in {part.mesh for part in parts}:
@@ -253,7 +245,7 @@ def _read_primitives(
     """Yield the triangles of a mesh with their looks, and add the points that they refer to."""
     for where, mode, positions, indices, primitive in _triangle_primitives(gltf, mesh):
         if positions not in points:
-            points[positions] = gltf.read_positions(positions)
+            points[positions] = gltf.read_vectors(positions, (3,))
         count = len(points[positions])
         faces = _cut(np.arange(count) if indices is None else gltf.read_indices(indices), mode, where)
         # Checked here: once concatenated, a wrong index could refer to a vertex of another part.

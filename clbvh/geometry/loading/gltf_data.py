@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.files import read_regular
+from .file_mesh import read_named
 
 _GLB_MAGIC = b"glTF"
 _GLB_HEADER = struct.Struct("<4sII")  # magic, version, length of the file
@@ -56,7 +56,7 @@ class GltfData:
 
     def __init__(self, data: bytes, file: Path) -> None:
         text, self._chunk = _split_glb(data) if data.startswith(_GLB_MAGIC) else (data, None)
-        self._folder = file.parent
+        self.folder = file.parent  # where other files are found
         self._buffers: dict[int, bytes] = {}
         # An accessor without a buffer view is all zeros, of which the file holds none.
         self._max_zeros = len(data)
@@ -83,13 +83,6 @@ class GltfData:
         """Return the number of items of an accessor, after a look at whether the file has the bytes for them."""
         return len(self._find_numbers(index))
 
-    def read_positions(self, index: Any) -> NDArray[np.float64]:
-        """Return the points of an accessor, (n, 3); whole numbers that stand for fractions are divided."""
-        kind = self.item("accessors", index).get("type")
-        if kind != "VEC3":
-            raise MeshError(f"accessors[{index}] has positions, so its type must be VEC3, not {str(kind)[:20]!r}")
-        return self.read_vectors(index, (3,))
-
     def read_vectors(self, index: Any, widths: tuple[int, ...]) -> NDArray[np.float64]:
         """Return the vectors of an accessor, (n, width); whole numbers that stand for fractions are divided.
 
@@ -100,7 +93,7 @@ class GltfData:
         """
         numbers = self._read_numbers(index)
         if numbers.shape[1] not in widths:
-            raise MeshError(f"accessors[{index}] has vectors of {numbers.shape[1]} numbers")
+            raise MeshError(f"accessors[{index}] has vectors of {numbers.shape[1]} numbers, not {widths[0]}")
         if not self.item("accessors", index).get("normalized") or numbers.dtype.kind == "f":
             with np.errstate(invalid="ignore"):  # a signalling NaN
                 return numbers.astype(np.float64)
@@ -118,11 +111,6 @@ class GltfData:
         """Return whether the file has bytes for an accessor, or for some of its items."""
         accessor = self.item("accessors", index)
         return "bufferView" in accessor or "sparse" in accessor
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the file, where others are found."""
-        return self._folder
 
     def read_view_bytes(self, index: Any) -> bytes:
         """Return the bytes of a buffer view."""
@@ -231,11 +219,7 @@ class GltfData:
             raise MeshError(
                 f"buffers[{index}] is '{uri[:80]}', but only files in the folder of the glTF file or below it are read"
             )
-        try:
-            return read_regular(self._folder / path)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise MeshError(f"buffers[{index}] is the file '{uri[:80]}', which cannot be read: {reason}") from error
+        return read_named(self.folder / path)
 
 
 def is_scheme(uri: str) -> bool:
@@ -261,17 +245,18 @@ def get_whole(table: dict[str, Any], key: str, default: int | None = None) -> in
 
 def get_object(table: dict[str, Any], key: str) -> dict[str, Any]:
     """Return a JSON object of another one; empty if it is missing."""
-    value = table.get(key, {})
-    if not isinstance(value, dict):
-        raise MeshError(f"'{key}' must be an object, not {str(value)[:20]!r}")
-    return value
+    return _get(table, key, {}, "an object")
 
 
 def get_list(table: dict[str, Any], key: str) -> list[Any]:
     """Return a list of a JSON object; empty if it is missing."""
-    value = table.get(key, [])
-    if not isinstance(value, list):
-        raise MeshError(f"'{key}' must be a list, not {str(value)[:20]!r}")
+    return _get(table, key, [], "a list")
+
+
+def _get(table: dict[str, Any], key: str, default: Any, kind: str) -> Any:
+    value = table.get(key, default)
+    if not isinstance(value, type(default)):
+        raise MeshError(f"'{key}' must be {kind}, not {str(value)[:20]!r}")
     return value
 
 

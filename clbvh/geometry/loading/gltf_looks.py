@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 from urllib.parse import unquote
@@ -18,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, turn_normals
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import linear_to_srgb_bytes, to_bytes
-from .file_mesh import Problems, finish_looks, spread_colours, spread_normals, spread_uvs
+from .file_mesh import Problems, finish_looks, read_named, spread_colours, spread_normals, spread_uvs
 from .gltf_data import GltfData, get_list, get_object, get_whole, is_scheme
 from .texture_files import decode_image, find_file
 
@@ -114,8 +114,8 @@ class Placement(NamedTuple):
     matrix: NDArray[np.float64] | None
 
 
-class GltfMaterials:
-    """The materials of a file, each read once."""
+class GltfLooks:
+    """Reads the looks of primitives; see `read`. Materials and images are read once."""
 
     def __init__(self, gltf: GltfData, problems: Problems) -> None:
         self._gltf = gltf
@@ -124,18 +124,67 @@ class GltfMaterials:
         self._pixels: dict[int, NDArray[np.uint8] | None] = {}
         self._textures: dict[tuple[Any, ...], Texture | None] = {}
 
-    def read(self, index: Any) -> Material:
-        """Return a material; raise `MeshError` if it cannot be used."""
+    def read(self, primitive: dict[str, Any], points: NDArray[np.float64], faces: NDArray[np.integer]) -> LooksPiece:
+        """Return the looks of a primitive.
+
+        Parameters
+        ----------
+        primitive : dict
+            The object of the document.
+        points, faces : (V, 3) float64 and (F, 3) int
+            Its triangles.
+        """
+        arrays: dict[str, NDArray] = {}
+        attributes = get_object(primitive, "attributes")
+        material, placement = None, None
+        if (index := primitive.get("material")) is not None:
+            with self._problems.drop("a material"):
+                material = self._read_material(index)
+                placement = self._find_placement(index)
+        if "NORMAL" in attributes:
+            with self._problems.drop("the normals"):
+                arrays["normals"] = spread_normals(self._read(attributes["NORMAL"], (3,), points), faces, points, faces)
+        name = f"TEXCOORD_{0 if placement is None else placement.uv_set}"
+        if name in attributes:
+            with self._problems.drop("the texture coordinates"):
+                uvs = self._read(attributes[name], (2,), points)
+                if placement is not None and placement.matrix is not None:
+                    uvs = uvs @ placement.matrix[:, :2].T + placement.matrix[:, 2]
+                # Theirs count from the top.
+                arrays["uvs"] = spread_uvs(np.column_stack((uvs[:, 0], 1 - uvs[:, 1])), faces)
+        if "COLOR_0" in attributes:
+            with self._problems.drop("the colours"):
+                is_opaque = material is None or (
+                    material.alpha_cutoff is None
+                    and self._gltf.item("materials", index).get("alphaMode", _OPAQUE_MODE) == _OPAQUE_MODE
+                )
+                arrays["colours"] = self._read_colours(attributes["COLOR_0"], points, faces, is_opaque=is_opaque)
+        return LooksPiece(arrays, material, points, faces)
+
+    def _read_colours(
+        self, accessor: Any, points: NDArray[np.float64], faces: NDArray[np.integer], *, is_opaque: bool
+    ) -> NDArray[np.uint8]:
+        """Return the colours of corners in sRGB; in the file they are linear."""
+        linear = self._read(accessor, (3, 4), points)
+        colours = np.full((len(linear), 4), OPAQUE, np.uint8)
+        colours[:, :3] = linear_to_srgb_bytes(linear[:, :3])
+        if linear.shape[1] == 4 and not is_opaque:
+            colours[:, 3] = to_bytes(linear[:, 3])
+        return spread_colours(colours, faces)
+
+    def _read(self, accessor: Any, widths: tuple[int, ...], points: NDArray[np.float64]) -> NDArray[np.floating]:
+        values = self._gltf.read_vectors(accessor, widths)
+        if len(values) != len(points):
+            raise MeshError(f"there are {len(values):,} for {len(points):,} vertices")
+        return values
+
+    def _read_material(self, index: Any) -> Material:
         table = self._gltf.item("materials", index)
         if index not in self._materials:
             self._materials[index] = self._make(table)
         return self._materials[index]
 
-    def is_opaque(self, index: Any) -> bool:
-        """Return whether a material ignores alpha."""
-        return self._gltf.item("materials", index).get("alphaMode", _OPAQUE_MODE) == _OPAQUE_MODE
-
-    def placement_of(self, index: Any) -> Placement:
+    def _find_placement(self, index: Any) -> Placement:
         """Return how the textures of a material lie."""
         placements = [_read_placement(info) for info in _list_texture_infos(self._gltf.item("materials", index))]
         if not placements:
@@ -148,11 +197,11 @@ class GltfMaterials:
     def _make(self, table: dict[str, Any]) -> Material:
         pbr, extensions = get_object(table, "pbrMetallicRoughness"), get_object(table, "extensions")
         factor = _read_numbers(pbr, "baseColorFactor", (1.0, 1.0, 1.0, 1.0))
-        metallic, roughness = _read_share(pbr, "metallicFactor", 1.0), _read_share(pbr, "roughnessFactor", 1.0)
+        metallic, roughness = _read_number(pbr, "metallicFactor", 1.0), _read_number(pbr, "roughnessFactor", 1.0)
         base_info, metal_info = pbr.get("baseColorTexture"), pbr.get("metallicRoughnessTexture")
         if old := get_object(extensions, _OLD):
             factor, base_info = _read_numbers(old, "diffuseFactor", (1.0, 1.0, 1.0, 1.0)), old.get("diffuseTexture")
-            metallic, roughness, metal_info = 0.0, 1 - _read_share(old, "glossinessFactor", 1.0), None
+            metallic, roughness, metal_info = 0.0, 1 - _read_number(old, "glossinessFactor", 1.0), None
         mode = table.get("alphaMode", _OPAQUE_MODE)
         if mode not in (_OPAQUE_MODE, _MASK_MODE, _BLEND_MODE):
             mode = _OPAQUE_MODE
@@ -171,7 +220,7 @@ class GltfMaterials:
             roughness=roughness,
             emission=(emission[0], emission[1], emission[2]),
             ior=max(1.0, _read_number(get_object(extensions, "KHR_materials_ior"), "ior", 1.5)),
-            transmission=_read_share(get_object(extensions, "KHR_materials_transmission"), "transmissionFactor", 0.0),
+            transmission=_read_number(get_object(extensions, "KHR_materials_transmission"), "transmissionFactor", 0.0),
             base_colour_texture=self._read_texture(base_info, is_srgb=True, is_opaque=mode == _OPAQUE_MODE),
             metallic_roughness_texture=self._read_texture(metal_info, is_srgb=False),
             emission_texture=self._read_texture(table.get("emissiveTexture"), is_srgb=True),
@@ -227,13 +276,7 @@ class GltfMaterials:
             return content
         if is_scheme(uri):
             raise MeshError(f"images[{image}] is '{uri[:80]}', but only files are read")
-        path = find_file(self._gltf.folder, unquote(uri))
-        try:
-            return read_regular(path)
-        except FileNotFoundError:
-            raise MeshError(f"{path} is missing") from None
-        except (OSError, ValueError) as error:
-            raise MeshError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        return read_named(find_file(self._gltf.folder, unquote(uri)))
 
 
 _OLD = "KHR_materials_pbrSpecularGlossiness"
@@ -289,90 +332,15 @@ def _read_normal_scale(info: Any) -> float:
     return min(_MOST_SCALE, max(-_MOST_SCALE, scale))
 
 
-def _read_share(table: dict[str, Any], key: str, default: float) -> float:
-    return min(1.0, max(0.0, _read_number(table, key, default)))
-
-
 def _read_number(table: dict[str, Any], key: str, default: float) -> float:
-    return _read_list([table.get(key, default)], 1, key)[0]
+    return _read_numbers({key: [table.get(key, default)]}, key, (default,))[0]
 
 
 def _read_numbers(table: dict[str, Any], key: str, default: tuple[float, ...]) -> list[float]:
-    """Return as many finite numbers as the default has; those of colours are limited to their range."""
-    numbers = _read_list(get_list(table, key), len(default), key) if key in table else list(default)
-    return [min(1.0, max(0.0, number)) for number in numbers] if key.endswith("Factor") else numbers
-
-
-def _read_list(values: list[Any], count: int, key: str) -> list[float]:
-    if len(values) != count or not all(isinstance(one, int | float) and not isinstance(one, bool) for one in values):
-        raise MeshError(f"'{key}' must be {count} numbers, not {str(values)[:40]}")
-    try:
-        numbers = [float(value) for value in values]
-    except OverflowError:
-        numbers = [math.inf]
-    if not all(map(math.isfinite, numbers)):
+    """Return as many finite numbers as the default has; factors are limited to their range, 0 to 1."""
+    values = get_list(table, key) if key in table else default
+    if [type(value) for value in values if type(value) not in (int, float)] or len(values) != len(default):
+        raise MeshError(f"'{key}' must be {len(default)} numbers, not {str(values)[:40]}")
+    if not all(abs(value) <= sys.float_info.max for value in values):
         raise MeshError(f"'{key}' is not finite")
-    return numbers
-
-
-_OPAQUE = 255
-
-
-class GltfLooks:
-    """Reads the looks of primitives; see `read`."""
-
-    def __init__(self, gltf: GltfData, problems: Problems) -> None:
-        self._gltf = gltf
-        self._problems = problems
-        self._materials = GltfMaterials(gltf, problems)
-
-    def read(self, primitive: dict[str, Any], points: NDArray[np.float64], faces: NDArray[np.integer]) -> LooksPiece:
-        """Return the looks of a primitive.
-
-        Parameters
-        ----------
-        primitive : dict
-            The object of the document.
-        points, faces : (V, 3) float64 and (F, 3) int
-            Its triangles.
-        """
-        arrays: dict[str, NDArray] = {}
-        attributes = get_object(primitive, "attributes")
-        material, placement = None, None
-        if (index := primitive.get("material")) is not None:
-            with self._problems.drop("a material"):
-                material = self._materials.read(index)
-                placement = self._materials.placement_of(index)
-        if "NORMAL" in attributes:
-            with self._problems.drop("the normals"):
-                arrays["normals"] = spread_normals(self._read(attributes["NORMAL"], (3,), points), faces, points, faces)
-        name = f"TEXCOORD_{0 if placement is None else placement.uv_set}"
-        if name in attributes:
-            with self._problems.drop("the texture coordinates"):
-                uvs = self._read(attributes[name], (2,), points)
-                if placement is not None and placement.matrix is not None:
-                    uvs = uvs @ placement.matrix[:, :2].T + placement.matrix[:, 2]
-                # Theirs count from the top.
-                arrays["uvs"] = spread_uvs(np.column_stack((uvs[:, 0], 1 - uvs[:, 1])), faces)
-        if "COLOR_0" in attributes:
-            with self._problems.drop("the colours"):
-                is_opaque = material is None or (material.alpha_cutoff is None and self._materials.is_opaque(index))
-                arrays["colours"] = self._read_colours(attributes["COLOR_0"], points, faces, is_opaque=is_opaque)
-        return LooksPiece(arrays, material, points, faces)
-
-    def _read_colours(
-        self, accessor: Any, points: NDArray[np.float64], faces: NDArray[np.integer], *, is_opaque: bool
-    ) -> NDArray[np.uint8]:
-        """Return the colours of corners in sRGB; in the file they are linear."""
-        linear = self._read(accessor, (3, 4), points)
-        colours = np.full((len(linear), 4), _OPAQUE, np.uint8)
-        colours[:, :3] = linear_to_srgb_bytes(linear[:, :3])
-        if linear.shape[1] == 4 and not is_opaque:
-            colours[:, 3] = to_bytes(linear[:, 3])
-        return spread_colours(colours, faces)
-
-    def _read(self, accessor: Any, widths: tuple[int, ...], points: NDArray[np.float64]) -> NDArray[np.floating]:
-        values = self._gltf.read_vectors(accessor, widths)
-        if len(values) != len(points):
-            raise MeshError(f"there are {len(values):,} for {len(points):,} vertices")
-        return values
+    return [min(1.0, max(0.0, float(value))) if key.endswith("Factor") else float(value) for value in values]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.files import read_regular
+from ...support.files import read_errors_as, read_regular
 from ..appearance.normals import flatten
 from ..mesh import Mesh
 from .file_mesh import OFF_KEYWORD, FileMesh, FileNode, FileParts, Problems, is_binary_stl
@@ -202,13 +202,8 @@ def _no_memory(source: str) -> MeshError:
 
 
 def _read_bytes(file: Path, source: str) -> bytes:
-    try:
+    with read_errors_as(MeshError, source):
         data = read_regular(file)
-    except FileNotFoundError as error:
-        raise MeshError(f"{source}: no such file") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise MeshError(f"{source}: the file cannot be read: {reason}") from error
     if not data:
         raise MeshError(f"{source}: the file is empty")
     # Some editors put a byte-order mark before a text, where it would belong to the first word.

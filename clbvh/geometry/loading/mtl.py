@@ -18,10 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import MeshError
-from ...support.files import read_regular
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import srgb_to_linear
-from .file_mesh import Problems
+from .file_mesh import Problems, read_named
 from .texture_files import TextureFiles, find_file
 
 _MAX_BYTES = 1 << 26
@@ -57,15 +56,10 @@ def read_materials(names: bytes, folder: Path, textures: TextureFiles, problems:
     materials: dict[bytes, Material] = {}
     for name in files:
         path = find_file(folder, name)
-        try:
-            data = read_regular(path, max_bytes=_MAX_BYTES)
-        except FileNotFoundError:
-            problems.add(f"the materials {path} are missing")
-            continue
-        except (OSError, ValueError) as error:
-            problems.add(f"the materials {path} cannot be read: {getattr(error, 'strerror', None) or error}")
-            continue
-        for key, words in _split(data).items():
+        statements: dict[bytes, _Words] = {}
+        with problems.drop(f"the materials {path.name}"):
+            statements = _split(read_named(path, max_bytes=_MAX_BYTES))
+        for key, words in statements.items():
             with problems.drop(f"the material '{key.decode('utf-8', 'replace')[:40]}'"):
                 materials.setdefault(key, _make_material(key, words, textures, path.parent))
             if any(words.get(bump) for bump in _BUMP_KEYS):
@@ -140,8 +134,7 @@ def _find_roughness(words: _Words, specular: list[float] | None) -> float:
 
 
 def _read_light(words: _Words) -> tuple[float, float, float]:
-    light = _read_numbers(words.get(b"ke", [b"0"]))
-    red, green, blue = (max(0.0, number) for number in light)
+    red, green, blue = (max(0.0, number) for number in _read_numbers(words.get(b"ke", [b"0"])))
     return red, green, blue
 
 

@@ -70,12 +70,14 @@ def read_ply_looks(
         with problems.drop("the normals"):
             normals = np.column_stack([vertex_columns[name].values for name in _NORMALS])
             looks["normals"] = spread_normals(normals, faces, vertices, faces)
-    for columns, spread in ((vertex_columns, _to_corners), (face_columns, _to_faces)):
+    for columns in (vertex_columns, face_columns):
         if "colours" not in looks and (names := _find_names(columns, _COLOURS)):
             with problems.drop("the colours"):
                 channels = [columns[name] for name in [*names, *[name for name in _ALPHAS if name in columns][:1]]]
                 colours = join_channels([channel.values for channel in channels], channels[0].dtype)
-                looks["colours"] = spread(colours, triangles)
+                is_of_faces = columns is face_columns
+                ids = np.repeat(_find_polygons(triangles)[:, None], 3, axis=1) if is_of_faces else faces
+                looks["colours"] = spread_colours(colours, ids)
     if _CORNER_UVS in face_columns:
         with problems.drop("the texture coordinates"):
             looks["uvs"] = _read_corner_uvs(face_columns[_CORNER_UVS], triangles)
@@ -106,14 +108,6 @@ def _find_names(columns: Mapping[str, PlyColumn], choices: Sequence[tuple[str, .
     return next((names for names in choices if all(name in columns for name in names)), ())
 
 
-def _to_corners(colours: NDArray[np.uint8], triangles: PlyTriangles) -> NDArray[np.uint8]:
-    return spread_colours(colours, triangles.faces)
-
-
-def _to_faces(colours: NDArray[np.uint8], triangles: PlyTriangles) -> NDArray[np.uint8]:
-    return spread_colours(colours, np.repeat(_find_polygons(triangles)[:, None], 3, axis=1))
-
-
 def _find_polygons(triangles: PlyTriangles) -> NDArray[np.int64]:
     """Return the polygon that each triangle was cut from, (F,) int64."""
     if triangles.sizes is None:
@@ -137,9 +131,8 @@ def _read_corner_uvs(column: PlyColumn, triangles: PlyTriangles) -> NDArray[np.f
 
 def _read_materials(names: list[bytes], textures: TextureFiles) -> list[Material]:
     """Return a white material for each texture."""
-    materials = []
-    for name in names:
-        text = name.decode("utf-8", "replace")
-        texture = textures.read(text, is_srgb=True)
-        materials.append(Material(text, base_colour=(1.0, 1.0, 1.0), base_colour_texture=texture))
-    return materials
+    texts = [name.decode("utf-8", "replace") for name in names]
+    return [
+        Material(text, base_colour=(1.0, 1.0, 1.0), base_colour_texture=textures.read(text, is_srgb=True))
+        for text in texts
+    ]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.files import read_regular
+from ...support.files import read_errors_as, read_regular
 from ...support.memory import check_memory
 
 SPHERES_SUFFIXES = (".npz", ".csv")
@@ -57,12 +57,8 @@ def read_spheres(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDA
     suffix = file.suffix.lower()
     if suffix not in SPHERES_SUFFIXES:
         raise MeshError(f"{path}: the name of a file of spheres must end in {' or '.join(SPHERES_SUFFIXES)}")
-    try:
+    with read_errors_as(MeshError, path):
         data = read_regular(file)
-    except FileNotFoundError as error:
-        raise MeshError(f"{path}: no such file") from error
-    except (OSError, ValueError) as error:
-        raise MeshError(f"{path}: the file cannot be read: {getattr(error, 'strerror', None) or error}") from error
     try:
         return _read_archive(data) if suffix == ".npz" else _read_table(data)
     except MeshError as error:
@@ -101,13 +97,14 @@ def _read_member(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
         return values.reshape(shape, order="F" if is_fortran else "C").astype(np.float64, order="C")
 
 
+_HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
 def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
     version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(file)
-    if version == (2, 0):
-        return np.lib.format.read_array_header_2_0(file)
-    raise MeshError(f"arrays of the format {version[0]}.{version[1]} are not read: numpy writes 1.0 or 2.0")
+    if version not in _HEADER_READERS:
+        raise MeshError(f"arrays of the format {version[0]}.{version[1]} are not read: numpy writes 1.0 or 2.0")
+    return _HEADER_READERS[version](file)
 
 
 def _read_table(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:

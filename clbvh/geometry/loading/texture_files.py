@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...support.files import read_regular
 from ...support.memory import check_memory
 from ..appearance.material import MAX_TEXTURE_SIDE, Texture
-from .file_mesh import Problems
+from .file_mesh import Problems, read_named
 
 # Of Pillow's formats those that are nothing but pixels; EPS, for example, would start another program.
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "SGI", "ICO", "JPEG2000")
@@ -48,15 +47,8 @@ class TextureFiles:
         key = path, is_srgb, wrap
         if key not in self._textures:
             self._textures[key] = None
-            subject = f"the texture {path}"
-            try:
-                self._textures[key] = Texture(path.name, decode_image(read_regular(path)), is_srgb, wrap)
-            except FileNotFoundError:
-                self._problems.add(f"{subject} is missing")
-            except OSError as error:
-                self._problems.add(f"{subject} cannot be read: {error.strerror or error}")
-            except Exception as error:  # decoders raise anything
-                self._problems.add(f"{subject} cannot be used: {error}")
+            with self._problems.drop(f"the texture {path.name}"):
+                self._textures[key] = Texture(path.name, decode_image(read_named(path)), is_srgb, wrap)
         return self._textures[key]
 
 

@@ -82,15 +82,8 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     >>> clbvh.make_shape("icosphere", triangles=1000).face_count
     980
     """
-    known = list_shape_options(name)
-    for key, value in options.items():
-        if key not in known:
-            raise ConfigError(f"the shape '{name}' has no option '{key}': it has {', '.join(known) or 'none'}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-            raise ConfigError(f"the option '{key}' of the shape '{name}' must be a number from 0, not {value!r}")
-    for key, number in (("triangles", triangles), ("seed", seed)):
-        if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0:
-            raise ConfigError(f"{key} must be a whole number from 0, not {number!r}")
+    check_options(f"shape '{name}'", list_shape_options(name), options)
+    check_whole(triangles=(triangles, 0), seed=(seed, 0))
     try:
         check_face_count(int(triangles))
     except MeshError as error:
@@ -98,6 +91,22 @@ def make_shape(name: str, *, triangles: int, seed: int = 0, **options: float) ->
     with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused below
         vertices, faces = SHAPES[name](int(triangles), np.random.default_rng(int(seed)), **options)
     return Mesh.from_arrays(vertices, faces, name=name)
+
+
+def check_options(subject: str, known: tuple[str, ...], options: dict[str, float]) -> None:
+    """Raise `ConfigError` unless options have known names and are numbers from 0."""
+    for key, value in options.items():
+        if key not in known:
+            raise ConfigError(f"the {subject} has no option '{key}': it has {', '.join(known) or 'none'}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+            raise ConfigError(f"the option '{key}' of the {subject} must be a number from 0, not {value!r}")
+
+
+def check_whole(**numbers: tuple[int, int]) -> None:
+    """Raise `ConfigError` unless each number is a whole one, and at least the one beside it."""
+    for key, (number, least) in numbers.items():
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
+            raise ConfigError(f"{key} must be a whole number from {least}, not {number!r}")
 
 
 def list_shape_options(name: str) -> tuple[str, ...]:

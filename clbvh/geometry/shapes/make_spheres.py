@@ -18,6 +18,7 @@ from ...errors import ConfigError
 from ...support.memory import check_memory
 from ..appearance.material import Material
 from ..mesh import MAX_FACE_COUNT
+from .make_shape import check_options, check_whole
 
 
 class SphereSet(NamedTuple):
@@ -236,15 +237,8 @@ def make_spheres(name: str, *, count: int, seed: int = 0, **options: float) -> S
     >>> made.centres.shape, made.radii.shape
     ((1000, 3), (1000,))
     """
-    known = list_spheres_options(name)
-    for key, value in options.items():
-        if key not in known:
-            raise ConfigError(f"the spheres '{name}' have no option '{key}': they have {', '.join(known)}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-            raise ConfigError(f"the option '{key}' of the spheres '{name}' must be a number from 0, not {value!r}")
-    for key, number, least in (("count", count, 1), ("seed", seed, 0)):
-        if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
-            raise ConfigError(f"{key} must be a whole number from {least}, not {number!r}")
+    check_options(f"set of spheres '{name}'", list_spheres_options(name), options)
+    check_whole(count=(count, 1), seed=(seed, 0))
     if count > MAX_FACE_COUNT:
         raise ConfigError(f"{count:,} spheres are too many: the limit is {MAX_FACE_COUNT:,}")
     check_memory(f"{count:,} spheres", int(count) * _BYTES_PER_SPHERE, ConfigError)

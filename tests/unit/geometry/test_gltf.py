@@ -175,7 +175,7 @@ def test_points_and_lines_are_no_triangles(gltf, load):
         ({"mode": 7}, r"meshes\[0\].primitives\[0\] has the mode 7"),
         ({"mode": "fan"}, "has the mode fan"),
         ({"indices": 0}, r"accessors\[0\] has vertex indices, so it must be SCALAR"),
-        ({"attributes": {"POSITION": 1}}, r"accessors\[1\] has positions, so its type must be VEC3"),
+        ({"attributes": {"POSITION": 1}}, r"accessors\[1\] has vectors of 1 numbers, not 3"),
         ({"attributes": {"POSITION": 9}}, r"accessors\[9\], but has 2 accessors"),
         ({"attributes": []}, "'attributes' must be an object"),
         ({"indices": None}, r"primitives\[0\] has 4 corners, but triangles need a multiple of 3"),

@@ -233,7 +233,7 @@ def test_obj_with_groups_and_materials_keeps_the_order(tmp_path):
     f\t5 4 3
     l 1 2
     """
-    with pytest.warns(AppearanceWarning, match="none.mtl are missing"):
+    with pytest.warns(AppearanceWarning, match="none.mtl is missing"):
         mesh = load(tmp_path, "a.obj", text)
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3], [4, 3, 2]]
     assert in_file_coordinates(mesh).tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]]
@@ -316,9 +316,8 @@ def test_gltf_with_its_buffer_in_a_second_file(tmp_path):
     assert load_mesh(tmp_path / "model.gltf").faces.tolist() == [[0, 1, 3]]
     for buffer in tmp_path.glob("*.bin"):
         buffer.unlink()
-    with pytest.raises(MeshError, match=r"buffers.* is the file .* cannot be read: No such file") as caught:
+    with pytest.raises(MeshError, match=r"model.gltf: .*\.bin is missing"):
         load_mesh(tmp_path / "model.gltf")
-    assert caught.value.__cause__ is not None
 
 
 @pytest.mark.parametrize("name", ["a.PLY", "a.stl", "a.obj", "a.txt", "a"])
@@ -490,7 +489,7 @@ def test_a_missing_file_and_a_folder(tmp_path):
         load_mesh(tmp_path / "none.ply")
     with pytest.raises(MeshError, match="this is a folder"):
         load_mesh(tmp_path)
-    with pytest.raises(MeshError, match="cannot be read"):
+    with pytest.raises(MeshError, match="this is not the path of a file"):
         load_mesh("a\0b.ply")
 
 

@@ -86,7 +86,7 @@ def test_the_weekend_fills_a_square(seed):
     ("arguments", "message"),
     [
         ({"name": "nebula"}, "no spheres 'nebula': take one of galaxy, weekend"),
-        ({"loops": 3}, "no option 'loops': they have arms, winding"),
+        ({"loops": 3}, "no option 'loops': it has arms, winding"),
         ({"arms": 0}, "'arms' .* must be 1 to 100, not 0"),
         ({"arms": 2.5}, "'arms' .* must be 1 to 100, not 2.5"),
         ({"bulge": 1.5}, "'bulge' .* must be at most 1, not 1.5"),

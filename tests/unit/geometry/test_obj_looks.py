@@ -162,7 +162,7 @@ def test_an_alpha_that_no_statement_asks_for_is_ignored(tmp_path):
 @pytest.mark.parametrize(
     ("text", "mtl", "message"),
     [
-        ("mtllib lost.mtl\nusemtl a\n", "", "the materials .*lost.mtl are missing"),
+        ("mtllib lost.mtl\nusemtl a\n", "", "the materials .*lost.mtl is missing"),
         ("mtllib ..\nusemtl a\n", "", "cannot be read: this is a folder"),
         ("mtllib /dev/zero\nusemtl a\n", "", "cannot be read: this is a device"),
         ("mtllib a.mtl\nusemtl b\nf 1 2 3\nusemtl a\n", "newmtl a\nKd 0 0 0\n", "materials 'b' are missing"),
