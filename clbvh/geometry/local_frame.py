@@ -1,12 +1,13 @@
 """The map to local coordinates: the centre of a box moves to zero, and a power of two scales its size to about 1.
 
-Owns the choice of origin and scale, and the fast passes over many points. Must not know what the points belong to.
+Owns the choice of origin and scale, the fast passes over many points, and the matrices of rotations. Must not know what
+the points belong to.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,3 +84,14 @@ def _reduce_points(reduce: np.ufunc, points: NDArray[_Float]) -> NDArray[_Float]
         return reduce.reduce(points)
     row = reduce.reduce(points[:even].reshape(row_count, -1))
     return reduce.reduce(np.concatenate([row.reshape(-1, 3), points[even:]]))
+
+
+def rotation_matrix(x: Any, y: Any, z: Any, w: Any) -> NDArray[np.float64]:
+    """Return the matrix, (3, 3, ...), of a unit quaternion, whose real part is `w`; of several if they are arrays."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

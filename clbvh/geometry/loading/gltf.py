@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ..appearance.appearance import Appearance
+from ..local_frame import rotation_matrix
 from ..mesh import check_face_count
 from .file_mesh import FileMesh, FileNode, FileParts, Problems, cut_fans, drop_loose_vertices
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
@@ -180,13 +181,7 @@ def _read_matrix(node: dict[str, Any], index: int) -> NDArray[np.float64]:
     if length == 0:
         raise MeshError(f"nodes[{index}] has a rotation of length 0")
     x, y, z, w = rotation / length
-    matrix[:3, :3] = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    ) * _read_vector(node, "scale", np.ones(3))
+    matrix[:3, :3] = rotation_matrix(x, y, z, w) * _read_vector(node, "scale", np.ones(3))
     matrix[:3, 3] = _read_vector(node, "translation", np.zeros(3))
     return matrix
 

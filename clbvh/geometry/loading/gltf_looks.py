@@ -8,7 +8,6 @@ Khronos Group, "glTF 2.0 Specification", 2021, section 3.9, and the extensions t
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -24,7 +23,7 @@ from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import linear_to_srgb_bytes, to_bytes
 from .file_mesh import Problems, finish_looks, read_named, spread_colours, spread_normals, spread_uvs
 from .gltf_data import GltfData, get_list, get_object, get_whole, is_scheme
-from .texture_files import decode_image, find_file
+from .texture_files import decode_image, find_file, with_alpha
 
 # Of corners whose part has none of them: the middle of no texture, and white, which tints nothing.
 _FILLERS = {"uvs": ((3, 2), np.float32, 0), "colours": ((3, 4), np.uint8, 255)}
@@ -244,7 +243,7 @@ class GltfLooks:
                 pixels = self._read_pixels(image)
                 if pixels is not None:
                     texture = Texture(self._name_of(image), pixels, is_srgb, wrap)
-                    self._textures[key] = _without_alpha(texture) if is_opaque else texture
+                    self._textures[key] = with_alpha(texture, OPAQUE) if is_opaque else texture
             return self._textures[key]
         return None
 
@@ -317,14 +316,6 @@ def _find_source(texture: dict[str, Any]) -> Any:
     if "source" not in texture:
         raise MeshError(f"it has no image that is read{', but ' + ', '.join(extensions) if extensions else ''}")
     return texture["source"]
-
-
-def _without_alpha(texture: Texture) -> Texture:
-    if texture.is_opaque:
-        return texture
-    pixels = texture.pixels.copy()
-    pixels[..., 3] = OPAQUE
-    return dataclasses.replace(texture, pixels=pixels)
 
 
 def _read_normal_scale(info: Any) -> float:

@@ -21,7 +21,7 @@ from ...errors import MeshError
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import srgb_to_linear
 from .file_mesh import Problems, read_named
-from .texture_files import TextureFiles, find_file
+from .texture_files import TextureFiles, find_file, with_alpha
 
 _MAX_BYTES = 1 << 26
 _NEW = b"newmtl"
@@ -184,23 +184,17 @@ def _join_alpha(texture: Texture | None, mask: Texture | None) -> Texture | None
     The alpha of a mask is that of its pixels, or their grey if they are opaque.
     """
     if mask is None:
-        return texture if texture is None or texture.is_opaque else _with_alpha(texture, np.uint8(OPAQUE))
+        return texture and with_alpha(texture, OPAQUE)
     alpha = mask.pixels[..., 0] if mask.is_opaque else mask.pixels[..., 3]
     if texture is None:
         white = np.full((*alpha.shape, 4), OPAQUE, np.uint8)
-        return _with_alpha(Texture(mask.name, white, True, mask.wrap), alpha)
+        return with_alpha(Texture(mask.name, white, True, mask.wrap), alpha)
     if alpha.shape == texture.pixels.shape[:2]:
-        return _with_alpha(texture, alpha)
+        return with_alpha(texture, alpha)
     # To the size of the larger one, pixel by pixel.
     height, width = np.maximum(alpha.shape, texture.pixels.shape[:2])
     pixels, alpha = (
         values[np.arange(height)[:, None] * len(values) // height, np.arange(width) * values.shape[1] // width]
         for values in (texture.pixels, alpha)
     )
-    return _with_alpha(dataclasses.replace(texture, pixels=pixels), alpha)
-
-
-def _with_alpha(texture: Texture, alpha: np.ndarray | np.uint8) -> Texture:
-    pixels = texture.pixels.copy()
-    pixels[..., 3] = alpha
-    return dataclasses.replace(texture, pixels=pixels)
+    return with_alpha(dataclasses.replace(texture, pixels=pixels), alpha)

@@ -5,6 +5,7 @@ Owns the limits: only regular files, only formats of pixels, and no picture larg
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import warnings
 from pathlib import Path, PurePosixPath
@@ -50,6 +51,15 @@ class TextureFiles:
             with self._problems.drop(f"the texture {path.name}"):
                 self._textures[key] = Texture(path.name, decode_image(read_named(path)), is_srgb, wrap)
         return self._textures[key]
+
+
+def with_alpha(texture: Texture, alpha: NDArray[np.uint8] | int) -> Texture:
+    """Return a texture with another alpha, (h, w) or one for all pixels; the same object if it has that already."""
+    if (texture.pixels[..., 3] == alpha).all():
+        return texture
+    pixels = texture.pixels.copy()
+    pixels[..., 3] = alpha
+    return dataclasses.replace(texture, pixels=pixels)
 
 
 def find_file(folder: Path, name: str) -> Path:

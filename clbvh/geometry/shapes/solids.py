@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError
+from ..local_frame import rotation_matrix
 
 Solid = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -164,13 +165,7 @@ def make_boxes(triangles: int, generator: np.random.Generator, *, spread: float 
     # A random rotation is a random unit quaternion (Ken Shoemake, "Uniform Random Rotations", 1992).
     q = generator.normal(size=(count, 4))
     w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    ).transpose(2, 0, 1)
+    rotation = rotation_matrix(x, y, z, w).transpose(2, 0, 1)
     sides = radii[:, None] * generator.uniform(0.35, 1.0, (count, 3))
     vertices = centres[:, None, :] + (CUBE_CORNERS * sides[:, None, :]) @ rotation.transpose(0, 2, 1)
     return _repeat_faces(vertices, CUBE_FACES)
