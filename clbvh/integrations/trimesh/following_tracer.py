@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from numbers import Integral
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -195,9 +195,13 @@ class _Follower:
     transforms : (n, 4, 4) float64
     meshes : dict of str to trimesh.Trimesh
         By the name of the geometry.
+    graph_key : tuple
+        See `_graph_key`.
     """
 
-    def __init__(self, nodes: SceneNodes, transforms: NDArray[np.float64], meshes: dict[Any, Any]) -> None:
+    def __init__(
+        self, nodes: SceneNodes, transforms: NDArray[np.float64], meshes: dict[Any, Any], graph_key: tuple[Any, ...]
+    ) -> None:
         self.nodes = nodes
         self.contents = SceneContents()
         self.contents_of = {name: hash(mesh) for name, mesh in meshes.items()}
@@ -208,23 +212,18 @@ class _Follower:
             self.geometries[name] = self.contents.add(self.meshes[name])
         for geometry, transform in zip(nodes.geometries, transforms, strict=True):
             self.contents.place(self.geometries[geometry], transform)
-        # None while it is not known what the tracer has: Ctrl-C may strike in the middle of a change.
-        self.transforms: NDArray[np.float64] | None = transforms
-        self.graph_key: Any = None
+        self.transforms = transforms
+        self.graph_key = graph_key
 
     def move(self, tracer: Tracer, transforms: NDArray[np.float64]) -> None:
         """Set the transforms that have changed."""
-        known, self.transforms = self.transforms, None
-        moved = np.arange(len(transforms))
-        if known is not None:
-            moved = moved[(known != transforms).any(axis=(1, 2))]
+        moved = np.flatnonzero((self.transforms != transforms).any(axis=(1, 2)))
         if len(moved):
             tracer.set_transforms(moved, transforms[moved])
         self.transforms = transforms
 
     def deform(self, tracer: Tracer, name: Any, mesh: Any) -> None:
         """Set the vertices of a mesh whose faces are as before."""
-        self.contents_of.pop(name, None)
         tracer.set_vertices(self.geometries[name], np.asarray(mesh.vertices))
         self.contents_of[name] = hash(mesh)
 
@@ -243,7 +242,7 @@ class SceneTracer(FollowingTracer["_Follower"]):
         """Return the nodes of the scene as it is now."""
         with self._lock:
             known = self._follower
-            if known is not None and known.graph_key is not None and known.graph_key == _graph_key(scene):
+            if known is not None and known.graph_key == _graph_key(scene):
                 return known.nodes
         return _read_nodes(scene)[0]
 
@@ -256,53 +255,42 @@ class SceneTracer(FollowingTracer["_Follower"]):
 
     def _follow_open(self, scene: Any) -> tuple[Tracer, _Follower]:
         """Return a tracer of the scene as it is now, and what it follows: both new ones if they cannot be moved."""
-        tracer, known = self._tracer, self._follower
-        key = _graph_key(scene)
+        tracer, known, key = self._tracer, self._follower, _graph_key(scene)
         if tracer is not None and known is not None and not tracer.is_closed:
-            is_as_known = known.graph_key is not None and known.graph_key == key
-            if is_as_known and all(known.contents_of.get(name) == hash(mesh) for name, mesh in _meshes(scene, known)):
-                return tracer, known
+            is_as_known = known.graph_key == key
             nodes, transforms = (known.nodes, known.transforms) if is_as_known else _read_nodes(scene)
-            if transforms is not None and nodes.is_same(known.nodes):
-                try:
-                    if self._update(tracer, known, scene, transforms):
+            if is_as_known or nodes.is_same(known.nodes):
+                meshes = ((name, scene.geometry[name]) for name in known.geometries)
+                changed = [(name, mesh) for name, mesh in meshes if known.contents_of[name] != hash(mesh)]
+                if is_as_known and not changed:
+                    return tracer, known
+                if all(known.can_deform(name, mesh) for name, mesh in changed):
+                    # A change that fails or is interrupted leaves a tracer of nothing that is known: the next is new.
+                    self._follower = None
+                    try:
+                        known.move(tracer, transforms)
+                        for name, mesh in changed:
+                            known.deform(tracer, name, mesh)
+                    except DeviceError:
+                        pass  # no room for a second copy: open another one in place of this one
+                    else:
                         known.graph_key = key
+                        self._follower = known
                         return tracer, known
-                except DeviceError:
-                    pass  # no room for a second copy: open another one in place of this one
         self._take()
         if tracer is not None:
             tracer.close()
         nodes, transforms = _read_nodes(scene)
         if len(nodes.names) == 0:
             raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
-        follower = _Follower(nodes, transforms, {name: scene.geometry[name] for name in nodes.geometries})
-        tracer = self._open_new(follower.contents)
-        follower.graph_key = key
-        self._tracer, self._follower = tracer, follower
-        return tracer, follower
-
-    @staticmethod
-    def _update(tracer: Tracer, known: _Follower, scene: Any, transforms: NDArray[np.float64]) -> bool:
-        """Move nodes and vertices to where they are now; return false if a mesh has other faces."""
-        changed = [(name, mesh) for name, mesh in _meshes(scene, known) if known.contents_of.get(name) != hash(mesh)]
-        if not all(known.can_deform(name, mesh) for name, mesh in changed):
-            return False
-        known.graph_key = None
-        known.move(tracer, transforms)
-        for name, mesh in changed:
-            known.deform(tracer, name, mesh)
-        return True
+        follower = _Follower(nodes, transforms, {name: scene.geometry[name] for name in nodes.geometries}, key)
+        self._tracer, self._follower = self._open_new(follower.contents), follower
+        return self._tracer, follower
 
 
 def _graph_key(scene: Any) -> tuple[Any, ...]:
     """Return what changes when a node is moved, added or taken away, or gets another geometry."""
     return hash(scene.graph), scene.graph.base_frame, tuple(scene.geometry)
-
-
-def _meshes(scene: Any, known: _Follower) -> Iterator[tuple[Any, Any]]:
-    """Yield the name and the mesh of each known geometry."""
-    return ((name, scene.geometry[name]) for name in known.geometries)
 
 
 def _read_nodes(scene: Any) -> tuple[SceneNodes, NDArray[np.float64]]:

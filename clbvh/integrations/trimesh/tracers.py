@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...builders.build import build
 from ...bvh import Bvh
 from ...bvh.bvh import sah_cost
-from ...errors import DeviceError, MeshError, QueryError
+from ...errors import DeviceError, QueryError
 from ...geometry import Mesh
 from ...geometry.appearance.normals import VertexFaces, find_vertex_faces
 from ...geometry.as_mesh import MeshLike, as_mesh
@@ -97,13 +97,9 @@ class MeshTracer(FollowingTracer["FollowedTree"]):
                 return known
             vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
             if known is not None and has_faces(known.mesh, vertices, faces):
-                # Ctrl-C leaves the tracer with either mesh: no tree is known until it has the new one.
+                # A move that fails or is interrupted leaves the tracer with either mesh: no tree is known then.
                 self._tree = None
-                try:
-                    self._tree = tree = self._move(content, known.built, vertices)
-                except MeshError:
-                    self._tree = known
-                    raise
+                self._tree = tree = self._move(content, known.built, vertices)
                 if tree is not None:
                     return tree
             self._give_back()

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,15 +82,21 @@ def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None =
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
     if caster.tree.has_instances:
         with select_instances(caster, seen.instance_ids) as selected:
-            return find_scene_closest_points(selected, seen.points, seen.masks, progress)
-    found = find_closest_points(caster, caster.tree.mesh, seen.points, progress)
-    hidden = seen.hidden()
+            found = _find_points(selected, _SCENE_CLOSEST_POINT, seen, progress)
+        shape, geometry_id = seen.points.shape, np.full(len(found.prim_id), NO_PRIM, np.int32)
+        is_found = found.instance_id != NO_PRIM
+        geometry_id[is_found] = caster.tree.surface.geometry_id[found.instance_id[is_found]]
+        return SceneClosestPoints(
+            found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape),
+            geometry_id.reshape(shape), found.instance_id.reshape(shape),
+        )  # fmt: skip
+    closest, hidden = find_closest_points(caster, caster.tree.mesh, seen.points, progress), seen.hidden()
     if hidden is None:
-        return found
+        return closest
     return ClosestPoints(
-        np.where(hidden, np.inf, found.distance),
-        np.where(hidden[..., None], np.nan, found.point),
-        np.where(hidden, np.int32(NO_PRIM), found.prim_id),
+        np.where(hidden, np.inf, closest.distance),
+        np.where(hidden[..., None], np.nan, closest.point),
+        np.where(hidden, np.int32(NO_PRIM), closest.prim_id),
     )
 
 
@@ -97,8 +104,8 @@ def is_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = N
     """Return whether something visible contains each point; see `Tracer.contains`."""
     if caster.tree.has_instances:
         with select_instances(caster, seen.instance_ids) as selected:
-            return find_scene_inside(selected, seen.points, seen.masks, progress)
-    inside, hidden = find_inside(caster, seen.points, progress), seen.hidden()
+            return _find_inside_instances(selected, seen, progress)
+    inside, hidden = _find_inside(caster, seen.points, progress), seen.hidden()
     return inside if hidden is None else inside & ~hidden
 
 
@@ -106,7 +113,11 @@ def signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None
     """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
     if caster.tree.has_instances:
         with select_instances(caster, seen.instance_ids) as selected:
-            return find_scene_signed_distance(selected, seen.points, seen.masks, progress)
+            signed = -_find_points(selected, _SCENE_CLOSEST_POINT, seen, progress).distance
+            depth = _find_points(selected, _DEPTH, seen, None)
+        is_inside = depth.prim_id != NO_PRIM
+        signed[is_inside] = depth.distance[is_inside]
+        return signed.reshape(seen.points.shape)
     distance = closest_points(caster, seen, progress).distance
     return np.where(is_contained(caster, seen), distance, -distance)
 
@@ -143,7 +154,7 @@ def _find_chunk(call: Call, mesh: Mesh, points: NDArray[Any], closest: ClosestPo
         call.threads.for_ranges(len(points), refine)
 
 
-def find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
+def _find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
     check_room(math.prod(points.shape), 1, "points")
     box, is_inside = caster.box, np.zeros(math.prod(points.shape), np.bool_)
@@ -158,45 +169,16 @@ def find_inside(caster: Caster, points: Broadcast, progress: Progress | None = N
 
 
 @cut_smaller_when_full
-def find_scene_closest_points(
-    caster: Caster, points: Broadcast, masks: Broadcast | None, progress: Progress | None = None
-) -> SceneClosestPoints:
-    """Return the closest points of the surfaces in a scene; see `Tracer.closest_point`."""
-    found = _find_points(caster, _SCENE_CLOSEST_POINT, points, masks, progress)
-    shape, geometry_id = points.shape, np.full(len(found.prim_id), NO_PRIM, np.int32)
-    is_found = found.instance_id != NO_PRIM
-    geometry_id[is_found] = caster.tree.surface.geometry_id[found.instance_id[is_found]]
-    return SceneClosestPoints(
-        found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape),
-        geometry_id.reshape(shape), found.instance_id.reshape(shape),
-    )  # fmt: skip
-
-
-@cut_smaller_when_full
-def find_scene_inside(
-    caster: Caster, points: Broadcast, masks: Broadcast | None, progress: Progress | None = None
-) -> NDArray[np.bool_]:
-    """Return whether an instance of a scene contains each point; see `Tracer.contains`."""
-    count = math.prod(points.shape)
+def _find_inside_instances(caster: Caster, seen: SeenPoints, progress: Progress | None) -> NDArray[np.bool_]:
+    """Return whether an instance of a scene contains each point."""
+    count = math.prod(seen.points.shape)
     check_room(count, 1, "points")
     is_inside = np.empty(count, np.bool_)
     with caster.open_call() as call:
-        for begin, chunk, order in _cut(call, points, progress):
-            with _cast(call, _INSIDE, masks, begin, chunk, order) as inside:
+        for begin, chunk, order in _cut(call, seen.points, progress):
+            with _cast(call, _INSIDE, seen.masks, begin, chunk, order) as inside:
                 is_inside[begin + order] = inside
-    return is_inside.reshape(points.shape)
-
-
-@cut_smaller_when_full
-def find_scene_signed_distance(
-    caster: Caster, points: Broadcast, masks: Broadcast | None, progress: Progress | None = None
-) -> NDArray[np.float64]:
-    """Return the signed distance to the surface of a scene; see `Tracer.signed_distance`."""
-    signed = -_find_points(caster, _SCENE_CLOSEST_POINT, points, masks, progress).distance
-    depth = _find_points(caster, _DEPTH, points, masks, None)
-    is_inside = depth.prim_id != NO_PRIM
-    signed[is_inside] = depth.distance[is_inside]
-    return signed.reshape(points.shape)
+    return is_inside.reshape(seen.points.shape)
 
 
 @contextmanager
@@ -223,30 +205,26 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -
         yield caster.over(selected, caster.box)
 
 
-def _find_points(
-    caster: Caster, query: Query, points: Broadcast, masks: Broadcast | None, progress: Progress | None
-) -> FoundPoints:
+@cut_smaller_when_full
+def _find_points(caster: Caster, query: Query, seen: SeenPoints, progress: Progress | None) -> FoundPoints:
     """Return the points of the primitives that a query finds, refined."""
-    count = math.prod(points.shape)
+    count = math.prod(seen.points.shape)
     check_room(count, _POINT_BYTES, "points")
     found, arrays = FoundPoints.make(count), caster.tree.surface
     with caster.open_call() as call:
-        for begin, chunk, order in _cut(call, points, progress):
+        for begin, chunk, order in _cut(call, seen.points, progress):
             part = found.part(begin, begin + len(chunk))
-            with _cast(call, query, masks, begin, chunk, order) as prims:
-
-                def refine(
-                    first: int,
-                    last: int,
-                    chunk: NDArray[Any] = chunk,
-                    order: NDArray[np.int32] = order,
-                    prims: NDArray[np.void] = prims,
-                    part: FoundPoints = part,
-                ) -> None:
-                    refine_scene_points(chunk, arrays, order[first:last], prims[first:last], part)
-
-                call.threads.for_ranges(len(chunk), refine)
+            with _cast(call, query, seen.masks, begin, chunk, order) as prims:
+                ranges = partial(_refine_range, chunk, arrays, order, prims, part)
+                call.threads.for_ranges(len(chunk), ranges)
     return found
+
+
+def _refine_range(
+    chunk: NDArray[Any], arrays: Any, order: NDArray[np.int32], prims: NDArray[np.void], part: FoundPoints,
+    first: int, last: int,
+) -> None:  # fmt: skip
+    refine_scene_points(chunk, arrays, order[first:last], prims[first:last], part)
 
 
 def _cut(
