@@ -218,9 +218,15 @@ class TreeBuffers:
         self._held: list[NDArray[np.uint8]] = []
 
     def twin(self) -> TreeBuffers:
-        """Return buffers of the same sizes, which are not allocated yet."""
-        twin = TreeBuffers.__new__(TreeBuffers)
-        twin._session, twin._shapes, twin.arguments, twin._held = self._session, self._shapes, {}, []
+        """Return other buffers of the same sizes; the device may have no room for them."""
+        twin = copy(self)
+        twin.arguments, twin._held = {}, []
+        try:
+            for name in _NAMES:
+                twin.arguments[name] = self._session.allocate(self._byte_count(name), writable=False)
+        except BaseException:
+            twin.release()
+            raise
         return twin
 
     def hold(self) -> list[NDArray[np.uint8]]:
@@ -231,21 +237,6 @@ class TreeBuffers:
     def _let_go(self) -> None:
         while self._held:
             self._session.end_mapping(self._held.pop())
-
-    def allocate(self) -> None:
-        """Allocate the buffers that are missing.
-
-        Raises
-        ------
-        DeviceError
-            The device has no room for them; then there are none.
-        """
-        try:
-            for name in self._shapes.keys() - self.arguments.keys():
-                self.arguments[name] = self._session.allocate(self._byte_count(name), writable=False)
-        except BaseException:
-            self.release()
-            raise
 
     @property
     def byte_count(self) -> int:
@@ -355,8 +346,6 @@ class TreeCopies:
         for surplus in free[1:]:
             self._copies.remove(surplus)
             surplus.buffers.release()
-        # Listed above first: Ctrl-C in between would leave buffers that nobody knows.
-        free[0].buffers.allocate()
         return free[0]
 
 

@@ -301,7 +301,8 @@ class Call(MemoryLoan):
         if piece.order is not None and in_ray_order:
             order = self._fill("order", piece.order.dtype, count, partial(_copy, piece.order))
         row_length = piece.row_length or count
-        work_size, work_group = (row_length, -(-count // row_length)), self._work_group(piece)
+        work_size, settings = (row_length, -(-count // row_length)), self._session.settings
+        work_group = settings.tile if piece.row_length else (settings.work_group_size, 1)
         described["row_length"] = np.int32(row_length)
         starts: dict[str, Any] = {"entry_points": None} | ({"tiles": None} if has_instances else {})
         if piece.is_coherent and self._tree.has_entry_points:
@@ -402,10 +403,6 @@ class Call(MemoryLoan):
     @property
     def _session(self) -> DeviceSession:
         return self.memory.session
-
-    def _work_group(self, piece: RayPiece) -> tuple[int, int]:
-        settings = self._session.settings
-        return settings.tile if piece.row_length else (settings.work_group_size, 1)
 
     def _fill(self, name: str, dtype: np.dtype, count: int, fill: Callable[[int, int, NDArray[Any]], object]) -> Any:
         """Return a buffer of the call after several threads have filled it."""

@@ -20,7 +20,7 @@ from ...trace.points.refine import ClosestPoints
 from ...trace.tracer import Tracer
 from .following_tracer import EngineOptions, read_options
 from .nearest import choose_facing, find_nearest_vertices
-from .ray import RayMeshIntersector
+from .ray import RayMeshIntersector, read_points
 from .tracers import FollowedTree, MeshTracer, find_tracer, options_for, read_mesh
 
 
@@ -243,14 +243,6 @@ def signed_distance(mesh: Any, points: ArrayLike) -> NDArray[np.float64]:
     array([ 0.1, -1.5])
     """
     return ProximityQuery(mesh).signed_distance(points)
-
-
-def read_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
-    """Return (n, 3) float64, C-contiguous, or raise `QueryError`; the name in the message is trimesh's."""
-    array = np.ascontiguousarray(np.asarray(points, dtype=np.float64))
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise QueryError(f"{name} must be (n,3), not of shape {array.shape}")
-    return array
 
 
 def _nearest_of_few(vertices: NDArray[Any], points: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.int64]]:

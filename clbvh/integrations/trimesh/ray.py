@@ -270,9 +270,7 @@ class RayMeshIntersector(RayEngine):
         >>> RayMeshIntersector(trimesh.creation.box()).contains_points([[0, 0, 0], [1, 1, 1]])
         array([ True, False])
         """
-        points = np.asarray(points, np.float64)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise QueryError(f"points must be (n,3), not of shape {points.shape}")
+        points = read_points(points)
         if self.mesh.bounds is None:
             raise MeshError("a mesh without faces contains no points: give the mesh faces first")
         contains = np.zeros(len(points), np.bool_)
@@ -310,3 +308,11 @@ def read_rays(origins: ArrayLike, directions: ArrayLike) -> tuple[NDArray[Any], 
     if rays[0].ndim == 1 and rays[0].size:
         raise QueryError(f"ray_origins and ray_directions must be (n,3), not of shape {rays[0].shape}")
     return rays
+
+
+def read_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    """Return (n, 3) float64, C-contiguous, or raise `QueryError`; the name in the message is trimesh's."""
+    array = np.ascontiguousarray(np.asarray(points, dtype=np.float64))
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise QueryError(f"{name} must be (n,3), not of shape {array.shape}")
+    return array

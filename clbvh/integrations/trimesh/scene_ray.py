@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...device.info import DeviceInfo
-from ...errors import QueryError, SceneError
+from ...errors import SceneError
 from ...trace.points.queries import GENERIC_DIRECTIONS
 from .following_tracer import SceneTracer
-from .ray import MAX_HITS, RayEngine, order_by_depth, read_rays
+from .ray import MAX_HITS, RayEngine, order_by_depth, read_points, read_rays
 from .tracers import make_room
 
 # Points whose rays are cast at a time; their crossings are on the host.
@@ -241,9 +241,7 @@ class SceneRay(RayEngine):
         >>> ray.contains_points([[0, 0, 0], [0, 1, 1], [3, 0, 0]])
         array([ True,  True, False])
         """
-        points = np.asarray(points, np.float64)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise QueryError(f"points must be (n,3), not of shape {points.shape}")
+        points = read_points(points)
         contains = np.zeros(len(points), np.bool_)
         for begin in range(0, max(1, len(points)), _POINTS_AT_ONCE):
             part = slice(begin, begin + _POINTS_AT_ONCE)

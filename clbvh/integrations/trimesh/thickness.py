@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from trimesh.constants import tol
 
 from ...errors import ConfigError, QueryError
-from .proximity import closest_point, read_points
+from .proximity import closest_point
+from .ray import read_points
 from .tracers import find_tracer, options_for, read_mesh
 
 # Hits of a ray that are looked at first. The surface that a ray starts from is one, or a few in a corner.
