@@ -167,7 +167,6 @@ def check_device(
     *,
     layouts: Sequence[str] = ALL_LAYOUTS,
     meshes: Sequence[str] = (),
-    on_case: Callable[[str], None] = lambda case: None,
 ) -> Conformance:
     """Compare all answers of a device with the stored ones.
 
@@ -178,8 +177,6 @@ def check_device(
         Among `ALL_LAYOUTS`.
     meshes : sequence of str, optional
         Names of cases; all without it.
-    on_case : function, optional
-        Called with the mesh and the layout before they are checked.
 
     Raises
     ------
@@ -203,7 +200,7 @@ def check_device(
         if digests.get(case.name) != digest_of(case):
             unusable.append(case.name)
             continue
-        for layout, query, answer in answer_case(case, device, layouts, on_case):
+        for layout, query, answer in answer_case(case, device, layouts):
             stored = expected[case.name][query]
             key = layout, query
             compared[key] = compared.get(key, 0) + len(answer)
@@ -211,13 +208,10 @@ def check_device(
     return Conformance(device, compared, tuple(differences), tuple(unusable))
 
 
-def answer_case(
-    case: Case, device: DeviceInfo, layouts: Sequence[str], on_case: Callable[[str], None] = lambda case: None
-) -> Iterator[tuple[str, str, Answer]]:
+def answer_case(case: Case, device: DeviceInfo, layouts: Sequence[str]) -> Iterator[tuple[str, str, Answer]]:
     """Yield layout, query and answer of everything that is asked about a case."""
     bvh = build(case.mesh)
     for layout in layouts:
-        on_case(f"{case.name}, {layout}")
         if layout != BRUTE:
             for query, answer in answer_rays(case, bvh, layout, device):
                 yield layout, query, answer

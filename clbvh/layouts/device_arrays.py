@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
-from ..geometry import Mesh, Shape, Spheres
+from ..geometry import Shape, Spheres
 from ..structs import (
     BVH2_COUNT,
     BVH2_FIRST,
@@ -31,7 +31,7 @@ from ..structs import (
     TRIANGLE_BLOCKS,
 )
 from ..support.compiled import compiled
-from .leaf_blocks import FaceNumbers, gather_blocks, gather_sphere_blocks, gather_spheres, gather_triangles
+from .leaf_blocks import FaceNumbers, gather_blocks
 from .wide import widen
 
 
@@ -68,19 +68,12 @@ def make_device_arrays(
         Of a mesh whose faces the device is to know by other numbers.
     """
     width = LAYOUT_WIDTHS[layout]
+    prims = shape if isinstance(shape, Spheres) else bvh.mesh
     if width == 2:
-        blocks = (
-            gather_spheres(shape, bvh.prim_ids)
-            if isinstance(shape, Spheres)
-            else gather_triangles(bvh.mesh, bvh.prim_ids, face_numbers)
-        )
+        blocks = gather_blocks(prims, bvh.prim_ids.reshape(-1, 1), face_numbers)
         return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
     tree = widen(bvh, width)
-    blocks = (
-        gather_sphere_blocks(shape, tree.blocks)
-        if isinstance(shape, Spheres)
-        else gather_blocks(bvh.mesh, tree.blocks, face_numbers)
-    )
+    blocks = gather_blocks(prims, tree.blocks, face_numbers)
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
     return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)
@@ -88,9 +81,8 @@ def make_device_arrays(
 
 def list_prims(shape: Shape) -> DeviceArrays:
     """Return the primitives of a shape in their order, without a tree: the layout ``"brute"``."""
-    order = np.arange(shape.prim_count, dtype=np.int32)
-    blocks = gather_triangles(shape, order) if isinstance(shape, Mesh) else gather_spheres(shape, order)
-    return DeviceArrays(np.empty(0, BVH2_NODE), blocks, 0)
+    order = np.arange(shape.prim_count, dtype=np.int32).reshape(-1, 1)
+    return DeviceArrays(np.empty(0, BVH2_NODE), gather_blocks(shape, order), 0)
 
 
 def measure_device_bytes(bvh: Bvh, layout: str, shape: Shape | None = None) -> int:

@@ -5,14 +5,14 @@ A primitive of `bvh2` is a block of one lane; the wide layouts have blocks of fo
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Mesh, Spheres
+from ..geometry import Mesh, Shape
 from ..geometry.box_mesh import bound_sphere, sphere_reach
-from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS, TRIANGLE_LANES
+from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.compiled import compiled
 
 # For faces whose numbers on the device are their indices.
@@ -34,66 +34,37 @@ class FaceNumbers(NamedTuple):
     is_degenerate: NDArray[np.bool_]
 
 
-def gather_triangles(
-    mesh: Mesh, prim_ids: NDArray[np.int32], face_numbers: FaceNumbers | None = None
-) -> NDArray[np.void]:
-    """Return the mesh's triangles in the given order, each with its corners.
+def gather_blocks(shape: Shape, blocks: NDArray[np.int32], face_numbers: FaceNumbers | None = None) -> NDArray[np.void]:
+    """Return the triangles or spheres of each block.
 
     Parameters
     ----------
-    mesh : Mesh
-    prim_ids : (n,) int32
-        Faces of the mesh: a tree's `prim_ids`, or all faces in order.
-    face_numbers : FaceNumbers, optional
-
-    Returns
-    -------
-    (n,) `structs.TRIANGLE`
-        Degenerate triangles have three equal corners.
-    """
-    triangles: NDArray[Any] = np.empty((len(prim_ids), TRIANGLE_LANES), np.float32)
-    _gather(mesh, prim_ids.reshape(-1, 1), face_numbers, triangles, nan_if_degenerate=False)
-    return triangles.view(TRIANGLE).reshape(-1)
-
-
-def gather_blocks(mesh: Mesh, blocks: NDArray[np.int32], face_numbers: FaceNumbers | None = None) -> NDArray[np.void]:
-    """Return the corners of the triangles of each block.
-
-    Parameters
-    ----------
-    mesh : Mesh
+    shape : Mesh or Spheres
     blocks : (G, width) int32
-        Of a `WideTree` over the mesh.
+        Faces of the mesh, or spheres: of a `WideTree`, or one in each block, as `bvh2` has them.
     face_numbers : FaceNumbers, optional
 
     Returns
     -------
-    (G,) `structs.TRIANGLE_BLOCKS[width]`
-        Degenerate triangles and lanes without a triangle are NaN.
+    (G,) `structs.TRIANGLE_BLOCKS[width]` or `structs.SPHERE_BLOCKS[width]`; with a width of 1 `TRIANGLE` or `SPHERE`
+        Lanes without a primitive are NaN, and so are degenerate triangles, which in `TRIANGLE` have three equal
+        corners.
     """
-    triangle_blocks = np.empty(len(blocks), TRIANGLE_BLOCKS[blocks.shape[1]])
-    lanes = triangle_blocks.view(np.float32).reshape(len(blocks), -1)
-    _gather(mesh, blocks, face_numbers, lanes, nan_if_degenerate=True)
-    return triangle_blocks
-
-
-def _gather(
-    mesh: Mesh,
-    blocks: NDArray[np.int32],
-    face_numbers: FaceNumbers | None,
-    lanes: NDArray[np.float32],
-    *,
-    nan_if_degenerate: bool,
-) -> None:
-    """Write the corners and numbers of the triangles of each block into the lanes of the blocks' structs."""
-    numbers, degenerate = face_numbers or (_NO_NUMBERS, mesh.degenerate_faces)
-    _gather_lanes(
-        mesh.local_vertices, mesh.faces, degenerate, numbers, blocks, nan_if_degenerate, lanes, lanes.view(np.int32)
-    )
+    width = blocks.shape[1]
+    struct = TRIANGLE_BLOCKS.get(width, TRIANGLE) if isinstance(shape, Mesh) else SPHERE_BLOCKS.get(width, SPHERE)
+    gathered = np.empty(len(blocks), struct)
+    lanes = gathered.view(np.float32).reshape(len(blocks), struct.itemsize // 4)
+    written = blocks, lanes, lanes.view(np.int32)
+    if isinstance(shape, Mesh):
+        numbers, degenerate = face_numbers or (_NO_NUMBERS, shape.degenerate_faces)
+        _gather_triangles(shape.local_vertices, shape.faces, degenerate, numbers, *written)
+    else:
+        _gather_spheres(shape.local_centres, shape.local_radii, *written)
+    return gathered
 
 
 @compiled
-def _gather_lanes(vertices, faces, degenerate, numbers, blocks, nan_if_degenerate, lanes, lane_ints):
+def _gather_triangles(vertices, faces, degenerate, numbers, blocks, lanes, lane_ints):
     width = blocks.shape[1]
     first_prim_id = 9 * width
     for block in range(len(blocks)):
@@ -101,7 +72,7 @@ def _gather_lanes(vertices, faces, degenerate, numbers, blocks, nan_if_degenerat
             prim = blocks[block, slot]
             lane_ints[block, first_prim_id + slot] = prim if prim == NO_PRIM or len(numbers) == 0 else numbers[prim]
             is_degenerate = prim == NO_PRIM or degenerate[prim]
-            is_nan = is_degenerate and nan_if_degenerate
+            is_nan = is_degenerate and width > 1
             for corner in range(3):
                 for axis in range(3):
                     lane = (3 * corner + axis) * width + slot
@@ -109,49 +80,8 @@ def _gather_lanes(vertices, faces, degenerate, numbers, blocks, nan_if_degenerat
                     lanes[block, lane] = np.nan if is_nan else vertices[faces[prim, source], axis]
 
 
-def gather_spheres(spheres: Spheres, prim_ids: NDArray[np.int32]) -> NDArray[np.void]:
-    """Return spheres in the given order.
-
-    Parameters
-    ----------
-    spheres : Spheres
-    prim_ids : (n,) int32
-        Indices of spheres: a tree's `prim_ids`, or all spheres in order.
-
-    Returns
-    -------
-    (n,) `structs.SPHERE`
-    """
-    return _gather_some_spheres(spheres, prim_ids.reshape(-1, 1), SPHERE)
-
-
-def gather_sphere_blocks(spheres: Spheres, blocks: NDArray[np.int32]) -> NDArray[np.void]:
-    """Return the spheres of each block.
-
-    Parameters
-    ----------
-    spheres : Spheres
-    blocks : (G, width) int32
-        Of a `WideTree` over the spheres.
-
-    Returns
-    -------
-    (G,) `structs.SPHERE_BLOCKS[width]`
-        Lanes without a sphere are NaN.
-    """
-    return _gather_some_spheres(spheres, blocks, SPHERE_BLOCKS[blocks.shape[1]])
-
-
-def _gather_some_spheres(spheres: Spheres, blocks: NDArray[np.int32], struct: np.dtype) -> NDArray[np.void]:
-    """Return one struct for each row of blocks."""
-    gathered = np.empty(len(blocks), struct)
-    lanes = gathered.view(np.float32).reshape(len(blocks), -1)
-    _gather_sphere_lanes(spheres.local_centres, spheres.local_radii, blocks, lanes, lanes.view(np.int32))
-    return gathered
-
-
 @compiled
-def _gather_sphere_lanes(centres, radii, blocks, lanes, lane_ints):
+def _gather_spheres(centres, radii, blocks, lanes, lane_ints):
     width = blocks.shape[1]
     for block in range(len(blocks)):
         for slot in range(width):

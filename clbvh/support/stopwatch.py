@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 
 class Stopwatch:
@@ -31,19 +31,7 @@ class Stopwatch:
         return (time.perf_counter() - self._begin) * 1e3
 
 
-def add_total(
-    phases_ms: Mapping[str, float], total_ms: float, *, overlapping: Collection[str] = ()
-) -> dict[str, float]:
-    """Return the phases, the time between them as ``"other"``, and their sum as ``"total"``.
-
-    Parameters
-    ----------
-    phases_ms : mapping of str to float
-    total_ms : float
-        Wall time of the whole job.
-    overlapping : collection of str
-        Phases that run during others, and so are no part of the sum.
-    """
-    known_ms = sum(ms for phase, ms in phases_ms.items() if phase not in overlapping)
+def add_total(phases_ms: Mapping[str, float], total_ms: float) -> dict[str, float]:
+    """Return the phases, the rest of the wall time as ``"other"``, and all of it as ``"total"``."""
     # A device's clock may run a little fast: there is no time below zero.
-    return {**phases_ms, "other": max(total_ms - known_ms, 0.0), "total": total_ms}
+    return {**phases_ms, "other": max(total_ms - sum(phases_ms.values()), 0.0), "total": total_ms}

@@ -6,7 +6,7 @@ import pytest
 from clbvh import BuildOptions
 from clbvh.builders.build import build_over
 from clbvh.layouts.device_arrays import make_device_arrays
-from clbvh.layouts.leaf_blocks import gather_spheres
+from clbvh.layouts.leaf_blocks import gather_blocks
 from clbvh.structs import BVH2_NODE, HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
 
 from ..profiles import seeds
@@ -29,7 +29,7 @@ def trace(run_shell, rays, nodes, blocks, layout, sphere_count):
 def check_all_layouts_agree(run_shell, spheres, rays, **options):
     """Compare all results of all layouts with those of no tree, byte for byte; return the latter."""
     count = spheres.prim_count
-    all_spheres = gather_spheres(spheres, np.arange(count, dtype=np.int32))
+    all_spheres = gather_blocks(spheres, np.arange(count, dtype=np.int32).reshape(-1, 1))
     expected = trace(run_shell, rays, np.zeros(1, BVH2_NODE), all_spheres, "brute", count)
     bvh = build_over(spheres, "sah", None, BuildOptions(**options))
     for layout in LAYOUT_WIDTHS:

@@ -169,13 +169,15 @@ def build_subtree(prim_refs, task, rule, prim_ids):
             level += 1
             continue
 
-        # A leaf, and perhaps the last one below some of the nodes above.
-        emit_leaf(ref_ints[buffer], begin, end, prim_ids)
+        # A leaf, its primitives in ascending order already; perhaps the last one below some of the nodes above.
+        for index in range(begin, end):
+            prim_ids[index] = ref_ints[buffer, index, PRIM_REF_ID]
         first, count = begin, prim_count
         while level > 0 and left_ranges[level - 1, 1] == 0:
             level -= 1
             finish_node(child_boxes, 2 * level, first, count)
-            emit_children(prim_refs, range_end, node_count, child_boxes, level)
+            emit_node(prim_refs, range_end, node_count, child_boxes, 2 * level + 1)
+            emit_node(prim_refs, range_end, node_count + 1, child_boxes, 2 * level)
             first, count = node_count + 1, 0
             node_count += 2
         if level == 0:
@@ -206,23 +208,9 @@ def enter_node(bounds, box, centroid_box):
 
 
 @compiled
-def emit_leaf(ref_ints, begin, end, prim_ids):
-    """List the primitives of a leaf; they are in ascending order already."""
-    for index in range(begin, end):
-        prim_ids[index] = ref_ints[index, PRIM_REF_ID]
-
-
-@compiled
 def finish_node(boxes, row, first, count):
     """Turn the box in a row into a row of `structs.NODE`."""
     store_box(boxes, row, as_node(load_box(boxes, row), first, count))
-
-
-@compiled
-def emit_children(prim_refs, range_end, number, child_boxes, level):
-    """Write the children of the node of a level as the next two finished nodes: the right one, then the left one."""
-    emit_node(prim_refs, range_end, number, child_boxes, 2 * level + 1)
-    emit_node(prim_refs, range_end, number + 1, child_boxes, 2 * level)
 
 
 @compiled

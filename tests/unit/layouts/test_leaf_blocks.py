@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh
-from clbvh.layouts.leaf_blocks import gather_blocks, gather_triangles
+from clbvh.layouts.leaf_blocks import gather_blocks
 from clbvh.structs import NO_PRIM, TRIANGLE, TRIANGLE_BLOCKS
 
 from ...soup import make_soup
@@ -16,7 +16,7 @@ from ..hand_made import make_mesh
 def test_triangles_stand_in_the_order_asked_for():
     mesh = make_soup(50, seed=3)
     order = np.random.default_rng(3).permutation(50).astype(np.int32)
-    triangles = gather_triangles(mesh, order)
+    triangles = gather_blocks(mesh, order.reshape(-1, 1))
     assert triangles.dtype == TRIANGLE
     for index, prim in enumerate(order):
         assert triangles["prim_id"][index] == prim
@@ -26,14 +26,14 @@ def test_triangles_stand_in_the_order_asked_for():
 
 def test_some_of_the_triangles_and_none():
     mesh = make_mesh()
-    assert gather_triangles(mesh, np.array([3, 1], np.int32))["prim_id"].tolist() == [3, 1]
-    assert len(gather_triangles(mesh, np.array([], np.int32))) == 0
+    assert gather_blocks(mesh, np.array([[3], [1]], np.int32))["prim_id"].tolist() == [3, 1]
+    assert len(gather_blocks(mesh, np.empty((0, 1), np.int32))) == 0
 
 
 def test_degenerate_triangles_collapse_into_their_first_corner():
     line = [[0, 0, 0], [1, 2, 3], [2, 4, 6], [5, 0, 0]]
     mesh = Mesh.from_arrays(line, [[1, 0, 2], [0, 1, 3], [3, 3, 1], [2, 2, 2]])
-    triangles = gather_triangles(mesh, np.arange(4, dtype=np.int32))
+    triangles = gather_blocks(mesh, np.arange(4, dtype=np.int32).reshape(-1, 1))
     for prim, collapsed in enumerate([True, False, True, True]):
         corners = [triangles[name][prim].tolist() for name in "abc"]
         assert corners[0] == mesh.local_vertices[mesh.faces[prim, 0]].tolist()
