@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from . import options, picture_options
 
 if TYPE_CHECKING:
-    from ..rendering.camera import Camera
     from ..rendering.images.images import Images
-    from ..rendering.scene import Scene
-    from ..rendering.subjects import RenderOptions
 
 # Those of `clbvh.render_images`, repeated because importing them would make `clbvh --help` slow. A test compares them.
 DEFAULT_CHANNELS = "rgb,alpha,depth,normal,instance_id"
@@ -85,9 +81,12 @@ def images(
     as_json: options.AsJson = False,
 ) -> None:
     """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
+    from rich.console import Console
+
     from ..errors import ConfigError
     from ..rendering.images.channels import check_channels
     from ..rendering.images.files import FILES_SUFFIXES, check_images_path, read_camera
+    from ..rendering.render import render_images
     from ..rendering.subjects import RenderOptions
 
     # All input is checked before any work.
@@ -107,9 +106,12 @@ def images(
     scene = picture_options.with_view(options.open_sources(sources), changes, camera, view)
 
     begin = time.perf_counter()
-    settings: dict[str, Any] = {"width": width, "height": height, "shading": shading, "samples": samples}
     notes: list[str] = []
-    made = _make_with_status(scene, wanted, names, camera=first, next_camera=second, on_note=notes.append, **settings)
+    with Console(stderr=True).status("") as status:
+        made = render_images(
+            scene, names, wanted, camera=first, next_camera=second, width=width, height=height, shading=shading,
+            samples=samples, on_phase=lambda phase: status.update(f"{phase} ..."), on_note=notes.append,
+        )  # fmt: skip
     made_s = time.perf_counter() - begin
     for path in output:
         made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)
@@ -117,27 +119,12 @@ def images(
     options.print_notes(notes)
 
 
-def _make_with_status(
-    scene: Scene, wanted: RenderOptions, names: tuple[str, ...], camera: Camera | None, **settings: Any
-) -> Images:
-    """Make the images, and show the current phase if stderr is a terminal."""
-    from rich.console import Console
-
-    from ..rendering.render import render_images
-
-    with Console(stderr=True).status("") as status:
-        return render_images(
-            scene, names, wanted, camera=camera, on_phase=lambda phase: status.update(f"{phase} ..."),
-            **settings,
-        )  # fmt: skip
-
-
 def _report(made: Images, output: list[Path], made_s: float, write_s: float, as_json: bool) -> None:
     """Print what was written: each channel with the least and the greatest value of its hits."""
     from rich.table import Table
 
     from ..rendering.images.channels import find_limits
-    from .tables import print_tables
+    from .tables import make_table, print_tables
 
     limits = {name: find_limits(name, array) for name, array in made.items()}
     if as_json:
@@ -148,11 +135,9 @@ def _report(made: Images, output: list[Path], made_s: float, write_s: float, as_
             "files": [str(path) for path in output],
             "timings_ms": {"images": made_s * 1e3, "write": write_s * 1e3},
         }
-        print(json.dumps(report, indent=2), file=sys.stdout)
+        print(json.dumps(report, indent=2))
         return
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("channel", "least", "greatest"):
-        table.add_column(heading, justify="left" if heading == "channel" else "right")
+    table = make_table("channel", "least", "greatest", numbers=("least", "greatest"))
     for name, pair in limits.items():
         table.add_row(name, *(("no values",) if pair is None else (f"{value:,.6g}" for value in pair)))
     files = Table(box=None, show_header=False, pad_edge=False)

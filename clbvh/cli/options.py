@@ -71,9 +71,10 @@ CacheFolder = Annotated[
     Path | None,
     tree_option("Like --cache, in this folder.", "CLBVH_CACHE, or the user's cache", metavar="DIR", flag="--cache-dir"),
 ]
-Device = Annotated[
-    str | None, device_option("A number, a part of a name, gpu or cpu; see `clbvh devices`.", "a GPU, if there is one")
-]
+_DEVICE_TEXTS = "A number, a part of a name, gpu or cpu; see `clbvh devices`.", "a GPU, if there is one"
+Device = Annotated[str | None, device_option(*_DEVICE_TEXTS)]
+# For verbs that have no other options of the device.
+OnlyDevice = Annotated[str | None, typer.Option(help=_DEVICE_TEXTS[0], show_default=_DEVICE_TEXTS[1])]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the tables.")]
 
 

@@ -13,7 +13,16 @@ import typer
 
 from . import options, picture_options
 from .signals import calling_on_interrupt
-from .tables import add_time, describe_count, describe_mesh, describe_workers, make_facts, make_times, print_tables
+from .tables import (
+    add_time,
+    describe_count,
+    describe_mesh,
+    describe_scene,
+    describe_workers,
+    make_facts,
+    make_times,
+    print_tables,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -261,7 +270,8 @@ def _print_report(report: dict[str, Any], picture: Picture) -> None:
     nodes = describe_count(report["nodes"], "node")
     made_by = "from the cache" if report["tree_from_cache"] else describe_workers(report["workers"])
     if picture.objects is not None:
-        facts.add_row("scene", _describe_counts(report))
+        counts = report["instances"], report["geometries"], report["placed_primitives"]
+        facts.add_row("scene", describe_scene(*counts))
         spheres = describe_count(report["spheres"], "sphere") if report["spheres"] else ""
         facts.add_row("geometry", ", ".join(filter(None, (*_describe_triangles(report), spheres))))
         facts.add_row("trees", f"{nodes}, depth {report['depth']} of both levels, {made_by}")
@@ -297,12 +307,4 @@ def _describe_triangles(report: dict[str, Any]) -> tuple[str, ...]:
     return (
         describe_count(report["triangles"], "triangle") if report["triangles"] else "",
         f"{degenerate:,} of them degenerate: never hit" if degenerate else "",
-    )
-
-
-def _describe_counts(report: dict[str, Any]) -> str:
-    instances, geometries = report["instances"], report["geometries"]
-    return (
-        f"{instances:,} instance{'s' * (instances > 1)} of {geometries:,} geometr{'ies' if geometries > 1 else 'y'}, "
-        f"{report['placed_primitives']:,} primitives placed"
     )

@@ -18,8 +18,10 @@ from .tables import (
     describe_count,
     describe_mesh,
     describe_options,
+    describe_scene,
     describe_workers,
     make_facts,
+    make_table,
     make_times,
     print_tables,
 )
@@ -218,15 +220,9 @@ def _make_time_table(build: dict[str, Any]) -> Any:
 
 def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     """Return a table of bars."""
-    from rich.table import Table
-
     from ..stats.tree_stats import gather_bars
 
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    table.add_column(heading, justify="right")
-    table.add_column("leaves", justify="right")
-    table.add_column("")
-    table.add_column("")
+    table = make_table(heading, "leaves", "", "", numbers=(heading, "leaves"))
     bars = gather_bars(counts, _MOST_ROWS)
     highest = max(bar.count for bar in bars)
     full = choose_sign("█", "#")
@@ -290,12 +286,7 @@ def _show_scene_stats(
 def _print_scene_report(measured: SceneStats, build: dict[str, Any]) -> None:
     top = measured.top
     facts = make_facts()
-    facts.add_row(
-        "scene",
-        f"{top.instance_count:,} instance{'s' * (top.instance_count > 1)} of "
-        f"{len(measured.geometries):,} geometr{'ies' if len(measured.geometries) > 1 else 'y'}, "
-        f"{measured.prim_count:,} primitives placed",
-    )
+    facts.add_row("scene", describe_scene(top.instance_count, len(measured.geometries), measured.prim_count))
     sides = (upper - lower for lower, upper in zip(measured.lower, measured.upper, strict=True))
     facts.add_row("size", " x ".join(f"{side:.6g}" for side in sides))
     facts.add_row("built by", f"{build['builder']}, {describe_workers(build['workers'])}")
@@ -315,12 +306,9 @@ def _print_scene_report(measured: SceneStats, build: dict[str, Any]) -> None:
 def _make_geometry_table(measured: SceneStats) -> Any:
     """Return one row for each geometry; in a scene of very many, for each of the largest ones."""
     from rich.markup import escape
-    from rich.table import Table
 
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    table.add_column("geometry")
-    for heading in ("primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"):
-        table.add_column(heading, justify="right")
+    numbers = "primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"
+    table = make_table("geometry", *numbers, numbers=numbers)
     shown = measured.geometries
     if len(shown) > _MOST_GEOMETRIES:
         largest = sorted(range(len(shown)), key=lambda index: -shown[index].prim_count)[:_MOST_GEOMETRIES]

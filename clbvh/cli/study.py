@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from . import options
+
 # The remaining time is estimated from the pace of these seconds.
 _PACE_S = 600.0
 
@@ -26,12 +28,7 @@ def study(
     only_page: Annotated[
         bool, typer.Option("--page", help="Measure nothing: write the page again from the samples that are there.")
     ] = False,
-    device: Annotated[
-        str | None,
-        typer.Option(
-            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
-        ),
-    ] = None,
+    device: options.OnlyDevice = None,
     show_list: Annotated[bool, typer.Option("--list", help="List the experiments and end.")] = False,
 ) -> None:
     """Repeat the report's experiments on this machine, and write one page with all figures.

@@ -6,6 +6,8 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from ..builders.tree_cache import TreeOptions
 
 
@@ -19,14 +21,19 @@ def make_facts() -> Any:
     return facts
 
 
-def make_times() -> Any:
-    """Return an empty table of phases, their milliseconds, and their descriptions."""
+def make_table(*headings: str, numbers: Collection[str] = ()) -> Any:
+    """Return an empty table; the columns of some headings have numbers, which stand to the right."""
     from rich.table import Table
 
-    times = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("phase", "ms", ""):
-        times.add_column(heading, justify="right" if heading == "ms" else "left")
-    return times
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading in numbers else "left")
+    return table
+
+
+def make_times() -> Any:
+    """Return an empty table of phases, their milliseconds, and their descriptions."""
+    return make_table("phase", "ms", "", numbers=["ms"])
 
 
 def add_time(times: Any, phase: str, ms: float, description: str, style: str = "") -> None:
@@ -44,6 +51,14 @@ def describe_mesh(name: str, *facts: str) -> str:
 def describe_count(count: int, noun: str) -> str:
     """Return ``1 triangle``, or ``2,000 triangles``."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def describe_scene(instances: int, geometries: int, prims: int) -> str:
+    """Return ``2 instances of 1 geometry, 8,000 primitives placed``."""
+    return (
+        f"{describe_count(instances, 'instance')} of {geometries:,} geometr{'ies' if geometries > 1 else 'y'}, "
+        f"{prims:,} primitives placed"
+    )
 
 
 def describe_workers(count: int) -> str:

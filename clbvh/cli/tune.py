@@ -19,12 +19,7 @@ if TYPE_CHECKING:
 
 
 def tune(
-    device: Annotated[
-        str | None,
-        typer.Option(
-            help="A number, a part of a name, gpu or cpu; see `clbvh devices`.", show_default="a GPU, if there is one"
-        ),
-    ] = None,
+    device: options.OnlyDevice = None,
     every: Annotated[
         bool,
         typer.Option("--all", help="All devices, so that the fastest driver of a processor is taken from then on."),
@@ -61,17 +56,14 @@ def tune(
 
 def _print_trials(info: DeviceInfo, settings: Settings, trials: list[Trial], path: Path) -> None:
     from rich.markup import escape
-    from rich.table import Table
 
-    from .tables import make_facts, print_tables
+    from .tables import make_facts, make_table, print_tables
 
     facts = make_facts()
     facts.add_row("device", escape(str(info)))
     facts.add_row("driver", escape(info.driver_version))
     facts.add_row("kept", escape(str(path)))
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("", "", "ms", ""):
-        table.add_column(heading, justify="right" if heading == "ms" else "left")
+    table = make_table("", "", "ms", "", numbers=["ms"])
     for trial in trials:
         mark = "taken" if trial.is_best else ""
         table.add_row(trial.what, trial.choice, f"{trial.ms:,.1f}", mark, style="bold" if trial.is_best else "")

@@ -12,10 +12,7 @@ import typer
 from . import options, picture_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ..rendering.scene import Scene
-    from ..rendering.subjects import RenderOptions
 
 # Those of `clbvh.render_turntable`, repeated because importing them would make `clbvh --help` slow. A test compares
 # them.
@@ -55,8 +52,10 @@ def turntable(
     as_json: options.AsJson = False,
 ) -> None:
     """Write an animation in which meshes or a scene turn once around."""
+    from rich.console import Console
+
     from ..rendering.subjects import RenderOptions
-    from ..rendering.turntable import check_animation, check_frame_count
+    from ..rendering.turntable import check_animation, check_frame_count, render_turntable
 
     # All input is checked before any work.
     check_animation(output, frame_rate)
@@ -65,48 +64,25 @@ def turntable(
     wanted = RenderOptions(cache=options.find_cache_folder(cache, cache_dir), device=device)
     scene = picture_options.with_view(options.open_sources(sources), changes, camera)
 
-    begin = time.perf_counter()
+    begin = phase_begin = time.perf_counter()
     notes: list[str] = []
-    _write_with_status(scene, output, wanted, frames, frame_rate, notes.append)
-    _report(scene, output, frames, frame_rate, time.perf_counter() - begin, as_json)
-    options.print_notes(notes)
-
-
-def _write_with_status(
-    scene: Scene,
-    output: Path,
-    wanted: RenderOptions,
-    frames: int,
-    frame_rate: float,
-    on_note: Callable[[str], None],
-) -> None:
-    """Write the animation, and show the phase and the time that is left if stderr is a terminal."""
-    from rich.console import Console
-
-    from ..rendering.turntable import render_turntable
-
     with Console(stderr=True).status("") as status:
-        begin = time.perf_counter()
 
         def enter(phase: str) -> None:
-            nonlocal begin
-            begin = time.perf_counter()
+            nonlocal phase_begin
+            phase_begin = time.perf_counter()
             status.update(f"{phase} ...")
 
         def show(done: int, total: int) -> None:
-            left = (time.perf_counter() - begin) * (total - done) / done
+            left = (time.perf_counter() - phase_begin) * (total - done) / done
             status.update(f"render: frame {done} of {total}, about {left:.0f} s left ...")
 
         render_turntable(
-            scene,
-            output,
-            wanted,
-            frames=frames,
-            frames_per_s=frame_rate,
-            on_frame=show,
-            on_phase=enter,
-            on_note=on_note,
-        )
+            scene, output, wanted, frames=frames, frames_per_s=frame_rate, on_frame=show, on_phase=enter,
+            on_note=notes.append,
+        )  # fmt: skip
+    _report(scene, output, frames, frame_rate, time.perf_counter() - begin, as_json)
+    options.print_notes(notes)
 
 
 def _report(scene: Scene, output: Path, frames: int, frame_rate: float, spent_s: float, as_json: bool) -> None:
