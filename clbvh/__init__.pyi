@@ -33,7 +33,7 @@ from .geometry import (
 )
 from .geometry.appearance.appearance import Appearance as Appearance
 from .geometry.appearance.material import Material as Material, Texture as Texture
-from .geometry.appearance.normals import smooth_normals_by_angle as smooth_normals_by_angle
+from .geometry.smooth_normals import smooth_normals_by_angle as smooth_normals_by_angle
 from .geometry.spheres import Shape as Shape
 from .rendering.camera import Camera as Camera
 from .rendering.contact_sheet import ContactSheet as ContactSheet, contact_sheet as contact_sheet

@@ -13,7 +13,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +23,6 @@ import numpy as np
 
 from clbvh import Bvh, build, load_mesh, validate_tree
 from clbvh.bvh import serialize
-from clbvh.device.info import DeviceInfo
-from clbvh.device.settings import find_settings, settings_path
 from clbvh.errors import ClbvhError
 from clbvh.geometry import Mesh, Spheres
 from clbvh.geometry.loading.spheres_file import read_spheres
@@ -33,8 +30,6 @@ from clbvh.rendering.objects import SpheresSource
 from clbvh.rendering.scene import Scene
 from clbvh.rendering.scene_file import parse_scene, read_scene
 from clbvh.rendering.sources import MeshSource
-from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.support.folders import CACHE_VARIABLE
 
 from ..soup import make_soup
 from ..unit.geometry.gltf_files import pack_glb
@@ -43,7 +38,6 @@ from .mutate import mutate, mutate_json
 
 _SMALL_SHAPE, _HUGE_SHAPE = 5000, 10**12  # triangles: shapes in between would take their time, rightly
 _FEW_COPIES = 5000
-_LARGEST_WORK_GROUP = 1024
 _DIGEST_BYTES = 16
 
 
@@ -230,34 +224,6 @@ def _tree_reader() -> Reader:
     return Reader([original], make, read)
 
 
-# --- Tuned settings --------------------------------------------------------------------------------------------------
-
-_DEVICE = DeviceInfo(
-    0, "platform", "1", "device", "vendor", "OpenCL 1.2", "1", "cpu", 1 << 30, 1 << 28, 2, has_fp64=True
-)
-
-
-def _read_settings(content: bytes, folder: Path) -> bool:
-    os.environ[CACHE_VARIABLE] = str(folder)
-    path = settings_path(_DEVICE)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
-    settings = find_settings(_DEVICE)
-    columns, rows = settings.tile
-    assert settings.layout in LAYOUT_WIDTHS
-    assert 1 <= settings.work_group_size <= _LARGEST_WORK_GROUP
-    assert min(columns, rows) >= 1
-    assert columns * rows <= _LARGEST_WORK_GROUP
-    return settings.is_measured
-
-
-def _make_settings(generator: Random) -> bytes:
-    original = generator.choice(samples.SETTINGS_FILES)
-    if generator.random() < 0.5:
-        return mutate(original, generator, [original])
-    return json.dumps(mutate_json(json.loads(original), generator)).encode()
-
-
 READERS: dict[str, Reader] = {
     **{suffix: _mesh_reader(suffix, originals) for suffix, originals in samples.MESH_FILES.items()},
     "glb": _gltf_reader(is_glb=True),
@@ -269,5 +235,4 @@ READERS: dict[str, Reader] = {
     ),
     **{f"spheres-{suffix}": _spheres_reader(suffix, originals) for suffix, originals in samples.SPHERES_FILES.items()},
     "tree": _tree_reader(),
-    "settings": Reader(samples.SETTINGS_FILES, _make_settings, _read_settings),
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import struct
 
 import numpy as np
@@ -216,4 +215,3 @@ def _make_spheres_tables() -> list[bytes]:
 MESH_FILES = {"ply": _make_ply(), "obj": _make_obj(), "stl": _make_stl(), "off": _make_off()}
 SCENE_FILES = _make_scenes()
 SPHERES_FILES = {"npz": _make_spheres_archives(), "csv": _make_spheres_tables()}
-SETTINGS_FILES = [json.dumps({"layout": "bvh4", "work_group_size": 64, "tile": [8, 8]}, indent=2).encode()]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ...support.files import read_errors_as, read_regular
-from ..appearance.normals import flatten
 from ..mesh import Mesh
+from ..smooth_normals import flatten
 from .file_mesh import OFF_KEYWORD, FileMesh, FileNode, FileParts, Problems, is_binary_stl
 
 # The module of each format's reader; it is imported by the first file of its kind.

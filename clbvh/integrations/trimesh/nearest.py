@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...geometry import Mesh
-from ...geometry.appearance.normals import VertexFaces
+from ...geometry.smooth_normals import VertexFaces
 from ...structs import NO_PRIM, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads

@@ -22,8 +22,8 @@ from ...bvh import Bvh
 from ...bvh.bvh import sah_cost
 from ...errors import DeviceError, QueryError
 from ...geometry import Mesh
-from ...geometry.appearance.normals import VertexFaces, find_vertex_faces
 from ...geometry.as_mesh import MeshLike, as_mesh
+from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
 from ...trace.tracer import Tracer
 from .following_tracer import EngineOptions, FollowingTracer, SceneTracer, has_faces
 

@@ -14,7 +14,7 @@ from ...errors import SceneError
 from ...geometry import Mesh
 from ...geometry.appearance.appearance import Appearance
 from ...geometry.appearance.material import Material, Texture
-from ...geometry.appearance.normals import find_tangents, smooth_normals_by_angle
+from ...geometry.smooth_normals import find_tangents, smooth_normals_by_angle
 from ...geometry.spheres import Shape
 from ...layouts.pack_normals import pack_normals, pack_tangents
 from ...structs import LOOK, MATERIAL, TEXTURE, TEXTURE_WRAPS

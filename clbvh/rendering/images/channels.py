@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
-from ...geometry.appearance.normals import smooth_normals_by_angle
 from ...geometry.appearance.srgb import srgb_to_linear
+from ...geometry.smooth_normals import smooth_normals_by_angle
 from ...scene.transforms import check_transform
 from ...trace.hits.hits import Hits
 from ...trace.hits.interpolate import group_by_geometry

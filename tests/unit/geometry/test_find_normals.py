@@ -5,7 +5,7 @@ import trimesh
 
 import clbvh
 from clbvh.geometry.appearance.appearance import find_flat_normals
-from clbvh.geometry.appearance.normals import find_corner_normals, flatten
+from clbvh.geometry.smooth_normals import find_corner_normals, flatten
 
 KNOT = clbvh.make_shape("knot", triangles=500)
 

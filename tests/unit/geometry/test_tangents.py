@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.geometry.appearance.normals import find_tangents
+from clbvh.geometry.smooth_normals import find_tangents
 
 # Two squares beside each other in the plane z = 0, which share an edge.
 POINTS = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0)], float)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, make_shape
-from clbvh.geometry.appearance.normals import find_vertex_faces
+from clbvh.geometry.smooth_normals import find_vertex_faces
 
 
 def faces_at(around, vertex):

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from clbvh import Mesh, Tracer, make_shape
-from clbvh.geometry.appearance.normals import find_vertex_faces
+from clbvh.geometry.smooth_normals import find_vertex_faces
 from clbvh.integrations.trimesh.nearest import choose_facing
 from clbvh.trace.points.refine import ClosestPoints
 

@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError
-from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from ..mesh import Mesh
-from ..topology import EqualPoints, find_points, measure_corner
-from .appearance import Appearance, find_flat_normals, make_unchecked, normalize
+from ..errors import ConfigError
+from ..support.compiled import compiled
+from ..support.host_threads import HostThreads
+from .appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
+from .mesh import Mesh
+from .topology import EqualPoints, find_points, measure_corner
 
 
 class VertexFaces(NamedTuple):
@@ -276,7 +276,7 @@ def find_corner_normals(mesh: Mesh, angle_degrees: float | None = None) -> NDArr
     Examples
     --------
     >>> import clbvh
-    >>> from clbvh.geometry.appearance.normals import find_corner_normals
+    >>> from clbvh.geometry.smooth_normals import find_corner_normals
     >>> find_corner_normals(clbvh.make_shape("icosphere", triangles=320)).shape
     (320, 3, 3)
     """
