@@ -102,7 +102,11 @@ def get_tree(mesh: Mesh, options: TreeOptions) -> BuildResult:
     notes = []
     bvh, path = None, None
     if options.cache is not None:
-        make_folder(options.cache)
+        try:
+            options.cache.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = error.strerror or error
+            raise ConfigError(f"{options.cache}: trees cannot be kept in this folder: {reason}") from error
         path = cache_path(options.cache, mesh, options.builder, options.build)
         bvh, note = take_tree(path, mesh)
         notes.append(note)
@@ -123,14 +127,6 @@ def get_tree(mesh: Mesh, options: TreeOptions) -> BuildResult:
 def find_tree_cache() -> Path:
     """Return the folder for trees in the user's cache: in `CLBVH_CACHE`, or in the system's folder for caches."""
     return find_cache() / "trees"
-
-
-def make_folder(folder: Path) -> None:
-    """Create the folder of a cache; raise `ConfigError` if that fails."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{folder}: trees cannot be kept in this folder: {error.strerror or error}") from error
 
 
 def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) -> Path:

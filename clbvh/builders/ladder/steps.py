@@ -32,7 +32,6 @@ from .subtrees import (
     NODE_BYTES,
     RIGHT,
     Heap,
-    LinkedTask,
     allocate_node,
     build_linked,
     build_rows,
@@ -113,13 +112,12 @@ def build_flat(arrays: Arrays, task: Task, ids: Ids, rule: Rule) -> int:
     return build_rows(_prims(arrays), task, rule, arrays["prim_ids"], scratch, arrays["rows"])
 
 
-def flatten_held(arrays: Arrays, subtrees: Sequence[Finished]) -> int:
-    """Flatten those subtrees that this process holds; return how many there are."""
+def flatten_held(arrays: Arrays, subtrees: Sequence[Finished]) -> None:
+    """Flatten those subtrees that this process holds."""
     build = _build_of(arrays)
-    mine = [subtree for subtree in subtrees if (build, subtree.begin) in _held]
-    for subtree in mine:
-        flatten(0, _held[build, subtree.begin], subtree.placement, arrays["nodes"])
-    return len(mine)
+    for subtree in subtrees:
+        if (build, subtree.begin) in _held:
+            flatten(0, _held[build, subtree.begin], subtree.placement, arrays["nodes"])
 
 
 def free_held(arrays: Arrays) -> None:
@@ -167,9 +165,5 @@ def _shared_heap(arrays: Arrays) -> Heap:
 
 
 def _build_linked(arrays: Arrays, task: Task, ids: Ids, rule: Rule, heap: Heap) -> int:
-    begin, end, depth = task
-    prim_ids, scratch = arrays["prim_ids"], make_scratch(end - begin)
-    linked = (
-        LinkedTask(prim_ids, begin, end, begin, depth) if ids is None else LinkedTask(ids, 0, len(ids), begin, depth)
-    )
-    return build_linked(_prims(arrays), linked, rule, prim_ids, scratch, heap)
+    prim_ids, scratch = arrays["prim_ids"], make_scratch(task.end - task.begin)
+    return build_linked(_prims(arrays), prim_ids if ids is None else ids, task, rule, prim_ids, scratch, heap)

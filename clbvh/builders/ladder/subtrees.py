@@ -129,40 +129,18 @@ def free_nodes(root):
         _free_block(address)
 
 
-class LinkedTask(NamedTuple):
-    """A range of primitives that becomes a linked subtree.
-
-    Attributes
-    ----------
-    ids : (m,) int32
-        The index array of all nodes, or this node's own list.
-    begin, end : int
-        Its range of `ids`.
-    first : int
-        Where its primitives begin in `prim_ids`.
-    depth : int
-        Depth of the subtree's root in the whole tree.
-    """
-
-    ids: NDArray[np.int32]
-    begin: int
-    end: int
-    first: int
-    depth: int
-
-
 @compiled
-def build_linked(prims, task, rule, prim_ids, scratch, heap):
+def build_linked(prims, ids, task, rule, prim_ids, scratch, heap):
     """Build a subtree from new nodes.
 
     Parameters
     ----------
     prims : Recomputed or Cached
-    task : LinkedTask
-        Its `ids` are changed in place.
+    ids : (m,) int32, changed in place
+        `prim_ids`, or in variants that copy the root's own list.
+    task : Task
     rule : Rule
     prim_ids : (n,) int32, written by the leaves
-        May be `task.ids`.
     scratch : Scratch
     heap : Heap
 
@@ -172,7 +150,9 @@ def build_linked(prims, task, rule, prim_ids, scratch, heap):
         Reference to the subtree's root.
     """
     base = base_of(heap)
-    ids, begin, end, first, depth = task
+    first, end, depth = task
+    begin = 0 if rule.copies else first
+    end += begin - first
     # Right children: begin, end, first, depth, parent. At most one per level, because the left child is next. A loop,
     # because numba loads recursive functions wrongly from its cache (its issue 6061).
     stack = np.empty((MAX_DEPTH + 1, 5), np.int64)

@@ -116,10 +116,10 @@ class _Worker:
     def __init__(self, number: int) -> None:
         self._number = number
         context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), name=f"clbvh worker {number}", daemon=True)
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=serve, args=(theirs,), name=f"clbvh worker {number}", daemon=True)
         try:
-            self._process.start()
+            self.process.start()
         except OSError as error:
             raise PoolError(f"the worker processes do not start: {error}") from error
         finally:
@@ -128,12 +128,12 @@ class _Worker:
     def run(self, handles: dict[str, ArrayHandle], step: Step, task: Task) -> Any:
         """Return the result of a step."""
         try:
-            self._pipe.send_bytes(ForkingPickler.dumps((handles, step, task)))
-            succeeded, value = self._pipe.recv()
+            self.pipe.send_bytes(ForkingPickler.dumps((handles, step, task)))
+            succeeded, value = self.pipe.recv()
         except (EOFError, OSError):
             self.join()
             raise PoolError(
-                f"worker {self._number} died (exit code {self._process.exitcode}); a negative code is the signal that "
+                f"worker {self._number} died (exit code {self.process.exitcode}); a negative code is the signal that "
                 "killed it, and -9 often means that the system ran out of memory; 1 can mean that the script creates "
                 "the pool outside of `if __name__ == '__main__':`"
             ) from None
@@ -141,20 +141,12 @@ class _Worker:
             raise PoolError(f"worker {self._number} failed:\n{value}")
         return value
 
-    def kill(self) -> None:
-        """Kill the process, whatever it does."""
-        self._process.kill()
-
-    def close_pipe(self) -> None:
-        """Let the process end as soon as it is idle."""
-        self._pipe.close()
-
     def join(self) -> None:
         """Wait for the end of the process, and kill it when patience ends."""
-        self._process.join(_STOP_PATIENCE_S)
-        if self._process.exitcode is None:
-            self._process.kill()
-            self._process.join()
+        self.process.join(_STOP_PATIENCE_S)
+        if self.process.exitcode is None:
+            self.process.kill()
+            self.process.join()
 
 
 class _PoolExecutor(Executor):
@@ -221,7 +213,7 @@ class _PoolExecutor(Executor):
             self._errors.append(error)
             # Others may still write to arrays that are about to go, and a pipe may hold half a message.
             for each in self._workers:
-                each.kill()
+                each.process.kill()
             self._stop()
             raise
 
@@ -234,7 +226,7 @@ def _stop_all(workers: list[_Worker], owner: int) -> None:
     """End all workers; the end of a pool."""
     if os.getpid() == owner:
         for worker in workers:
-            worker.close_pipe()
+            worker.pipe.close()  # it ends as soon as it is idle
         for worker in workers:
             worker.join()
 

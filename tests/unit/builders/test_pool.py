@@ -45,7 +45,7 @@ def run(pool, step, tasks):
 
 
 def processes_of(pool):
-    return [worker._process for worker in pool._workers]
+    return [worker.process for worker in pool._workers]
 
 
 @pytest.fixture(scope="module")
