@@ -12,7 +12,6 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from ..builders.options import BuildOptions
     from ..rendering.scene import Scene
 
 
@@ -89,15 +88,6 @@ def print_notes(notes: Iterable[str]) -> None:
     """Print what the user should know on stderr, each as one line."""
     for note in notes:
         print(f"clbvh: {note}", file=sys.stderr)
-
-
-def make_build_options(
-    bins: int | None, leaf_size: int, traversal_cost: float, task_threshold: int | None, frontier: int, quality: str
-) -> BuildOptions:
-    """Return the options of a build, checked."""
-    from ..builders.options import BuildOptions
-
-    return BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality)
 
 
 def find_cache_folder(use_cache: bool, folder: Path | None) -> Path | None:

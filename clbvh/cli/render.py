@@ -122,6 +122,8 @@ def render(
     as_json: options.AsJson = False,
 ) -> None:
     """Render meshes or a scene."""
+    from ..builders.options import BuildOptions
+    from ..errors import ConfigError
     from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
     from ..rendering.render import RenderOptions
 
@@ -131,7 +133,13 @@ def render(
     if hits is not None:
         check_hits_path(hits)
     if heatmap is not None:
-        _check_heat_map(heatmap, builder)
+        from ..rendering.heat_map import check_quantity
+
+        check_quantity(heatmap)
+        if builder == "brute":
+            raise ConfigError(
+                "a heat map shows the steps through a tree, and the builder brute has none: take another one"
+            )
     changes = picture_options.read_settings(context.params)
     if shading is None and environment is not None:
         changes["shading"] = "path"  # others see no environment
@@ -139,7 +147,7 @@ def render(
     wanted = RenderOptions(
         builder=builder,
         workers=workers,
-        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
+        build=BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
         cache=options.find_cache_folder(cache, cache_dir),
         device=device,
         layout=layout,
@@ -179,15 +187,6 @@ def _open(sources: list[str]) -> tuple[Scene, dict[str, float]]:
     return scene, dict.fromkeys(("load", "total"), watch.laps_ms["load"])
 
 
-def _check_heat_map(quantity: str, builder: str) -> None:
-    from ..errors import ConfigError
-    from ..rendering.heat_map import check_quantity
-
-    check_quantity(quantity)
-    if builder == "brute":
-        raise ConfigError("a heat map shows the steps through a tree, and the builder brute has none: take another one")
-
-
 def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None, heatmap: str | None) -> float:
     """Write all files and return the time in milliseconds."""
     from ..rendering.image_files import write_hits, write_picture
@@ -202,17 +201,13 @@ def _write(picture: Picture, scene: Scene, output: list[Path], hits: Path | None
     for path in output:
         write_picture(path, rgb)
     if hits is not None:
-        geometry_names, instance_names = _list_names(picture, scene)
-        write_hits(hits, picture.hits, geometry_names, instance_names)
+        if picture.mesh is not None:
+            names: tuple[Sequence[str], Sequence[str]] = (picture.mesh.name,), (picture.mesh.name,)
+        else:
+            state = scene.snapshot()
+            names = state.names, state.instance_names
+        write_hits(hits, picture.hits, *names)
     return (time.perf_counter() - begin) * 1e3
-
-
-def _list_names(picture: Picture, scene: Scene) -> tuple[Sequence[str], Sequence[str]]:
-    """Return the names of the geometries and of the instances, by their ids."""
-    if picture.mesh is not None:
-        return (picture.mesh.name,), (picture.mesh.name,)
-    state = scene.snapshot()
-    return state.names, state.instance_names
 
 
 def _render_with_status(

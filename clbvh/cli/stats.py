@@ -66,6 +66,7 @@ def stats(
     as_json: options.AsJson = False,
 ) -> None:
     """Build a tree and measure it."""
+    from ..builders.options import BuildOptions
     from ..builders.tree_cache import TreeOptions, get_tree
     from ..errors import ConfigError
     from ..rendering.open_scene import open_scene
@@ -82,7 +83,7 @@ def stats(
     wanted = TreeOptions(
         builder=builder,
         workers=workers,
-        build=options.make_build_options(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
+        build=BuildOptions(bins, leaf_size, traversal_cost, task_threshold, frontier, quality),
     )
     if scene.mesh is None:
         for option, is_given in {"--exact": exact, "--rays": rays, "--plot": plot is not None}.items():
@@ -296,11 +297,19 @@ def _print_scene_report(measured: SceneStats, build: dict[str, Any]) -> None:
     if len(measured.geometries) > _MOST_GEOMETRIES:
         facts.add_row("below", f"the {_MOST_GEOMETRIES} largest geometries; --json has all of them")
 
+    top_facts = make_facts()
+    top_facts.add_row("instances", f"{top.instance_count:,}, in a tree of {top.node_count:,} nodes")
+    top_facts.add_row("depth", f"{top.depth}")
+    top_facts.add_row("SAH cost", f"{top.sah_cost:.3f}, where entering an instance costs 1")
+    top_facts.add_row(
+        "on the device", f"{top.device_bytes / _MIB:,.2f} MiB, {top.device_bytes_per_instance:.1f} bytes an instance"
+    )
+
     times = make_times()
     for phase, description in _SCENE_PHASES.items():
         ms = build["timings_ms"][phase]
         add_time(times, phase, ms, description, style="bold" if phase == "total" else "")
-    print_tables(facts, _make_geometry_table(measured), _make_top_facts(measured), times)
+    print_tables(facts, _make_geometry_table(measured), top_facts, times)
 
 
 def _make_geometry_table(measured: SceneStats) -> Any:
@@ -324,15 +333,3 @@ def _make_geometry_table(measured: SceneStats) -> Any:
             f"{geometry.device_bytes['bvh2'] / _MIB:,.2f} MiB",
         )
     return table
-
-
-def _make_top_facts(measured: SceneStats) -> Any:
-    top = measured.top
-    facts = make_facts()
-    facts.add_row("instances", f"{top.instance_count:,}, in a tree of {top.node_count:,} nodes")
-    facts.add_row("depth", f"{top.depth}")
-    facts.add_row("SAH cost", f"{top.sah_cost:.3f}, where entering an instance costs 1")
-    facts.add_row(
-        "on the device", f"{top.device_bytes / _MIB:,.2f} MiB, {top.device_bytes_per_instance:.1f} bytes an instance"
-    )
-    return facts

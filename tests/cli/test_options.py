@@ -9,14 +9,13 @@ import pytest
 from clbvh import BuildOptions
 from clbvh.builders.tree_cache import TreeOptions
 from clbvh.cli import options
-from clbvh.errors import ConfigError
 
 from .command import run_clbvh
 
 
 def test_the_defaults_are_those_of_the_library():
     assert TreeOptions().builder == options.DEFAULT_BUILDER
-    made = options.make_build_options(
+    made = BuildOptions(
         None,
         options.DEFAULT_LEAF_SIZE,
         options.DEFAULT_TRAVERSAL_COST,
@@ -25,14 +24,6 @@ def test_the_defaults_are_those_of_the_library():
         options.DEFAULT_QUALITY,
     )
     assert made == BuildOptions()
-
-
-def test_every_option_arrives_where_it_belongs():
-    assert options.make_build_options(3, 5, 7.5, 9, 128, "fast") == BuildOptions(
-        bins=3, leaf_size=5, traversal_cost=7.5, task_threshold=9, frontier=128, quality="fast"
-    )
-    with pytest.raises(ConfigError, match=r"quality must be .* not 'best'"):
-        options.make_build_options(3, 5, 7.5, 9, 128, "best")
 
 
 def test_the_folder_of_the_cache(monkeypatch, tmp_path):
