@@ -65,7 +65,7 @@ def test_a_driver_that_needs_no_linker_comes_first_and_no_other_driver_is_refuse
     monkeypatch.setenv("PATH", "/nonexistent")
     monkeypatch.setattr(pocl_linker, "_LIBRARY_FOLDERS", ())
     monkeypatch.setattr(pocl_linker, "_GCC_PREFIXES", ())
-    pocl_linker._find_missing.cache_clear()
+    monkeypatch.setattr(pocl_linker, "_find_missing", pocl_linker._find_missing.__wrapped__)  # without its cache
     assert all(part in pocl_linker.explain_missing_linker("3.0-rc2") for part in ("`ld`", "libgcc", "libc's"))
     assert pocl_linker.explain_missing_linker("7.1") == pocl_linker.explain_missing_linker(INTEL_CPU.version) == ""
     first, second = number_devices([replace(POCL_3, is_available=False), INTEL_CPU])
