@@ -50,7 +50,7 @@ _GPUS = {
 # PCI base classes: display controller, processing accelerator (AMD's Instinct cards call themselves that).
 _GPU_CLASSES = ("0x03", "0x12")
 
-# Commands of which each brings a driver for the CPU, by system and machine; the table of docs/devices.md has the same.
+# Commands that install a driver for the CPU, by system and machine; docs/devices.md has the same table.
 _APT, _CONDA = "$ sudo apt install pocl-opencl-icd", "$ conda install -c conda-forge pyopencl pocl"
 _INTEL = "$ pip install intel-opencl-rt intel-cmplr-lib-rt && clbvh doctor --fix"
 CPU_DRIVERS = {

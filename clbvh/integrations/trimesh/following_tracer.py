@@ -129,7 +129,7 @@ class FollowingTracer(ABC, Generic[Known]):
         return tracer
 
     def ask(self, thing: Any, query: Callable[[Tracer, Known], Any]) -> Any:
-        """Return the answer to a query that is given a tracer of the thing as it is now, and what is known of it."""
+        """Return `query(tracer, known)`, with a tracer that follows the present state of the mesh or scene."""
         self.last_use = time.monotonic()
         while True:
             tracer, known = self._open(thing)
