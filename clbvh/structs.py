@@ -424,15 +424,6 @@ DEVICE_STRUCTS = {
 
 NO_PRIM = -1
 
-# Values of `view.shading`.
-SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3, "studio": 4, "ao": 5, "path": 6}
-
-# The shadings of the report, with one ray through the centre of each pixel. The others take samples.
-REPORT_SHADINGS = ("lambert", "lambert+shadow", "normal", "depth")
-
-# How linear light becomes a colour from 0 to 1, before the encoding as sRGB.
-TONE_CURVES = {"linear": 0, "filmic": 1}
-
 # What a texture shows beyond its edges.
 TEXTURE_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 

@@ -1,182 +1,285 @@
-"""Settings of a picture and their checks: light, samples, wireframe."""
+"""Settings as fields of dataclasses: each has a default, a kind that checks its values, and one line of help.
+
+The keywords of Python, scene files, the command line and the reference page are made from these fields. Imports no
+numpy: `clbvh render --help` reads this.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 from ..errors import SceneError
-from ..structs import REPORT_SHADINGS, TONE_CURVES
-from .vectors import Vector, check_vector, is_finite_number
+
+_MAX_SHOWN = 80  # characters of a wrong value in a message
+
+_Settings = TypeVar("_Settings")
 
 
 @dataclass(frozen=True)
-class Light:
-    """A directed light, and ambient light from the sky and the ground. Colours are linear, 0 to 1.
+class Kind:
+    """The values that a setting takes.
 
     Attributes
     ----------
-    direction : (3,) float, or None
-        Towards the light, in the scene's coordinates. None: from behind the viewer's left shoulder.
-    colour : (3,) float
-        Of the directed light, on a surface that faces it.
-    sky, ground : (3,) float
-        On a surface that faces up, and one that faces down.
+    text : str
+        As messages and pages say it, behind "must be".
+    read : function
+        Returns the value that is kept; raises `ValueError` or `TypeError` for another one, or `SceneError` with a
+        sentence of its own.
+    option : type
+        Of the command line's option: int, float, bool or str.
+    metavar : str
+        As the command line's help shows a value; empty: by `option`.
+    members : type, or None
+        The dataclass of a group, whose members are settings, too.
+    """
+
+    text: str
+    read: Callable[[Any], Any]
+    option: type = str
+    metavar: str = ""
+    members: type | None = None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a dataclass, or of a group in it.
+
+    Attributes
+    ----------
+    name : str
+        As a keyword: ``exposure``, ``light_direction``.
+    default : object
+    help : str
+        One line.
+    kind : Kind
+    panel : str
+        The heading below which pages and help list it.
+    shown : str
+        The default in words, where the value does not say it.
+    is_option : bool
+        Whether the command line has it.
+    """
+
+    name: str
+    default: Any
+    help: str
+    kind: Kind
+    panel: str
+    shown: str
+    is_option: bool
+
+    def read(self, value: Any) -> Any:
+        """Return the value that is kept; raise `SceneError` for one that the setting does not take."""
+        if value is None and self.default is None:
+            return None
+        try:
+            return self.kind.read(_as_python(value))
+        except SceneError:
+            raise
+        except (TypeError, ValueError, OverflowError):
+            or_none = ", or None" if self.default is None else ""
+            raise SceneError(f"{self.name} must be {self.kind.text}{or_none}, not {_show(value)}") from None
+
+
+def setting(
+    default: Any, help: str, kind: Kind, panel: str = "", *, shown: str = "", is_option: bool = True
+) -> Any:
+    """Return a field of a dataclass with settings, see `Setting`; a default of None allows None."""
+    return dataclasses.field(
+        default=default, metadata={"help": help, "kind": kind, "panel": panel, "shown": shown, "is_option": is_option}
+    )
+
+
+@cache
+def settings_of(owner: type) -> dict[str, Setting]:
+    """Return the settings of a dataclass by their names."""
+    fields = (each for each in dataclasses.fields(owner) if "kind" in each.metadata)  # type: ignore[arg-type]
+    return {each.name: Setting(each.name, each.default, **each.metadata) for each in fields}
+
+
+@cache
+def list_settings(owner: type) -> tuple[Setting, ...]:
+    """Return the settings of a dataclass, each group followed by its members, such as ``light_direction``."""
+    listed: list[Setting] = []
+    for group in settings_of(owner).values():
+        listed.append(group)
+        if group.kind.members is not None:
+            for member in settings_of(group.kind.members).values():
+                listed.append(dataclasses.replace(member, name=f"{group.name}_{member.name}", panel=group.panel))
+    return tuple(listed)
+
+
+def check_settings(owner: Any, prefix: str = "") -> None:
+    """Replace the values of a frozen dataclass by those that are kept; raise `SceneError` for a wrong one.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in messages: that of a group, with an underscore.
+    """
+    for name, each in settings_of(type(owner)).items():
+        value = getattr(owner, name)
+        if value is not each.default:
+            object.__setattr__(owner, name, dataclasses.replace(each, name=prefix + name).read(value))
+
+
+def change_settings(owner: _Settings, changes: Mapping[str, Any]) -> _Settings:
+    """Return a dataclass with other settings; members of a group change that group.
 
     Raises
     ------
     SceneError
-        A value is not three finite numbers, or the direction is zero.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> light = clbvh.Light(direction=(0, 1, 0), sky=(0.3, 0.3, 0.35))
-    >>> picture = clbvh.render(clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=1000), light=light))
+        There is no setting of a name, or a value is wrong.
     """
-
-    direction: Vector | None = None
-    colour: Vector = (0.92, 0.88, 0.82)
-    sky: Vector = (0.19, 0.21, 0.24)
-    ground: Vector = (0.07, 0.065, 0.06)
-
-    def __post_init__(self) -> None:
-        for name in ("colour", "sky", "ground"):
-            check_vector(f"the light's {name}", getattr(self, name))
-        if self.direction is not None:
-            check_vector("the light's direction", self.direction)
-            if not any(self.direction):
-                raise SceneError("the light's direction must not be zero")
-
-    def with_direction(self, direction: Vector | None) -> Light:
-        """Return a copy with another direction.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.Light().with_direction((0, 1, 0)).direction
-        (0, 1, 0)
-        """
-        return dataclasses.replace(self, direction=direction)
+    known = settings_of(type(owner))
+    direct = {name: value for name, value in changes.items() if name in known}
+    for name in changes.keys() - known.keys():
+        group = next((each for each in known.values() if _is_member(name, each)), None)
+        if group is None:
+            raise SceneError(say_unknown(name, [each.name for each in list_settings(type(owner))]))
+        value = direct.get(group.name, getattr(owner, group.name))
+        whole = group.kind.read(True if value is None or value is False else value)
+        direct[group.name] = change_settings(whole, {name[len(group.name) + 1 :]: changes[name]})
+    return dataclasses.replace(owner, **direct)  # type: ignore[type-var]
 
 
-DEFAULT_LIGHT = Light()
+def say_unknown(name: str, known: Iterable[str], what: str = "setting") -> str:
+    """Return the sentence about a name that does not exist, with the nearest one that does."""
+    known = list(known)
+    close = difflib.get_close_matches(name, known, 1)
+    rest = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+    return f"there is no {what} '{name[:_MAX_SHOWN]}': {rest}"
 
 
-DEFAULT_CREASE_ANGLE = 40.0
-DEFAULT_CHANNELS = ("rgb", "alpha", "depth", "normal", "instance_id")  # of `render_images`
-DEFAULT_BOUNCES = 12
-
-# Enough for edges without steps and for soft shadows with little noise: 0.6 s for 800 x 450 on a 2-core x86-64 server.
-_DEFAULT_SAMPLES = {"studio": 16, "ao": 16, "path": 64}
-
-# More would leave the numbers of the sample points.
-MAX_SAMPLES = 2**24
-_MAX_SEED = 2**32 - 1
-_MAX_BOUNCES = 1000
-
-# Light of 2^100 times the usual strength is still a float32.
-_MAX_EXPOSURE = 100.0
-
-# Samples are compared with it in float32.
-_MAX_CLAMP = 1e30
-
-# With the brightest pixels of an environment, still a float32.
-_MAX_STRENGTH = 1e10
+def as_plain(owner: Any) -> dict[str, Any]:
+    """Return the settings that differ from their defaults, as JSON takes them; groups are tables."""
+    plain = {}
+    for name, each in settings_of(type(owner)).items():
+        value = getattr(owner, name)
+        if value != each.default:
+            plain[name] = as_plain(value) if each.kind.members is not None else value
+    return plain
 
 
-def check_sampling(scene: Any) -> None:
-    """Raise `SceneError` for a setting that is out of range."""
-    if scene.samples is not None:
-        _check_integer("samples", scene.samples, 1, MAX_SAMPLES)
-        if scene.samples > 1 and scene.shading in REPORT_SHADINGS:
-            raise SceneError(
-                f"the shading '{scene.shading}' has one sample, the centre of each pixel, and not {scene.samples:,}: "
-                "studio, ao and path take more"
-            )
-    _check_integer("seed", scene.seed, 0, _MAX_SEED)
-    _check_integer("max_bounces", scene.max_bounces, 0, _MAX_BOUNCES)
-    _check_number("smooth", scene.smooth, 0.0, 180.0)
-    _check_number("exposure", scene.exposure, -_MAX_EXPOSURE, _MAX_EXPOSURE)
-    _check_number("environment_strength", scene.environment_strength, 0.0, _MAX_STRENGTH)
-    if not is_finite_number(scene.environment_rotation):
-        raise SceneError(f"environment_rotation must be a finite number of degrees, not {scene.environment_rotation!r}")
-    if scene.clamp is not None and not (is_finite_number(scene.clamp) and 0 < scene.clamp <= _MAX_CLAMP):
-        raise SceneError(f"clamp must be a number above 0 and up to {_MAX_CLAMP:g}, or None, not {scene.clamp!r}")
-    for name in ("ground", "transparent"):
-        if not isinstance(getattr(scene, name), bool) and not (name == "ground" and scene.ground is None):
-            raise SceneError(f"{name} must be True or False, not {getattr(scene, name)!r}")
-    if scene.tone_curve is not None and scene.tone_curve not in TONE_CURVES:
-        raise SceneError(f"the tone curve must be one of {', '.join(TONE_CURVES)}, not {scene.tone_curve!r}")
+def whole(least: int, most: int) -> Kind:
+    """Return whole numbers from `least` to `most`."""
+
+    def read(value: Any) -> int:
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise ValueError
+        return value
+
+    return Kind(f"a whole number from {least:,} to {most:,}", read, int)
 
 
-def find_sample_count(scene: Any) -> int:
-    """Return how many samples each pixel gets."""
-    return _DEFAULT_SAMPLES.get(scene.shading, 1) if scene.samples is None else scene.samples
+def number(
+    least: float | None = None, most: float | None = None, *, above: float | None = None, below: float | None = None
+) -> Kind:
+    """Return finite numbers with these limits."""
+    limits = (("from", least), ("above", above), ("up to", most), ("below", below))
+    text = " and ".join(f"{word} {limit:,.15g}" for word, limit in limits if limit is not None)
+
+    def read(value: Any) -> float:
+        value = _read_number(value)
+        if least is not None and value < least or most is not None and value > most:
+            raise ValueError
+        if above is not None and value <= above or below is not None and value >= below:
+            raise ValueError
+        return value
+
+    return Kind(f"a number {text}" if text else "a finite number", read, float)
 
 
-def find_tone_curve(scene: Any) -> str:
-    """Return the name of the tone curve."""
-    return scene.tone_curve or ("filmic" if scene.shading == "path" else "linear")
+def one_of(names: Iterable[str]) -> Kind:
+    """Return names."""
+    names = tuple(names)
+
+    def read(value: Any) -> str:
+        if value not in names:
+            raise ValueError
+        return value
+
+    return Kind(f"one of {', '.join(names)}", read, metavar="|".join(names))
 
 
-def _check_integer(name: str, value: object, least: int, most: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
-        raise SceneError(f"{name} must be a whole number from {least} to {most:,}, not {value!r}")
+def flag() -> Kind:
+    """Return True and False."""
+
+    def read(value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise TypeError
+        return value
+
+    return Kind("True or False", read, bool)
 
 
-def _check_number(name: str, value: object, least: float, most: float) -> None:
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not least <= float(value) <= most:  # type: ignore[arg-type]
-        raise SceneError(f"{name} must be a number from {least:g} to {most:g}, not {value!r}")
+def vector(least: float | None = None, most: float | None = None, *, metavar: str = "X,Y,Z") -> Kind:
+    """Return three finite numbers within limits, also as a text with commas."""
+    part = number(least, most)
+    limits = part.text.removeprefix("a number") if least is not None or most is not None else ""
+
+    def read(value: Any) -> Vector:
+        x, y, z = map(part.read, _split(value))
+        return x, y, z
+
+    return Kind(f"three finite numbers{limits}", read, metavar=metavar)
 
 
-DEFAULT_WIDTH = 1.0
-BLACK = (0.0, 0.0, 0.0)
+def group(members: type[Any], text: str) -> Kind:
+    """Return a dataclass of settings, also as a table of them; True for its defaults, and False for None."""
 
-_MAX_WIDTH = 1000.0
+    def read(value: Any) -> Any:
+        if isinstance(value, bool):
+            return members() if value else None
+        if isinstance(value, Mapping):
+            return change_settings(members(), value)
+        if not isinstance(value, members):
+            raise TypeError
+        return value
+
+    return Kind(text, read, bool, members=members)
 
 
-@dataclass(frozen=True)
-class Wireframe:
-    """Lines along the edges of triangles, drawn over what the camera shows; spheres have none.
+Vector = tuple[float, float, float]
+"""Three numbers: a point, a direction, or a linear colour."""
 
-    Attributes
-    ----------
-    width : float, pixels
-        Above 0, at most 1000. It is the same at any distance.
-    colour : (3,) float
-        Linear, from 0 to 1. Neither light nor exposure changes it.
 
-    Raises
-    ------
-    SceneError
-        A value is out of range.
+def _is_member(name: str, group: Setting) -> bool:
+    members = group.kind.members
+    return members is not None and name.removeprefix(f"{group.name}_") in settings_of(members) and name != group.name
 
-    Notes
-    -----
-    An edge is drawn on the triangle that is seen, on either side of it, so an outline has half the width. Where a
-    triangle is lower than 6 widths of the line (6 pixels of a thin one), the line grows fainter, and there is none at
-    1.5 widths: a dense mesh shows its surface, and no black. The lines are smooth, and depend on the pixel alone.
 
-    Examples
-    --------
-    >>> import clbvh
-    >>> ball = clbvh.make_shape("icosphere", triangles=320)
-    >>> picture = clbvh.render(ball, wireframe=clbvh.Wireframe(width=2), width=64, height=48)
-    >>> bool(picture.rgb.mean() < clbvh.render(ball, width=64, height=48).rgb.mean())
-    True
-    """
+def _split(value: Any) -> Iterable[Any]:
+    return map(float, value.split(",")) if isinstance(value, str) else value
 
-    width: float = DEFAULT_WIDTH
-    colour: Vector = BLACK
 
-    def __post_init__(self) -> None:
-        width = self.width
-        if isinstance(width, bool) or not isinstance(width, Real) or not 0 < float(width) <= _MAX_WIDTH:
-            raise SceneError(f"the width of a wireframe must be above 0, and at most 1000 pixels, not {width!r}")
-        check_vector("the colour of a wireframe", self.colour)
-        if not all(0 <= part <= 1 for part in self.colour):
-            raise SceneError(f"the colour of a wireframe must be three numbers from 0 to 1, not {self.colour}")
+def _read_number(value: Any) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError
+    return float(value)
+
+
+def _as_python(value: Any) -> Any:
+    """Return a value with Python's own numbers and tuples, at every depth, in place of numpy's and of lists."""
+    if isinstance(value, list | tuple) or hasattr(value, "tolist"):
+        parts = value.tolist() if hasattr(value, "tolist") else value
+        return tuple(map(_as_python, parts)) if isinstance(parts, list | tuple) else parts
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return value
+    return int(value) if isinstance(value, Integral) else float(value)
+
+
+def _show(value: Any) -> str:
+    """Return the beginning of a wrong value."""
+    try:
+        return repr(value)[:_MAX_SHOWN]
+    except ValueError:  # Python does not print integers of many thousand digits
+        return "a number of many digits"

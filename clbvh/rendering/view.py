@@ -1,362 +1,424 @@
-"""A scene in the form that the render kernel takes: one `structs.VIEW`, with its projection, cut, lines and ground."""
+"""Every setting of a picture, once: its type, its limits, its default, and one line of help.
+
+Imports no numpy, see `settings.py`. What a setting does is written where it is used.
+"""
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..choices import REPORT_SHADINGS, SHADINGS, STANDARD_VIEWS, TONE_CURVES
 from ..errors import SceneError
-from ..geometry import Mesh
-from ..geometry.appearance.srgb import linear_to_srgb
-from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
-from .camera import Camera
-from .camera_rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
-from .cut import Cut
-from .guesses import known_up
-from .lens import window_of
-from .projection import Fisheye, Panorama, name_of
-from .scene import Scene
-from .settings import Wireframe, find_tone_curve
-from .view_bounds import Reaches, SceneExtent
+from .settings import (
+    Kind,
+    Vector,
+    change_settings,
+    check_settings,
+    flag,
+    group,
+    number,
+    one_of,
+    setting,
+    vector,
+    whole,
+)
 
-# Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
-_MOST_DISTANCE = 1e30
+if TYPE_CHECKING:
+    from .camera import Camera
+    from .cut import Cut
+    from .film.environment_map import EnvironmentMap
+    from .projection import Projection
 
-# The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
-_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
+CAMERA, LIGHT, SHADING, FILM = "Camera", "Light", "Shading", "Picture"
 
-# The same in the shading `studio`: more from the side and from above, so that the faces of a part differ.
-_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS = 0.70, 0.85, 0.45
+DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
+MAX_SIDE = 65_535
+DEFAULT_FOV = 35.0
 
-# Tangent of half the angle of the soft light: that of a large lamp.
-_LIGHT_SPREAD = 0.1
+# Enough for edges without steps and for soft shadows with little noise: 0.6 s for 800 x 450 on a 2-core x86-64 server.
+_DEFAULT_SAMPLES = {"studio": 16, "ao": 16, "path": 64}
 
-# Surfaces within this share of the half diagonal of the box around all objects keep ambient light off each other:
-# without a limit, a closed room would have none.
-_OCCLUSION_REACH = 0.4
+# More would leave the numbers of the sample points.
+MAX_SAMPLES = 2**24
 
-# More than float32 rounds off a radius.
-_ROUNDED_UP = 1.0 + 1e-5
+# Light of 2^100 times the usual strength is still a float32; so are the brightest pixels of an environment times 1e10,
+# and samples that are compared with 1e30.
+_MAX_EXPOSURE, _MAX_STRENGTH, _MAX_CLAMP = 100.0, 1e10, 1e30
 
-
-def make_view(
-    scene: Scene,
-    camera: Camera,
-    mesh: Mesh,
-    local_box: NDArray[np.floating] | None = None,
-    ground: Ground | None = None,
-    framed_box: NDArray[np.floating] | None = None,
-) -> NDArray[np.void]:
-    """Return the view of a mesh, (1,) `structs.VIEW`.
-
-    Parameters
-    ----------
-    scene : Scene
-    camera : Camera
-        In the scene's coordinates; the view is in the mesh's local ones.
-    mesh : Mesh
-    local_box : (2, 3) float, local coordinates, optional
-        The box around all objects; by default the mesh's.
-    ground : Ground, optional
-        In the scene's coordinates.
-    framed_box : (2, 3) float, local coordinates, optional
-        The box around what counts, see `Scene.frame`; by default `local_box`. A depth picture shows its depths, which
-        are distances from the eye for a fisheye and a panorama.
-
-    Raises
-    ------
-    SceneError
-        The eye is too far away for float32, or the aspect ratio is not that of the camera's lens.
-    """
-    view = np.zeros(1, VIEW)
-    right, up, forward = camera.axes()
-    eye = _locate_eye(camera, mesh)
-    view["eye"] = eye
-    view["eye_low"] = eye - view["eye"]
-    view["optical_axis"] = forward
-    _set_projection(view, camera, mesh.scale, scene.width, scene.height)
-
-    view["to_light"] = _light_direction(scene, right, up, forward)
-    view["light_colour"] = scene.light.colour
-    view["to_sky"] = sky_direction(scene, camera)
-    view["sky_colour"] = scene.light.sky
-    view["ground_colour"] = scene.light.ground
-    view["surface_colour"] = scene.surface
-    view["background_top"], view["background_bottom"] = scene.background
-
-    box = (mesh.local_box if local_box is None else local_box).astype(np.float64)
-    is_round = isinstance(camera.projection, Fisheye | Panorama)
-    framed = box if framed_box is None else framed_box.astype(np.float64)
-    nearest, farthest = _range_around(framed, eye) if is_round else _range_along(framed, eye, forward)
-    # A mesh without depth is drawn white.
-    view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
-    view["width"], view["height"] = scene.width, scene.height
-    view["shading"] = SHADINGS[scene.shading]
-    half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
-    if ground is not None:
-        gap = GROUND_GAP * half_diagonal if scene.shading == "path" else 0.0
-        view["ground_point"] = mesh.to_local(ground.point) - gap * ground.normal
-        view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * mesh.scale
-    view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
-    view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
-    view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
-    view["has_sun"] = any(scene.light.colour)
-    view["is_headlight"] = scene.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
-    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
-    secant = np.hypot(1.0, _LIGHT_SPREAD)
-    view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
-    view["most_light"] = np.inf if scene.clamp is None else scene.clamp
-    view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
-    if scene.cut is not None:
-        _set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
-    if scene.wireframe is not None:
-        _set_wireframe(view, scene.wireframe, scene)
-    view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
-    return view
+# Settings that choose a camera: a change of one of a row leaves out those of the other rows.
+_CAMERA_CHOICES = ({"camera"}, {"view"}, {"eye", "look_at"})
 
 
-def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
-    """Return (3,) float64: the unit vector upwards in the scene."""
-    # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
-    is_of_world = camera.lens is None and scene.view is None
-    to_sky = np.asarray(camera.up if is_of_world else known_up(scene.up), np.float64)
-    return to_sky / np.linalg.norm(to_sky)
-
-
-def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
-    """Return the eye in local coordinates."""
-    with np.errstate(over="ignore"):
-        eye = mesh.to_local(camera.eye)
-        distance = np.abs(eye).max()
-    if not distance < _MOST_DISTANCE:
-        raise SceneError(
-            f"the camera's eye {camera.eye} is {distance:.0e} sizes of the mesh away from it, and a picture has room "
-            f"for {_MOST_DISTANCE:.0e}: move it closer"
-        )
-    return eye
-
-
-def _light_direction(
-    scene: Scene, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the unit vector towards the light."""
-    if scene.light.direction is None:
-        is_studio = scene.shading == "studio"
-        left, above, near = (
-            (_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS) if is_studio else (_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS)
-        )
-        towards = above * up - left * right - near * forward
-    else:
-        towards = np.asarray(scene.light.direction, np.float64)
-    return towards / np.linalg.norm(towards)
-
-
-def _range_along(
-    box: NDArray[np.float64], eye: NDArray[np.float64], forward: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the nearest and the farthest distance of a box along the line of sight, in local units."""
-    lower, upper = box
-    nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
-    farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
-    return max(nearest, 0.0), farthest
-
-
-def _range_around(box: NDArray[np.float64], eye: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the nearest and the farthest distance of a box from the eye, in local units."""
-    lower, upper = box
-    nearest = np.linalg.norm(np.maximum(np.maximum(lower - eye, eye - upper), 0.0))
-    return float(nearest), float(np.linalg.norm(np.maximum(upper - eye, eye - lower)))
-
-
-# Largest extent of a lens or of parallel rays, in sizes of the mesh: well within float32.
-_MOST_EXTENT = 1e30
-
-_Axes = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-
-
-def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width: int, height: int) -> None:
-    """Write the fields of the projection and of the lens into a view.
-
-    Parameters
-    ----------
-    view : (1,) `structs.VIEW`
-    camera : Camera
-    scale : float
-        Local units in one unit of the scene.
-    width, height : int, pixels
-
-    Raises
-    ------
-    SceneError
-        A length is too large for float32, or the aspect ratio is not that of the camera's lens.
-    """
-    model = find_ray_model(camera.projection, camera.lens, camera.fov, width, height)
-    right, up, middle = axes = camera.axes()
-    kind = name_of(camera.projection)
-    match model:
-        case PinholeModel(_, None):
-            middle, right, up = _span_picture(camera, width, height, axes)
-        case PinholeModel(window, distortion):
-            kind = "distorted"
-            view["centre"] = window.centre_x, window.centre_y
-            view["half_size"] = window.half_width, window.half_height
-            view["shear"] = window.shear
-            view["distortion"] = distortion
-        case ParallelModel(half_width, half_height):
-            right, up = half_width * scale * right, half_height * scale * up
-        case FisheyeModel(half_width, half_height, half_angle):
-            view["half_size"] = half_width, half_height
-            view["half_angle"] = half_angle / (2 * math.pi)
-    view["projection"] = PROJECTIONS[kind]
-    view["forward"] = middle
-    view["forward_low"] = middle - view["forward"]
-    view["right"], view["up"] = right, up
-    _set_lens(view, camera, scale, axes)
-    extents = [np.abs(view[name]).max() for name in ("right", "up", "lens_right", "lens_up")]
-    if not max(extents) < _MOST_EXTENT:
-        raise SceneError(f"the camera's height or aperture is more than {_MOST_EXTENT:.0e} sizes of the mesh")
-
-
-def _set_lens(view: NDArray[np.void], camera: Camera, scale: float, axes: _Axes) -> None:
-    """Write the fields of depth of field."""
-    radius = camera.aperture / 2 * scale
-    if radius == 0:
-        return
-    view["has_lens"] = 1
-    with np.errstate(over="ignore"):  # refused by `_set_projection`
-        view["lens_right"], view["lens_up"] = radius * axes[0], radius * axes[1]
-        view["inverse_focus"] = 1 / (camera.focus * scale)
-
-
-def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes:
-    """Return the middle of the picture in the plane at distance 1 from the eye, and its halves right and up."""
-    right, up, forward = axes
-    if camera.lens is None:
-        half_height = math.tan(math.radians(camera.fov) / 2)
-        # The order of these products determines the last bits of pictures.
-        return forward, right * half_height * width / height, up * half_height
-    window = window_of(camera.lens.resized(width, height))
-    # One unit upwards, which skew also moves to the side.
-    upwards = up + window.shear * right
-    middle = forward + window.centre_x * right + window.centre_y * upwards
-    return middle, window.half_width * right, window.half_height * upwards
-
-
-# By the shading, whether there is a ground unless the scene says so.
-_HAS_GROUND = {"studio": True, "path": False}
-
-# The radius up to which shadows are shown, in half diagonals of the box around all objects: a soft shadow of something
-# as high as wide ends well within it.
-_RADIUS = 4.0
-
-# The ground of `path` lies below the plane by this share of that: surfaces that stand on the plane, and rays that begin
-# at them, are above it by more than float32 rounds off.
-GROUND_GAP = 2e-5
-
-# Vertices per step: they stay in the cache.
-_CHUNK_VERTICES = 2**16
-
-
-class Ground(NamedTuple):
-    """A plane below all objects.
+@dataclass(frozen=True)
+class Light:
+    """A directed light, and ambient light from the sky and the ground. Colours are linear.
 
     Attributes
     ----------
-    point : (3,) float64, the scene's coordinates
-        Below the middle of the objects.
-    normal : (3,) float64
-        Unit vector upwards.
-    radius : float, the scene's unit
-        Up to which shadows are shown.
+    direction : (3,) float, or None
+        Towards the light, in the scene's coordinates. None: from behind the viewer's left shoulder.
+    colour : (3,) float
+        Of the directed light, on a surface that faces it.
+    sky, ground : (3,) float
+        On a surface that faces up, and one that faces down.
+
+    Raises
+    ------
+    SceneError
+        A value is not three finite numbers, or the direction is zero.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> light = clbvh.Light(direction=(0, 1, 0), sky=(0.3, 0.3, 0.35))
+    >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), light=light, width=64, height=48)
     """
 
-    point: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    radius: float
+    direction: Vector | None = setting(
+        None, "Direction towards the light.", vector(), shown="above, to the viewer's left"
+    )
+    colour: Vector = setting(
+        (0.92, 0.88, 0.82), "Linear colour of the directed light.", vector(metavar="R,G,B")
+    )
+    sky: Vector = setting((0.19, 0.21, 0.24), "Light on surfaces that face up.", vector(metavar="R,G,B"))
+    ground: Vector = setting((0.07, 0.065, 0.06), "Light on surfaces that face down.", vector(metavar="R,G,B"))
+
+    def __post_init__(self) -> None:
+        check_settings(self, "light_")
+        if self.direction is not None and not any(self.direction):
+            raise SceneError("light_direction must not be zero")
 
 
-def shows_ground(scene: Scene) -> bool:
-    """Return whether a picture of a scene has a ground."""
-    if scene.shading not in _HAS_GROUND:
-        return False
-    return _HAS_GROUND[scene.shading] if scene.ground is None else scene.ground
+@dataclass(frozen=True)
+class Wireframe:
+    """Lines along the edges of triangles, drawn over what the camera shows; spheres have none.
 
-
-def find_ground(extent: Mesh | SceneExtent, up: NDArray[np.float64]) -> Ground:
-    """Return the highest plane that no object reaches below.
-
-    Parameters
+    Attributes
     ----------
-    extent : Mesh or SceneExtent
-        What stands on the ground.
-    up : (3,) float64, of any length
+    width : float, pixels
+        The same at any distance.
+    colour : (3,) float
+        Linear, from 0 to 1. Neither light nor exposure changes it.
+
+    Raises
+    ------
+    SceneError
+        A value is out of range.
+
+    Notes
+    -----
+    An edge is drawn on the triangle that is seen, on either side of it, so an outline has half the width. Where a
+    triangle is lower than 6 widths of the line (6 pixels of a thin one), the line grows fainter, and there is none at
+    1.5 widths: a dense mesh shows its surface, and no black. The lines are smooth, and depend on the pixel alone.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> ball = clbvh.make_shape("icosphere", triangles=320)
+    >>> picture = clbvh.render(ball, wireframe=True, wireframe_width=2, width=64, height=48)
+    >>> bool(picture.rgb.mean() < clbvh.render(ball, width=64, height=48).rgb.mean())
+    True
     """
-    normal = up / np.linalg.norm(up)
-    box = extent.local_box.astype(np.float64)
-    if isinstance(extent, SceneExtent):
-        lowest = -float(extent.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
-    else:
-        lowest = _find_lowest(extent, normal)
-    middle = box.mean(axis=0)
-    point = middle + (lowest - middle @ normal) * normal
-    half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
-    return Ground(extent.origin + point / extent.scale, normal, _RADIUS * half_diagonal / extent.scale)
+
+    width: float = setting(1.0, "Width of the lines, in pixels.", number(above=0, most=1000))
+    colour: Vector = setting((0.0, 0.0, 0.0), "Linear colour of the lines.", vector(0, 1, metavar="R,G,B"))
+
+    def __post_init__(self) -> None:
+        check_settings(self, "wireframe_")
 
 
-def _find_lowest(mesh: Mesh, up: NDArray[np.float64]) -> float:
-    """Return the least height of a vertex, in local units."""
-    points, direction = mesh.local_vertices, up.astype(np.float32)
-    return min(
-        float((points[begin : begin + _CHUNK_VERTICES] @ direction).min())
-        for begin in range(0, len(points), _CHUNK_VERTICES)
+def _colours() -> Kind:
+    """Return one colour, or two: at the top and at the bottom."""
+    colour = vector().read
+
+    def read(value: Any) -> tuple[Vector, Vector]:
+        parts = tuple(value.split(";") if isinstance(value, str) else value)
+        pair = parts if len(parts) == 2 else (value, value)
+        top, bottom = map(colour, pair)
+        return top, bottom
+
+    return Kind("three finite numbers, or two such colours: top and bottom", read, metavar="R,G,B[;R,G,B]")
+
+
+def _read_camera(value: Any) -> Camera:
+    from .camera import Camera
+
+    if not isinstance(value, Camera):
+        raise TypeError
+    return value
+
+
+def _read_cut(value: Any) -> Cut:
+    from .cut import as_cut
+
+    return as_cut(value)
+
+
+def _read_environment(value: Any) -> EnvironmentMap:
+    from .film.environment_map import as_environment
+
+    return as_environment(value)
+
+
+def _read_projection(value: Any) -> Projection | None:
+    from .projection import read_projection
+
+    return read_projection(value)
+
+
+def _read_up(value: Any) -> Vector | str:
+    from .projection import read_up
+
+    return read_up(value)
+
+
+_UP_TEXT = 'a direction, an axis such as "z" or "-z", or "auto"'
+_CUT_TEXT = 'a clbvh.Cut, or a text such as "z=50%", "0,1,0;0,1,0" or "box 0,0,0;1,1,1"'
+_PROJECTION_TEXT = 'a clbvh.Orthographic, Fisheye or Panorama, or a text such as "fisheye:220"'
+
+
+@dataclass(frozen=True)
+class View:
+    """All settings of a picture: what the camera sees of a scene, in which light, and how that becomes colours.
+
+    Every setting has a default. The same names are keywords of `render`, keys of the `[view]` table of a scene file,
+    and, with hyphens, options of `clbvh render`. Numbers may be numpy's; vectors may be arrays, or texts such as
+    ``"1,2,3"``.
+
+    Attributes
+    ----------
+    camera : Camera, or None
+        None: chosen by the settings that follow; they count for nothing beside a camera, but for `up`.
+    view : str, or None
+        The whole scene from a side: ``"front"``, ``"right"``, ``"back"``, ``"left"``, ``"top"``, ``"bottom"`` or
+        ``"iso"``. None: from the front, a little from the right and from above.
+    eye, look_at : (3,) float, or None
+        The position of the camera, and what it looks at. None: chosen so that the whole scene is visible.
+    up : (3,) float, or str
+        The direction that is up. ``"auto"``: y or z, guessed from the shape and the file format; `Picture.notes` says
+        the guess. ``"x"``, ``"-y"``, ``"z"`` and so on are axes.
+    frame : str
+        What the whole is: ``"auto"``, all but a few small parts far away from everything else, or ``"all"``.
+        `Picture.notes` says what was left out.
+    fov : float
+        Vertical field of view in degrees; of a perspective camera only.
+    projection : Orthographic, Fisheye, Panorama or None
+        None: perspective. Also as a text: ``"orthographic"``, ``"orthographic:2"``, ``"fisheye:220"``, ``"panorama"``.
+        An orthographic camera without a height gets the one that shows everything.
+    aperture, focus_distance : float, the scene's units
+        Depth of field, see `Camera`.
+    light : Light
+    environment : EnvironmentMap, path, (h, w, 3) array, or None
+        Light from all around, in ``path``: a panorama as an ``.hdr`` or ``.exr`` file, or as linear colours with the
+        zenith's row first. Its middle column is along +x, and up is up. The directed light then shines only if it has
+        a direction. None: the `background`, from below to above.
+    environment_rotation : float
+        Degrees by which it is turned about the direction upwards, counter-clockwise seen from above.
+    environment_strength : float
+        Factor of its light.
+    shading : str
+        ``studio``, ``ao`` and ``path`` take samples; ``lambert``, ``lambert+shadow``, ``normal`` and ``depth`` cast one
+        ray through the centre of each pixel.
+    samples : int, or None
+        Of each pixel, for the shadings with samples. None: 16, for ``path`` 64.
+    seed : int
+        Of the sample points. Equal seeds give equal pictures.
+    max_bounces : int
+        Reflections after which a path of ``path`` ends; 0: light that comes straight from a source.
+    smooth : float
+        Crease angle in degrees, of meshes without normals of their own; 0: flat shading.
+    ground : bool, or None
+        A ground below all objects: in ``studio`` it shows their shadows alone, in ``path`` it is a matte surface of
+        middle grey, without an end but for a soft transition to the background. The other shadings have none.
+    surface : (3,) float
+        Linear colour of objects without one of their own.
+    cut : Cut, or None
+        A part of the world that the camera does not see. Also as a text: ``"z=50%"`` cuts away what lies above the
+        middle of the scene's height in z, ``"y<2"`` what lies below 2; ``"X,Y,Z;NX,NY,NZ"`` the normal's side of a
+        plane through a point; ``"box X,Y,Z;X,Y,Z"`` the inside of a box.
+    wireframe : Wireframe, or None
+        Lines along the edges of triangles; True for those of the default width and colour.
+    width, height : int
+        Pixels. By default 800 x 450, or the size of the camera's lens.
+    exposure : float
+        Stops by which the light of the shadings with samples is made brighter, or darker where negative.
+    tone_curve : str, or None
+        ``"linear"``, or ``"filmic"``, which keeps bright light from becoming white. None: filmic for ``path``.
+    clamp : float, or None
+        Of ``path``: a sample with more light than that, in any channel, is made as much darker. That takes bright dots
+        away, and with them light: the mean is no longer the right one. None: no limit.
+    background : (3,) float, or a pair of them
+        Linear colours at the top and at the bottom of the picture; one colour may be given for both.
+    transparent : bool
+        Whether the background is left out of the picture; see `Picture.alpha`.
+
+    Raises
+    ------
+    SceneError
+        A value is out of range, or two of them contradict each other.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> view = clbvh.View(shading="path", samples=8, width=64, height=48)
+    >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), view)
+    >>> view.changed(samples=16, light_direction=(0, 1, 0)).light.direction
+    (0.0, 1.0, 0.0)
+    >>> view.changed(sample=4)
+    Traceback (most recent call last):
+    clbvh.errors.SceneError: there is no setting 'sample': did you mean 'samples'?
+    """
+
+    camera: Camera | None = setting(
+        None, "The camera itself.", Kind("a clbvh.Camera", _read_camera), CAMERA, is_option=False
+    )
+    view: str | None = setting(
+        None, "The whole scene from a side.", one_of(STANDARD_VIEWS), CAMERA, shown="a little from the right and above"
+    )
+    eye: Vector | None = setting(None, "Position of the camera.", vector(), CAMERA, shown="sees the whole scene")
+    look_at: Vector | None = setting(None, "Point that the camera looks at.", vector(), CAMERA, shown="the middle")
+    up: Vector | str = setting(
+        "auto", "Direction that is up.", Kind(_UP_TEXT, _read_up, metavar="X,Y,Z|y|-z|auto"), CAMERA,
+        shown="auto: y or z, by the shape",
+    )  # fmt: skip
+    frame: str = setting(
+        "auto", "What the whole is; auto leaves out a few small parts far away from the rest.",
+        one_of(("auto", "all")), CAMERA,
+    )  # fmt: skip
+    fov: float = setting(DEFAULT_FOV, "Vertical field of view in degrees.", number(above=0, below=180), CAMERA)
+    projection: Projection | None = setting(
+        None,
+        "perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the degrees of "
+        "a fisheye as in fisheye:220.",
+        Kind(_PROJECTION_TEXT, _read_projection, metavar="KIND"), CAMERA, shown="perspective",
+    )  # fmt: skip
+    aperture: float = setting(0.0, "Diameter of the lens: depth of field.", number(0), CAMERA)
+    focus_distance: float | None = setting(
+        None, "Distance that is sharp with an aperture.", number(above=0), CAMERA, shown="that of the point looked at"
+    )
+    cut: Cut | None = setting(
+        None,
+        'A part that the camera does not see: above the middle ("z=50%"), below a height ("y<2"), on the normal\'s '
+        'side of a plane ("X,Y,Z;NX,NY,NZ"), or in a box ("box X,Y,Z;X,Y,Z"). Light comes as if it were there.',
+        Kind(_CUT_TEXT, _read_cut, metavar="CUT"), CAMERA,
+    )  # fmt: skip
+
+    light: Light = setting(
+        Light(), "The directed light and the sky.", group(Light, "a clbvh.Light, or a table of its settings"), LIGHT,
+        is_option=False,
+    )  # fmt: skip
+    environment: EnvironmentMap | None = setting(
+        None, "Light from a panorama, .hdr or .exr, in path.",
+        Kind("the path of an .hdr or .exr file, or an (h, w, 3) array", _read_environment, metavar="FILE"), LIGHT,
+        shown="the background",
+    )  # fmt: skip
+    environment_rotation: float = setting(0.0, "Degrees by which it is turned about up.", number(), LIGHT)
+    environment_strength: float = setting(1.0, "Factor of its light.", number(0, _MAX_STRENGTH), LIGHT)
+
+    shading: str = setting(
+        "studio", "studio, ao and path take samples; the others cast one ray for each pixel.", one_of(SHADINGS), SHADING
+    )
+    samples: int | None = setting(
+        None, "Rays through each pixel, for studio, ao and path.", whole(1, MAX_SAMPLES), SHADING, shown="16, 16 and 64"
+    )
+    seed: int = setting(0, "Of the sample points.", whole(0, 2**32 - 1), SHADING)
+    max_bounces: int = setting(12, "Reflections after which a path ends.", whole(0, 1000), SHADING)
+    smooth: float = setting(
+        40.0, "Crease angle in degrees, for meshes without normals; 0: flat.", number(0, 180), SHADING
+    )
+    ground: bool | None = setting(
+        None, "A ground below all objects, in studio and path.", flag(), SHADING, shown="in studio alone"
+    )
+    surface: Vector = setting(
+        (0.80, 0.72, 0.60), "Linear colour of objects without one.", vector(metavar="R,G,B"), SHADING
+    )
+    wireframe: Wireframe | None = setting(
+        None, "Draw the edges of triangles.", group(Wireframe, "a clbvh.Wireframe, or True"), SHADING
     )
 
+    width: int = setting(None, "Pixels.", whole(1, MAX_SIDE), FILM, shown=str(DEFAULT_WIDTH))
+    height: int = setting(None, "Pixels.", whole(1, MAX_SIDE), FILM, shown=str(DEFAULT_HEIGHT))
+    exposure: float = setting(
+        0.0, "Stops by which studio, ao and path are brighter.", number(-_MAX_EXPOSURE, _MAX_EXPOSURE), FILM
+    )
+    tone_curve: str | None = setting(
+        None, "filmic: bright light does not become white at once.", one_of(TONE_CURVES), FILM, shown="filmic for path"
+    )
+    clamp: float | None = setting(
+        None, "Limit the light of a sample (path): no bright dots, but a picture that is a little too dark.",
+        number(above=0, most=_MAX_CLAMP), FILM, shown="no limit",
+    )  # fmt: skip
+    background: tuple[Vector, Vector] = setting(
+        ((0.42, 0.50, 0.60), (0.86, 0.88, 0.90)), "Linear colours of the top and the bottom.", _colours(), FILM
+    )
+    transparent: bool = setting(False, "Leave the background out, in a PNG with alpha.", flag(), FILM)
 
-def _set_cut(
-    view: NDArray[np.void], cut: Cut, eye: NDArray[np.float64], corners: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> None:
-    """Write a cut into a view.
+    def __post_init__(self) -> None:
+        check_settings(self)
+        self._find_size()
+        if self.look_at is not None and self.eye is None:
+            raise SceneError("a camera with look_at needs an eye")
+        if self.view is not None and (self.eye is not None or self.camera is not None):
+            other = "an eye" if self.camera is None else "a camera"
+            raise SceneError(f"the view '{self.view}' and {other} were given: take one of them out")
+        if self.projection is not None and self.fov != DEFAULT_FOV:
+            raise SceneError("fov is that of a perspective camera: take it out, or the projection")
+        if self.aperture and self.projection is not None and not self.projection.has_focus:
+            raise SceneError("a fisheye or a panorama has no plane of focus: its aperture must be 0")
+        if self.samples is not None and self.samples > 1 and self.shading in REPORT_SHADINGS:
+            raise SceneError(
+                f"the shading '{self.shading}' has one sample, the centre of each pixel, and not {self.samples:,}: "
+                "studio, ao and path take more"
+            )
 
-    Parameters
-    ----------
-    view : (1,) `structs.VIEW`
-    cut : Cut
-    eye : (3,) float64
-        In local coordinates.
-    corners : pair of (3,) float64
-        `first` and `second` of the cut as points, in local coordinates.
-    """
-    view["cut"] = CUTS[cut.kind]
-    with np.errstate(over="ignore"):
-        if cut.kind == "plane":
-            view["cut_normal"], view["cut_height"] = cut.normal, (eye - corners[0]) @ cut.normal
-        else:
-            view["cut_lower"], view["cut_upper"] = corners[0] - eye, corners[1] - eye
+    def _find_size(self) -> None:
+        """Complete the size: from the lens of the camera, or by default."""
+        width, height = self.width, self.height
+        if self.camera is not None and self.camera.lens is not None:
+            width, height = self.camera.size_for(width, height)
+        object.__setattr__(self, "width", DEFAULT_WIDTH if width is None else width)
+        object.__setattr__(self, "height", DEFAULT_HEIGHT if height is None else height)
 
+    def changed(self, **changes: Any) -> View:
+        """Return the view with other settings.
 
-def _set_wireframe(view: NDArray[np.void], wireframe: Wireframe, scene: Scene) -> None:
-    """Write the lines of a picture into a view.
+        One way to choose the camera takes the place of another: a `view` that of an `eye`, a `camera` that of both.
+        Members of a group have its name before theirs: `light_direction`, `wireframe_width`.
 
-    Parameters
-    ----------
-    view : (1,) `structs.VIEW`
-    wireframe : Wireframe
-    scene : Scene
-        Its shading, exposure and tone curve are those of the picture.
-    """
-    view["line_width"] = wireframe.width
-    colour = np.asarray(wireframe.colour, np.float64)
-    if scene.shading in REPORT_SHADINGS:
-        view["line_colour"] = linear_to_srgb(colour)
-        return
-    light = _invert_filmic(colour) if find_tone_curve(scene) == "filmic" else colour
-    view["line_colour"] = light / 2.0**scene.exposure
+        Raises
+        ------
+        SceneError
+            There is no such setting, or a value is wrong.
 
+        Examples
+        --------
+        >>> import clbvh
+        >>> view = clbvh.View(eye=(0, 0, 5)).changed(view="top", wireframe_width=2)
+        >>> view.eye is None, view.wireframe.width
+        (True, 2.0)
+        """
+        left_out: set[str] = set()
+        for chosen in _CAMERA_CHOICES:
+            if any(changes.get(name) is not None for name in chosen):
+                left_out = left_out.union(*_CAMERA_CHOICES) - chosen
+        if changes.get("fov") is not None:
+            left_out.add("projection")
+        if changes.get("projection") is not None:
+            left_out.add("fov")
+        camera = changes.get("camera", self.camera)
+        if getattr(camera, "lens", None) is not None and not {"camera", "width", "height"}.isdisjoint(changes):
+            left_out |= {"width", "height"}
+        defaults = {name: DEFAULT_FOV if name == "fov" else None for name in left_out - changes.keys()}
+        return change_settings(self, defaults | changes)
 
-def _invert_filmic(colour: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the light that the filmic curve maps to a colour; see cl/film/tone.cl."""
-    square, linear, constant = 2.51 - 2.43 * colour, 0.03 - 0.59 * colour, -0.14 * colour
-    return (np.sqrt(linear * linear - 4.0 * square * constant) - linear) / (2.0 * square)
+    @property
+    def sample_count(self) -> int:
+        """The samples that each pixel gets."""
+        return _DEFAULT_SAMPLES.get(self.shading, 1) if self.samples is None else self.samples
+
+    @property
+    def curve(self) -> str:
+        """The name of the tone curve."""
+        return self.tone_curve or ("filmic" if self.shading == "path" else "linear")

@@ -1,6 +1,6 @@
 """The handles that users hold, a geometry and its instance in a scene, and the checks of what they are placed with.
 
-Owns nothing: the scene's store does.
+Owns nothing: the scene does.
 """
 
 from __future__ import annotations
@@ -71,6 +71,8 @@ class Instance:
     name : str
         Unique among the instances of the scene.
     geometry : Geometry
+    matrix : (4, 4) float64, read-only
+        From the geometry's coordinates to the scene's.
     mask : int, 0 to 2^32 - 1
         A ray sees the instance if its own mask shares a bit with this one.
     colour : (3,) float, or None
@@ -93,6 +95,7 @@ class Instance:
     id: int
     name: str
     geometry: Geometry
+    matrix: NDArray[np.float64] = field(repr=False)
     mask: int
     colour: tuple[float, float, float] | None = None
     material: Material | None = None
@@ -109,7 +112,7 @@ class Instance:
         >>> scene.place(ball, clbvh.Transform(translate=(5, 0, 0))).transform[:3, 3]
         array([5., 0., 0.])
         """
-        return self.geometry.owner.transform(self.id)
+        return self.matrix.copy()
 
     def __repr__(self) -> str:
         return f"Instance({self.id}, {self.name!r}, of={self.geometry.name!r})"

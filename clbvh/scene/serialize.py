@@ -54,7 +54,7 @@ from ..geometry.spheres import Shape, Spheres
 from ..support.files import as_path, check_target, open_regular, read_errors_as, write_atomically
 from ..support.memory import check_memory
 from .state import SceneState
-from .store import UniqueNames
+from .names import UniqueNames
 from .transforms import check_transforms
 
 # The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).

@@ -13,7 +13,7 @@ from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..geometry import MeshLike, as_mesh
-from ..scene.contents import SceneContents
+from ..scene.scene import Scene
 from .device_tree import DeviceTree, TreeCopies, check_layout
 from .launch import Caster
 from .point_queries import PointQueries
@@ -22,7 +22,7 @@ from .rays.batch import TreeBox
 from .scene.device_scene import DeviceScene
 from .scene.moving_scene import MovingScene
 
-Traceable: TypeAlias = SceneContents | Bvh | MeshLike
+Traceable: TypeAlias = Scene | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
 
 
@@ -68,8 +68,8 @@ class Tracer(RayQueries, PointQueries):
         layout: str = "auto",
     ) -> None:
         check_layout(layout)
-        self._scene = _open_scene(source) if isinstance(source, SceneContents) else None
-        bvh = None if isinstance(source, SceneContents) else _find_tree(source)
+        self._scene = _open_scene(source) if isinstance(source, Scene) else None
+        bvh = None if isinstance(source, Scene) else _find_tree(source)
         self._updating = threading.Lock()
         session = DeviceSession(device)
         tree: DeviceTree | DeviceScene
@@ -136,7 +136,7 @@ class Tracer(RayQueries, PointQueries):
         return f"Tracer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
 
-def _open_scene(contents: SceneContents) -> MovingScene:
+def _open_scene(contents: Scene) -> MovingScene:
     """Return the scene with the trees of its geometries."""
     from ..builders.build import build, build_shape
 

@@ -20,7 +20,7 @@ from ...device.context import check_process, is_inherited
 from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
-from ...scene.contents import SceneContents
+from ...scene.contents import Scene
 from ...scene.handles import Geometry
 from ...scene.parts import make_affine
 from ...scene.transforms import check_transforms
@@ -203,7 +203,7 @@ class _Follower:
         self, nodes: SceneNodes, transforms: NDArray[np.float64], meshes: dict[Any, Any], graph_key: tuple[Any, ...]
     ) -> None:
         self.nodes = nodes
-        self.contents = SceneContents()
+        self.contents = Scene()
         self.contents_of = {name: hash(mesh) for name, mesh in meshes.items()}
         self.geometries: dict[Any, Geometry] = {}
         self.meshes: dict[Any, Mesh] = {}

@@ -24,7 +24,7 @@ from ...geometry import Mesh, Shape
 from ...geometry.box_mesh import mesh_of
 from ...geometry.spheres import Spheres
 from ...layouts.refit_arrays import RefitArrays, read_topology
-from ...scene.contents import SceneContents
+from ...scene.scene import Scene
 from ...scene.handles import Geometry, Instance
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
@@ -46,7 +46,7 @@ class MovingScene:
 
     Parameters
     ----------
-    contents : SceneContents
+    contents : Scene
         Read now; later changes of it are not seen.
     build_tree : function
         Builds the tree of a mesh or of spheres.
@@ -55,7 +55,7 @@ class MovingScene:
     """
 
     def __init__(
-        self, contents: SceneContents, build_tree: Callable[[Shape], Bvh], build_top: Callable[[Mesh], Bvh]
+        self, contents: Scene, build_tree: Callable[[Shape], Bvh], build_top: Callable[[Mesh], Bvh]
     ) -> None:
         self._contents = contents
         self._build_tree, self._build_top = build_tree, build_top

@@ -1,14 +1,15 @@
-"""The content of a scene as users see it: geometries are added, placed by transforms, and found by id or name.
+"""The scene as users see it: geometries are added, placed by transforms, and found by id or name.
 
-Owns the kinds of sources. Must not know of trees, devices, cameras and pictures.
+Owns ids and names. Must not know of trees, devices, cameras and pictures.
 """
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterable, Sequence
 from numbers import Integral
-from typing import Any, Self, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,43 +18,167 @@ from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.spheres import Shape, Spheres
-from .handles import ALL_BITS, Geometry, Instance, check_colour, check_mask, check_material, shorten
+from .handles import ALL_BITS, Colour, Geometry, Instance, check_colour, check_mask, check_material, colour_of_row, shorten
+from .names import UniqueNames, name_of_file
 from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
+from .serialize import read_scene, write_scene
 from .state import SceneState
-from .store import SceneStore, name_of_file
 from .transforms import check_transform, check_transforms
 
+# The top tree counts instances as a mesh counts faces.
+MAX_INSTANCE_COUNT = 2**30
 
-class SceneContents:
-    """Geometries and their instances. `clbvh.Scene` adds the settings of a picture to it."""
+_NO_COLOUR = (np.nan, np.nan, np.nan)
 
-    def __init__(self) -> None:
-        self._store = SceneStore()
 
-    @overload
-    def add(self, source: Shape | MeshLike, *, name: str | None = None) -> Geometry: ...
+class Scene:
+    """Objects: geometries, and the instances that place them. `View` has the settings of a picture.
 
-    @overload
-    def add(self, source: HasGraph | SceneContents, *, name: str | None = None) -> tuple[Instance, ...]: ...
+    `Scene()` is empty: `add` takes geometries, and `place` places them. `Scene("car.glb")` adds and places all that the
+    file holds.
 
-    def add(
-        self, source: Shape | MeshLike | HasGraph | SceneContents, *, name: str | None = None
-    ) -> Geometry | tuple[Instance, ...]:
+    Parameters
+    ----------
+    source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces), trimesh.Scene or Scene, optional
+        Placed once, where it is; see `add`. The instances of another `Scene` are copied, see `add_parts`.
+
+    Raises
+    ------
+    MeshError
+        The source is no valid mesh.
+
+    Notes
+    -----
+    Any number of threads may use a scene, also while one of them adds objects: a tracer has the objects of the moment
+    at which it was made. Scenes pickle. `copy` makes a scene of its own with the same geometries.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> scene = clbvh.Scene()
+    >>> ball = scene.add(clbvh.make_shape("icosphere", triangles=320), name="ball")
+    >>> left = scene.place(ball)
+    >>> right = scene.place(ball, clbvh.Transform(scale=2, translate=(5, 0, 0)))
+    >>> scene.instances
+    (Instance(0, 'ball', of='ball'), Instance(1, 'ball 2', of='ball'))
+    """
+
+    def __init__(self, source: Shape | MeshLike | HasGraph | Scene | None = None) -> None:
+        self._start()
+        if isinstance(source, Scene):
+            self.add_parts(source)
+        elif source is not None:
+            self.place(self.add(source))
+
+    def _start(self) -> None:
+        # Re-entrant: several parts are added as one step.
+        self._lock = threading.RLock()
+        self._geometry_names, self._instance_names = UniqueNames("a geometry"), UniqueNames("an instance")
+        self._geometries: list[Geometry] = []
+        self._instances: list[Instance] = []
+        self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
+        self._drop_caches()
+
+    def _drop_caches(self) -> None:
+        self._snapshot: SceneState | None = None
+        self._handles: tuple[tuple[Geometry, ...], tuple[Instance, ...]] | None = None
+
+    @classmethod
+    def from_state(cls, state: SceneState) -> Scene:
+        """Return a scene of the objects of a snapshot.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> state = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).snapshot()
+        >>> clbvh.Scene.from_state(state).instances
+        (Instance(0, 'icosphere', of='icosphere'),)
+        """
+        scene = cls()
+        for shape, name in zip(state.shapes, state.names, strict=True):
+            scene._add(shape, name, name)
+        scene._transforms = [state.transforms]
+        for number, name in enumerate(state.instance_names):
+            scene._instances.append(
+                Instance(
+                    number,
+                    scene._instance_names.add(name),
+                    scene._geometries[state.geometry_ids[number]],
+                    state.transforms[number],
+                    int(state.masks[number]),
+                    colour_of_row(state.colours[number]),
+                    state.material_of(number),
+                )
+            )
+        scene._snapshot = state
+        return scene
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Scene.from_state, (self.snapshot(),)
+
+    def copy(self) -> Scene:
+        """Return a scene of the same geometries and instances; what is added to either is not in the other.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+        >>> scene.copy().instances
+        (Instance(0, 'icosphere', of='icosphere'),)
+        """
+        return Scene.from_state(self.snapshot())
+
+    __copy__ = copy
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the scene as one file: geometries, instances, names, masks; `save_scene` adds a view.
+
+        The file appears complete or not at all; one of that name is replaced.
+
+        Raises
+        ------
+        ConfigError
+            The folder does not exist, or the path is a folder.
+        OSError
+            The file cannot be written: the disk is full, for example.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> folder = tempfile.TemporaryDirectory()
+        >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).save(Path(folder.name, "ball.scene"))
+        >>> clbvh.Scene.load(Path(folder.name, "ball.scene")).instances
+        (Instance(0, 'icosphere', of='icosphere'),)
+        >>> folder.cleanup()
+        """
+        write_scene(path, self.snapshot(), {})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Scene:
+        """Load the objects of a file that `save` or `save_scene` wrote; `open_scene` also returns the view.
+
+        Nothing in the file is run or trusted: a damaged, cut off or forged one is refused.
+
+        Raises
+        ------
+        SceneError
+            The file cannot be read, or is no whole scene. The message names the fault.
+        """
+        return cls.from_state(read_scene(path)[0])
+
+    def add(self, source: Shape | MeshLike | HasGraph, *, name: str | None = None) -> Geometry:
         """Add a geometry, which is seen by no ray until it is placed.
 
         Parameters
         ----------
-        source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces), trimesh.Scene or Scene
-            A mesh in any form, or spheres. A file of several parts becomes one geometry, as `load_mesh` reads it;
-            `add_scene` keeps the parts. A scene has places for its parts already, so it is handed to `add_scene`.
+        source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces) or trimesh.Scene
+            A mesh in any form, or spheres. A file of several parts becomes one mesh with `Mesh.parts`, and so does a
+            `trimesh.Scene`; `add_parts` makes each part a geometry of its own.
         name : str, optional
             Unique among the geometries of the scene. By default that of the source, with a number where it is taken:
-            ``"bunny"``, ``"bunny 2"``. Not for a scene, which has names.
-
-        Returns
-        -------
-        Geometry
-            For `place`. Of a scene, the tuple of instances that `add_scene` returns.
+            ``"bunny"``, ``"bunny 2"``.
 
         Raises
         ------
@@ -74,20 +199,28 @@ class SceneContents:
         >>> scene.is_empty  # nothing is placed yet
         True
         """
-        if isinstance(source, SceneContents | HasGraph):
-            if name is not None:
-                raise SceneError(f"a scene has names for its parts, so it cannot be given the name {shorten(name)}")
-            return self.add_scene(source)
         if isinstance(source, Geometry):
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
-        kinds = "clbvh.Spheres, a trimesh.Scene, a clbvh.Scene"
-        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else=kinds)
+        if isinstance(source, Scene):
+            raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
+        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
-        return self._store.add(shape, name, wish)
+        with self._lock:
+            if name is not None:
+                self._geometry_names.check(name)
+            return self._add(shape, name, wish)
 
-    def add_scene(
+    def _add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
+        names = self._geometry_names
+        unique = names.add_numbered(wish) if name is None else names.add(name)
+        geometry = Geometry(len(self._geometries), unique, shape, self)
+        self._geometries.append(geometry)
+        self._drop_caches()
+        return geometry
+
+    def add_parts(
         self,
-        source: str | os.PathLike[str] | HasGraph | SceneContents,
+        source: str | os.PathLike[str] | HasGraph | Scene,
         transform: ArrayLike | None = None,
         *,
         mask: int | None = None,
@@ -128,7 +261,7 @@ class SceneContents:
         >>> _ = cart.add_geometry(wheel, node_name="left", geom_name="wheel")
         >>> _ = cart.graph.update("right", geometry="wheel", matrix=clbvh.Transform(translate=(0, 1, 0)).matrix)
         >>> scene = clbvh.Scene()
-        >>> scene.add_scene(cart)
+        >>> scene.add_parts(cart)
         (Instance(0, 'body', of='box'), Instance(1, 'left', of='wheel'), Instance(2, 'right', of='wheel'))
         """
         outer = check_transform(transform)
@@ -141,21 +274,14 @@ class SceneContents:
                 )
                 for part in parts.placed
             ]
-        with self._store.lock:
-            geometries = [self._store.add(shape, None, name) for shape, name in parts.shapes]
-            return tuple(
-                instance
-                for part, matrix in zip(parts.placed, matrices, strict=True)
-                for instance in self._store.place(
-                    geometries[part.shape],
-                    matrix[None],
-                    None,
-                    part.name,
-                    part.mask if common_mask is None else common_mask,
-                    part.colour,
-                    part.material,
-                )
-            )
+        with self._lock:
+            geometries = [self._add(shape, None, name) for shape, name in parts.shapes]
+            placed: list[Instance] = []
+            for part, matrix in zip(parts.placed, matrices, strict=True):
+                part_mask = part.mask if common_mask is None else common_mask
+                look = part.colour, part.material
+                placed += self._place(geometries[part.shape], matrix[None], None, part.name, part_mask, *look)
+            return tuple(placed)
 
     def place(
         self,
@@ -181,7 +307,7 @@ class SceneContents:
         mask : int, 0 to 2^32 - 1
             A ray sees the instance if its own mask shares a bit with this one. All bits by default.
         colour : (3,) float, optional
-            Linear red, green and blue in pictures, 0 to 1; by default that of all surfaces, `Scene.surface`.
+            Linear red, green and blue in pictures, 0 to 1; by default `View.surface`.
         material : Material, optional
             Of all primitives of this instance, instead of the materials and colours of the geometry. Its tree is
             shared whatever the material.
@@ -208,11 +334,9 @@ class SceneContents:
         Traceback (most recent call last):
         clbvh.errors.SceneError: the transform is singular: it flattens what it moves, and rays cannot be moved back
         """
-        self.geometry_id(geometry)
-        matrix = check_transform(transform)
         names = None if name is None else (name,)
-        look = check_colour(colour), check_material(material)
-        return self._store.place(geometry, matrix[None], names, geometry.name, check_mask(mask), *look)[0]
+        matrix = check_transform(transform)
+        return self.place_many(geometry, matrix[None], names=names, mask=mask, colour=colour, material=material)[0]
 
     def place_many(
         self,
@@ -263,23 +387,62 @@ class SceneContents:
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
             raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {shorten(names)}")
-        look = check_colour(colour), check_material(material)
-        return self._store.place(geometry, matrices, names, geometry.name, check_mask(mask), *look)
+        look = check_mask(mask), check_colour(colour), check_material(material)
+        with self._lock:
+            for name in names or ():
+                self._instance_names.check(name)
+            if names is not None and len(set(names)) < len(names):
+                raise SceneError("two of the names are the same, but the names of instances are unique")
+            return self._place(geometry, matrices, names, geometry.name, *look)
+
+    def _place(
+        self,
+        geometry: Geometry,
+        matrices: NDArray[np.float64],
+        names: Sequence[str] | None,
+        wish: str,
+        mask: int,
+        colour: Colour | None,
+        material: Material | None,
+    ) -> tuple[Instance, ...]:
+        begin, end = len(self._instances), len(self._instances) + len(matrices)
+        if end > MAX_INSTANCE_COUNT:
+            raise SceneError(f"{end:,} instances are too many: the limit is {MAX_INSTANCE_COUNT:,}")
+        unique: Iterable[str]
+        if names is None:
+            unique = (self._instance_names.add_numbered(wish) for _ in matrices)
+        else:
+            unique = map(self._instance_names.add, names)
+        matrices.flags.writeable = False
+        placed = tuple(
+            Instance(index, name, geometry, matrix, mask, colour, material)
+            for index, (name, matrix) in enumerate(zip(unique, matrices, strict=True), begin)
+        )
+        self._instances += placed
+        self._transforms.append(matrices)
+        self._drop_caches()
+        return placed
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:
         """All geometries; the index is the id."""
-        return self._store.handles()[0]
+        return self._list_handles()[0]
 
     @property
     def instances(self) -> tuple[Instance, ...]:
         """All instances; the index is the id."""
-        return self._store.handles()[1]
+        return self._list_handles()[1]
+
+    def _list_handles(self) -> tuple[tuple[Geometry, ...], tuple[Instance, ...]]:
+        with self._lock:
+            if self._handles is None:
+                self._handles = tuple(self._geometries), tuple(self._instances)
+            return self._handles
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing is placed, so that no ray hits anything."""
-        return not self._store.has_instances
+        return not self._instances
 
     def find(self, name: str) -> Instance:
         """Return the instance of a name.
@@ -296,10 +459,7 @@ class SceneContents:
         >>> scene.find("icosphere").id
         0
         """
-        found = self._store.find_instance(name)
-        if found is None:
-            raise SceneError(_say_unknown("instance", name, [instance.name for instance in self.instances]))
-        return found
+        return _find("instance", name, self._instance_names, self.instances)
 
     def find_geometry(self, name: str) -> Geometry:
         """Return the geometry of a name.
@@ -316,10 +476,7 @@ class SceneContents:
         >>> scene.find_geometry("icosphere").id
         0
         """
-        found = self._store.find_geometry(name)
-        if found is None:
-            raise SceneError(_say_unknown("geometry", name, [geometry.name for geometry in self.geometries]))
-        return found
+        return _find("geometry", name, self._geometry_names, self.geometries)
 
     def snapshot(self) -> SceneState:
         """Return what the scene holds now. It is immutable, and the same object until something is added.
@@ -331,7 +488,28 @@ class SceneContents:
         >>> scene.snapshot().geometry_ids
         array([0], dtype=int32)
         """
-        return self._store.snapshot()
+        with self._lock:
+            if self._snapshot is None:
+                instances, count = self._instances, len(self._instances)
+                numbers: dict[Material, int] = {}  # equal materials are one
+                for instance in instances:
+                    if instance.material is not None:
+                        numbers.setdefault(instance.material, len(numbers))
+                self._transforms = [np.concatenate((np.empty((0, 4, 4)), *self._transforms))]
+                colours = [_NO_COLOUR if instance.colour is None else instance.colour for instance in instances]
+                materials = (-1 if each.material is None else numbers[each.material] for each in instances)
+                self._snapshot = SceneState(
+                    shapes=tuple(geometry.shape for geometry in self._geometries),
+                    names=tuple(self._geometry_names),
+                    geometry_ids=np.fromiter((instance.geometry.id for instance in instances), np.int32, count),
+                    transforms=self._transforms[0],
+                    masks=np.fromiter((instance.mask for instance in instances), np.uint32, count),
+                    instance_names=tuple(self._instance_names),
+                    colours=np.array(colours, np.float64).reshape(count, 3),
+                    materials=tuple(numbers),
+                    material_ids=np.fromiter(materials, np.int32, count),
+                )
+            return self._snapshot
 
     def geometry_id(self, geometry: Geometry) -> int:
         """Return the id of a geometry; raise `SceneError` unless it is one of this scene.
@@ -346,7 +524,7 @@ class SceneContents:
         """
         if not isinstance(geometry, Geometry):
             raise SceneError(f"expected a geometry that Scene.add returned, not {shorten(geometry)}")
-        if geometry.owner is not self._store:
+        if geometry.owner is not self:
             raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
         return geometry.id
 
@@ -394,28 +572,28 @@ class SceneContents:
             return number if abs(number) <= np.iinfo(np.int64).max else -1
         if not isinstance(instance, Instance):
             raise SceneError(f"expected an instance that Scene.place returned, not {shorten(instance)}")
-        if instance.geometry.owner is not self._store:
+        if instance.geometry.owner is not self:
             raise SceneError(f"{instance!r} belongs to another scene")
         return instance.id
 
-    def __copy__(self) -> Self:
-        """Return a scene of the same geometries and instances; what is added to either is not in the other."""
-        copied = object.__new__(type(self))
-        vars(copied).update(vars(self))
-        vars(copied)["_store"] = self._store.copy()
-        return copied
+    def __repr__(self) -> str:
+        return f"Scene(geometries={len(self._geometries):,}, instances={len(self._instances):,})"
 
 
 def _find_parts(source: Any) -> Parts:
     if isinstance(source, str | os.PathLike):
         return parts_of_file(source)
-    if isinstance(source, SceneContents):
+    if isinstance(source, Scene):
         return parts_of_state(source.snapshot())
     if isinstance(source, HasGraph):
         return parts_of_graph(source)
     raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {shorten(source)}")
 
 
-def _say_unknown(kind: str, name: object, names: list[str]) -> str:
-    known = ", ".join(map(shorten, names[:5])) + (", ..." if len(names) > 5 else "")
-    return f"the scene has no {kind} {shorten(name)}; " + (f"it has {known}" if names else "it has none")
+def _find(kind: str, name: object, names: UniqueNames, handles: Sequence[Any]) -> Any:
+    """Return the handle of a name; the names and the handles are in one order."""
+    number = names.find(name)
+    if number is not None and number < len(handles):
+        return handles[number]
+    known = ", ".join(shorten(each.name) for each in handles[:5]) + (", ..." if len(handles) > 5 else "")
+    raise SceneError(f"the scene has no {kind} {shorten(name)}; " + (f"it has {known}" if handles else "it has none"))

@@ -1,0 +1,13 @@
+"""Names that users choose by, and their numbers on the device. Imports nothing: the command line's help reads them."""
+
+# Values of `view.shading`.
+SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3, "studio": 4, "ao": 5, "path": 6}
+
+# The shadings of the report, with one ray through the centre of each pixel. The others take samples.
+REPORT_SHADINGS = ("lambert", "lambert+shadow", "normal", "depth")
+
+# How linear light becomes a colour from 0 to 1, before the encoding as sRGB.
+TONE_CURVES = {"linear": 0, "filmic": 1}
+
+# The sides from which a picture shows the whole, in the order of a contact sheet.
+STANDARD_VIEWS = ("front", "right", "back", "left", "top", "bottom", "iso")

@@ -1,0 +1,362 @@
+"""A scene in the form that the render kernel takes: one `structs.VIEW`, with its projection, cut, lines and ground."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..geometry import Mesh
+from ..geometry.appearance.srgb import linear_to_srgb
+from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
+from .camera import Camera
+from .camera_rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
+from .cut import Cut
+from .guesses import known_up
+from .lens import window_of
+from .projection import Fisheye, Panorama, name_of
+from .scene import Scene
+from .settings import Wireframe, find_tone_curve
+from .view_bounds import Reaches, SceneExtent
+
+# Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
+_MOST_DISTANCE = 1e30
+
+# The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
+_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
+
+# The same in the shading `studio`: more from the side and from above, so that the faces of a part differ.
+_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS = 0.70, 0.85, 0.45
+
+# Tangent of half the angle of the soft light: that of a large lamp.
+_LIGHT_SPREAD = 0.1
+
+# Surfaces within this share of the half diagonal of the box around all objects keep ambient light off each other:
+# without a limit, a closed room would have none.
+_OCCLUSION_REACH = 0.4
+
+# More than float32 rounds off a radius.
+_ROUNDED_UP = 1.0 + 1e-5
+
+
+def make_view(
+    scene: Scene,
+    camera: Camera,
+    mesh: Mesh,
+    local_box: NDArray[np.floating] | None = None,
+    ground: Ground | None = None,
+    framed_box: NDArray[np.floating] | None = None,
+) -> NDArray[np.void]:
+    """Return the view of a mesh, (1,) `structs.VIEW`.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera
+        In the scene's coordinates; the view is in the mesh's local ones.
+    mesh : Mesh
+    local_box : (2, 3) float, local coordinates, optional
+        The box around all objects; by default the mesh's.
+    ground : Ground, optional
+        In the scene's coordinates.
+    framed_box : (2, 3) float, local coordinates, optional
+        The box around what counts, see `Scene.frame`; by default `local_box`. A depth picture shows its depths, which
+        are distances from the eye for a fisheye and a panorama.
+
+    Raises
+    ------
+    SceneError
+        The eye is too far away for float32, or the aspect ratio is not that of the camera's lens.
+    """
+    view = np.zeros(1, VIEW)
+    right, up, forward = camera.axes()
+    eye = _locate_eye(camera, mesh)
+    view["eye"] = eye
+    view["eye_low"] = eye - view["eye"]
+    view["optical_axis"] = forward
+    _set_projection(view, camera, mesh.scale, scene.width, scene.height)
+
+    view["to_light"] = _light_direction(scene, right, up, forward)
+    view["light_colour"] = scene.light.colour
+    view["to_sky"] = sky_direction(scene, camera)
+    view["sky_colour"] = scene.light.sky
+    view["ground_colour"] = scene.light.ground
+    view["surface_colour"] = scene.surface
+    view["background_top"], view["background_bottom"] = scene.background
+
+    box = (mesh.local_box if local_box is None else local_box).astype(np.float64)
+    is_round = isinstance(camera.projection, Fisheye | Panorama)
+    framed = box if framed_box is None else framed_box.astype(np.float64)
+    nearest, farthest = _range_around(framed, eye) if is_round else _range_along(framed, eye, forward)
+    # A mesh without depth is drawn white.
+    view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
+    view["width"], view["height"] = scene.width, scene.height
+    view["shading"] = SHADINGS[scene.shading]
+    half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
+    if ground is not None:
+        gap = GROUND_GAP * half_diagonal if scene.shading == "path" else 0.0
+        view["ground_point"] = mesh.to_local(ground.point) - gap * ground.normal
+        view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * mesh.scale
+    view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
+    view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
+    view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
+    view["has_sun"] = any(scene.light.colour)
+    view["is_headlight"] = scene.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
+    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
+    secant = np.hypot(1.0, _LIGHT_SPREAD)
+    view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
+    view["most_light"] = np.inf if scene.clamp is None else scene.clamp
+    view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
+    if scene.cut is not None:
+        _set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
+    if scene.wireframe is not None:
+        _set_wireframe(view, scene.wireframe, scene)
+    view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
+    return view
+
+
+def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
+    """Return (3,) float64: the unit vector upwards in the scene."""
+    # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
+    is_of_world = camera.lens is None and scene.view is None
+    to_sky = np.asarray(camera.up if is_of_world else known_up(scene.up), np.float64)
+    return to_sky / np.linalg.norm(to_sky)
+
+
+def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
+    """Return the eye in local coordinates."""
+    with np.errstate(over="ignore"):
+        eye = mesh.to_local(camera.eye)
+        distance = np.abs(eye).max()
+    if not distance < _MOST_DISTANCE:
+        raise SceneError(
+            f"the camera's eye {camera.eye} is {distance:.0e} sizes of the mesh away from it, and a picture has room "
+            f"for {_MOST_DISTANCE:.0e}: move it closer"
+        )
+    return eye
+
+
+def _light_direction(
+    scene: Scene, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the unit vector towards the light."""
+    if scene.light.direction is None:
+        is_studio = scene.shading == "studio"
+        left, above, near = (
+            (_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS) if is_studio else (_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS)
+        )
+        towards = above * up - left * right - near * forward
+    else:
+        towards = np.asarray(scene.light.direction, np.float64)
+    return towards / np.linalg.norm(towards)
+
+
+def _range_along(
+    box: NDArray[np.float64], eye: NDArray[np.float64], forward: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the nearest and the farthest distance of a box along the line of sight, in local units."""
+    lower, upper = box
+    nearest = float(np.where(forward > 0, lower, upper) @ forward - eye @ forward)
+    farthest = float(np.where(forward > 0, upper, lower) @ forward - eye @ forward)
+    return max(nearest, 0.0), farthest
+
+
+def _range_around(box: NDArray[np.float64], eye: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the nearest and the farthest distance of a box from the eye, in local units."""
+    lower, upper = box
+    nearest = np.linalg.norm(np.maximum(np.maximum(lower - eye, eye - upper), 0.0))
+    return float(nearest), float(np.linalg.norm(np.maximum(upper - eye, eye - lower)))
+
+
+# Largest extent of a lens or of parallel rays, in sizes of the mesh: well within float32.
+_MOST_EXTENT = 1e30
+
+_Axes = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
+
+def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width: int, height: int) -> None:
+    """Write the fields of the projection and of the lens into a view.
+
+    Parameters
+    ----------
+    view : (1,) `structs.VIEW`
+    camera : Camera
+    scale : float
+        Local units in one unit of the scene.
+    width, height : int, pixels
+
+    Raises
+    ------
+    SceneError
+        A length is too large for float32, or the aspect ratio is not that of the camera's lens.
+    """
+    model = find_ray_model(camera.projection, camera.lens, camera.fov, width, height)
+    right, up, middle = axes = camera.axes()
+    kind = name_of(camera.projection)
+    match model:
+        case PinholeModel(_, None):
+            middle, right, up = _span_picture(camera, width, height, axes)
+        case PinholeModel(window, distortion):
+            kind = "distorted"
+            view["centre"] = window.centre_x, window.centre_y
+            view["half_size"] = window.half_width, window.half_height
+            view["shear"] = window.shear
+            view["distortion"] = distortion
+        case ParallelModel(half_width, half_height):
+            right, up = half_width * scale * right, half_height * scale * up
+        case FisheyeModel(half_width, half_height, half_angle):
+            view["half_size"] = half_width, half_height
+            view["half_angle"] = half_angle / (2 * math.pi)
+    view["projection"] = PROJECTIONS[kind]
+    view["forward"] = middle
+    view["forward_low"] = middle - view["forward"]
+    view["right"], view["up"] = right, up
+    _set_lens(view, camera, scale, axes)
+    extents = [np.abs(view[name]).max() for name in ("right", "up", "lens_right", "lens_up")]
+    if not max(extents) < _MOST_EXTENT:
+        raise SceneError(f"the camera's height or aperture is more than {_MOST_EXTENT:.0e} sizes of the mesh")
+
+
+def _set_lens(view: NDArray[np.void], camera: Camera, scale: float, axes: _Axes) -> None:
+    """Write the fields of depth of field."""
+    radius = camera.aperture / 2 * scale
+    if radius == 0:
+        return
+    view["has_lens"] = 1
+    with np.errstate(over="ignore"):  # refused by `_set_projection`
+        view["lens_right"], view["lens_up"] = radius * axes[0], radius * axes[1]
+        view["inverse_focus"] = 1 / (camera.focus * scale)
+
+
+def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes:
+    """Return the middle of the picture in the plane at distance 1 from the eye, and its halves right and up."""
+    right, up, forward = axes
+    if camera.lens is None:
+        half_height = math.tan(math.radians(camera.fov) / 2)
+        # The order of these products determines the last bits of pictures.
+        return forward, right * half_height * width / height, up * half_height
+    window = window_of(camera.lens.resized(width, height))
+    # One unit upwards, which skew also moves to the side.
+    upwards = up + window.shear * right
+    middle = forward + window.centre_x * right + window.centre_y * upwards
+    return middle, window.half_width * right, window.half_height * upwards
+
+
+# By the shading, whether there is a ground unless the scene says so.
+_HAS_GROUND = {"studio": True, "path": False}
+
+# The radius up to which shadows are shown, in half diagonals of the box around all objects: a soft shadow of something
+# as high as wide ends well within it.
+_RADIUS = 4.0
+
+# The ground of `path` lies below the plane by this share of that: surfaces that stand on the plane, and rays that begin
+# at them, are above it by more than float32 rounds off.
+GROUND_GAP = 2e-5
+
+# Vertices per step: they stay in the cache.
+_CHUNK_VERTICES = 2**16
+
+
+class Ground(NamedTuple):
+    """A plane below all objects.
+
+    Attributes
+    ----------
+    point : (3,) float64, the scene's coordinates
+        Below the middle of the objects.
+    normal : (3,) float64
+        Unit vector upwards.
+    radius : float, the scene's unit
+        Up to which shadows are shown.
+    """
+
+    point: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    radius: float
+
+
+def shows_ground(scene: Scene) -> bool:
+    """Return whether a picture of a scene has a ground."""
+    if scene.shading not in _HAS_GROUND:
+        return False
+    return _HAS_GROUND[scene.shading] if scene.ground is None else scene.ground
+
+
+def find_ground(extent: Mesh | SceneExtent, up: NDArray[np.float64]) -> Ground:
+    """Return the highest plane that no object reaches below.
+
+    Parameters
+    ----------
+    extent : Mesh or SceneExtent
+        What stands on the ground.
+    up : (3,) float64, of any length
+    """
+    normal = up / np.linalg.norm(up)
+    box = extent.local_box.astype(np.float64)
+    if isinstance(extent, SceneExtent):
+        lowest = -float(extent.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
+    else:
+        lowest = _find_lowest(extent, normal)
+    middle = box.mean(axis=0)
+    point = middle + (lowest - middle @ normal) * normal
+    half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
+    return Ground(extent.origin + point / extent.scale, normal, _RADIUS * half_diagonal / extent.scale)
+
+
+def _find_lowest(mesh: Mesh, up: NDArray[np.float64]) -> float:
+    """Return the least height of a vertex, in local units."""
+    points, direction = mesh.local_vertices, up.astype(np.float32)
+    return min(
+        float((points[begin : begin + _CHUNK_VERTICES] @ direction).min())
+        for begin in range(0, len(points), _CHUNK_VERTICES)
+    )
+
+
+def _set_cut(
+    view: NDArray[np.void], cut: Cut, eye: NDArray[np.float64], corners: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> None:
+    """Write a cut into a view.
+
+    Parameters
+    ----------
+    view : (1,) `structs.VIEW`
+    cut : Cut
+    eye : (3,) float64
+        In local coordinates.
+    corners : pair of (3,) float64
+        `first` and `second` of the cut as points, in local coordinates.
+    """
+    view["cut"] = CUTS[cut.kind]
+    with np.errstate(over="ignore"):
+        if cut.kind == "plane":
+            view["cut_normal"], view["cut_height"] = cut.normal, (eye - corners[0]) @ cut.normal
+        else:
+            view["cut_lower"], view["cut_upper"] = corners[0] - eye, corners[1] - eye
+
+
+def _set_wireframe(view: NDArray[np.void], wireframe: Wireframe, scene: Scene) -> None:
+    """Write the lines of a picture into a view.
+
+    Parameters
+    ----------
+    view : (1,) `structs.VIEW`
+    wireframe : Wireframe
+    scene : Scene
+        Its shading, exposure and tone curve are those of the picture.
+    """
+    view["line_width"] = wireframe.width
+    colour = np.asarray(wireframe.colour, np.float64)
+    if scene.shading in REPORT_SHADINGS:
+        view["line_colour"] = linear_to_srgb(colour)
+        return
+    light = _invert_filmic(colour) if find_tone_curve(scene) == "filmic" else colour
+    view["line_colour"] = light / 2.0**scene.exposure
+
+
+def _invert_filmic(colour: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the light that the filmic curve maps to a colour; see cl/film/tone.cl."""
+    square, linear, constant = 2.51 - 2.43 * colour, 0.03 - 0.59 * colour, -0.14 * colour
+    return (np.sqrt(linear * linear - 4.0 * square * constant) - linear) / (2.0 * square)
