@@ -12,15 +12,15 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
-from .camera import Camera
-from .camera_rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
+from .cameras.bounds import Reaches, SceneBounds
+from .cameras.camera import Camera
+from .cameras.lens import window_of
+from .cameras.projection import Fisheye, Panorama, name_of
+from .cameras.rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
 from .cut import Cut
 from .guesses import known_up
-from .lens import window_of
-from .projection import Fisheye, Panorama, name_of
 from .scene import Scene
 from .settings import Wireframe, find_tone_curve
-from .view_bounds import Reaches, SceneExtent
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
@@ -285,18 +285,18 @@ def shows_ground(scene: Scene) -> bool:
     return _HAS_GROUND[scene.shading] if scene.ground is None else scene.ground
 
 
-def find_ground(extent: Mesh | SceneExtent, up: NDArray[np.float64]) -> Ground:
+def find_ground(extent: Mesh | SceneBounds, up: NDArray[np.float64]) -> Ground:
     """Return the highest plane that no object reaches below.
 
     Parameters
     ----------
-    extent : Mesh or SceneExtent
+    extent : Mesh or SceneBounds
         What stands on the ground.
     up : (3,) float64, of any length
     """
     normal = up / np.linalg.norm(up)
     box = extent.local_box.astype(np.float64)
-    if isinstance(extent, SceneExtent):
+    if isinstance(extent, SceneBounds):
         lowest = -float(extent.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
     else:
         lowest = _find_lowest(extent, normal)
