@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 
 from .paired import DEFAULT_RUNS, compare, measure_ms
 from .rival import Rival

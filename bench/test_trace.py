@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace import launch
 from clbvh.trace.rays.pieces import RayPiece, cut_rays

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.rendering.heat_map import measure_rays
 
 from .paired import compare, measure_ms

@@ -35,15 +35,15 @@ from .geometry.appearance.appearance import Appearance as Appearance
 from .geometry.appearance.material import Material as Material, Texture as Texture
 from .geometry.smooth_normals import smooth_normals_by_angle as smooth_normals_by_angle
 from .geometry.spheres import Shape as Shape
-from .rendering.camera import Camera as Camera
+from .rendering.cameras.camera import Camera as Camera
+from .rendering.cameras.lens import Lens as Lens
+from .rendering.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
 from .rendering.contact_sheet import ContactSheet as ContactSheet, contact_sheet as contact_sheet
 from .rendering.cut import Cut as Cut
 from .rendering.film.environment_map import EnvironmentMap as EnvironmentMap
 from .rendering.images.images import Images as Images
-from .rendering.lens import Lens as Lens
 from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_scene
 from .rendering.picture import Picture as Picture
-from .rendering.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
 from .rendering.render import render as render, render_images as render_images
 from .rendering.renderer import Renderer as Renderer
 from .rendering.scene import Scene as Scene

@@ -158,7 +158,7 @@ def with_view(scene: Scene, changes: dict[str, Any], camera: str | None = None, 
         The text of ``--view``.
     """
     from ..errors import ConfigError
-    from ..rendering.projection import parse_projection
+    from ..rendering.cameras.projection import parse_projection
 
     if camera is not None:
         projection = parse_projection(camera)

@@ -19,7 +19,7 @@ from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.select import choose_device
 from ..errors import ConfigError, ValidationError
-from ..rendering.camera import Camera
+from ..rendering.cameras.camera import Camera
 from ..rendering.renderer import Renderer
 from ..rendering.subjects import RenderOptions
 from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .cameras.pose import STANDARD_VIEWS
 from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
 from .picture import Picture
-from .pose import STANDARD_VIEWS
 from .renderer import Renderer
 from .subjects import RenderOptions
 from .vectors import Vector

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry import Mesh, Shape, Spheres
+from .cameras.bounds import SceneBounds
 from .vectors import Vector
-from .view_bounds import SceneExtent
 
 AUTO: Literal["auto"] = "auto"
 
@@ -65,7 +65,7 @@ class Up(NamedTuple):
 class Framed(NamedTuple):
     """What a picture of the whole frames, and a note of what it leaves out; None if that is nothing."""
 
-    extent: Mesh | SceneExtent
+    extent: Mesh | SceneBounds
     note: str | None
 
 
@@ -76,12 +76,12 @@ def known_up(up: Vector | str) -> Vector:
     return up
 
 
-def guess_up(extent: Mesh | SceneExtent, eye: Vector | None = None, look_at: Vector | None = None) -> Up:
+def guess_up(extent: Mesh | SceneBounds, eye: Vector | None = None, look_at: Vector | None = None) -> Up:
     """Return the direction that is probably up: y or z, by the shape, or by the habit of the format.
 
     Parameters
     ----------
-    extent : Mesh or SceneExtent
+    extent : Mesh or SceneBounds
         Names of meshes may end in the suffix of their file.
     eye, look_at : (3,) float, optional
         Of the camera; one that looks along the guess has the other axis.
@@ -102,7 +102,7 @@ def guess_up(extent: Mesh | SceneExtent, eye: Vector | None = None, look_at: Vec
     return Up(_vector_of(axis), reason and f"{_NAMES[axis]} is up: {reason}; --up {other} turns it")
 
 
-def frame_without_outliers(extent: Mesh | SceneExtent) -> Framed:
+def frame_without_outliers(extent: Mesh | SceneBounds) -> Framed:
     """Return a mesh, or a scene, without a few small parts far away, which would make everything else small.
 
     Of a scene of several instances, whole ones are left out.
@@ -128,14 +128,14 @@ def frame_without_outliers(extent: Mesh | SceneExtent) -> Framed:
         far = _find_far_prims(shape)
         if far is None:
             return Framed(extent, None)
-        kept = SceneExtent((_without(shape, far),), np.zeros(1, int), extent.transforms)
+        kept = SceneBounds((_without(shape, far),), np.zeros(1, int), extent.transforms)
         return Framed(kept, _describe(far, shape.prim_count, "primitive"))
     counts = np.array([shape.prim_count for shape in extent.shapes])[extent.geometry_ids]
     far = find_outliers(*extent.instance_boxes(), counts)
     if not far.any():
         return Framed(extent, None)
     note = _describe(counts[far], int(counts.sum()), "primitive")
-    return Framed(SceneExtent(extent.shapes, extent.geometry_ids[~far], extent.transforms[~far]), note)
+    return Framed(SceneBounds(extent.shapes, extent.geometry_ids[~far], extent.transforms[~far]), note)
 
 
 def find_outliers(lower: NDArray[np.floating], upper: NDArray[np.floating], counts: ArrayLike) -> NDArray[np.bool_]:
@@ -229,14 +229,14 @@ def _vector_of(axis: int) -> Vector:
     return Z_UP if axis == 2 else Y_UP
 
 
-def _find_suffix(extent: Mesh | SceneExtent) -> str:
+def _find_suffix(extent: Mesh | SceneBounds) -> str:
     """Return the suffix of the names of all meshes; empty if they differ."""
     shapes = (extent,) if isinstance(extent, Mesh) else extent.shapes
     suffixes = {PurePath(shape.name).suffix.lower() for shape in shapes if isinstance(shape, Mesh)}
     return suffixes.pop() if len(suffixes) == 1 else ""
 
 
-def _sample_points(extent: Mesh | SceneExtent) -> NDArray[np.float64]:
+def _sample_points(extent: Mesh | SceneBounds) -> NDArray[np.float64]:
     """Return corners of triangles and centres of spheres, (n, 3), spread evenly over a mesh or a scene."""
     if isinstance(extent, Mesh):
         return extent.local_vertices[extent.faces[:: -(-extent.face_count // _POINTS)].ravel()].astype(np.float64)

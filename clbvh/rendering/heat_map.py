@@ -18,7 +18,7 @@ from ..geometry import Mesh
 from ..support.host_threads import HostThreads
 from ..trace.oracle.scene_visits import SceneTraversal
 from ..trace.oracle.visits import HostTraversal, Visits, count_visits
-from .camera import Camera
+from .cameras.camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
 from .subjects import SceneObjects
 

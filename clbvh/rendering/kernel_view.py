@@ -12,15 +12,15 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
-from .camera import Camera
-from .camera_rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
+from .cameras.camera import Camera
+from .cameras.rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
 from .cut import Cut
 from .guesses import known_up
-from .lens import window_of
-from .projection import Fisheye, Panorama, name_of
-from .scene import Scene
+from .cameras.lens import window_of
+from .cameras.projection import Fisheye, Panorama, name_of
+from .view import View
 from .settings import Wireframe, find_tone_curve
-from .view_bounds import Reaches, SceneExtent
+from .cameras.bounds import Reaches, SceneExtent
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30

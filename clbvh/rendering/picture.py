@@ -29,7 +29,7 @@ from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
 from ..trace.hits.scene_arrays import triangles_of
 from ..trace.hits.surface import SceneSurface
 from ..trace.rays.batch import RayBatch, read_rays
-from .camera import Camera
+from .cameras.camera import Camera
 from .cut import Cut
 from .image_files import encode_picture, write_picture
 from .subjects import SceneObjects

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from .camera import Camera
+from .cameras.camera import Camera
 from .cut import Cut
 from .open_scene import SceneLike
 from .picture import Picture

@@ -27,22 +27,22 @@ from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from ..trace.traced_tree import TracedTree
 from .band_painters import Progress
-from .camera import Camera
+from .cameras.bounds import SceneBounds
+from .cameras.camera import Camera
+from .cameras.framing import frame_mesh, measure_side
+from .cameras.pose import STANDARD_VIEWS
+from .cameras.projection import Orthographic, Panorama, Projection
 from .cut import Cut
 from .frame import FrameRenderer
-from .framing import frame_mesh, measure_side
 from .guesses import AUTO, Framed, frame_without_outliers, guess_up, known_up
 from .open_scene import SceneLike, as_scene
 from .painters import Painters, open_session
 from .picture import Picture, list_picture_ms, list_setup_ms
-from .pose import STANDARD_VIEWS
-from .projection import Orthographic, Panorama, Projection
 from .scene import Scene
 from .settings import DEFAULT_CHANNELS, MAX_SAMPLES, Light, Wireframe, find_sample_count
 from .subjects import MeshSubject, RenderOptions, SceneSubject
 from .vectors import Vector
 from .view import Ground, find_ground, shows_ground, sky_direction
-from .view_bounds import SceneExtent
 
 if TYPE_CHECKING:
     from .images.images import Images
@@ -386,7 +386,7 @@ class Renderer(ContextManager):
             up, self._up_note = guess_up(self._find_extent(self.scene), self.scene.eye, self.scene.look_at)
             self.scene = self.scene.with_changes(up=up)
         self._framed = self._frame(self.scene)
-        self._ground: tuple[Mesh | SceneExtent, NDArray[np.float64], Ground] | None = None
+        self._ground: tuple[Mesh | SceneBounds, NDArray[np.float64], Ground] | None = None
 
     @property
     def camera(self) -> Camera:
@@ -543,7 +543,7 @@ class Renderer(ContextManager):
             self._framed_parts = frame_without_outliers(self._subject.extent)
         return self._framed_parts
 
-    def _find_extent(self, scene: Scene) -> Mesh | SceneExtent:
+    def _find_extent(self, scene: Scene) -> Mesh | SceneBounds:
         """Return what a camera that shows the whole has to show."""
         return self._leave_out_outliers().extent if scene.frame == AUTO else self._subject.extent
 

@@ -22,13 +22,13 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore, name_of_file
 from ..structs import SHADINGS
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
+from .cameras.camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
+from .cameras.framing import frame_mesh, look_from
+from .cameras.pose import check_view
+from .cameras.projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
-from .framing import frame_mesh, look_from
 from .guesses import AUTO, frame_without_outliers, guess_up
-from .pose import check_view
-from .projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
 from .settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, DEFAULT_LIGHT, Light, Wireframe, check_sampling
 from .sources import NO_TRANSFORM, MeshSource, Transform
 from .vectors import Vector, check_vector, is_vector

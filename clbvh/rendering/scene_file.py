@@ -9,11 +9,11 @@ from typing import Any
 
 from ..errors import ConfigError, SceneError
 from ..support.files import read_regular
+from .cameras.projection import Projection, from_named
 from .cut import Cut
 from .guesses import AUTO
 from .object_tables import given, read_mesh_source, read_objects, read_transform
 from .objects import SceneObject, load_objects
-from .projection import Projection, from_named
 from .scene import Scene
 from .settings import Light, Wireframe
 from .toml_tables import NO_MATERIALS, TomlTable, read_materials, refuse_unknown, take_material

@@ -23,12 +23,12 @@ from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from ..trace.scene.merging import NOTHING_MERGED, Merging
-from .camera import Camera
+from .cameras.bounds import SceneBounds, box_in
+from .cameras.camera import Camera
 from .film.light_tables import local_maps
 from .film.look_tables import Looks
 from .scene import Scene
 from .view import Ground, make_view
-from .view_bounds import SceneExtent, box_in
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class MeshSubject:
         return local_maps(np.eye(4)[None], self.mesh.origin, self.mesh.scale)
 
     def make_view(
-        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneExtent
+        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneBounds
     ) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`; `framed` is what counts, see `make_view`."""
         box = None if framed is self.mesh else box_in(framed, self.mesh)
@@ -229,7 +229,7 @@ class SceneSubject:
     ----------
     mesh, bvh
         None: there is no single one.
-    extent : SceneExtent
+    extent : SceneBounds
     made : BuildResult or None
         The sums over all trees, and one of the trees; None with the builder ``"brute"``.
 
@@ -258,7 +258,7 @@ class SceneSubject:
     def load(self) -> None:
         """Find where everything is."""
         state = self._state
-        self.extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+        self.extent = SceneBounds(state.shapes, state.geometry_ids, state.transforms)
 
     def build(self) -> None:
         """Make the trees of merged meshes, and of each geometry that is not merged; none with ``"brute"``."""
@@ -319,7 +319,7 @@ class SceneSubject:
         return local_maps(self._state.transforms, boxes.origin, boxes.scale)
 
     def make_view(
-        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneExtent
+        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneBounds
     ) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`; `framed` is what counts, see `make_view`."""
         boxes = self._scene.top.bvh.mesh

@@ -23,9 +23,9 @@ from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.pack import pack_rays
 from ..trace.traced_tree import ENTRY_POINT_KERNEL, find_entry_points
 from .band_painters import OneRayPainter
-from .camera import Camera
+from .cameras.camera import Camera
+from .cameras.framing import frame_mesh
 from .frame import FrameRenderer
-from .framing import frame_mesh
 from .scene import MeshSource, Scene
 from .view import make_view
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ..bvh import Bvh
 from ..errors import ConfigError
 from ..support.files import as_path, check_target, temporary_folder, write_atomically
+from .cameras.pose import STANDARD_VIEWS
 from .open_scene import SceneLike, as_scene
-from .pose import STANDARD_VIEWS
 from .renderer import Renderer
 from .subjects import RenderOptions
 from .vectors import Vector

@@ -26,10 +26,10 @@ from .settings import (
 )
 
 if TYPE_CHECKING:
-    from .camera import Camera
+    from .cameras.camera import Camera
     from .cut import Cut
     from .film.environment_map import EnvironmentMap
-    from .projection import Projection
+    from .cameras.projection import Projection
 
 CAMERA, LIGHT, SHADING, FILM = "Camera", "Light", "Shading", "Picture"
 
@@ -143,7 +143,7 @@ def _colours() -> Kind:
 
 
 def _read_camera(value: Any) -> Camera:
-    from .camera import Camera
+    from .cameras.camera import Camera
 
     if not isinstance(value, Camera):
         raise TypeError
@@ -163,13 +163,13 @@ def _read_environment(value: Any) -> EnvironmentMap:
 
 
 def _read_projection(value: Any) -> Projection | None:
-    from .projection import read_projection
+    from .cameras.projection import read_projection
 
     return read_projection(value)
 
 
 def _read_up(value: Any) -> Vector | str:
-    from .projection import read_up
+    from .cameras.projection import read_up
 
     return read_up(value)
 

@@ -23,9 +23,9 @@ from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..geometry import Mesh
 from ..rendering.band_painters import OneRayPainter
-from ..rendering.camera import Camera
+from ..rendering.cameras.camera import Camera
+from ..rendering.cameras.framing import frame_mesh
 from ..rendering.frame import FrameRenderer
-from ..rendering.framing import frame_mesh
 from ..rendering.image_files import write_picture
 from ..rendering.scene import MeshSource, Scene
 from ..rendering.view import make_view

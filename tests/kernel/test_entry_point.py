@@ -5,7 +5,7 @@ import pytest
 
 from clbvh import build
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import NO_PRIM
 
 from ..chain import make_chain

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Tracer, build, load_mesh
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.study.engines import Open3D
 
 from ..mesh_reference import find_differences

@@ -20,7 +20,7 @@ from ...trace.hits.hits import Hits
 from ...trace.hits.interpolate import group_by_geometry
 from ...trace.hits.locations import turn_normals
 from ...trace.hits.surface import SceneSurface, SurfacePoints
-from ..camera import Camera
+from ..cameras.camera import Camera
 from ..picture import Picture
 from ..scene import Scene
 from ..subjects import SceneObjects

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...errors import ConfigError, SceneError
 from ...geometry.appearance.srgb import linear_to_srgb
 from ...support.files import as_path, check_target, read_errors_as, read_regular, write_atomically
-from ..camera import Camera
+from ..cameras.camera import Camera
 from ..film.hdr_files import import_openexr, write_exr
 from ..image_files import encode_ppm
 from .channels import CHANNELS

@@ -14,7 +14,7 @@ from ...errors import ConfigError, SceneError
 from ...geometry import Shape
 from ...support.files import write_atomically
 from ...support.memory import check_memory
-from ..camera import Camera
+from ..cameras.camera import Camera
 from ..picture import Picture
 from ..scene import Scene
 from .channels import CHANNELS, NextPose, Subject, check_channels

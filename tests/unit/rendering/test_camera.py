@@ -7,8 +7,8 @@ import pytest
 
 from clbvh import Mesh
 from clbvh.errors import SceneError
-from clbvh.rendering.camera import Camera
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.camera import Camera
+from clbvh.rendering.cameras.framing import frame_mesh
 
 
 def mesh_of(points):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import clbvh
+from clbvh.rendering.cameras.pose import STANDARD_VIEWS
 from clbvh.rendering.contact_sheet import _join, _round_down
 from clbvh.rendering.image_files import GROUND, draw_text, width_of
-from clbvh.rendering.pose import STANDARD_VIEWS
 
 BOX = ([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 WIDTH, HEIGHT = 80, 60

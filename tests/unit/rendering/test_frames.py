@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 import clbvh
+from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.guesses import frame_without_outliers
-from clbvh.rendering.view_bounds import SceneExtent
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)
 CREATE = trimesh.creation
@@ -27,7 +27,7 @@ def speck(*place):
 
 def extent_of(scene):
     state = scene.snapshot()
-    return SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+    return SceneBounds(state.shapes, state.geometry_ids, state.transforms)
 
 
 def box_of(extent):

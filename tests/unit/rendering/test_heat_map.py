@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Camera, Fisheye, build, make_shape
 from clbvh.errors import ConfigError
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.rendering.heat_map import _colour_of, count_picture, draw_heat_map, draw_heat_map_of
 from clbvh.trace.oracle.visits import count_visits
 

@@ -11,11 +11,11 @@ import trimesh
 from clbvh import make_shape
 from clbvh.errors import MeshError, SceneError
 from clbvh.geometry.loading.load import may_have_parts
+from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.guesses import guess_up
 from clbvh.rendering.open_scene import open_mesh_file, open_mesh_files, open_scene
 from clbvh.rendering.scene import Scene
 from clbvh.rendering.sources import MeshSource
-from clbvh.rendering.view_bounds import SceneExtent
 
 from ..geometry.gltf_files import Gltf
 
@@ -139,5 +139,5 @@ def test_several_files_of_one_format_have_its_habit(tmp_path, suffixes, up):
     scene = open_mesh_files(paths)
     assert [geometry.name for geometry in scene.geometries] == ["a", "b"]
     state = scene.snapshot()
-    extent = SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+    extent = SceneBounds(state.shapes, state.geometry_ids, state.transforms)
     assert guess_up(extent).vector == up

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, build, make_shape
-from clbvh.rendering.camera import Camera
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.camera import Camera
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.rendering.heat_map import measure_rays
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Spheres, make_shape
-from clbvh.rendering import view_bounds as scene_extent
-from clbvh.rendering.framing import frame_mesh
-from clbvh.rendering.view_bounds import Reaches, SceneExtent, box_in
+from clbvh.rendering.cameras import bounds as scene_extent
+from clbvh.rendering.cameras.bounds import Reaches, SceneBounds, box_in
+from clbvh.rendering.cameras.framing import frame_mesh
 
 from .test_camera import project
 
@@ -48,7 +48,7 @@ def box_of(extent):
 def test_the_box_is_that_of_all_vertices(count, seed):
     geometry_ids, transforms = random_places(count, seed)
     points = flatten(geometry_ids, transforms)
-    extent = SceneExtent(SHAPES, geometry_ids, transforms)
+    extent = SceneBounds(SHAPES, geometry_ids, transforms)
     np.testing.assert_allclose(box_of(extent), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-12 * 100)
     mesh = Mesh.from_arrays(points, [[0, 1, 2]])
     assert extent.scale == mesh.scale
@@ -62,7 +62,7 @@ def test_the_camera_is_that_of_one_mesh(turns, up, seed):
     places = random_places(60, seed)
     mesh = Mesh.from_arrays(flatten(*places), [[0, 1, 2]])
     expected = frame_mesh(mesh, aspect=1.5, up=up, turns=turns)
-    camera = frame_mesh(SceneExtent(SHAPES, *places), aspect=1.5, up=up, turns=turns)
+    camera = frame_mesh(SceneBounds(SHAPES, *places), aspect=1.5, up=up, turns=turns)
     # Those of the mesh are rounded to float32.
     size = 1 / mesh.scale
     np.testing.assert_allclose(camera.eye, expected.eye, rtol=0, atol=1e-6 * size)
@@ -72,11 +72,11 @@ def test_the_camera_is_that_of_one_mesh(turns, up, seed):
 @pytest.mark.parametrize("scale", [1e-100, 1e-20, 1e20, 1e100])
 def test_neither_size_nor_place_matters(scale):
     geometry_ids, transforms = random_places(20, 3)
-    plain = frame_mesh(SceneExtent(SHAPES, geometry_ids, transforms), aspect=1.5)
+    plain = frame_mesh(SceneBounds(SHAPES, geometry_ids, transforms), aspect=1.5)
     moved = transforms.copy()
     moved[:, :3, 3] += [5e5, -4e6, 120.0]
     moved[:, :3] *= scale
-    camera = frame_mesh(SceneExtent(SHAPES, geometry_ids, moved), aspect=1.5)
+    camera = frame_mesh(SceneBounds(SHAPES, geometry_ids, moved), aspect=1.5)
     np.testing.assert_allclose(np.divide(camera.eye, scale) - [5e5, -4e6, 120.0], plain.eye, atol=1e-6)
 
 
@@ -92,7 +92,7 @@ def test_spheres_reach_as_far_as_their_surface(stretch, seed):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = (spheres.centres[:, None] + spheres.radii[:, None, None] * normals).reshape(-1, 3)
     points = points @ matrix[:3, :3].T + matrix[:3, 3]
-    extent = SceneExtent([spheres], np.array([0]), matrix[None])
+    extent = SceneBounds([spheres], np.array([0]), matrix[None])
     np.testing.assert_allclose(box_of(extent), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-2)
 
     places, depth = project(frame_mesh(extent, aspect=1.5), points, 1.5)
@@ -107,9 +107,9 @@ def test_spheres_reach_as_far_as_their_surface(stretch, seed):
 
 def test_without_time_for_all_vertices_the_boxes_count(monkeypatch):
     places = random_places(50, 1)
-    exact = box_of(SceneExtent(SHAPES, *places))
+    exact = box_of(SceneBounds(SHAPES, *places))
     monkeypatch.setattr(scene_extent, "_MOST_POINTS", -10_000_000)
-    loose = box_of(SceneExtent(SHAPES, *places))
+    loose = box_of(SceneBounds(SHAPES, *places))
     assert (loose[0] <= exact[0]).all()
     assert (loose[1] >= exact[1]).all()
     assert (loose != exact).any()
@@ -117,25 +117,25 @@ def test_without_time_for_all_vertices_the_boxes_count(monkeypatch):
 
 
 def test_few_of_many_instances_are_read(monkeypatch):
-    read, reach_of = [], SceneExtent._reach_of
-    monkeypatch.setattr(SceneExtent, "_reach_of", lambda *arguments: read.append(1) or reach_of(*arguments))
+    read, reach_of = [], SceneBounds._reach_of
+    monkeypatch.setattr(SceneBounds, "_reach_of", lambda *arguments: read.append(1) or reach_of(*arguments))
     places = random_places(2000, 2, spread=50.0)
     points = flatten(*places)
     np.testing.assert_allclose(
-        box_of(SceneExtent(SHAPES, *places)), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10
+        box_of(SceneBounds(SHAPES, *places)), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-10
     )
     assert 6 <= len(read) < 60
 
 
 def test_a_point_has_an_extent_of_nothing():
     dot = Mesh.from_arrays([[1, 2, 3]], [[0, 0, 0]])
-    extent = SceneExtent([dot], np.array([0]), np.eye(4)[None])
+    extent = SceneBounds([dot], np.array([0]), np.eye(4)[None])
     np.testing.assert_array_equal(box_of(extent), [[1, 2, 3], [1, 2, 3]])
     assert np.isfinite(frame_mesh(extent, aspect=1).eye).all()
 
 
 def test_the_box_in_another_space():
-    extent = SceneExtent([KNOT], np.array([0]), np.diag([2.0, 2, 2, 1])[None])
+    extent = SceneBounds([KNOT], np.array([0]), np.diag([2.0, 2, 2, 1])[None])
     other = Mesh.from_arrays([[-40, 0, 0], [40, 3, 0], [0, 9, 9]], [[0, 1, 2]])
     np.testing.assert_allclose(box_in(extent, other), other.to_local(box_of(extent)), atol=1e-15)
 

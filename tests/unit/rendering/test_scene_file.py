@@ -7,8 +7,8 @@ import pytest
 
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh, Spheres
+from clbvh.rendering.cameras.projection import Fisheye, Orthographic, Panorama
 from clbvh.rendering.open_scene import open_scene
-from clbvh.rendering.projection import Fisheye, Orthographic, Panorama
 from clbvh.rendering.scene import MeshSource, Scene
 from clbvh.rendering.scene_file import read_scene
 from clbvh.rendering.sources import Transform

@@ -7,11 +7,11 @@ import pytest
 
 import clbvh
 from clbvh.errors import SceneError
-from clbvh.rendering.framing import frame_mesh, measure_side
-from clbvh.rendering.pose import STANDARD_VIEWS, find_sides
-from clbvh.rendering.projection import Fisheye, Orthographic, Panorama
+from clbvh.rendering.cameras.bounds import SceneBounds
+from clbvh.rendering.cameras.framing import frame_mesh, measure_side
+from clbvh.rendering.cameras.pose import STANDARD_VIEWS, find_sides
+from clbvh.rendering.cameras.projection import Fisheye, Orthographic, Panorama
 from clbvh.rendering.view import sky_direction
-from clbvh.rendering.view_bounds import SceneExtent
 
 # Towards the camera, and up in the picture, where y is up and where z is.
 SIDES = {
@@ -77,7 +77,7 @@ def test_a_view_sees_every_point_from_its_side(name, up):
 @pytest.mark.parametrize("name", STANDARD_VIEWS)
 def test_a_scene_is_framed_as_its_mesh(name):
     mesh = mesh_of(cloud())
-    extent = SceneExtent([mesh], np.zeros(1, np.int32), np.eye(4)[None])
+    extent = SceneBounds([mesh], np.zeros(1, np.int32), np.eye(4)[None])
     for projection in (None, Orthographic()):
         plain, placed = (frame_mesh(each, aspect=ASPECT, side=name, projection=projection) for each in (mesh, extent))
         np.testing.assert_allclose(placed.eye, plain.eye, rtol=1e-5)

@@ -9,7 +9,7 @@ import pytest
 
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh
-from clbvh.rendering.camera import Camera
+from clbvh.rendering.cameras.camera import Camera
 from clbvh.rendering.scene import Light, MeshSource, Scene
 from clbvh.rendering.view import make_view
 from clbvh.structs import SHADINGS

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import Fisheye, Mesh, Orthographic, Panorama, Scene, SceneError, Spheres
-from clbvh.rendering.framing import frame_mesh
-from clbvh.rendering.view_bounds import SceneExtent
+from clbvh.rendering.cameras.bounds import SceneBounds
+from clbvh.rendering.cameras.framing import frame_mesh
 
 HEIGHT = 100
 MARGIN = 0.06
@@ -105,7 +105,7 @@ def test_a_panorama_has_no_turn():
 
 def test_a_scene_of_several_objects_is_framed():
     spheres = Spheres([[0, 0, 0], [4, 0, 0]], [1.0, 0.5])
-    extent = SceneExtent([spheres], np.array([0, 0]), np.stack((np.eye(4), np.diag([1, 2, 1, 1.0]))))
+    extent = SceneBounds([spheres], np.array([0, 0]), np.stack((np.eye(4), np.diag([1, 2, 1, 1.0]))))
     camera = frame_mesh(extent, aspect=1, projection=Orthographic())
     sphere = np.random.default_rng(0).normal(size=(2000, 3))
     sphere *= [1, 2, 1] / np.linalg.norm(sphere, axis=1, keepdims=True)

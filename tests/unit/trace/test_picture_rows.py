@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace.rays.batch import read_rays
 from clbvh.trace.rays.coherence import find_row_length
 

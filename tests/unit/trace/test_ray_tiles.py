@@ -6,7 +6,7 @@ import pytest
 from clbvh import Tracer, build
 from clbvh.device.session import DeviceSession
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.trace.rays import pieces
 
 from ...rays import random_rays

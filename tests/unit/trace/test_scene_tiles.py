@@ -5,7 +5,7 @@ import pytest
 
 import clbvh
 from clbvh import Tracer
-from clbvh.rendering.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, SCENE_TILE
 from clbvh.trace import launch
 from clbvh.trace.rays import pieces

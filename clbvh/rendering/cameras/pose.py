@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SceneError
-from .vectors import Vector, read_matrix, show_matrix
+from ...errors import SceneError
+from ..vectors import Vector, read_matrix, show_matrix
 
 # The signs of right, up and forward in the first three columns of a pose.
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ..errors import SceneError
-from .vectors import is_finite_number
+from ...errors import SceneError
+from ..vectors import is_finite_number
 
 _FULL_TURN = 360.0
 

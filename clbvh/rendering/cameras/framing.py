@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError
-from ..geometry import Mesh
+from ...errors import SceneError
+from ...geometry import Mesh
+from ..vectors import Vector, as_vector
+from .bounds import MARGIN, SMALLEST_DISTANCE, SceneBounds, View, ViewPlanes, find_bounds, find_bounds_of_all
 from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
 from .pose import find_sides, make_axes
 from .projection import Fisheye, Orthographic, Panorama, Projection
-from .vectors import Vector, as_vector
-from .view_bounds import MARGIN, SMALLEST_DISTANCE, SceneExtent, View, ViewBounds, find_bounds, find_bounds_of_all
 
 
 def frame_mesh(
-    mesh: Mesh | SceneExtent,
+    mesh: Mesh | SceneBounds,
     *,
     aspect: float,
     up: Vector = DEFAULT_UP,
@@ -33,7 +33,7 @@ def frame_mesh(
 
     Parameters
     ----------
-    mesh : Mesh or SceneExtent
+    mesh : Mesh or SceneBounds
         A mesh, or all that a scene holds.
     aspect : float
         Width of the picture divided by its height.
@@ -95,7 +95,7 @@ def frame_mesh(
     return Camera(at, look_at, find_sides(side, up)[1], fov, projection=projection)
 
 
-def measure_side(mesh: Mesh | SceneExtent, side: str | None, up: Vector = DEFAULT_UP) -> tuple[float, float]:
+def measure_side(mesh: Mesh | SceneBounds, side: str | None, up: Vector = DEFAULT_UP) -> tuple[float, float]:
     """Return the width and the height of a mesh as an orthographic picture from a side shows it, in its units."""
     view = View.from_side(side, 1.0, up, DEFAULT_FOV)._replace(tangents=np.zeros(2))
     bounds = find_bounds(view, mesh)
@@ -108,7 +108,7 @@ def measure_side(mesh: Mesh | SceneExtent, side: str | None, up: Vector = DEFAUL
 _SHARES = (0.0, 1 / 3, 2 / 3, 1.0)
 
 
-def _find_eye(view: View, mesh: Mesh | SceneExtent) -> tuple[NDArray[np.float64], ViewBounds]:
+def _find_eye(view: View, mesh: Mesh | SceneBounds) -> tuple[NDArray[np.float64], ViewPlanes]:
     """Return the eye of a view that sees all of a mesh, (3,) float64 in local coordinates, and the bounds of the view.
 
     Notes
@@ -126,7 +126,7 @@ def _find_eye(view: View, mesh: Mesh | SceneExtent) -> tuple[NDArray[np.float64]
     return view.across @ centre - distance * view.forward, several[-1]
 
 
-def _find_middle(several: Sequence[ViewBounds], reach: float, axis: int) -> float:
+def _find_middle(several: Sequence[ViewPlanes], reach: float, axis: int) -> float:
     """Return the eye's coordinate along one axis of the picture; `reach` is half the picture's side in depth 0."""
     excesses = [
         float(bounds.highest[axis] - bounds.lowest[axis]) - 2 * share * reach
@@ -147,7 +147,7 @@ _WIDEST_HALF_ANGLE = math.radians(45)
 
 
 def look_from(
-    mesh: Mesh | SceneExtent,
+    mesh: Mesh | SceneBounds,
     projection: Projection | None,
     eye: Vector,
     look_at: Vector,

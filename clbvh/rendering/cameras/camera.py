@@ -9,13 +9,13 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SceneError
-from ..support.memory import check_memory
-from .camera_rays import RayModel, find_ray_model, make_rays, pixel_centres_of
+from ...errors import SceneError
+from ...support.memory import check_memory
+from ..vectors import Vector, as_vector, check_vector, is_finite_number, read_points
 from .lens import Lens, check_size
 from .pose import make_axes, make_pose, read_pose, rotate_about_axis
 from .projection import Fisheye, Orthographic, Panorama, Projection, check_projection, name_of
-from .vectors import Vector, as_vector, check_vector, is_finite_number, read_points
+from .rays import RayModel, find_ray_model, make_rays, pixel_centres_of
 
 # Directions and a copy of them on the way; origins; the coordinates of curved projections and their steps.
 _BYTES_PER_RAY = 48

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SceneError
-from .vectors import is_finite_number, read_matrix, show_matrix
+from ...errors import SceneError
+from ..vectors import is_finite_number, read_matrix, show_matrix
 
 # The fraction in the coordinates of pixel centres: 0.5 if the pixel with index j covers the columns j to j + 1, as in
 # OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
+from ...geometry import Mesh
+from ..vectors import Vector
 from .pose import find_sides, make_axes
-from .vectors import Vector
 
 if TYPE_CHECKING:
-    from ..geometry.spheres import Shape
+    from ...geometry.spheres import Shape
 
 
 # Around what is seen, as a share of the picture.
@@ -29,7 +29,7 @@ MARGIN = 0.06
 SMALLEST_DISTANCE = 1e-6
 
 
-def box_in(boxed: Mesh | SceneExtent, space: Mesh | SceneExtent) -> NDArray[np.float64]:
+def box_in(boxed: Mesh | SceneBounds, space: Mesh | SceneBounds) -> NDArray[np.float64]:
     """Return (2, 3) float64: the box in the local coordinates of another space."""
     return ((boxed.origin - space.origin) + boxed.local_box / np.float64(boxed.scale)) * space.scale
 
@@ -80,7 +80,7 @@ class Reaches(NamedTuple):
         return np.where(self.around > 0, in_turn, along)
 
 
-class ViewBounds(NamedTuple):
+class ViewPlanes(NamedTuple):
     """The planes of a view's four sides, moved inwards until they touch the points, and the depths of the points.
 
     In local coordinates; the horizontal planes first.
@@ -140,18 +140,18 @@ class View(NamedTuple):
         along = np.outer(slopes @ self.axis, self.axis)
         return Reaches(along, np.linalg.norm(slopes - along, axis=1), self.axis)
 
-    def bounds_of(self, largest: NDArray[np.float64]) -> ViewBounds:
+    def bounds_of(self, largest: NDArray[np.float64]) -> ViewPlanes:
         """Return the bounds of points whose largest `reaches` are known."""
-        return ViewBounds(largest[:2], -largest[2:4], -float(largest[4]), float(largest[5]))
+        return ViewPlanes(largest[:2], -largest[2:4], -float(largest[4]), float(largest[5]))
 
-    def find_distance(self, bounds: ViewBounds) -> float:
+    def find_distance(self, bounds: ViewPlanes) -> float:
         """Return the distance of the nearest eye to the plane of depth 0."""
         distance = float(((bounds.highest - bounds.lowest) / (2 * self.tangents)).max())
         size = max(bounds.farthest - bounds.nearest, float((bounds.highest - bounds.lowest).max()), SMALLEST_DISTANCE)
         # A flat mesh seen edge-on touches no side, and no point may lie behind the eye.
         return max(distance, -bounds.nearest + 1e-3 * size)
 
-    def find_target(self, eye: NDArray[np.float64], bounds: ViewBounds) -> NDArray[np.float64]:
+    def find_target(self, eye: NDArray[np.float64], bounds: ViewPlanes) -> NDArray[np.float64]:
         """Return where a camera at a point in local coordinates looks: the middle of what is seen, or the axis."""
         if self.axis is None:
             return eye + self.forward * ((bounds.nearest + bounds.farthest) / 2 - eye @ self.forward)
@@ -178,7 +178,7 @@ _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _ALONG_AXES = Reaches(np.concatenate((np.eye(3), -np.eye(3))), np.zeros(6), np.array([0.0, 0.0, 1.0]))
 
 
-class SceneExtent:
+class SceneBounds:
     """Where the instances of a scene are.
 
     Parameters
@@ -293,12 +293,12 @@ def _count_points(shape: Shape) -> int:
 _CHUNK_VERTICES = 2**12
 
 
-def find_bounds(view: View, mesh: Mesh | SceneExtent) -> ViewBounds:
+def find_bounds(view: View, mesh: Mesh | SceneBounds) -> ViewPlanes:
     """Return the bounds of all vertices, or of all that a scene holds."""
     return find_bounds_of_all([view], mesh)[0]
 
 
-def find_bounds_of_all(views: Sequence[View], mesh: Mesh | SceneExtent) -> list[ViewBounds]:
+def find_bounds_of_all(views: Sequence[View], mesh: Mesh | SceneBounds) -> list[ViewPlanes]:
     """Return the bounds of several views that differ in nothing but the slopes of their sides; read once."""
     reaches = [view.reaches() for view in views]
     joined = Reaches(
@@ -310,9 +310,9 @@ def find_bounds_of_all(views: Sequence[View], mesh: Mesh | SceneExtent) -> list[
     return [view.bounds_of(part) for view, part in zip(views, np.split(largest, len(views)), strict=True)]
 
 
-def _find_largest(reaches: Reaches, mesh: Mesh | SceneExtent) -> NDArray[np.float64]:
+def _find_largest(reaches: Reaches, mesh: Mesh | SceneBounds) -> NDArray[np.float64]:
     """Return (k,) float64: the largest value of each function."""
-    if isinstance(mesh, SceneExtent):
+    if isinstance(mesh, SceneBounds):
         return mesh.largest(reaches)
     largest = np.full(len(reaches.slopes), -np.inf)
     for begin in range(0, len(mesh.local_vertices), _CHUNK_VERTICES):
