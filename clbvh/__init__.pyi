@@ -46,14 +46,15 @@ from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_sce
 from .rendering.picture import Picture as Picture
 from .rendering.render import render as render, render_images as render_images
 from .rendering.renderer import Renderer as Renderer
-from .rendering.scene import Scene as Scene
-from .rendering.settings import Light as Light, Wireframe as Wireframe
-from .rendering.sources import MeshSource as MeshSource, Transform as Transform
-from .rendering.subjects import RenderOptions as RenderOptions
+from .rendering.scene_file import save_scene as save_scene
 from .rendering.turntable import render_turntable as render_turntable
-from .rendering.vectors import Vector as Vector
+from .rendering.settings import Vector as Vector
+from .rendering.view import Light as Light, View as View, Wireframe as Wireframe
+from .rendering.world import RenderOptions as RenderOptions
 from .scene.handles import Geometry as Geometry, Instance as Instance
+from .scene.scene import Scene as Scene
 from .scene.state import SceneState as SceneState
+from .scene.transforms import Transform as Transform
 from .stats import TreeStats as TreeStats, measure_tree as measure_tree
 from .support.folders import __version__ as __version__
 from .trace.hits.hits import AllHits as AllHits, Hits as Hits

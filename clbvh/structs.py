@@ -11,6 +11,8 @@ import math
 
 import numpy as np
 
+from .choices import SHADINGS, TONE_CURVES
+
 _LANE_BYTES = 4
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import clbvh
 
-from .structs import SHADINGS
+from .choices import SHADINGS
 
 Work = tuple[str, Callable[[], object]]
 
@@ -34,15 +34,13 @@ def list_work(device: clbvh.DeviceInfo) -> Iterator[Work]:
     for quality in ("fast", "default", "high"):
         yield f"build, quality {quality}", partial(clbvh.build, mesh, quality=quality)
     yield "files, refit and measures of a tree", partial(_use_tree, mesh)
-    spheres = clbvh.Scene()
-    spheres.place(spheres.add(clbvh.Spheres(mesh.vertices[::20], 0.05)))
-    scene = clbvh.Scene(width=_WIDTH, height=_HEIGHT)
+    spheres = clbvh.Scene(clbvh.Spheres(mesh.vertices[::20], 0.05))
+    scene = clbvh.Scene()
     knot = scene.add(mesh)
     for shape in (knot, knot, scene.add(clbvh.Spheres([[0.0, 0.0, 2.0]], 0.5))):
         scene.place(shape)
-    lone = clbvh.Scene(clbvh.MeshSource(shape="knot", triangles=_TRIANGLES), width=_WIDTH, height=_HEIGHT)
     for shading in SHADINGS:
-        yield f"picture, {shading}", partial(_draw, lone, device, shading)
+        yield f"picture, {shading}", partial(_draw, mesh, device, shading)
     yield "picture of a scene", partial(_draw, scene, device, "studio")
     sources: dict[str, clbvh.Scene | clbvh.Mesh] = {"a mesh": mesh, "spheres": spheres, "a scene": scene}
     for what, dtype in product(sources, ("f8", "f4")):
@@ -67,10 +65,10 @@ def _use_tree(mesh: clbvh.Mesh) -> None:
     clbvh.measure_tree(bvh)
 
 
-def _draw(source: clbvh.Scene, device: clbvh.DeviceInfo, shading: str) -> None:
+def _draw(source: clbvh.Scene | clbvh.Mesh, device: clbvh.DeviceInfo, shading: str) -> None:
     """Draw a small picture, and find its hits in float64."""
-    options = clbvh.RenderOptions(device=device)
-    clbvh.render(source, options, shading=shading, samples=1 if shading in ("studio", "ao", "path") else None).hits  # noqa: B018
+    view = clbvh.View(width=_WIDTH, height=_HEIGHT, shading=shading, samples=1)
+    clbvh.render(source, view, clbvh.RenderOptions(device=device)).hits  # noqa: B018
 
 
 def _cast(source: clbvh.Scene | clbvh.Mesh, device: clbvh.DeviceInfo, dtype: str) -> None:

@@ -21,8 +21,9 @@ from ..device.select import choose_device
 from ..errors import ConfigError, ValidationError
 from ..rendering.cameras.camera import Camera
 from ..rendering.renderer import Renderer
-from ..rendering.subjects import RenderOptions
-from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS
+from ..rendering.world import RenderOptions
+from ..choices import REPORT_SHADINGS
+from ..structs import LAYOUT_WIDTHS
 from ..trace.device_tree import BRUTE
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.launch import device_casts_all
@@ -74,7 +75,7 @@ def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> It
     camera = Camera(tuple(eye), tuple(aside))
     is_brute = layout == BRUTE
     options = RenderOptions(device=device, builder=BRUTE) if is_brute else RenderOptions(device=device, layout=layout)
-    with Renderer(case.mesh if is_brute else bvh, options) as renderer:
+    with Renderer(case.mesh if is_brute else bvh, options=options) as renderer:
         for shading in REPORT_SHADINGS:
             picture = renderer.render(camera=camera, shading=shading, width=_PICTURE_WIDTH, height=_PICTURE_HEIGHT)
             colours = np.dstack((picture.rgb, picture.alpha)).reshape(-1, 4)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
-from ..structs import CELL_PIXELS, SHADINGS
+from ..choices import SHADINGS
+from ..structs import CELL_PIXELS
 from ..trace.traced_tree import TracedTree, find_entry_points
 from .frame import Band
 

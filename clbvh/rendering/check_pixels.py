@@ -14,8 +14,6 @@ from ..trace.oracle.scene_crossings import Rays
 from ..trace.oracle.scene_reference import SceneDifference, SceneReference
 from .cut import Cut
 from .picture import Picture
-from .scene import Scene
-from .sources import MeshSource
 
 # Most tests of a primitive against a ray in a validation: about a second.
 _MOST_TESTS = 50_000_000
@@ -51,9 +49,7 @@ def check_pixels(picture: Picture) -> Picture:
 
 def _count_tests(picture: Picture) -> int:
     """Return about how many primitives the reference tests for one ray."""
-    if picture.mesh is not None:
-        return picture.mesh.face_count
-    state = picture.objects.state
+    state = picture.world.state
     prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
     # And one test of each instance's bounding sphere.
     return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
@@ -64,17 +60,9 @@ def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[S
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
     if picture.cut is not None:
-        return _find_differences_beside(picture.cut, _make_reference(picture), origins, directions, hits)
+        return _find_differences_beside(picture.cut, SceneReference(picture.world.state), origins, directions, hits)
     # Pictures show all instances but those that no ray sees.
-    return _make_reference(picture).find_differences(Rays.make(origins, directions), hits)
-
-
-def _make_reference(picture: Picture) -> SceneReference:
-    """Return the reference for what a picture shows, as a scene."""
-    if picture.mesh is not None:
-        return SceneReference(Scene(MeshSource(mesh=picture.mesh)).snapshot())
-    objects = picture.objects
-    return SceneReference(objects.state, merged_radii=objects.merging.measure_radii(objects.state.instance_count))
+    return SceneReference(picture.world.state).find_differences(Rays.make(origins, directions), hits)
 
 
 def _find_differences_beside(

@@ -6,17 +6,19 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cameras.pose import STANDARD_VIEWS
+from ..choices import STANDARD_VIEWS
+from .cameras.projection import Orthographic
 from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
 from .picture import Picture
 from .renderer import Renderer
-from .subjects import RenderOptions
-from .vectors import Vector
+from .view import View
+from .world import RenderOptions
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300
 
@@ -82,17 +84,13 @@ class ContactSheet:
 
 
 def contact_sheet(
-    source: SceneLike,
+    source: SceneLike | list[str],
+    view: View | None = None,
     options: RenderOptions | None = None,
     *,
-    width: int = DEFAULT_WIDTH,
-    height: int = DEFAULT_HEIGHT,
-    shading: str | None = None,
-    samples: int | None = None,
-    up: Vector | None = None,
-    ground: bool = False,
-    on_phase: Callable[[str], None] = lambda phase: None,
-    on_note: Callable[[str], None] = lambda note: None,
+    on_phase: Callable[[str], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
+    **changes: Any,
 ) -> ContactSheet:
     """Return the standard views of a scene in one picture: front, right, back, left, top, bottom and isometric.
 
@@ -101,21 +99,19 @@ def contact_sheet(
 
     Parameters
     ----------
-    source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
-        See `render`. The scene's camera is left out, and its background is drawn even if it is transparent.
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+        See `render`.
+    view : View, optional
+        By default that of the scene file, or `View()`. Its camera is left out, and its background is drawn even if it
+        is transparent.
     options : RenderOptions, optional
-    width, height : int, pixels
-        Of each view.
-    shading, samples : optional
-        See `Renderer.render`.
-    up : (3,) float
-        By default the scene's `up`.
-    ground : bool
-        Whether there are shadows on a ground, which only the views from above show.
     on_phase : function, optional
         Called with the name of each phase and of each view as it begins.
     on_note : function, optional
         Called with each fact that a user should know, as in `Picture.notes`.
+    **changes
+        Settings of `View`, in place of those of the view. The size is that of each view, by default 400 x 300; there is
+        no ground unless `ground=True` asks for one, which only the views from above show.
 
     Raises
     ------
@@ -129,22 +125,24 @@ def contact_sheet(
     >>> list(sheet.pictures)
     ['front', 'right', 'back', 'left', 'top', 'bottom', 'iso']
     """
-    with Renderer(source, options, on_phase=on_phase) as renderer:
-        # Seen from a side, so that up in the world is the scene's, and not that of a view from the top.
-        scene = renderer.scene.with_view(STANDARD_VIEWS[0])
-        scene = scene.with_changes(width=width, height=height, up=up, ground=ground, transparent=False)
-        for note in renderer.list_notes(scene):
-            on_note(note)
-        renderer.scene = scene
+    with Renderer(source, view, options, on_phase=on_phase) as renderer:
+        settings = {"width": DEFAULT_WIDTH, "height": DEFAULT_HEIGHT, "ground": False} | changes
+        front = renderer.view.changed(**{"side": STANDARD_VIEWS[0], "transparent": False} | settings)
+        sizes = renderer.measure_views(STANDARD_VIEWS, up=front.up, frame=front.frame)
+        level = {"projection": Orthographic()}
+        cameras = [renderer.find_camera(front, side=side, **level) for side in STANDARD_VIEWS]
+        height = max(camera.projection.height for camera in cameras)
         pictures = {}
-        for view, camera in renderer.orthographic_views().items():
-            on_phase(view)
-            pictures[view] = renderer.render(camera=camera, shading=shading, samples=samples, on_phase=on_phase)
-        sizes = renderer.measure_views(STANDARD_VIEWS)
-    front = pictures["front"]
-    pixel_size = float(front.camera.projection.height) / height  # type: ignore[union-attr, arg-type]
+        for side in STANDARD_VIEWS:
+            if on_phase is not None:
+                on_phase(side)
+            pictures[side] = renderer.render(front.changed(side=side, projection=Orthographic(height)))
+        if on_note is not None:
+            for note in renderer.list_notes(front):
+                on_note(note)
+    pixel_size = height / front.height
     cells = [_caption(pictures[view].rgb, view, _join(*sizes[view])) for view in STANDARD_VIEWS]
-    cells.append(_draw_panel(front, (*sizes["front"], sizes["right"][0]), pixel_size, cells[0].shape))
+    cells.append(_draw_panel(pictures["front"], (*sizes["front"], sizes["right"][0]), pixel_size, cells[0].shape))
     rows = [np.hstack(cells[begin : begin + _COLUMNS]) for begin in range(0, len(cells), _COLUMNS)]
     return ContactSheet(np.vstack(rows), pictures, pixel_size)
 

@@ -20,7 +20,7 @@ from ..trace.oracle.scene_visits import SceneTraversal
 from ..trace.oracle.visits import HostTraversal, Visits, count_visits
 from .cameras.camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
-from .subjects import SceneObjects
+from .world import World
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
 QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}
@@ -57,16 +57,17 @@ def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
 
 
 def draw_heat_map_of(
-    subject: Bvh | SceneObjects, camera: Camera, width: int, height: int, quantity: str
+    world: World, camera: Camera, width: int, height: int, quantity: str
 ) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
-    if isinstance(subject, SceneObjects):
-        traversal = SceneTraversal(subject.state, subject.trees, subject.top, subject.merging)
+    if world.bvh is None:
+        assert world.top is not None  # there are trees
+        traversal = SceneTraversal(world.state, world.trees, world.top)
         visits = _count_rays(traversal, camera, width, height)
         counts = visits.node_steps if quantity == "nodes" else visits.prim_tests
     else:
-        counted = count_picture(subject, camera, width, height)
+        counted = count_picture(world.bvh, camera, width, height)
         counts = counted.node_steps if quantity == "nodes" else counted.triangle_tests
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
     of_pixels = np.where(camera.sees(width, height), counts.reshape(height, width), 0)

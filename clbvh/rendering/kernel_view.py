@@ -1,4 +1,4 @@
-"""A scene in the form that the render kernel takes: one `structs.VIEW`, with its projection, cut, lines and ground."""
+"""A view in the form that the render kernels take: one `structs.VIEW`, with its projection, cut, lines and ground."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
-from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
+from ..choices import REPORT_SHADINGS, SHADINGS, TONE_CURVES
+from ..structs import CUTS, PROJECTIONS, VIEW
 from .cameras.camera import Camera
 from .cameras.rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
 from .cut import Cut
-from .guesses import known_up
 from .cameras.lens import window_of
 from .cameras.projection import Fisheye, Panorama, name_of
-from .view import View
-from .settings import Wireframe, find_tone_curve
+from .view import View, Wireframe
 from .cameras.bounds import Reaches, SceneExtent
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
@@ -42,8 +41,8 @@ _OCCLUSION_REACH = 0.4
 _ROUNDED_UP = 1.0 + 1e-5
 
 
-def make_view(
-    scene: Scene,
+def make_kernel_view(
+    settings: View,
     camera: Camera,
     mesh: Mesh,
     local_box: NDArray[np.floating] | None = None,
@@ -54,7 +53,8 @@ def make_view(
 
     Parameters
     ----------
-    scene : Scene
+    settings : View
+        Complete, see `ViewFinder`.
     camera : Camera
         In the scene's coordinates; the view is in the mesh's local ones.
     mesh : Mesh
@@ -63,7 +63,7 @@ def make_view(
     ground : Ground, optional
         In the scene's coordinates.
     framed_box : (2, 3) float, local coordinates, optional
-        The box around what counts, see `Scene.frame`; by default `local_box`. A depth picture shows its depths, which
+        The box around what counts, see `View.frame`; by default `local_box`. A depth picture shows its depths, which
         are distances from the eye for a fisheye and a panorama.
 
     Raises
@@ -77,15 +77,15 @@ def make_view(
     view["eye"] = eye
     view["eye_low"] = eye - view["eye"]
     view["optical_axis"] = forward
-    _set_projection(view, camera, mesh.scale, scene.width, scene.height)
+    _set_projection(view, camera, mesh.scale, settings.width, settings.height)
 
-    view["to_light"] = _light_direction(scene, right, up, forward)
-    view["light_colour"] = scene.light.colour
-    view["to_sky"] = sky_direction(scene, camera)
-    view["sky_colour"] = scene.light.sky
-    view["ground_colour"] = scene.light.ground
-    view["surface_colour"] = scene.surface
-    view["background_top"], view["background_bottom"] = scene.background
+    view["to_light"] = _light_direction(settings, right, up, forward)
+    view["light_colour"] = settings.light.colour
+    view["to_sky"] = sky_direction(settings, camera)
+    view["sky_colour"] = settings.light.sky
+    view["ground_colour"] = settings.light.ground
+    view["surface_colour"] = settings.surface
+    view["background_top"], view["background_bottom"] = settings.background
 
     box = (mesh.local_box if local_box is None else local_box).astype(np.float64)
     is_round = isinstance(camera.projection, Fisheye | Panorama)
@@ -93,36 +93,36 @@ def make_view(
     nearest, farthest = _range_around(framed, eye) if is_round else _range_along(framed, eye, forward)
     # A mesh without depth is drawn white.
     view["depth_near"], view["depth_far"] = nearest, farthest if farthest > nearest else nearest + 1.0
-    view["width"], view["height"] = scene.width, scene.height
-    view["shading"] = SHADINGS[scene.shading]
+    view["width"], view["height"] = settings.width, settings.height
+    view["shading"] = SHADINGS[settings.shading]
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
     if ground is not None:
-        gap = GROUND_GAP * half_diagonal if scene.shading == "path" else 0.0
+        gap = GROUND_GAP * half_diagonal if settings.shading == "path" else 0.0
         view["ground_point"] = mesh.to_local(ground.point) - gap * ground.normal
         view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * mesh.scale
     view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
     view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
     view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
-    view["has_sun"] = any(scene.light.colour)
-    view["is_headlight"] = scene.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
-    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**scene.exposure
+    view["has_sun"] = any(settings.light.colour)
+    view["is_headlight"] = settings.light.direction is None and bool(((framed[0] < eye) & (eye < framed[1])).all())
+    view["light_spread"], view["exposure"] = _LIGHT_SPREAD, 2.0**settings.exposure
     secant = np.hypot(1.0, _LIGHT_SPREAD)
     view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
-    view["most_light"] = np.inf if scene.clamp is None else scene.clamp
-    view["tone_curve"] = TONE_CURVES[find_tone_curve(scene)]
-    if scene.cut is not None:
-        _set_cut(view, scene.cut, eye, (mesh.to_local(scene.cut.first), mesh.to_local(scene.cut.second)))
-    if scene.wireframe is not None:
-        _set_wireframe(view, scene.wireframe, scene)
-    view["is_transparent"], view["seed"], view["most_bounces"] = scene.transparent, scene.seed, scene.max_bounces
+    view["most_light"] = np.inf if settings.clamp is None else settings.clamp
+    view["tone_curve"] = TONE_CURVES[settings.curve]
+    if settings.cut is not None:
+        _set_cut(view, settings.cut, eye, (mesh.to_local(settings.cut.first), mesh.to_local(settings.cut.second)))
+    if settings.wireframe is not None:
+        _set_wireframe(view, settings.wireframe, settings)
+    view["is_transparent"], view["seed"], view["most_bounces"] = settings.transparent, settings.seed, settings.max_bounces
     return view
 
 
-def sky_direction(scene: Scene, camera: Camera) -> NDArray[np.float64]:
-    """Return (3,) float64: the unit vector upwards in the scene."""
+def sky_direction(settings: View, camera: Camera) -> NDArray[np.float64]:
+    """Return (3,) float64: the unit vector upwards in the settings."""
     # The `up` of a camera with a lens, and that of one that looks straight down, is the picture's, not the world's.
-    is_of_world = camera.lens is None and scene.view is None
-    to_sky = np.asarray(camera.up if is_of_world else known_up(scene.up), np.float64)
+    is_of_world = camera.lens is None and settings.side is None
+    to_sky = np.asarray(camera.up if is_of_world else settings.up, np.float64)
     return to_sky / np.linalg.norm(to_sky)
 
 
@@ -140,17 +140,17 @@ def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
 
 
 def _light_direction(
-    scene: Scene, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
+    settings: View, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the unit vector towards the light."""
-    if scene.light.direction is None:
-        is_studio = scene.shading == "studio"
+    if settings.light.direction is None:
+        is_studio = settings.shading == "studio"
         left, above, near = (
             (_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS) if is_studio else (_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS)
         )
         towards = above * up - left * right - near * forward
     else:
-        towards = np.asarray(scene.light.direction, np.float64)
+        towards = np.asarray(settings.light.direction, np.float64)
     return towards / np.linalg.norm(towards)
 
 
@@ -185,7 +185,7 @@ def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width:
     view : (1,) `structs.VIEW`
     camera : Camera
     scale : float
-        Local units in one unit of the scene.
+        Local units in one unit of the settings.
     width, height : int, pixels
 
     Raises
@@ -278,11 +278,11 @@ class Ground(NamedTuple):
     radius: float
 
 
-def shows_ground(scene: Scene) -> bool:
+def shows_ground(settings: View) -> bool:
     """Return whether a picture of a scene has a ground."""
-    if scene.shading not in _HAS_GROUND:
+    if settings.shading not in _HAS_GROUND:
         return False
-    return _HAS_GROUND[scene.shading] if scene.ground is None else scene.ground
+    return _HAS_GROUND[settings.shading] if settings.ground is None else settings.ground
 
 
 def find_ground(extent: Mesh | SceneExtent, up: NDArray[np.float64]) -> Ground:
@@ -337,23 +337,23 @@ def _set_cut(
             view["cut_lower"], view["cut_upper"] = corners[0] - eye, corners[1] - eye
 
 
-def _set_wireframe(view: NDArray[np.void], wireframe: Wireframe, scene: Scene) -> None:
+def _set_wireframe(view: NDArray[np.void], wireframe: Wireframe, settings: View) -> None:
     """Write the lines of a picture into a view.
 
     Parameters
     ----------
     view : (1,) `structs.VIEW`
     wireframe : Wireframe
-    scene : Scene
+    settings : View
         Its shading, exposure and tone curve are those of the picture.
     """
     view["line_width"] = wireframe.width
     colour = np.asarray(wireframe.colour, np.float64)
-    if scene.shading in REPORT_SHADINGS:
+    if settings.shading in REPORT_SHADINGS:
         view["line_colour"] = linear_to_srgb(colour)
         return
-    light = _invert_filmic(colour) if find_tone_curve(scene) == "filmic" else colour
-    view["line_colour"] = light / 2.0**scene.exposure
+    light = _invert_filmic(colour) if settings.curve == "filmic" else colour
+    view["line_colour"] = light / 2.0**settings.exposure
 
 
 def _invert_filmic(colour: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..device.info import DeviceInfo
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
-from ..structs import REPORT_SHADINGS
+from ..choices import REPORT_SHADINGS
 from ..support.host_threads import side_by_side
 from ..trace.traced_tree import TracedTree
 from .band_painters import DEVELOP, OneRayPainter, Progress, SamplePainter, SampleShading
@@ -20,8 +20,8 @@ from .film.environment_map import EnvironmentMap, EnvironmentTables, make_enviro
 from .film.light_tables import LightTables, find_lights, make_light_tables
 from .film.look_tables import LookTables, has_cutouts, has_normal_maps, make_look_tables
 from .frame import Painter
-from .scene import Scene
-from .subjects import MeshSubject, SceneSubject
+from .view import View
+from .world import World
 
 
 def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:
@@ -40,11 +40,11 @@ class Painters:
     session : DeviceSession
         Owns the tables on the device.
     tree : DeviceTree or DeviceScene
-    subject : MeshSubject or SceneSubject
+    world : World
     """
 
-    def __init__(self, session: DeviceSession, tree: TracedTree, subject: MeshSubject | SceneSubject) -> None:
-        self._session, self._tree, self._subject = session, tree, subject
+    def __init__(self, session: DeviceSession, tree: TracedTree, world: World) -> None:
+        self._session, self._tree, self._world = session, tree, world
         self._lock = threading.Lock()
         self._one_ray: dict[tuple[int, ...], OneRayPainter] = {}  # by `_parts_of`
         self._lights: LightTables | None = None
@@ -52,7 +52,7 @@ class Painters:
         self._shadings: dict[tuple[Any, ...], tuple[SampleShading, dict[str, Any]]] = {}
         self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
 
-    def painter(self, scene: Scene, view: NDArray[np.void], progress: Progress) -> Painter:
+    def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> Painter:
         """Return the painter of a picture, and fill what the view says of the light.
 
         Raises
@@ -65,71 +65,71 @@ class Painters:
             The file of the environment cannot be read.
         """
         with self._lock:
-            if scene.shading in REPORT_SHADINGS:
-                parts = _parts_of(scene)
+            if view.shading in REPORT_SHADINGS:
+                parts = _parts_of(view)
                 key = tuple(parts.values())
                 if key not in self._one_ray:
-                    colours = self._subject.looks().colours
+                    colours = self._world.looks.colours
                     self._one_ray[key] = OneRayPainter(self._session, self._tree, colours=colours, parts=parts)
                 progress.taken = 1
                 return self._one_ray[key]
-            if scene.shading == "path":
-                self._find_lights(scene).describe(view)
-            has_ground = scene.shading == "path" and bool(view["ground_radius"][0] > 0)
-            shading, buffers = self._find_shading(scene, has_ground)
-            if scene.shading == "path":
-                buffers = buffers | self._find_environment(scene, view)
+            if view.shading == "path":
+                self._find_lights().describe(described)
+            has_ground = view.shading == "path" and bool(described["ground_radius"][0] > 0)
+            shading, buffers = self._find_shading(view, has_ground)
+            if view.shading == "path":
+                buffers = buffers | self._find_environment(view, described)
             return SamplePainter(shading, progress, buffers)
 
-    def _find_shading(self, scene: Scene, has_ground: bool) -> tuple[SampleShading, dict[str, Any]]:
+    def _find_shading(self, view: View, has_ground: bool) -> tuple[SampleShading, dict[str, Any]]:
         """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
-        parts = _parts_of(scene) | {"HAS_GROUND": int(has_ground)}
-        key = scene.shading, float(scene.smooth), *parts.values()
+        parts = _parts_of(view) | {"HAS_GROUND": int(has_ground)}
+        key = view.shading, float(view.smooth), *parts.values()
         if key not in self._shadings:
-            shapes = self._subject.looks().shapes
+            shapes = self._world.looks.shapes
             parts |= {"HAS_CUTOUTS": int(has_cutouts(shapes)), "HAS_NORMAL_MAPS": int(has_normal_maps(shapes))}
-            compile_kernels = partial(SampleShading, self._session, self._tree, scene.shading, parts)
+            compile_kernels = partial(SampleShading, self._session, self._tree, view.shading, parts)
             # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
-            shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, scene))
+            shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, view))
             self._shadings[key] = shading, buffers
         return self._shadings[key]
 
-    def _find_tables(self, scene: Scene) -> dict[str, Any]:
+    def _find_tables(self, view: View) -> dict[str, Any]:
         """Return the tables that the kernels of a shading read, on the device."""
-        _, buffers = self._find_looks(scene)
-        if scene.shading == "path":
-            lights = self._find_lights(scene)
+        _, buffers = self._find_looks(view)
+        if view.shading == "path":
+            lights = self._find_lights()
             buffers = buffers | {name: self._session.upload(array) for name, array in lights.arrays.items()}
         return buffers
 
-    def _find_lights(self, scene: Scene) -> LightTables:
+    def _find_lights(self) -> LightTables:
         if self._lights is None:
-            looks = self._subject.looks()
-            self._lights = make_light_tables(looks.shapes, looks.shape_ids, self._subject.to_local())
+            looks = self._world.looks
+            self._lights = make_light_tables(looks.shapes, looks.shape_ids, self._world.to_local())
         return self._lights
 
-    def _find_environment(self, scene: Scene, view: NDArray[np.void]) -> dict[str, Any]:
-        """Return the environment on the device, where it stays for other pictures; say in the view how it is seen."""
-        if scene.environment is None:
+    def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
+        """Return the environment on the device, where it stays for other pictures; say in the described view how it is seen."""
+        if view.environment is None:
             return {}
-        if scene.environment not in self._environments:
-            tables = make_environment_tables(scene.environment.pixels)
+        if view.environment not in self._environments:
+            tables = make_environment_tables(view.environment.pixels)
             buffers = {name: self._session.upload(array) for name, array in tables.arrays.items()}
-            self._environments[scene.environment] = tables, buffers
-        tables, buffers = self._environments[scene.environment]
-        tables.describe(view, scene)
+            self._environments[view.environment] = tables, buffers
+        tables, buffers = self._environments[view.environment]
+        tables.describe(described, view)
         return buffers
 
-    def _find_looks(self, scene: Scene) -> tuple[LookTables, dict[str, Any]]:
-        angle = float(scene.smooth)
+    def _find_looks(self, view: View) -> tuple[LookTables, dict[str, Any]]:
+        angle = float(view.smooth)
         if angle not in self._looks:
-            looks = self._subject.looks()
-            is_light = find_lights(looks.shapes, looks.shape_ids, self._subject.to_local())
+            looks = self._world.looks
+            is_light = find_lights(looks.shapes, looks.shape_ids, self._world.to_local())
             tables = make_look_tables(looks, is_light, angle)
             self._looks[angle] = tables, tables.upload(self._session)
         return self._looks[angle]
 
 
-def _parts_of(scene: Scene) -> dict[str, int]:
+def _parts_of(view: View) -> dict[str, int]:
     """Return the macros of the parts of kernels that all shadings have."""
-    return {"HAS_CUT": int(scene.cut is not None), "HAS_WIREFRAME": int(scene.wireframe is not None)}
+    return {"HAS_CUT": int(view.cut is not None), "HAS_WIREFRAME": int(view.wireframe is not None)}

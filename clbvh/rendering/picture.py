@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..builders.tree_cache import BuildResult
-from ..bvh import Bvh, sah_cost
+from ..bvh import Bvh
 from ..device.context import EventTimes
 from ..device.info import DeviceInfo
-from ..errors import InternalError
 from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
@@ -32,7 +31,7 @@ from ..trace.rays.batch import RayBatch, read_rays
 from .cameras.camera import Camera
 from .cut import Cut
 from .image_files import encode_picture, write_picture
-from .subjects import SceneObjects
+from .world import World
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,10 +51,8 @@ class Picture:
         The device's hits through the centres of the pixels, in float32; t in local units.
     camera : Camera
         The camera of the picture.
-    mesh : Mesh or None
-        In the scene's coordinates; None in a picture of several objects.
-    bvh : Bvh or None
-        None without a tree, and in a picture of several objects.
+    world : World
+        What the picture shows; for the package itself.
     device : DeviceInfo
     layout : str
     workers : int
@@ -75,13 +72,11 @@ class Picture:
     validated_pixels : int
         The number of pixels that were compared with the reference.
     cut : Cut or None
-        What the picture does not show; see `Scene.cut`.
+        What the picture does not show; see `View.cut`.
     film : (height, width, 4) float32 or None
         Linear red, green and blue before exposure and tone curve, and the covered share: the means of the samples. Only
         of a picture that was asked to keep it, in a shading with samples. The colours of a transparent picture are
         those before a black background.
-    objects : object or None
-        What a picture of several objects shows; for the package itself.
 
     Examples
     --------
@@ -96,8 +91,7 @@ class Picture:
     samples: int
     found: NDArray[np.void]
     camera: Camera
-    mesh: Mesh | None
-    bvh: Bvh | None
+    world: World
     device: DeviceInfo
     layout: str
     workers: int
@@ -108,7 +102,6 @@ class Picture:
     validated_pixels: int = 0
     film: NDArray[np.float32] | None = None
     cut: Cut | None = None
-    objects: Any = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the picture to a file, ``.ppm`` or ``.png`` by its name: completely or not at all.
@@ -150,7 +143,8 @@ class Picture:
 
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
-        return refine_pixels(self._shown.surface if self.mesh is None else self.mesh, self.camera, self.found, self.cut)
+        surface = self.world.surface if self.mesh is None else self.mesh
+        return refine_pixels(surface, self.camera, self.found, self.cut)
 
     @cached_property
     def depth(self) -> NDArray[np.float64]:
@@ -162,16 +156,19 @@ class Picture:
         return self.hits.t * self.camera.cosines(width, height)
 
     @property
-    def name(self) -> str:
-        """The name of the mesh, or of what a picture of several objects shows."""
-        return self._shown.name if self.mesh is None else self.mesh.name
+    def mesh(self) -> Mesh | None:
+        """The mesh, in the scene's coordinates; None in a picture of several objects."""
+        return self.world.mesh
 
     @property
-    def _shown(self) -> SceneObjects:
-        """The objects; only of a picture of several."""
-        if not isinstance(self.objects, SceneObjects):
-            raise InternalError("a picture shows a mesh or objects, but this one has neither")
-        return self.objects
+    def bvh(self) -> Bvh | None:
+        """The tree of the mesh; None without a tree, and in a picture of several objects."""
+        return self.world.bvh
+
+    @property
+    def name(self) -> str:
+        """The name of the mesh, or of what a picture of several objects shows."""
+        return self.world.name
 
     @property
     def _hit_count(self) -> int:
@@ -192,7 +189,7 @@ class Picture:
         """
         rays = self.found.size
         return {
-            **(self._report_mesh(self.mesh) if self.mesh is not None else self._shown.report()),
+            **self.world.report(),
             "tree_from_cache": self.tree_from_cache,
             "workers": self.workers,
             "device": self.device.name,
@@ -205,16 +202,6 @@ class Picture:
             "mrays_per_s": rays * self.samples / 1e3 / self.timings["kernel"],
             "validated_pixels": self.validated_pixels,
             "timings_ms": dict(self.timings),
-        }
-
-    def _report_mesh(self, mesh: Mesh) -> dict[str, Any]:
-        return {
-            "mesh": mesh.name,
-            "triangles": mesh.face_count,
-            "degenerate_triangles": mesh.degenerate_count,
-            "nodes": 0 if self.bvh is None else self.bvh.node_count,
-            "depth": 0 if self.bvh is None else self.bvh.depth,
-            "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
         }
 
 

@@ -9,51 +9,43 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from .cameras.camera import Camera
-from .cut import Cut
 from .open_scene import SceneLike
 from .picture import Picture
-from .renderer import Renderer
-from .settings import DEFAULT_CHANNELS, Light, Wireframe
-from .subjects import RenderOptions
-from .vectors import Vector
+from .renderer import DEFAULT_CHANNELS, Renderer
+from .view import View
+from .world import RenderOptions
 
 if TYPE_CHECKING:
     from .images.images import Images
 
 
 def render(
-    source: SceneLike,
+    source: SceneLike | list[str],
+    view: View | None = None,
     options: RenderOptions | None = None,
     *,
-    camera: Camera | None = None,
-    view: str | None = None,
-    width: int | None = None,
-    height: int | None = None,
-    shading: str | None = None,
-    light: Light | Vector | None = None,
-    surface: Vector | None = None,
-    background: Vector | tuple[Vector, Vector] | None = None,
-    cut: Cut | None = None,
-    wireframe: Wireframe | None = None,
-    samples: int | None = None,
     time_limit_s: float | None = None,
-    on_samples: Callable[[int, int], None] = lambda done, total: None,
-    is_stopped: Callable[[], bool] = lambda: False,
-    on_phase: Callable[[str], None] = lambda phase: None,
+    on_samples: Callable[[int, int], None] | None = None,
+    is_stopped: Callable[[], bool] | None = None,
+    on_phase: Callable[[str], None] | None = None,
+    **changes: Any,
 ) -> Picture:
     """Render one picture; a `Renderer` is faster for several pictures of one scene.
 
     Parameters
     ----------
-    source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
-        A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh.
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+        A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh. A list of paths of
+        mesh files is a scene of them all.
+    view : View, optional
+        By default that of the scene file, or `View()`.
     options : RenderOptions, optional
-    camera, view, width, height, shading, light, surface, background, cut, wireframe, samples : optional
-        See `Renderer.render`; by default the scene's.
     time_limit_s, on_samples, is_stopped : optional
         See `Renderer.render`.
     on_phase : function, optional
         Called with the name of each phase as it begins.
+    **changes
+        Settings of `View`, in place of those of the view: ``width=640``, ``shading="path"``, ``light_colour=...``.
 
     Returns
     -------
@@ -62,7 +54,7 @@ def render(
     Raises
     ------
     SceneError, MeshError, ConfigError
-        The input cannot be used.
+        The input cannot be used, or there is no such setting.
     DeviceError, KernelBuildError, PoolError
         A device, a driver or a worker process fails.
     ValidationError
@@ -77,48 +69,40 @@ def render(
     >>> picture.hits.count
     1565
     """
-    with Renderer(source, options, on_phase=on_phase) as renderer:
+    # A wrong setting is found before any work.
+    (view or View()).changed(**changes)
+    with Renderer(source, view, options, on_phase=on_phase) as renderer:
         picture = renderer.render(
-            camera=camera, view=view, width=width, height=height, shading=shading, light=light, surface=surface,
-            background=background, cut=cut, wireframe=wireframe, samples=samples, time_limit_s=time_limit_s,
-            on_samples=on_samples, is_stopped=is_stopped, on_phase=on_phase,
-        )  # fmt: skip
+            time_limit_s=time_limit_s, on_samples=on_samples, is_stopped=is_stopped, on_phase=on_phase, **changes
+        )
     timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}
     return replace(picture, timings=timings)
 
 
 def render_images(
-    source: SceneLike,
+    source: SceneLike | list[str],
     channels: Iterable[str] = DEFAULT_CHANNELS,
+    view: View | None = None,
     options: RenderOptions | None = None,
     *,
-    camera: Camera | None = None,
-    width: int | None = None,
-    height: int | None = None,
-    shading: str | None = None,
-    samples: int | None = None,
     next_camera: Camera | None = None,
     next_transforms: Mapping[Any, ArrayLike] | None = None,
-    on_phase: Callable[[str], None] = lambda phase: None,
-    on_note: Callable[[str], None] = lambda note: None,
+    on_phase: Callable[[str], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
+    **changes: Any,
 ) -> Images:
     """Return what each pixel of a view sees, as arrays; `Renderer.images` is faster for several views of one scene.
 
     Parameters
     ----------
-    source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
         See `render`.
     channels : iterable of str
         See `Images`.
+    view : View, optional
+        By default that of the scene file, or `View()`. Its shading and its samples are those of the channels `rgb`,
+        `colour` and `alpha`; the others are those of the pixel's centre.
     options : RenderOptions, optional
-    camera : Camera, optional
-        Also one of `Camera.from_intrinsics`; by default the scene's.
-    width, height : int, pixels
-        See `Renderer.render`.
-    shading : str, optional
-        Of the channels `rgb`, `colour` and `alpha`; by default the scene's.
-    samples : int, optional
-        Of each pixel in these channels; by default the scene's. The others are those of the pixel's centre.
     next_camera : Camera, optional
         For the channel `motion`: the camera of the second pose, for a picture of the same size.
     next_transforms : mapping of instances, ids or names to (4, 4) float, optional
@@ -127,6 +111,8 @@ def render_images(
         Called with the name of each phase as it begins.
     on_note : function, optional
         Called with each fact that a user should know, as in `Picture.notes`.
+    **changes
+        Settings of `View`, in place of those of the view.
 
     Returns
     -------
@@ -157,11 +143,13 @@ def render_images(
     """
     from .images.channels import check_channels
 
-    check_channels(channels)
-    with Renderer(source, options, on_phase=on_phase) as renderer:
-        for note in renderer.list_notes() if camera is None else ():
-            on_note(note)
-        return renderer.images(
-            channels, camera=camera, width=width, height=height, shading=shading, samples=samples,
-            next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase,
-        )  # fmt: skip
+    channels = check_channels(channels)
+    (view or View()).changed(**changes)
+    with Renderer(source, view, options, on_phase=on_phase) as renderer:
+        images = renderer.images(
+            channels, next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase, **changes
+        )
+        for note in renderer.list_notes(**changes):
+            if on_note is not None:
+                on_note(note)
+    return images

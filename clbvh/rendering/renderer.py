@@ -1,51 +1,48 @@
 """The public class for pictures: one scene and its trees on one device, and any number of pictures of it.
 
-Owns the order of the steps from a scene to a picture; each step has a file of its own.
+Owns the order of the steps from a scene and a view to a picture; each step has a file of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
+from ..choices import REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.context import EventTimes
 from ..device.info import DeviceInfo
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
-from ..structs import REPORT_SHADINGS, VIEW
+from ..structs import VIEW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
-from ..trace.traced_tree import TracedTree
 from .band_painters import Progress
-from .cameras.bounds import SceneBounds
+from .cameras.bounds import box_in
 from .cameras.camera import Camera
-from .cameras.framing import frame_mesh, measure_side
-from .cameras.pose import STANDARD_VIEWS
-from .cameras.projection import Orthographic, Panorama, Projection
-from .cut import Cut
+from .cameras.framing import measure_side
 from .frame import FrameRenderer
-from .guesses import AUTO, Framed, frame_without_outliers, guess_up, known_up
+from .kernel_view import make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .painters import Painters, open_session
 from .picture import Picture, list_picture_ms, list_setup_ms
-from .scene import Scene
-from .settings import DEFAULT_CHANNELS, MAX_SAMPLES, Light, Wireframe, find_sample_count
-from .subjects import MeshSubject, RenderOptions, SceneSubject
-from .vectors import Vector
-from .view import Ground, find_ground, shows_ground, sky_direction
+from .view import MAX_SAMPLES, View
+from .view_finder import ViewFinder
+from .world import RenderOptions, World
 
 if TYPE_CHECKING:
     from .images.images import Images
+
+# Of `Renderer.images`.
+DEFAULT_CHANNELS = ("rgb", "alpha", "depth", "normal", "instance_id")
 
 # Four channels of float32.
 _FILM_BYTES = 16
@@ -60,9 +57,11 @@ class Renderer(ContextManager):
 
     Parameters
     ----------
-    source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
         A scene, as it is now; the path or name of one, or the path of a mesh file; a finished tree, which is not built
         again; or a mesh.
+    view : View, optional
+        The settings of pictures that ask for no others. By default those of the scene file, or those of `View()`.
     options : RenderOptions, optional
     on_phase : function, optional
         Called with the name of each phase as it begins.
@@ -79,7 +78,7 @@ class Renderer(ContextManager):
     Attributes
     ----------
     scene : Scene
-        The arguments of `Renderer.render` replace parts of it for one picture.
+    view : View
     timings : dict of str to float
         Milliseconds from the scene to the tree on the device, as in `Picture.timings`.
 
@@ -95,11 +94,11 @@ class Renderer(ContextManager):
 
     Several objects, with colours of their own:
 
-    >>> scene = clbvh.Scene(width=64, height=48)
+    >>> scene = clbvh.Scene()
     >>> ball = scene.add(clbvh.Spheres([[0, 0, 0]], 1.0))
     >>> left = scene.place(ball, colour=(0.8, 0.1, 0.1))
     >>> right = scene.place(ball, clbvh.Transform(scale=0.5, translate=(2, 0, 0)), colour=(0.1, 0.1, 0.8))
-    >>> with clbvh.Renderer(scene) as renderer:
+    >>> with clbvh.Renderer(scene, clbvh.View(width=64, height=48)) as renderer:
     ...     picture = renderer.render()
     >>> picture
     Picture(64 x 48 of 'spheres', 1,211 pixels hit)
@@ -109,88 +108,73 @@ class Renderer(ContextManager):
 
     def __init__(
         self,
-        source: SceneLike,
+        source: SceneLike | list[str],
+        view: View | None = None,
         options: RenderOptions | None = None,
         *,
-        on_phase: Callable[[str], None] = lambda phase: None,
+        on_phase: Callable[[str], None] | None = None,
     ) -> None:
-        options = options or RenderOptions()
-        if not isinstance(options, RenderOptions):
-            raise ConfigError(f"the options must be a clbvh.RenderOptions or None, not {options!r}")
+        _check_type("view", view, View)
+        _check_type("options", options, RenderOptions)
+        self._options = options or RenderOptions()
+        enter = on_phase or _ignore
         watch = Stopwatch()
         with ExitStack() as stack:
-            self.scene = as_scene(source)
-            subject = _find_subject(self.scene, source, options)
-            self._subject = subject
-
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            make_tree = partial(self._make_tree, watch, on_phase)
-            _, session = side_by_side(make_tree, partial(open_session, options.device, self.scene.shading))
+            shading = View().shading if view is None else view.shading
+            make_world = partial(self._make_world, source, view, watch, enter)
+            _, session = side_by_side(make_world, partial(open_session, self._options.device, shading))
             # Closed if a step fails, and not at the end of this block.
             on_failure = stack.enter_context(ExitStack())
             on_failure.push(session)
             watch.lap("open")
-            self._tree: TracedTree = subject.put(session)
+            self._tree = self._world.put(session)
             self._frames = FrameRenderer(session, self._tree)
-            self._painters = Painters(session, self._tree, subject)
+            self._painters = Painters(session, self._tree, self._world)
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
-            self._painters.painter(self.scene, np.zeros(1, VIEW), Progress(1))
+            self._painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
             upload_ms = session.times.sums_ms()["upload"]
             watch.lap("compile")
-            self.timings = list_setup_ms(watch, subject.made, upload_ms)
-
-            if options.validate:
-                on_phase("validate")
-                subject.validate()
+            self.timings = list_setup_ms(watch, self._world.made, upload_ms)
+            if self._options.validate:
+                enter("validate")
+                self._world.validate()
             on_failure.pop_all()
-        self._options = options
         self._session = session
+
+    def _make_world(
+        self, source: SceneLike | list[str], view: View | None, watch: Stopwatch, enter: Callable[[str], None]
+    ) -> None:
+        """Open the source, and build its trees on the host."""
+        enter("load")
+        self.scene, own_view = as_scene(source)
+        self.view = own_view if view is None else view
+        state = self.scene.snapshot()
+        watch.lap("load")
+        enter("build")
+        self._world = World(state, self._options, source if isinstance(source, Bvh) else None)
+        self._finder = ViewFinder(self._world.extent)
+        watch.lap("build")
+        enter("open the device")
 
     def render(
         self,
+        view: View | None = None,
         *,
-        camera: Camera | None = None,
-        view: str | None = None,
-        width: int | None = None,
-        height: int | None = None,
-        shading: str | None = None,
-        light: Light | Vector | None = None,
-        surface: Vector | None = None,
-        background: Vector | tuple[Vector, Vector] | None = None,
-        cut: Cut | None = None,
-        wireframe: Wireframe | None = None,
-        samples: int | None = None,
         time_limit_s: float | None = None,
-        on_samples: Callable[[int, int], None] = lambda done, total: None,
-        is_stopped: Callable[[], bool] = lambda: False,
+        on_samples: Callable[[int, int], None] | None = None,
+        is_stopped: Callable[[], bool] | None = None,
         keeps_film: bool = False,
-        on_phase: Callable[[str], None] = lambda phase: None,
+        on_phase: Callable[[str], None] | None = None,
+        **changes: Any,
     ) -> Picture:
-        """Render a picture; arguments that are None keep the values of the scene.
+        """Render a picture.
 
         Parameters
         ----------
-        camera : Camera, optional
-            By default the scene's, which sees the whole mesh unless the scene has an eye.
-        view : str, optional
-            In place of a camera: the whole mesh from a side, see `Scene.view`.
-        width, height : int, pixels
-            By default the lens's, or the scene's for a camera without a lens.
-        shading : str
-            One of `Scene.shading`.
-        light : Light, or (3,) float
-            A light, or only the direction towards it.
-        surface : (3,) float
-            Linear colour of the mesh, and of objects without one of their own.
-        background : (3,) float, or a pair of them
-            Linear colour, or the colours at the top and at the bottom.
-        cut : Cut, optional
-            A part of the world that the camera does not see.
-        wireframe : Wireframe, optional
-            Lines along the edges of triangles.
-        samples : int, optional
-            Of each pixel; see `Scene.samples`.
+        view : View, optional
+            By default that of the renderer.
         time_limit_s : float, optional
             Seconds. No samples are begun after it, but each pixel gets one at least. Without `samples`, as many are
             taken as the time allows.
@@ -202,6 +186,8 @@ class Renderer(ContextManager):
             Whether the picture keeps the linear colours of its samples, see `Picture.film`.
         on_phase : function, optional
             Called with the name of each phase as it begins.
+        **changes
+            Settings of `View`, in place of those of the view: ``width=640``, ``camera=camera``, ``light_colour=...``.
 
         Returns
         -------
@@ -211,7 +197,7 @@ class Renderer(ContextManager):
         Raises
         ------
         SceneError
-            A value is out of range, or the aspect ratio is not that of the camera's lens.
+            There is no such setting, a value is out of range, or the aspect ratio is not that of the camera's lens.
         QueryError
             The renderer is closed.
         DeviceError
@@ -227,76 +213,55 @@ class Renderer(ContextManager):
         >>> picture.rgb.shape
         (48, 64, 3)
         """
-        if camera is not None and not isinstance(camera, Camera):
-            raise SceneError(f"the camera must be a clbvh.Camera, not {camera!r}")
-        if camera is not None and view is not None:
-            raise SceneError(f"a picture has a camera or a view, and both were given: the view '{view}'")
-        watch = Stopwatch()
-        on_phase("render")
-        if camera is not None and camera.lens is not None:
-            width, height = camera.size_for(width, height)
-        seen = self.scene if view is None else self.scene.with_view(view)
-        scene = seen.with_changes(
-            width=width,
-            height=height,
-            shading=shading,
-            light=light if light is None or isinstance(light, Light) else self.scene.light.with_direction(light),
-            surface=surface,
-            background=background,
-            cut=cut,
-            wireframe=wireframe,
-            samples=samples,
-        )
-        progress = _make_progress(scene, time_limit_s, on_samples, is_stopped)
-        if keeps_film and scene.shading not in REPORT_SHADINGS:
-            progress.film = _make_film(scene)
-        made = self._subject.made
-        notes = [] if made is None else [*made.notes]
-        if camera is None:
-            notes += self.list_notes(scene)
-            camera = self._find_camera(scene)
+        watch, enter = Stopwatch(), on_phase or _ignore
+        enter("render")
+        given = self._find_view(view, changes)
+        view = self._finder.complete(given)
+        camera = self._finder.camera(view)
+        progress = _make_progress(view, time_limit_s, on_samples, is_stopped)
+        if keeps_film and view.shading not in REPORT_SHADINGS:
+            progress.film = _make_film(view)
         times = EventTimes()
-        framed = self._find_extent(scene)
-        device_view = self._subject.make_view(scene, camera, self._find_ground(scene, camera), framed)
-        colours, found = self._frames.render(device_view, self._painters.painter(scene, device_view, progress), times)
-        rgb = _take_rgb(colours)
+        world, space, ground = self._world, self._world.space, self._finder.ground(view, camera)
+        boxes = box_in(world.extent, space), ground, box_in(self._finder.extent(view), space)
+        described = make_kernel_view(view, camera, space, *boxes)
+        painter = self._painters.painter(view, described, progress)
+        colours, found = self._frames.render(described, painter, times)
+        made = world.made
         picture = Picture(
-            rgb=rgb,
+            rgb=_take_rgb(colours),
             alpha=colours[..., 3].copy(),
             film=progress.film,
             samples=progress.taken,
-            is_transparent=scene.transparent,
-            cut=scene.cut,
+            is_transparent=view.transparent,
+            cut=view.cut,
             found=found,
             camera=camera,
-            **self._subject.picture_parts(),
+            world=world,
             device=self.device,
             layout=self.layout,
-            workers=made.workers if made is not None else int(self._subject.bvh is None),
+            workers=made.workers if made is not None else int(not world.trees),
             timings=list_picture_ms(self.timings, times, watch),
             tree_from_cache=made is not None and made.from_cache,
-            notes=tuple(notes),
+            notes=(*(made.notes if made is not None else ()), *self._finder.notes(given)),
         )
         if not self._options.validate:
             return picture
         # The reference is large, and few ask for it.
         from .check_pixels import check_pixels
 
-        on_phase("validate")
+        enter("validate")
         return check_pixels(picture)
 
     def images(
         self,
         channels: Iterable[str] = DEFAULT_CHANNELS,
+        view: View | None = None,
         *,
-        camera: Camera | None = None,
-        width: int | None = None,
-        height: int | None = None,
-        shading: str | None = None,
-        samples: int | None = None,
         next_camera: Camera | None = None,
         next_transforms: Mapping[Any, ArrayLike] | None = None,
-        on_phase: Callable[[str], None] = lambda phase: None,
+        on_phase: Callable[[str], None] | None = None,
+        **changes: Any,
     ) -> Images:
         """Return what each pixel of a view sees, as arrays: depth, normals, ids and more; see `render_images`.
 
@@ -312,32 +277,18 @@ class Renderer(ContextManager):
         """
         from .images.images import make_images  # most pictures need none of it
 
-        return make_images(
-            self.scene, self.render, channels, next_camera, next_transforms, shading, samples,
-            camera=camera, width=width, height=height, on_phase=on_phase,
-        )  # fmt: skip
-
-    def _make_tree(self, watch: Stopwatch, on_phase: Callable[[str], None]) -> None:
-        """Find the subject, its upright position, and its tree on the host."""
-        on_phase("load")
-        self._subject.load()
-        self._stand_upright()
-        watch.lap("load")
-
-        on_phase("build")
-        self._subject.build()
-        watch.lap("build")
-        on_phase("open the device")
+        wanted = self._find_view(view, changes)
+        return make_images(self, wanted, channels, next_camera, next_transforms, on_phase)
 
     @property
     def mesh(self) -> Mesh | None:
         """The mesh, in the scene's coordinates; None for a scene of several objects."""
-        return self._subject.mesh
+        return self._world.mesh
 
     @property
     def bvh(self) -> Bvh | None:
         """The tree of the mesh; None with the builder ``"brute"``, and for a scene of several objects."""
-        return self._subject.bvh
+        return self._world.bvh
 
     @property
     def device(self) -> DeviceInfo:
@@ -375,42 +326,41 @@ class Renderer(ContextManager):
         self._frames.close()
 
     def __repr__(self) -> str:
-        name = "scene" if self.mesh is None else self.mesh.name
-        return f"Renderer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
-
-    def _stand_upright(self) -> None:
-        """Replace the scene's `up` by a direction, and find its camera; the subject must be loaded."""
-        self._framed_parts: Framed | None = None
-        self._up_note: str | None = None
-        if isinstance(self.scene.up, str):
-            up, self._up_note = guess_up(self._find_extent(self.scene), self.scene.eye, self.scene.look_at)
-            self.scene = self.scene.with_changes(up=up)
-        self._framed = self._frame(self.scene)
-        self._ground: tuple[Mesh | SceneBounds, NDArray[np.float64], Ground] | None = None
+        return f"Renderer({self._world.name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
     @property
     def camera(self) -> Camera:
-        """The scene's camera, in a picture of the scene's size."""
-        return self._find_camera(self.scene)
+        """The camera of the renderer's view."""
+        return self.find_camera()
 
-    def turntable(
-        self, count: int, *, width: int | None = None, height: int | None = None, up: Vector | None = None
-    ) -> list[Camera]:
-        """Return the cameras of a full turn, which all see the whole mesh from the same distance.
+    def find_camera(self, view: View | None = None, **changes: Any) -> Camera:
+        """Return the camera of a view, by default the renderer's: its own, or the one that its settings choose.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
+        ...     renderer.find_camera(side="top").up
+        (-0.0, -0.0, -1.0)
+        """
+        return self._finder.camera(self._finder.complete(self._find_view(view, changes)))
+
+    def turntable(self, count: int, view: View | None = None, **changes: Any) -> list[Camera]:
+        """Return the cameras of a full turn, which all see the whole scene from the same distance.
 
         Parameters
         ----------
         count : int
             Cameras, at equal angles; the last one is one step before the first.
-        width, height : int, pixels
-            Size of the pictures; by default the scene's.
-        up : (3,) float
-            The axis of the turn, through the middle of the mesh's box; by default the scene's `up`.
+        view : View, optional
+            By default that of the renderer. The axis of the turn is its `up`, through the middle of the scene's box.
+        **changes
+            Settings of `View`, in place of those of the view.
 
         Raises
         ------
         SceneError
-            A value is out of range, or the scene's projection is a panorama, which has no turn.
+            A value is out of range, or the projection is a panorama, which has no turn.
 
         Examples
         --------
@@ -422,71 +372,17 @@ class Renderer(ContextManager):
         """
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
-        scene = self.scene.with_changes(width=width, height=height, up=up)
-        first = frame_mesh(
-            self._find_extent(scene),
-            turns=True,
-            aspect=scene.width / scene.height,
-            up=known_up(scene.up),
-            fov=scene.fov,
-            projection=scene.projection,
-        )
-        if scene.aperture:
-            first = replace(first, aperture=scene.aperture, focus_distance=scene.focus_distance)
-        return [first.orbit(360.0 * number / count) for number in range(count)]
+        return self._finder.turn(self._finder.complete(self._find_view(view, changes)), int(count))
 
-    def orthographic_views(
-        self,
-        views: Sequence[str] = STANDARD_VIEWS,
-        *,
-        width: int | None = None,
-        height: int | None = None,
-        up: Vector | None = None,
-    ) -> dict[str, Camera]:
-        """Return orthographic cameras of sides, which all see the whole mesh at one scale.
+    def measure_views(self, views: Sequence[str] = STANDARD_VIEWS, **changes: Any) -> dict[str, tuple[float, float]]:
+        """Return the width and the height of the whole scene, seen without perspective from each side.
 
         Parameters
         ----------
         views : sequence of str
-            See `Scene.view`.
-        width, height : int, pixels
-            Size of the pictures; by default the scene's.
-        up : (3,) float
-            By default the scene's `up`.
-
-        Raises
-        ------
-        SceneError
-            A value is out of range.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> with clbvh.Renderer(clbvh.make_shape("icosphere", triangles=320)) as renderer:
-        ...     cameras = renderer.orthographic_views(["front", "top"])
-        >>> cameras["front"].up
-        (0.0, 1.0, 0.0)
-        """
-        scene = self.scene.with_changes(width=width, height=height, up=up)
-        aspect, extent = scene.width / scene.height, self._find_extent(scene)
-        cameras = {
-            view: frame_mesh(extent, aspect=aspect, up=known_up(scene.up), projection=Orthographic(), side=view)
-            for view in views
-        }
-        tallest = max((camera.projection for camera in cameras.values()), key=_height_of, default=None)
-        return {view: replace(camera, projection=tallest) for view, camera in cameras.items()}
-
-    def measure_views(
-        self, views: Sequence[str] = STANDARD_VIEWS, *, up: Vector | None = None
-    ) -> dict[str, tuple[float, float]]:
-        """Return the width and the height of the whole mesh, seen without perspective from each side.
-
-        Parameters
-        ----------
-        views : sequence of str
-            See `Scene.view`.
-        up : (3,) float
-            By default the scene's `up`.
+            See `View.side`.
+        **changes
+            Settings of `View`, in place of those of the renderer: `up` and `frame` count.
 
         Examples
         --------
@@ -495,17 +391,11 @@ class Renderer(ContextManager):
         ...     renderer.measure_views(["front", "right"])
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
-        up = known_up(self.scene.up) if up is None else up
-        extent = self._find_extent(self.scene)
-        return {view: measure_side(extent, view, up) for view in views}
+        view = self._finder.complete(self._find_view(None, changes))
+        return {side: measure_side(self._finder.extent(view), side, view.up) for side in views}
 
-    def list_notes(self, scene: Scene | None = None) -> tuple[str, ...]:
-        """Return what the user of a picture without a camera of its own should know: the guessed `up`, outliers.
-
-        Parameters
-        ----------
-        scene : Scene, optional
-            The settings of the picture; by default the renderer's.
+    def list_notes(self, view: View | None = None, **changes: Any) -> tuple[str, ...]:
+        """Return what the user of a view should know: the guessed `up`, outliers, a cut that cuts nothing.
 
         Examples
         --------
@@ -514,41 +404,20 @@ class Renderer(ContextManager):
         ...     renderer.list_notes()
         ()
         """
-        scene = self.scene if scene is None else scene
-        notes = [self._up_note] if self._up_note is not None and scene.up == self.scene.up else []
-        is_framed = scene.look_at is None and not isinstance(scene.projection, Panorama)
-        if is_framed and scene.frame == AUTO and (left_out := self._leave_out_outliers().note) is not None:
-            notes.append(f"{left_out}; --frame all shows everything")
-        return tuple(notes)
+        return self._finder.notes(self._find_view(view, changes))
 
-    def _find_camera(self, scene: Scene) -> Camera:
-        """Return the camera of a scene; the last one is kept, because framing reads all vertices."""
-        framed_scene, camera = self._framed
-        if _framing_of(scene) != _framing_of(framed_scene):
-            self._framed = framed_scene, camera = self._frame(scene)
-        return camera
+    def _find_view(self, view: View | None, changes: Mapping[str, Any]) -> View:
+        _check_type("view", view, View)
+        return (self.view if view is None else view).changed(**changes)
 
-    def _find_ground(self, scene: Scene, camera: Camera) -> Ground | None:
-        """Return the ground of a picture that shows one; the last one is kept, because it reads all vertices."""
-        if not shows_ground(scene):
-            return None
-        up = sky_direction(scene, camera)
-        extent = self._find_extent(scene)
-        if self._ground is None or self._ground[0] is not extent or not np.array_equal(self._ground[1], up):
-            self._ground = extent, up, find_ground(extent, up)
-        return self._ground[2]
 
-    def _leave_out_outliers(self) -> Framed:
-        if self._framed_parts is None:
-            self._framed_parts = frame_without_outliers(self._subject.extent)
-        return self._framed_parts
+def _check_type(name: str, value: object, kind: type) -> None:
+    if value is not None and not isinstance(value, kind):
+        raise ConfigError(f"{name} must be a clbvh.{kind.__name__} or None, not {value!r}")
 
-    def _find_extent(self, scene: Scene) -> Mesh | SceneBounds:
-        """Return what a camera that shows the whole has to show."""
-        return self._leave_out_outliers().extent if scene.frame == AUTO else self._subject.extent
 
-    def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
-        return scene, scene.with_changes(frame="all").find_camera(self._find_extent(scene))
+def _ignore(*_: object) -> None:
+    pass
 
 
 def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -559,42 +428,21 @@ def _take_rgb(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return rgb
 
 
-def _make_film(scene: Scene) -> NDArray[np.float32]:
-    check_memory("the film of the picture", scene.width * scene.height * _FILM_BYTES, SceneError)
-    return np.empty((scene.height, scene.width, 4), np.float32)
+def _make_film(view: View) -> NDArray[np.float32]:
+    check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
+    return np.empty((view.height, view.width, 4), np.float32)
 
 
 def _make_progress(
-    scene: Scene,
+    view: View,
     time_limit_s: float | None,
-    on_samples: Callable[[int, int], None],
-    is_stopped: Callable[[], bool],
+    on_samples: Callable[[int, int], None] | None,
+    is_stopped: Callable[[], bool] | None,
 ) -> Progress:
     """Return the samples to take of a picture."""
+    calls = on_samples or _ignore, is_stopped or bool
     if time_limit_s is None:
-        return Progress(find_sample_count(scene), on_samples=on_samples, is_stopped=is_stopped)
+        return Progress(view.sample_count, np.inf, *calls)
     if isinstance(time_limit_s, bool) or not isinstance(time_limit_s, Real) or not time_limit_s > 0:
         raise SceneError(f"the time limit must be a number of seconds above 0, not {time_limit_s!r}")
-    samples = MAX_SAMPLES if scene.samples is None else scene.samples
-    return Progress(samples, float(time_limit_s), on_samples, is_stopped)
-
-
-def _find_subject(scene: Scene, source: SceneLike, options: RenderOptions) -> MeshSubject | SceneSubject:
-    """Return what pictures of a scene show."""
-    if scene.is_one_mesh:
-        return MeshSubject(scene, None, source if isinstance(source, Bvh) else None, options)
-    state = scene.snapshot()
-    # A mesh that is placed once, where it is, needs no instance, unless it has a colour of its own.
-    if state.geometry_count == 1 and state.is_one_mesh and scene.instances[0].colour is None and not state.materials:
-        return MeshSubject(scene, cast(Mesh, state.shapes[0]), None, options)
-    return SceneSubject(state, options)
-
-
-def _framing_of(scene: Scene) -> tuple[object, ...]:
-    """Return the values of a scene that its camera depends on, beside the mesh."""
-    lens = scene.fov, scene.projection, scene.aperture, scene.focus_distance
-    return scene.width / scene.height, scene.eye, scene.look_at, scene.up, scene.view, scene.frame, *lens
-
-
-def _height_of(projection: Projection | None) -> float:
-    return projection.height or 0.0 if isinstance(projection, Orthographic) else 0.0
+    return Progress(MAX_SAMPLES if view.samples is None else view.samples, float(time_limit_s), *calls)

@@ -26,8 +26,9 @@ from .band_painters import OneRayPainter
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh
 from .frame import FrameRenderer
-from .scene import MeshSource, Scene
-from .view import make_view
+
+from .kernel_view import make_kernel_view
+from .view import View
 
 TRIANGLES = 100_000
 WIDTH, HEIGHT = 640, 360
@@ -135,8 +136,8 @@ def tune(
         }
         work_group_size = _choose(trials, "work-group size", _measure(session, tasks), chosen.work_group_size)
 
-        scene = Scene(mesh=MeshSource(shape="knot"), width=size[0], height=size[1], shading="lambert+shadow")
-        view = make_view(scene, camera, mesh)
+        wanted = View(width=size[0], height=size[1], shading="lambert+shadow", up=camera.up)
+        view = make_kernel_view(wanted, camera, mesh)
         tasks = {
             tile: partial(FrameRenderer(session, tree).render, view, OneRayPainter(session, tree, tile))
             for tile in _TILES

@@ -15,14 +15,13 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bvh import Bvh
+from ..choices import STANDARD_VIEWS
 from ..errors import ConfigError
 from ..support.files import as_path, check_target, temporary_folder, write_atomically
-from .cameras.pose import STANDARD_VIEWS
-from .open_scene import SceneLike, as_scene
+from .open_scene import SceneLike
 from .renderer import Renderer
-from .subjects import RenderOptions
-from .vectors import Vector
+from .view import View
+from .world import RenderOptions
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
 
@@ -53,21 +52,18 @@ _MOST_FRAMES = 90_000
 
 
 def render_turntable(
-    source: SceneLike,
+    source: SceneLike | list[str],
     path: str | os.PathLike[str],
+    view: View | None = None,
     options: RenderOptions | None = None,
     *,
     frames: int = DEFAULT_FRAMES,
     frames_per_s: float = DEFAULT_FRAME_RATE,
-    width: int | None = None,
-    height: int | None = None,
-    shading: str | None = None,
-    samples: int | None = None,
-    up: Vector | None = None,
-    on_frame: Callable[[int, int], None] = lambda done, total: None,
-    on_phase: Callable[[str], None] = lambda phase: None,
-    on_note: Callable[[str], None] = lambda note: None,
-) -> None:
+    on_frame: Callable[[int, int], None] | None = None,
+    on_phase: Callable[[str], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
+    **changes: Any,
+) -> View:
     """Write an animation of a full turn, as GIF, which repeats for ever, or MP4, by the suffix of the name.
 
     The camera and the automatic light stay, and the scene turns, as on a turntable; see `Renderer.turntable`. A
@@ -75,27 +71,30 @@ def render_turntable(
 
     Parameters
     ----------
-    source : Scene, str, path, Bvh, Mesh, trimesh.Trimesh or (vertices, faces)
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
         See `render`.
     path : str or path
         Ends in ``.gif`` or ``.mp4``. The file appears when it is complete: an error or Ctrl-C leaves nothing behind.
+    view : View, optional
+        By default that of the scene file, or `View()`. Its `up` is the axis of the turn.
     options : RenderOptions, optional
     frames : int
         Of the turn, at most 90,000.
     frames_per_s : float
         See `Notes`.
-    width, height : int, pixels
-        By default the scene's.
-    shading, samples : optional
-        See `Renderer.render`.
-    up : (3,) float
-        The axis of the turn; by default the scene's `up`.
     on_frame : function, optional
         Called with the frames that are done, and with all, after each.
     on_phase : function, optional
         Called with the name of each phase as it begins.
     on_note : function, optional
         Called with each fact that a user should know, as in `Picture.notes`.
+    **changes
+        Settings of `View`, in place of those of the view.
+
+    Returns
+    -------
+    View
+        That of the frames.
 
     Raises
     ------
@@ -123,21 +122,24 @@ def render_turntable(
     """
     target = check_animation(path, frames_per_s)
     check_frame_count(frames)
-    # A tree is not built again; its scene has the default settings.
-    opaque = source if isinstance(source, Bvh) else as_scene(source).with_changes(transparent=False)
-    with Renderer(opaque, options, on_phase=on_phase) as renderer:
-        size: dict[str, Any] = {"width": width, "height": height}
-        cameras = renderer.turntable(frames, up=up, **size)
-        for note in renderer.list_notes(renderer.scene.with_view(STANDARD_VIEWS[0]).with_changes(up=up)):
-            on_note(note)
-        on_phase("render")
+    (view or View()).changed(**changes)
+    with Renderer(source, view, options, on_phase=on_phase) as renderer:
+        turned = renderer.view.changed(**{"transparent": False} | changes)
+        cameras = renderer.turntable(frames, turned)
+        if on_note is not None:
+            for note in renderer.list_notes(turned.changed(side=STANDARD_VIEWS[0])):
+                on_note(note)
+        if on_phase is not None:
+            on_phase("render")
 
         def draw_frames() -> Iterator[NDArray[np.uint8]]:
             for number, camera in enumerate(cameras):
-                yield renderer.render(camera=camera, shading=shading, samples=samples, **size).rgb
-                on_frame(number + 1, frames)
+                yield renderer.render(turned, camera=camera).rgb
+                if on_frame is not None:
+                    on_frame(number + 1, frames)
 
         write_animation(target, draw_frames(), frames_per_s)
+    return turned
 
 
 def check_frame_count(frames: int) -> None:

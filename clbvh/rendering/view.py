@@ -48,7 +48,7 @@ MAX_SAMPLES = 2**24
 _MAX_EXPOSURE, _MAX_STRENGTH, _MAX_CLAMP = 100.0, 1e10, 1e30
 
 # Settings that choose a camera: a change of one of a row leaves out those of the other rows.
-_CAMERA_CHOICES = ({"camera"}, {"view"}, {"eye", "look_at"})
+_CAMERA_CHOICES = ({"camera"}, {"side"}, {"eye", "look_at"})
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class View:
     ----------
     camera : Camera, or None
         None: chosen by the settings that follow; they count for nothing beside a camera, but for `up`.
-    view : str, or None
+    side : str, or None
         The whole scene from a side: ``"front"``, ``"right"``, ``"back"``, ``"left"``, ``"top"``, ``"bottom"`` or
         ``"iso"``. None: from the front, a little from the right and from above.
     eye, look_at : (3,) float, or None
@@ -274,7 +274,7 @@ class View:
     camera: Camera | None = setting(
         None, "The camera itself.", Kind("a clbvh.Camera", _read_camera), CAMERA, is_option=False
     )
-    view: str | None = setting(
+    side: str | None = setting(
         None, "The whole scene from a side.", one_of(STANDARD_VIEWS), CAMERA, shown="a little from the right and above"
     )
     eye: Vector | None = setting(None, "Position of the camera.", vector(), CAMERA, shown="sees the whole scene")
@@ -360,9 +360,9 @@ class View:
         self._find_size()
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
-        if self.view is not None and (self.eye is not None or self.camera is not None):
+        if self.side is not None and (self.eye is not None or self.camera is not None):
             other = "an eye" if self.camera is None else "a camera"
-            raise SceneError(f"the view '{self.view}' and {other} were given: take one of them out")
+            raise SceneError(f"the side '{self.side}' and {other} were given: take one of them out")
         if self.projection is not None and self.fov != DEFAULT_FOV:
             raise SceneError("fov is that of a perspective camera: take it out, or the projection")
         if self.aperture and self.projection is not None and not self.projection.has_focus:
@@ -384,7 +384,7 @@ class View:
     def changed(self, **changes: Any) -> View:
         """Return the view with other settings.
 
-        One way to choose the camera takes the place of another: a `view` that of an `eye`, a `camera` that of both.
+        One way to choose the camera takes the place of another: a `side` that of an `eye`, a `camera` that of both.
         Members of a group have its name before theirs: `light_direction`, `wireframe_width`.
 
         Raises
@@ -395,7 +395,7 @@ class View:
         Examples
         --------
         >>> import clbvh
-        >>> view = clbvh.View(eye=(0, 0, 5)).changed(view="top", wireframe_width=2)
+        >>> view = clbvh.View(eye=(0, 0, 5)).changed(side="top", wireframe_width=2)
         >>> view.eye is None, view.wireframe.width
         (True, 2.0)
         """
@@ -405,7 +405,7 @@ class View:
                 left_out = left_out.union(*_CAMERA_CHOICES) - chosen
         if changes.get("fov") is not None:
             left_out.add("projection")
-        if changes.get("projection") is not None:
+        if changes.get("projection") not in (None, "perspective"):
             left_out.add("fov")
         camera = changes.get("camera", self.camera)
         if getattr(camera, "lens", None) is not None and not {"camera", "width", "height"}.isdisjoint(changes):

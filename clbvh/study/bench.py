@@ -27,8 +27,8 @@ from ..rendering.cameras.camera import Camera
 from ..rendering.cameras.framing import frame_mesh
 from ..rendering.frame import FrameRenderer
 from ..rendering.image_files import write_picture
-from ..rendering.scene import MeshSource, Scene
-from ..rendering.view import make_view
+from ..rendering.kernel_view import make_kernel_view
+from ..rendering.view import View
 from ..support.context_manager import ContextManager
 from ..support.host_threads import usable_cores
 from ..trace.device_tree import DeviceTree
@@ -158,8 +158,9 @@ class Bench(ContextManager):
     def draw(self, mesh: str, bvh: Bvh, size: Size, *, layout: str = "auto", shading: str = "lambert") -> Frame:
         """Upload a tree, draw one picture with it, and take everything off the device again."""
         width, height = self.scale.picture(*size)
-        scene = Scene(mesh=MeshSource(shape="knot"), width=width, height=height, shading=shading)
-        view = make_view(scene, self.camera(mesh, size), bvh.mesh)
+        camera = self.camera(mesh, size)
+        wanted = View(width=width, height=height, shading=shading, up=camera.up)
+        view = make_kernel_view(wanted, camera, bvh.mesh)
         with DeviceSession(self.device) as session:
             tree = DeviceTree(session, bvh.mesh, bvh, layout)
             colours, hits = FrameRenderer(session, tree).render(view, OneRayPainter(session, tree))

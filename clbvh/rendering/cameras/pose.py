@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...choices import STANDARD_VIEWS
 from ...errors import SceneError
 from ..vectors import Vector, read_matrix, show_matrix
 
@@ -93,10 +94,6 @@ def _find_signs(convention: str) -> NDArray[np.float64]:
     if not isinstance(convention, str) or convention not in CONVENTIONS:
         raise SceneError(f"the convention must be one of {', '.join(CONVENTIONS)}, not {convention!r}")
     return np.array(CONVENTIONS[convention])
-
-
-# The sides in the order of a contact sheet.
-STANDARD_VIEWS = ("front", "right", "back", "left", "top", "bottom", "iso")
 
 # Degrees to the right of the front, and above the level. The automatic view is from the front, a little from the right
 # and from above; in the isometric one the three axes have equal lengths.

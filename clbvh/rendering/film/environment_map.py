@@ -207,18 +207,18 @@ class EnvironmentTables:
     width: int
     height: int
 
-    def describe(self, view: NDArray[np.void], scene: Any) -> None:
+    def describe(self, view: NDArray[np.void], settings: Any) -> None:
         """Fill what the view, (1,) `structs.VIEW`, says of the environment of a scene.
 
         The automatic light belongs to the gradient that the environment replaces: it goes out.
         """
-        if scene.light.direction is None:
+        if settings.light.direction is None:
             view["has_sun"] = 0
-        front, right = find_axes(view["to_sky"][0].astype(np.float64), scene.environment_rotation)
+        front, right = find_axes(view["to_sky"][0].astype(np.float64), settings.environment_rotation)
         view["environment_front"], view["environment_right"] = front, right
-        view["environment_strength"] = scene.environment_strength
+        view["environment_strength"] = settings.environment_strength
         view["environment_width"], view["environment_height"] = self.width, self.height
-        if self.width == 0 or scene.environment_strength == 0:
+        if self.width == 0 or settings.environment_strength == 0:
             # A gradient from black to black.
             view["environment_width"] = view["environment_height"] = 0
             view["background_top"] = view["background_bottom"] = 0.0

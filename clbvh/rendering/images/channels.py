@@ -15,6 +15,7 @@ from ...errors import ConfigError, SceneError
 from ...geometry import Mesh, Shape
 from ...geometry.appearance.srgb import srgb_to_linear
 from ...geometry.smooth_normals import smooth_normals_by_angle
+from ...scene.scene import Scene
 from ...scene.transforms import check_transform
 from ...trace.hits.hits import Hits
 from ...trace.hits.interpolate import group_by_geometry
@@ -22,8 +23,6 @@ from ...trace.hits.locations import turn_normals
 from ...trace.hits.surface import SceneSurface, SurfacePoints
 from ..cameras.camera import Camera
 from ..picture import Picture
-from ..scene import Scene
-from ..subjects import SceneObjects
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Subject:
         By geometry id.
     next_pose : NextPose
     crease_angle : float
-        Degrees; see `Scene.smooth`.
+        Degrees; see `View.smooth`.
     """
 
     picture: Picture
@@ -324,14 +323,9 @@ class NextPose:
         """Return the function from points on surfaces, and their locations, to the locations in the second pose."""
         if not len(self._ids):
             return lambda points, locations: locations
-        objects = picture.objects
-        if isinstance(objects, SceneObjects):
-            if (newest := int(self._ids.max())) >= objects.instance_count:
-                raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
-            state = objects.state.with_transforms(self._ids, self._matrices)
-            surface = SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)
-            return lambda points, locations: surface.locate(points)
-        # One mesh, whose coordinates have the scene's transform in them.
-        first = self._scene.transform.matrix if self._scene.is_one_mesh else np.eye(4)
-        change = self._matrices[-1] @ np.linalg.inv(first)
-        return lambda points, locations: locations @ change[:3, :3].T + change[:3, 3]
+        state = picture.world.state
+        if (newest := int(self._ids.max())) >= state.instance_count:
+            raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
+        state = state.with_transforms(self._ids, self._matrices)
+        surface = SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)
+        return lambda points, locations: surface.locate(points)

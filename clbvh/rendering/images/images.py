@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, SceneError
-from ...geometry import Shape
 from ...support.files import write_atomically
 from ...support.memory import check_memory
 from ..cameras.camera import Camera
-from ..picture import Picture
-from ..scene import Scene
+from ..renderer import Renderer
+from ..view import View
 from .channels import CHANNELS, NextPose, Subject, check_channels
 from .files import (
     FILES_SUFFIXES,
@@ -185,37 +184,26 @@ _PIXEL_BYTES = 100
 
 
 def make_images(
-    scene: Scene,
-    render: Callable[..., Picture],
+    renderer: Renderer,
+    view: View,
     channels: Iterable[str],
     next_camera: Camera | None,
     next_transforms: Mapping[Any, ArrayLike] | None,
-    shading: str | None,
-    samples: int | None,
-    **arguments: Any,
+    on_phase: Callable[[str], None] | None,
 ) -> Images:
-    """Return the images of `Renderer.images` by its `render`, whose other arguments are `arguments`."""
+    """Return the images of `Renderer.images`."""
     names = check_channels(channels)
-    next_pose = NextPose(scene, next_camera, next_transforms)
+    next_pose = NextPose(renderer.scene, next_camera, next_transforms)
     if "motion" in names:
         next_pose.check()
-    if any(CHANNELS[name].needs_shading for name in names):
-        keeps_film = "colour" in names or "alpha" in names
-        picture = render(shading=shading, samples=samples, keeps_film=keeps_film, **arguments)
-    else:
+    keeps_film = "colour" in names or "alpha" in names
+    if not any(CHANNELS[name].needs_shading for name in names):
         # One ray for each pixel, and none to the light.
-        picture = render(shading="normal", samples=1, **arguments)
+        view = view.changed(shading="normal", samples=None)
+    picture = renderer.render(view, keeps_film=keeps_film, on_phase=on_phase)
     pixel_bytes = _PIXEL_BYTES + sum(CHANNELS[name].pixel_bytes for name in names)
     check_memory("the images", picture.found.size * pixel_bytes, SceneError)
-    shapes, geometry_names, instance_names = _list_objects(picture)
-    subject = Subject(picture, shapes, next_pose, scene.smooth)
+    state = picture.world.state
+    subject = Subject(picture, state.shapes, next_pose, view.smooth)
     arrays = {name: CHANNELS[name].find(subject) for name in names}
-    return Images(arrays, picture.camera, geometry_names=geometry_names, instance_names=instance_names)
-
-
-def _list_objects(picture: Picture) -> tuple[tuple[Shape, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return the shapes and the names of the geometries, and the names of the instances, by their ids."""
-    if picture.mesh is not None:
-        return (picture.mesh,), (picture.mesh.name,), (picture.mesh.name,)
-    state = picture.objects.state
-    return tuple(state.shapes), tuple(state.names), tuple(state.instance_names)
+    return Images(arrays, picture.camera, geometry_names=state.names, instance_names=state.instance_names)

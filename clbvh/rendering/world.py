@@ -1,0 +1,233 @@
+"""What a renderer shows: the objects of a scene at one moment, and their trees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..builders.build import BUILDERS, build, leaf_limit
+from ..builders.options import MAX_DEPTH
+from ..builders.tree_cache import BuildResult, TreeOptions, get_tree
+from ..bvh import Bvh, sah_cost, validate_tree
+from ..device.info import DeviceInfo
+from ..device.session import DeviceSession
+from ..errors import ConfigError, SceneError
+from ..geometry import Mesh
+from ..geometry.box_mesh import mesh_of
+from ..scene.state import SceneState, dress_shapes
+from ..trace.device_tree import BRUTE, DeviceTree, check_layout
+from ..trace.hits.scene_arrays import make_scene_arrays
+from ..trace.hits.surface import SceneSurface
+from ..trace.scene.device_scene import DeviceScene
+from ..trace.traced_tree import TracedTree
+from .cameras.bounds import SceneExtent
+from .film.light_tables import local_maps
+from .film.look_tables import Looks
+
+
+@dataclass(frozen=True)
+class RenderOptions(TreeOptions):
+    """The options of a rendering that do not change the picture.
+
+    Attributes
+    ----------
+    builder, workers, build, cache
+        See `TreeOptions`. The builder may also be ``"brute"``: no tree.
+    device : DeviceInfo, str, int or None
+        See `choose_device`.
+    layout : str
+        Layout of the tree on the device, or ``"auto"``: the one that suits the device, but ``"bvh2"`` for the builder
+        ``"frontier"``, because a wide layout would split its large leaves.
+    validate : bool
+        Check the tree, and compare a sample of the pixels with the slow reference.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.RenderOptions(layout="bvh4").layout
+    'bvh4'
+    """
+
+    device: DeviceInfo | str | int | None = None
+    layout: str = "auto"
+    validate: bool = False
+
+    allowed_builders: ClassVar[tuple[str, ...]] = (*BUILDERS, BRUTE)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_layout(self.layout)
+
+    @property
+    def chosen_layout(self) -> str:
+        """The layout to ask the device for, with ``"auto"`` resolved where the builder decides."""
+        return "bvh2" if self.layout == "auto" and self.builder == "frontier" else self.layout
+
+
+# The cost is rays times primitives: with more of them than this, a picture would take hours.
+BRUTE_LIMIT = 100_000
+
+
+class World:
+    """The objects of a scene at one moment, with their trees. A mesh that is placed once, where it is, has no instance.
+
+    Parameters
+    ----------
+    state : SceneState
+    options : RenderOptions
+    bvh : Bvh, optional
+        The tree of the only mesh, which is not built again.
+
+    Attributes
+    ----------
+    state : SceneState
+    mesh : Mesh or None
+        The only mesh, in its place; None for a scene of several objects, or of one that is moved or has a colour.
+    trees : tuple of Bvh
+        One for each geometry; none with the builder ``"brute"``.
+    top : Bvh or None
+        The tree over the instances; None for the only mesh.
+    made : BuildResult or None
+        The sums over the trees that were made here, and one of them.
+
+    Raises
+    ------
+    SceneError
+        Nothing is placed in the scene.
+    ConfigError
+        The builder makes no trees, and there are too many primitives without them.
+    """
+
+    def __init__(self, state: SceneState, options: RenderOptions, bvh: Bvh | None = None) -> None:
+        if state.instance_count == 0:
+            raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
+        self.state, self._options = state, options
+        shape = state.shapes[0]
+        is_lone = state.is_one_mesh and state.geometry_count == 1 and not state.materials
+        self.mesh = shape if is_lone and isinstance(shape, Mesh) and np.isnan(state.colours).all() else None
+        self.trees: tuple[Bvh, ...] = ()
+        self.top: Bvh | None = None
+        self.made: BuildResult | None = None
+        if options.builder == BRUTE:
+            self._check_brute_limit()
+        elif bvh is not None:
+            self.trees = (bvh,)
+        else:
+            self._build()
+
+    def _check_brute_limit(self) -> None:
+        prim_counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
+        count, primitives = int(prim_counts[self.state.geometry_ids].sum()), "triangles" if self.mesh else "primitives"
+        if count > BRUTE_LIMIT:
+            raise ConfigError(
+                f"the brute builder tests every primitive for every ray: {count:,} {primitives} are more than its "
+                f"limit of {BRUTE_LIMIT:,}"
+            )
+
+    def _build(self) -> None:
+        made = [get_tree(mesh_of(shape), self._options) for shape in self.state.shapes]
+        self.trees = tuple(each.bvh for each in made)
+        self.made = BuildResult(
+            made[0].bvh,
+            max(each.workers for each in made),
+            all(each.from_cache for each in made),
+            {phase: sum(each.timings_ms[phase] for each in made) for phase in ("cache", "build")},
+            tuple(dict.fromkeys(note for each in made for note in each.notes)),
+        )
+
+    @property
+    def bvh(self) -> Bvh | None:
+        """The tree of the only mesh; None with the builder ``"brute"``, and for a scene of several objects."""
+        return self.trees[0] if self.mesh is not None and self.trees else None
+
+    @property
+    def name(self) -> str:
+        """The name of the mesh or of the only geometry, or the number of instances."""
+        if self.mesh is not None:
+            return self.mesh.name
+        names = self.state.names
+        return names[0] if len(names) == 1 else f"{self.state.instance_count:,} instances"
+
+    @cached_property
+    def surface(self) -> SceneSurface:
+        """The surface of all instances, on which hits are refined."""
+        state = self.state
+        arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        return SceneSurface(arrays, state.shapes, state.names)
+
+    @cached_property
+    def extent(self) -> Mesh | SceneExtent:
+        """Where everything is."""
+        state = self.state
+        return self.mesh or SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+
+    @property
+    def space(self) -> Mesh:
+        """The mesh whose local coordinates are those of pictures: the only one, or the boxes of the instances."""
+        if self.mesh is not None:
+            return self.mesh
+        assert self.top is not None  # made by `put`
+        return self.top.mesh
+
+    def put(self, session: DeviceSession) -> TracedTree:
+        """Put everything on the device."""
+        if self.mesh is not None:
+            return DeviceTree(session, self.mesh, self.bvh, self._options.chosen_layout)
+        trees = self.trees or None
+        tree = DeviceScene(
+            session, self.state, trees, _build_top, self._options.chosen_layout, surface=self.surface.arrays
+        )
+        self.top = tree.top.bvh
+        return tree
+
+    def validate(self) -> None:
+        """Raise `ValidationError` unless all trees are right."""
+        leaf_size = None if self.made is None else leaf_limit(self._options.builder, self._options.build)
+        for bvh in self.trees:
+            validate_tree(bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
+        if self.top is not None:
+            validate_tree(self.top, max_depth=MAX_DEPTH, max_leaf_size=1)
+
+    @cached_property
+    def looks(self) -> Looks:
+        """What `make_look_tables` has to know."""
+        return Looks(*dress_shapes(self.state), self.state.colours)
+
+    def to_local(self) -> NDArray[np.float64]:
+        """Return (n, 4, 4) float64: the map from each instance's coordinates to the local ones of pictures."""
+        return local_maps(self.state.transforms, self.space.origin, self.space.scale)
+
+    def report(self) -> dict[str, Any]:
+        """Return the numbers of objects and trees, for `Picture.report`.
+
+        Triangles, spheres and nodes are those in memory, each geometry once; the depth is the greatest of both levels
+        together.
+        """
+        meshes = [shape for shape in self.state.shapes if isinstance(shape, Mesh)]
+        face_count = sum(mesh.face_count for mesh in meshes)
+        top = () if self.top is None else (self.top,)
+        report: dict[str, Any] = {
+            "mesh": self.name,
+            "triangles": face_count,
+            "degenerate_triangles": sum(mesh.degenerate_count for mesh in meshes),
+            "nodes": sum(bvh.node_count for bvh in (*top, *self.trees)),
+            "depth": sum(bvh.depth for bvh in top) + max((bvh.depth for bvh in self.trees), default=0),
+            "sah_cost": None if self.bvh is None else sah_cost(self.bvh),
+        }
+        if self.mesh is not None:
+            return report
+        prim_counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
+        return report | {
+            "spheres": int(prim_counts.sum()) - face_count,
+            "geometries": self.state.geometry_count,
+            "instances": self.state.instance_count,
+            "placed_primitives": int(prim_counts[self.state.geometry_ids].sum()),
+        }
+
+
+def _build_top(boxes: Mesh) -> Bvh:
+    return build(boxes, leaf_size=1)
