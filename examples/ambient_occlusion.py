@@ -24,12 +24,8 @@ def main() -> None:
     options = parser.parse_args()
     mesh = clbvh.load_mesh(options.mesh) if options.mesh else clbvh.make_shape("knot", triangles=20_000)
     reach = options.distance * np.ptp(mesh.vertices, axis=0).max()
-    used = np.unique(mesh.faces)  # a vertex of no face has no normal
-    sky = np.ones(len(mesh.vertices))
     with clbvh.Tracer(mesh) as tracer:
-        sky[used] = tracer.ambient_occlusion(
-            mesh.vertices[used], mesh.vertex_normals[used], rays=options.rays, max_distance=reach
-        )
+        sky = tracer.ambient_occlusion(mesh.vertices, mesh.vertex_normals, rays=options.rays, max_distance=reach)
     grey = np.round(255 * sky).astype(np.uint8)
     colours = np.stack([grey, grey, grey, np.full_like(grey, 255)], axis=1)
     trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colours, process=False).export(options.output)

@@ -234,8 +234,9 @@ class Mesh:
         """(V, 3) float64: unit normals at the vertices: the mean of the faces around, weighted by their angles.
 
         On the side from which the corners of faces run anticlockwise. Vertices with equal coordinates share one, so a
-        file may repeat them for each triangle. NaN where no face has an area, or where the normals around cancel each
-        other. Computed once; 24 bytes per vertex.
+        file may repeat them for each triangle. Where the normals around cancel each other, it is that of the face with
+        the widest angle there; where no face around has an area, that of a neighbour along these faces. NaN for a
+        vertex in no face, see `loose_vertices`. Computed once; 24 bytes per vertex.
 
         Examples
         --------

@@ -120,6 +120,11 @@ def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32],
     sums = np.zeros((len(first), 4))
     _add_normals(vertices, faces, scale, point_ids, sums)
     _normalize(sums)
+    has_none = np.isnan(sums[:, 0])
+    if has_none.any():
+        _take_widest(vertices, faces, scale, point_ids, has_none, sums)
+        corners = point_ids[faces]
+        _take_neighbours(corners[np.isnan(sums[corners, 0]).any(axis=1)], sums)
     return sums[point_ids, :3]
 
 
@@ -145,6 +150,33 @@ def _normalize(sums):
         if not length > _LEAST_SHARE * sums[point, 3]:
             length = np.nan
         sums[point, 0], sums[point, 1], sums[point, 2] = x / length, y / length, z / length
+
+
+@compiled(error_model="numpy")
+def _take_widest(vertices, faces, scale, point_ids, has_none, normals):
+    """Give the points whose normals cancel that of the face with the widest angle there, the first of equal ones."""
+    normals[has_none, 3] = 0.0
+    for face in range(len(faces)):
+        for corner in range(3):
+            point = point_ids[faces[face, corner]]
+            if has_none[point]:
+                nx, ny, nz, length, angle = measure_corner(vertices, faces, scale, face, corner)
+                if angle > normals[point, 3]:
+                    normals[point, 0], normals[point, 1], normals[point, 2] = nx / length, ny / length, nz / length
+                    normals[point, 3] = angle
+
+
+def _take_neighbours(corners: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
+    """Give points without a normal that of another corner of their faces, from face to face, as far as there is one."""
+    while len(corners):
+        has_none = np.isnan(normals[corners, 0])
+        is_next = has_none.any(axis=1) & ~has_none.all(axis=1)
+        if not is_next.any():
+            return
+        rows = np.flatnonzero(is_next)
+        givers = corners[rows, has_none[rows].argmin(axis=1)]
+        normals[corners[rows, has_none[rows].argmax(axis=1)]] = normals[givers]
+        corners = corners[has_none.any(axis=1)]
 
 
 # Faces processed at a time, so that the temporary arrays stay in the processor's cache.

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import OpenMeshWarning
+from ..errors import ClbvhWarning, OpenMeshWarning
 from ..scene.handles import Geometry, Instance
 from .launch import Caster
 from .moves import Moves
@@ -186,8 +186,9 @@ class PointQueries(Moves):
         ----------
         points : (..., 3) float, the file's coordinates
             On the surface, or anywhere.
-        normals : (..., 3) float, any length above 0
-            Broadcast against the points. Rays go to the side to which a normal points.
+        normals : (..., 3) float, any length
+            Broadcast against the points. Rays go to the side to which a normal points. A point whose normal is NaN or
+            zero, as those of vertices in no face are, gets 1, with a `ClbvhWarning`.
         rays : int
             Rays over each point. The error falls nearly as 1 / rays; powers of two are best.
         max_distance : float or (...,) float, the file's units
@@ -210,8 +211,8 @@ class PointQueries(Moves):
         Raises
         ------
         QueryError
-            Shapes that are wrong or do not broadcast, a value that is not finite, a normal of length zero, a
-            negative max_distance or offset: the message names the first bad point. Or the tracer is closed.
+            Shapes that are wrong or do not broadcast, a point that is not finite, an infinite normal, a negative
+            max_distance or offset: the message names the first bad point. Or the tracer is closed.
         ConfigError
             rays or seed is no integer, or out of range.
 
@@ -241,7 +242,11 @@ class PointQueries(Moves):
         """
         rays, seed = check_sampling(rays, seed)
         hemispheres = Hemispheres.read(points, normals, max_distance, mask, offset)
-        return find_open_shares(self._caster, hemispheres, rays, seed, progress)
+        shares, lost_count = find_open_shares(self._caster, hemispheres, rays, seed, progress)
+        if lost_count:
+            text = f"{lost_count:,} of {shares.size:,} normals are NaN or zero: ambient_occlusion is 1 there"
+            warnings.warn(text, ClbvhWarning, stacklevel=2)
+        return shares
 
     def _see(
         self,

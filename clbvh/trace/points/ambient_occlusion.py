@@ -62,11 +62,15 @@ def check_sampling(rays: int, seed: int) -> tuple[int, int]:
 @cut_smaller_when_full
 def find_open_shares(
     caster: Caster, hemispheres: Hemispheres, rays: int, seed: int, progress: Progress | None = None
-) -> NDArray[np.float64]:
-    """Return the share of rays over each point that meet nothing; see `Tracer.ambient_occlusion`."""
+) -> tuple[NDArray[np.float64], int]:
+    """Return the share of rays over each point that meet nothing, and how many points have no normal.
+
+    See `Tracer.ambient_occlusion`.
+    """
     count = math.prod(hemispheres.shape)
     check_room(count, 8, "points")
     shares = np.empty(count)
+    lost_count = 0
     in_scene = caster.tree.has_instances
     with caster.open_call() as call:
         most_points = max(_LEAST_POINTS, _LAUNCH_RAYS // rays)
@@ -87,10 +91,10 @@ def find_open_shares(
                     first_ray=np.int32(first_ray), ray_count=np.int32(ray_count), seed=np.uint32(seed),
                 ) as found:  # fmt: skip
                     open_counts[order] += found
-            # Every mask but 0 sees a mesh without instances.
-            hides_all = not in_scene and hemispheres.masks is not None
-            shares[begin:end] = np.where(rows.masks == 0, 1.0, open_counts / rays) if hides_all else open_counts / rays
-    return shares.reshape(hemispheres.shape)
+            # Every mask but 0 sees a mesh without instances, which the device does not check.
+            shares[begin:end] = np.where(rows.masks == 0, 1.0, open_counts / rays)
+            lost_count += rows.lost_count
+    return shares.reshape(hemispheres.shape), lost_count
 
 
 # Roundings in the user's own dtype between a point on the surface and its coordinates: seven for a point that is made
@@ -109,7 +113,6 @@ _PAIR_ROUNDING = 2.0**-45
 _FARTHEST = 2.0**24
 
 _FLOAT64 = np.dtype(np.float64)
-_ALL_GOOD = -1
 
 
 class Hemispheres(NamedTuple):
@@ -118,7 +121,7 @@ class Hemispheres(NamedTuple):
     Attributes
     ----------
     points, normals : Broadcast of float32 or float64 vectors, the file's coordinates
-        Normals have any length above 0.
+        Normals have any length; those that are zero or have a NaN are no directions.
     max_distance : Broadcast of float64, the file's units
         Length of the rays.
     masks : Broadcast of uint32, or None
@@ -171,23 +174,28 @@ class Hemispheres(NamedTuple):
     def take(self, begin: int, end: int, box: TreeBox) -> HemisphereRows:
         """Return a range of them, counted in C order, as compiled functions take them.
 
+        Points without a direction see nothing: their masks become 0.
+
         Raises
         ------
         QueryError
-            A value is not finite, a normal has length zero, or a point is too far away; the message names the first.
+            A point is not finite or too far away, or a normal is infinite; the message names the first.
         """
         points = take_points(self.points, begin, end, box).astype(_FLOAT64, copy=False)
-        normals = self.normals.part(begin, end, _FLOAT64)
-        bad = _find_bad(normals)
-        if bad != _ALL_GOOD:
-            subject = self.normals.subject("normals", begin + bad)
-            if np.isfinite(normals[bad]).all():
-                raise QueryError(f"{subject} has length zero")
-            raise QueryError(f"{subject} is not finite: {normals[bad]}")
+        normals, masks = self.normals.part(begin, end, _FLOAT64), take_masks(self.masks, begin, end)
+        longest = np.abs(normals).max(axis=1)
+        if (is_bad := np.isinf(longest)).any():
+            bad = int(is_bad.argmax())
+            raise QueryError(f"{self.normals.subject('normals', begin + bad)} is not finite: {normals[bad]}")
+        is_lost = ~(longest > 0.0)  # written so that NaN is lost, too
+        lost_count = int(np.broadcast_to(is_lost, end - begin).sum())
+        if lost_count:
+            normals, masks = np.where(is_lost[:, None], 1.0, normals), np.where(is_lost, np.uint32(0), masks)
+            normals.flags.writeable = masks.flags.writeable = False  # as others are, see `Broadcast.part`
         rounding = ROUNDING if self.points.items.dtype == np.float32 else DOUBLE_ROUNDING
         return HemisphereRows(
-            points, normals, self.max_distance.part(begin, end, _FLOAT64), take_masks(self.masks, begin, end),
-            _POINT_ROUNDINGS * rounding, self.offset,
+            points, normals, self.max_distance.part(begin, end, _FLOAT64), masks, _POINT_ROUNDINGS * rounding,
+            self.offset, lost_count,
         )  # fmt: skip
 
 
@@ -202,6 +210,8 @@ class HemisphereRows(NamedTuple):
     rounding : float
         Bound on the relative error of the points' coordinates.
     offset : float
+    lost_count : int
+        Points without a direction.
     """
 
     points: NDArray[np.float64]
@@ -210,6 +220,7 @@ class HemisphereRows(NamedTuple):
     masks: NDArray[np.uint32]
     rounding: float
     offset: float
+    lost_count: int
 
 
 def pack_hemispheres(
@@ -242,20 +253,6 @@ def pack_hemispheres(
         rows, rows.masks.view(np.int32), order, first_number, box.centre, box.scale, surface_rounding, pair_rounding,
         lanes, lanes.view(np.int32),
     )  # fmt: skip
-
-
-@compiled
-def _find_bad(normals):
-    """Return the index of the first normal that is not finite, or of length zero, or _ALL_GOOD."""
-    for row in range(len(normals)):
-        total, longest = 0.0, 0.0
-        for axis in range(3):
-            # Infinity minus infinity is NaN.
-            total += normals[row, axis] - normals[row, axis]
-            longest = max(longest, abs(normals[row, axis]))
-        if total != 0.0 or longest == 0.0:
-            return row
-    return _ALL_GOOD
 
 
 @compiled

@@ -56,16 +56,23 @@ def test_a_power_of_two_gives_the_same_bytes():
     assert scaled.vertex_normals.tobytes() == knot.vertex_normals.tobytes()
 
 
-def test_faces_without_area_do_not_count_and_vertices_without_a_normal_have_none():
-    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [9, 9, 9]]
-    mesh = clbvh.Mesh.from_arrays(vertices, [[0, 1, 2], [0, 1, 3], [0, 0, 3]])
-    np.testing.assert_array_equal(mesh.vertex_normals[:3], [[0, 0, 1]] * 3)
-    assert np.isnan(mesh.vertex_normals[3:]).all()
+def test_faces_without_area_pass_a_normal_on_and_loose_vertices_have_none():
+    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [3, 0, 0], [4, 0, 0], [9, 9, 9]]
+    mesh = clbvh.Mesh.from_arrays(vertices, [[3, 4, 5], [0, 1, 2], [0, 1, 3], [0, 0, 3]])
+    np.testing.assert_array_equal(mesh.vertex_normals[:6], [[0, 0, 1]] * 6)
+    assert np.isnan(mesh.vertex_normals[6]).all()
+    assert np.isnan(mesh.with_vertices(mesh.vertices * [1, 0, 0]).vertex_normals).all()
 
 
-def test_faces_that_cancel_each_other_leave_no_normal():
-    mesh = clbvh.Mesh.from_arrays([[0.1, 0.7, 0.3], [1, 0.2, 0.1], [0.4, 1, 0.9]], [[0, 1, 2], [0, 2, 1]])
-    assert np.isnan(mesh.vertex_normals).all()
+def test_where_faces_cancel_each_other_the_widest_gives_the_normal():
+    corners = [[0.1, 0.7, 0.3], [1, 0.2, 0.1], [0.4, 1, 0.9]]
+    mesh = clbvh.Mesh.from_arrays(corners, [[0, 1, 2], [0, 2, 1]])
+    single = clbvh.Mesh.from_arrays(corners, [[0, 1, 2]])
+    np.testing.assert_allclose(mesh.vertex_normals, single.vertex_normals, atol=1e-15)
+    # Both sides of a square, one of them in three triangles around its first corner: its widest face is the other's.
+    square = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [0, 2, 0]]
+    faces = [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 3], [0, 3, 4]]
+    np.testing.assert_array_equal(clbvh.Mesh.from_arrays(square, faces).vertex_normals[0], [0, 0, -1])
 
 
 def test_normals_are_computed_once_and_again_for_moved_vertices():
