@@ -47,8 +47,8 @@ from .rendering.picture import Picture as Picture
 from .rendering.render import render as render, render_images as render_images
 from .rendering.renderer import Renderer as Renderer
 from .rendering.scene_file import save_scene as save_scene
-from .rendering.turntable import render_turntable as render_turntable
 from .rendering.settings import Vector as Vector
+from .rendering.turntable import render_turntable as render_turntable
 from .rendering.view import Light as Light, View as View, Wireframe as Wireframe
 from .rendering.world import RenderOptions as RenderOptions
 from .scene.handles import Geometry as Geometry, Instance as Instance

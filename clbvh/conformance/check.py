@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from ..builders.build import build
 from ..bvh import Bvh
+from ..choices import REPORT_SHADINGS
 from ..device.info import DeviceInfo
 from ..device.select import choose_device
 from ..errors import ConfigError, ValidationError
 from ..rendering.cameras.camera import Camera
 from ..rendering.renderer import Renderer
 from ..rendering.world import RenderOptions
-from ..choices import REPORT_SHADINGS
 from ..structs import LAYOUT_WIDTHS
 from ..trace.device_tree import BRUTE
 from ..trace.hits.hits import AllHits, Hits

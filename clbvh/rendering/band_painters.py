@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import SHADINGS
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
-from ..choices import SHADINGS
 from ..structs import CELL_PIXELS
 from ..trace.traced_tree import TracedTree, find_entry_points
 from .frame import Band

@@ -56,9 +56,7 @@ def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
         return traversal.count_visits(*rays, threads=threads)
 
 
-def draw_heat_map_of(
-    world: World, camera: Camera, width: int, height: int, quantity: str
-) -> NDArray[np.uint8]:
+def draw_heat_map_of(world: World, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
     if world.bvh is None:

@@ -8,18 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import REPORT_SHADINGS, SHADINGS, TONE_CURVES
 from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
-from ..choices import REPORT_SHADINGS, SHADINGS, TONE_CURVES
 from ..structs import CUTS, PROJECTIONS, VIEW
+from .cameras.bounds import Reaches, SceneBounds
 from .cameras.camera import Camera
-from .cameras.rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
-from .cut import Cut
 from .cameras.lens import window_of
 from .cameras.projection import Fisheye, Panorama, name_of
+from .cameras.rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
+from .cut import Cut
 from .view import View, Wireframe
-from .cameras.bounds import Reaches, SceneExtent
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
@@ -114,7 +114,11 @@ def make_kernel_view(
         _set_cut(view, settings.cut, eye, (mesh.to_local(settings.cut.first), mesh.to_local(settings.cut.second)))
     if settings.wireframe is not None:
         _set_wireframe(view, settings.wireframe, settings)
-    view["is_transparent"], view["seed"], view["most_bounces"] = settings.transparent, settings.seed, settings.max_bounces
+    view["is_transparent"], view["seed"], view["most_bounces"] = (
+        settings.transparent,
+        settings.seed,
+        settings.max_bounces,
+    )
     return view
 
 
@@ -285,25 +289,25 @@ def shows_ground(settings: View) -> bool:
     return _HAS_GROUND[settings.shading] if settings.ground is None else settings.ground
 
 
-def find_ground(extent: Mesh | SceneExtent, up: NDArray[np.float64]) -> Ground:
+def find_ground(bounds: Mesh | SceneBounds, up: NDArray[np.float64]) -> Ground:
     """Return the highest plane that no object reaches below.
 
     Parameters
     ----------
-    extent : Mesh or SceneExtent
+    bounds : Mesh or SceneBounds
         What stands on the ground.
     up : (3,) float64, of any length
     """
     normal = up / np.linalg.norm(up)
-    box = extent.local_box.astype(np.float64)
-    if isinstance(extent, SceneExtent):
-        lowest = -float(extent.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
+    box = bounds.local_box.astype(np.float64)
+    if isinstance(bounds, SceneBounds):
+        lowest = -float(bounds.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
     else:
-        lowest = _find_lowest(extent, normal)
+        lowest = _find_lowest(bounds, normal)
     middle = box.mean(axis=0)
     point = middle + (lowest - middle @ normal) * normal
     half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
-    return Ground(extent.origin + point / extent.scale, normal, _RADIUS * half_diagonal / extent.scale)
+    return Ground(bounds.origin + point / bounds.scale, normal, _RADIUS * half_diagonal / bounds.scale)
 
 
 def _find_lowest(mesh: Mesh, up: NDArray[np.float64]) -> float:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..choices import REPORT_SHADINGS
 from ..device.info import DeviceInfo
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
-from ..choices import REPORT_SHADINGS
 from ..support.host_threads import side_by_side
 from ..trace.traced_tree import TracedTree
 from .band_painters import DEVELOP, OneRayPainter, Progress, SamplePainter, SampleShading

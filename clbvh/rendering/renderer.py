@@ -154,7 +154,7 @@ class Renderer(ContextManager):
         watch.lap("load")
         enter("build")
         self._world = World(state, self._options, source if isinstance(source, Bvh) else None)
-        self._finder = ViewFinder(self._world.extent)
+        self._finder = ViewFinder(self._world.bounds)
         watch.lap("build")
         enter("open the device")
 
@@ -223,7 +223,7 @@ class Renderer(ContextManager):
             progress.film = _make_film(view)
         times = EventTimes()
         world, space, ground = self._world, self._world.space, self._finder.ground(view, camera)
-        boxes = box_in(world.extent, space), ground, box_in(self._finder.extent(view), space)
+        boxes = box_in(world.bounds, space), ground, box_in(self._finder.bounds(view), space)
         described = make_kernel_view(view, camera, space, *boxes)
         painter = self._painters.painter(view, described, progress)
         colours, found = self._frames.render(described, painter, times)
@@ -392,7 +392,7 @@ class Renderer(ContextManager):
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
         view = self._finder.complete(self._find_view(None, changes))
-        return {side: measure_side(self._finder.extent(view), side, view.up) for side in views}
+        return {side: measure_side(self._finder.bounds(view), side, view.up) for side in views}
 
     def list_notes(self, view: View | None = None, **changes: Any) -> tuple[str, ...]:
         """Return what the user of a view should know: the guessed `up`, outliers, a cut that cuts nothing.

@@ -89,9 +89,7 @@ class Setting:
             raise SceneError(f"{self.name} must be {self.kind.text}{or_none}, not {_show(value)}") from None
 
 
-def setting(
-    default: Any, help: str, kind: Kind, panel: str = "", *, shown: str = "", is_option: bool = True
-) -> Any:
+def setting(default: Any, help: str, kind: Kind, panel: str = "", *, shown: str = "", is_option: bool = True) -> Any:
     """Return a field of a dataclass with settings, see `Setting`; a default of None allows None."""
     return dataclasses.field(
         default=default, metadata={"help": help, "kind": kind, "panel": panel, "shown": shown, "is_option": is_option}
@@ -189,9 +187,9 @@ def number(
 
     def read(value: Any) -> float:
         value = _read_number(value)
-        if least is not None and value < least or most is not None and value > most:
+        if (least is not None and value < least) or (most is not None and value > most):
             raise ValueError
-        if above is not None and value <= above or below is not None and value >= below:
+        if (above is not None and value <= above) or (below is not None and value >= below):
             raise ValueError
         return value
 

@@ -26,7 +26,6 @@ from .band_painters import OneRayPainter
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh
 from .frame import FrameRenderer
-
 from .kernel_view import make_kernel_view
 from .view import View
 

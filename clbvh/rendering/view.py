@@ -5,7 +5,6 @@ Imports no numpy, see `settings.py`. What a setting does is written where it is 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,9 +26,9 @@ from .settings import (
 
 if TYPE_CHECKING:
     from .cameras.camera import Camera
+    from .cameras.projection import Projection
     from .cut import Cut
     from .film.environment_map import EnvironmentMap
-    from .cameras.projection import Projection
 
 CAMERA, LIGHT, SHADING, FILM = "Camera", "Light", "Shading", "Picture"
 
@@ -79,9 +78,7 @@ class Light:
     direction: Vector | None = setting(
         None, "Direction towards the light.", vector(), shown="above, to the viewer's left"
     )
-    colour: Vector = setting(
-        (0.92, 0.88, 0.82), "Linear colour of the directed light.", vector(metavar="R,G,B")
-    )
+    colour: Vector = setting((0.92, 0.88, 0.82), "Linear colour of the directed light.", vector(metavar="R,G,B"))
     sky: Vector = setting((0.19, 0.21, 0.24), "Light on surfaces that face up.", vector(metavar="R,G,B"))
     ground: Vector = setting((0.07, 0.065, 0.06), "Light on surfaces that face down.", vector(metavar="R,G,B"))
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..geometry import Mesh
-from .cameras.bounds import SceneExtent
+from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh, look_from
 from .cameras.projection import Panorama
@@ -28,11 +28,11 @@ class ViewFinder:
 
     Parameters
     ----------
-    whole : Mesh or SceneExtent
+    whole : Mesh or SceneBounds
         Where everything is.
     """
 
-    def __init__(self, whole: Mesh | SceneExtent) -> None:
+    def __init__(self, whole: Mesh | SceneBounds) -> None:
         self._whole = whole
         self._last: dict[str, tuple[Any, Any]] = {}
 
@@ -47,7 +47,7 @@ class ViewFinder:
     def _without_outliers(self) -> Framed:
         return frame_without_outliers(self._whole)
 
-    def extent(self, view: View) -> Mesh | SceneExtent:
+    def bounds(self, view: View) -> Mesh | SceneBounds:
         """Return what a camera that shows the whole has to show."""
         return self._without_outliers.extent if view.frame == "auto" else self._whole
 
@@ -70,8 +70,8 @@ class ViewFinder:
             return Up(view.up, None)
         if view.camera is not None and view.camera.lens is None:
             return Up(view.camera.up, None)
-        extent = self.extent(view)
-        return self._keep("up", (view.frame, view.eye, view.look_at), lambda: guess_up(extent, view.eye, view.look_at))
+        bounds = self.bounds(view)
+        return self._keep("up", (view.frame, view.eye, view.look_at), lambda: guess_up(bounds, view.eye, view.look_at))
 
     def camera(self, view: View) -> Camera:
         """Return the camera of a view: the one that it has, or the one that its settings choose."""
@@ -82,12 +82,12 @@ class ViewFinder:
         return self._keep("camera", key, lambda: self._choose_camera(view))
 
     def _choose_camera(self, view: View) -> Camera:
-        extent = self.extent(view)
+        bounds = self.bounds(view)
         shared: dict[str, Any] = {"aspect": view.width / view.height, "up": view.up, "fov": view.fov}
         if view.eye is None or view.look_at is None:
-            camera = frame_mesh(extent, eye=view.eye, projection=view.projection, side=view.side, **shared)
+            camera = frame_mesh(bounds, eye=view.eye, projection=view.projection, side=view.side, **shared)
         else:
-            camera = look_from(extent, view.projection, view.eye, view.look_at, **shared)
+            camera = look_from(bounds, view.projection, view.eye, view.look_at, **shared)
         if view.aperture == 0 and view.focus_distance is None:
             return camera
         return replace(camera, aperture=view.aperture, focus_distance=view.focus_distance)
@@ -95,7 +95,7 @@ class ViewFinder:
     def turn(self, view: View, count: int) -> list[Camera]:
         """Return the cameras of a full turn, which all see the whole from the same distance."""
         first = frame_mesh(
-            self.extent(view),
+            self.bounds(view),
             turns=True,
             aspect=view.width / view.height,
             up=view.up,
@@ -111,7 +111,7 @@ class ViewFinder:
         if not shows_ground(view):
             return None
         up = sky_direction(view, camera)
-        return self._keep("ground", (view.frame, *up.tolist()), lambda: find_ground(self.extent(view), up))
+        return self._keep("ground", (view.frame, *up.tolist()), lambda: find_ground(self.bounds(view), up))
 
     def notes(self, view: View) -> tuple[str, ...]:
         """Return what the user of a view should know: the guessed `up`, outliers, a cut beside everything."""

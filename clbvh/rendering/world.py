@@ -24,7 +24,7 @@ from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from ..trace.traced_tree import TracedTree
-from .cameras.bounds import SceneExtent
+from .cameras.bounds import SceneBounds
 from .film.light_tables import local_maps
 from .film.look_tables import Looks
 
@@ -160,10 +160,10 @@ class World:
         return SceneSurface(arrays, state.shapes, state.names)
 
     @cached_property
-    def extent(self) -> Mesh | SceneExtent:
+    def bounds(self) -> Mesh | SceneBounds:
         """Where everything is."""
         state = self.state
-        return self.mesh or SceneExtent(state.shapes, state.geometry_ids, state.transforms)
+        return self.mesh or SceneBounds(state.shapes, state.geometry_ids, state.transforms)
 
     @property
     def space(self) -> Mesh:

@@ -20,8 +20,8 @@ from ..geometry.loading.load import load_parts
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape
 from .handles import ALL_BITS, Colour, colour_of_row
-from .state import SceneState
 from .names import name_of_file
+from .state import SceneState
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6

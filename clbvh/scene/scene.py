@@ -18,7 +18,17 @@ from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
 from ..geometry.spheres import Shape, Spheres
-from .handles import ALL_BITS, Colour, Geometry, Instance, check_colour, check_mask, check_material, colour_of_row, shorten
+from .handles import (
+    ALL_BITS,
+    Colour,
+    Geometry,
+    Instance,
+    check_colour,
+    check_mask,
+    check_material,
+    colour_of_row,
+    shorten,
+)
 from .names import UniqueNames, name_of_file
 from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
 from .serialize import read_scene, write_scene

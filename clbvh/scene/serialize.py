@@ -53,8 +53,8 @@ from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, Spheres
 from ..support.files import as_path, check_target, open_regular, read_errors_as, write_atomically
 from ..support.memory import check_memory
-from .state import SceneState
 from .names import UniqueNames
+from .state import SceneState
 from .transforms import check_transforms
 
 # The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).

@@ -95,6 +95,7 @@ def _find_signs(convention: str) -> NDArray[np.float64]:
         raise SceneError(f"the convention must be one of {', '.join(CONVENTIONS)}, not {convention!r}")
     return np.array(CONVENTIONS[convention])
 
+
 # Degrees to the right of the front, and above the level. The automatic view is from the front, a little from the right
 # and from above; in the isometric one the three axes have equal lengths.
 _AUTOMATIC = 30.0, 18.0

@@ -24,8 +24,8 @@ from ...geometry import Mesh, Shape
 from ...geometry.box_mesh import mesh_of
 from ...geometry.spheres import Spheres
 from ...layouts.refit_arrays import RefitArrays, read_topology
-from ...scene.scene import Scene
 from ...scene.handles import Geometry, Instance
+from ...scene.scene import Scene
 from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ...support.host_threads import HostThreads
@@ -54,9 +54,7 @@ class MovingScene:
         Builds the tree over a mesh of the instances' boxes.
     """
 
-    def __init__(
-        self, contents: Scene, build_tree: Callable[[Shape], Bvh], build_top: Callable[[Mesh], Bvh]
-    ) -> None:
+    def __init__(self, contents: Scene, build_tree: Callable[[Shape], Bvh], build_top: Callable[[Mesh], Bvh]) -> None:
         self._contents = contents
         self._build_tree, self._build_top = build_tree, build_top
         self._opened: SceneState = contents.snapshot()
