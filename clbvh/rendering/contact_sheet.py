@@ -127,11 +127,11 @@ def contact_sheet(
     """
     with Renderer(source, view, options, on_phase=on_phase) as renderer:
         settings = {"width": DEFAULT_WIDTH, "height": DEFAULT_HEIGHT, "ground": False} | changes
-        front = renderer.view.changed(**{"side": STANDARD_VIEWS[0], "transparent": False} | settings)
+        front = renderer.view.changed(**{"side": STANDARD_VIEWS[0]} | settings | {"transparent": False})
         sizes = renderer.measure_views(STANDARD_VIEWS, up=front.up, frame=front.frame)
-        level = {"projection": Orthographic()}
-        cameras = [renderer.find_camera(front, side=side, **level) for side in STANDARD_VIEWS]
-        height = max(camera.projection.height for camera in cameras)
+        # One scale for all sides: that of the tallest.
+        levelled = [renderer.find_camera(front, side=side, projection=Orthographic()) for side in STANDARD_VIEWS]
+        height = max(camera.projection.height for camera in levelled)  # type: ignore[union-attr, type-var]
         pictures = {}
         for side in STANDARD_VIEWS:
             if on_phase is not None:
@@ -140,7 +140,7 @@ def contact_sheet(
         if on_note is not None:
             for note in renderer.list_notes(front):
                 on_note(note)
-    pixel_size = height / front.height
+    pixel_size = float(height) / front.height  # type: ignore[arg-type]
     cells = [_caption(pictures[view].rgb, view, _join(*sizes[view])) for view in STANDARD_VIEWS]
     cells.append(_draw_panel(pictures["front"], (*sizes["front"], sizes["right"][0]), pixel_size, cells[0].shape))
     rows = [np.hstack(cells[begin : begin + _COLUMNS]) for begin in range(0, len(cells), _COLUMNS)]

@@ -56,16 +56,18 @@ def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
         return traversal.count_visits(*rays, threads=threads)
 
 
-def draw_heat_map_of(world: World, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
+def draw_heat_map_of(world: Bvh | World, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
-    if world.bvh is None:
-        assert world.top is not None  # there are trees
+    bvh = world if isinstance(world, Bvh) else world.bvh
+    if bvh is None:
+        assert not isinstance(world, Bvh)  # has a tree
+        assert world.top is not None
         traversal = SceneTraversal(world.state, world.trees, world.top)
         visits = _count_rays(traversal, camera, width, height)
         counts = visits.node_steps if quantity == "nodes" else visits.prim_tests
     else:
-        counted = count_picture(world.bvh, camera, width, height)
+        counted = count_picture(bvh, camera, width, height)
         counts = counted.node_steps if quantity == "nodes" else counted.triangle_tests
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
     of_pixels = np.where(camera.sees(width, height), counts.reshape(height, width), 0)

@@ -109,7 +109,7 @@ class Painters:
         return self._lights
 
     def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
-        """Return the environment on the device, where it stays for other pictures; say in the described view how it is seen."""
+        """Return the environment on the device, where it stays for other pictures; describe how it is seen."""
         if view.environment is None:
             return {}
         if view.environment not in self._environments:

@@ -28,7 +28,6 @@ from ..support.stopwatch import Stopwatch
 from .band_painters import Progress
 from .cameras.bounds import box_in
 from .cameras.camera import Camera
-from .cameras.framing import measure_side
 from .frame import FrameRenderer
 from .kernel_view import make_kernel_view
 from .open_scene import SceneLike, as_scene
@@ -392,7 +391,7 @@ class Renderer(ContextManager):
         {'front': (2.0, 3.0), 'right': (0.0, 3.0)}
         """
         view = self._finder.complete(self._find_view(None, changes))
-        return {side: measure_side(self._finder.bounds(view), side, view.up) for side in views}
+        return {side: self._finder.measure(view, side) for side in views}
 
     def list_notes(self, view: View | None = None, **changes: Any) -> tuple[str, ...]:
         """Return what the user of a view should know: the guessed `up`, outliers, a cut that cuts nothing.

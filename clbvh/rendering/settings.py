@@ -11,7 +11,6 @@ import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -96,22 +95,27 @@ def setting(default: Any, help: str, kind: Kind, panel: str = "", *, shown: str 
     )
 
 
-@cache
+_known: dict[type, dict[str, Setting]] = {}
+
+
 def settings_of(owner: type) -> dict[str, Setting]:
     """Return the settings of a dataclass by their names."""
-    fields = (each for each in dataclasses.fields(owner) if "kind" in each.metadata)  # type: ignore[arg-type]
-    return {each.name: Setting(each.name, each.default, **each.metadata) for each in fields}
+    if owner not in _known:
+        fields = (each for each in dataclasses.fields(owner) if "kind" in each.metadata)
+        _known[owner] = {each.name: Setting(each.name, each.default, **each.metadata) for each in fields}
+    return _known[owner]
 
 
-@cache
 def list_settings(owner: type) -> tuple[Setting, ...]:
     """Return the settings of a dataclass, each group followed by its members, such as ``light_direction``."""
     listed: list[Setting] = []
     for group in settings_of(owner).values():
         listed.append(group)
         if group.kind.members is not None:
-            for member in settings_of(group.kind.members).values():
-                listed.append(dataclasses.replace(member, name=f"{group.name}_{member.name}", panel=group.panel))
+            listed += [
+                dataclasses.replace(member, name=f"{group.name}_{member.name}", panel=group.panel)
+                for member in settings_of(group.kind.members).values()
+            ]
     return tuple(listed)
 
 

@@ -124,7 +124,7 @@ def render_turntable(
     check_frame_count(frames)
     (view or View()).changed(**changes)
     with Renderer(source, view, options, on_phase=on_phase) as renderer:
-        turned = renderer.view.changed(**{"transparent": False} | changes)
+        turned = renderer.view.changed(**changes | {"transparent": False})
         cameras = renderer.turntable(frames, turned)
         if on_note is not None:
             for note in renderer.list_notes(turned.changed(side=STANDARD_VIEWS[0])):

@@ -153,7 +153,7 @@ def _read_cut(value: Any) -> Cut:
     return as_cut(value)
 
 
-def _read_environment(value: Any) -> EnvironmentMap:
+def _read_environment(value: Any) -> EnvironmentMap | None:
     from .film.environment_map import as_environment
 
     return as_environment(value)

@@ -12,7 +12,7 @@ import numpy as np
 from ..geometry import Mesh
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
-from .cameras.framing import frame_mesh, look_from
+from .cameras.framing import frame_mesh, look_from, measure_side
 from .cameras.projection import Panorama
 from .guesses import Framed, Up, frame_without_outliers, guess_up
 from .kernel_view import Ground, find_ground, shows_ground, sky_direction
@@ -98,13 +98,17 @@ class ViewFinder:
             self.bounds(view),
             turns=True,
             aspect=view.width / view.height,
-            up=view.up,
+            up=view.up,  # type: ignore[arg-type]  # complete
             fov=view.fov,
             projection=view.projection,
         )
         if view.aperture:
             first = replace(first, aperture=view.aperture, focus_distance=view.focus_distance)
         return [first.orbit(360.0 * number / count) for number in range(count)]
+
+    def measure(self, view: View, side: str) -> tuple[float, float]:
+        """Return the width and the height of the whole, seen without perspective from a side."""
+        return measure_side(self.bounds(view), side, view.up)  # type: ignore[arg-type]  # complete
 
     def ground(self, view: View, camera: Camera) -> Ground | None:
         """Return the ground of a picture that shows one."""
