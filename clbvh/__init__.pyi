@@ -43,13 +43,13 @@ from .rendering.cut import Cut as Cut
 from .rendering.film.environment_map import EnvironmentMap as EnvironmentMap
 from .rendering.images.images import Images as Images
 from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_scene
+from .rendering.options import RenderOptions as RenderOptions
 from .rendering.picture import Picture as Picture
 from .rendering.render import render as render, render_images as render_images
 from .rendering.renderer import Renderer as Renderer
 from .rendering.scene import Scene as Scene
 from .rendering.settings import Light as Light, Wireframe as Wireframe
 from .rendering.sources import MeshSource as MeshSource, Transform as Transform
-from .rendering.subjects import RenderOptions as RenderOptions
 from .rendering.turntable import render_turntable as render_turntable
 from .rendering.vectors import Vector as Vector
 from .scene.handles import Geometry as Geometry, Instance as Instance

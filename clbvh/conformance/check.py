@@ -20,8 +20,8 @@ from ..device.info import DeviceInfo
 from ..device.select import choose_device
 from ..errors import ConfigError, ValidationError
 from ..rendering.cameras.camera import Camera
+from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
-from ..rendering.subjects import RenderOptions
 from ..structs import LAYOUT_WIDTHS, REPORT_SHADINGS
 from ..trace.device_tree import BRUTE
 from ..trace.hits.hits import AllHits, Hits

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from .cameras.pose import STANDARD_VIEWS
 from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
+from .options import RenderOptions
 from .picture import Picture
 from .renderer import Renderer
-from .subjects import RenderOptions
 from .vectors import Vector
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from .cameras.camera import Camera
 from .cut import Cut
 from .open_scene import SceneLike
+from .options import RenderOptions
 from .picture import Picture
 from .renderer import Renderer
 from .settings import DEFAULT_CHANNELS, Light, Wireframe
-from .subjects import RenderOptions
 from .vectors import Vector
 
 if TYPE_CHECKING:

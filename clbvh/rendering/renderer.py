@@ -36,11 +36,12 @@ from .cut import Cut
 from .frame import FrameRenderer
 from .guesses import AUTO, Framed, frame_without_outliers, guess_up, known_up
 from .open_scene import SceneLike, as_scene
+from .options import RenderOptions
 from .painters import Painters, open_session
 from .picture import Picture, list_picture_ms, list_setup_ms
 from .scene import Scene
 from .settings import DEFAULT_CHANNELS, MAX_SAMPLES, Light, Wireframe, find_sample_count
-from .subjects import MeshSubject, RenderOptions, SceneSubject
+from .subjects import MeshSubject, SceneSubject
 from .vectors import Vector
 from .view import Ground, find_ground, shows_ground, sky_direction
 

@@ -20,8 +20,8 @@ from ..errors import ConfigError
 from ..support.files import as_path, check_target, temporary_folder, write_atomically
 from .cameras.pose import STANDARD_VIEWS
 from .open_scene import SceneLike, as_scene
+from .options import RenderOptions
 from .renderer import Renderer
-from .subjects import RenderOptions
 from .vectors import Vector
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
