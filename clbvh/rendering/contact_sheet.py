@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .cameras.pose import STANDARD_VIEWS
+from .cameras.projection import STANDARD_VIEWS
 from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
 from .options import RenderOptions

@@ -14,8 +14,8 @@ from ..geometry.loading.load import may_have_parts
 from ..scene.parts import HasGraph
 from ..scene.serialize import is_saved_scene
 from ..support.folders import find_folder
-from .cameras.camera import DEFAULT_UP
-from .guesses import AUTO, RULED_SUFFIXES
+from .cameras.projection import AUTO, DEFAULT_UP
+from .guesses import RULED_SUFFIXES
 from .scene import Scene
 from .sources import MeshSource
 

@@ -30,11 +30,10 @@ from .band_painters import Progress
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh, measure_side
-from .cameras.pose import STANDARD_VIEWS
-from .cameras.projection import Orthographic, Panorama, Projection
+from .cameras.projection import AUTO, STANDARD_VIEWS, Orthographic, Panorama, Projection
 from .cut import Cut
 from .frame import FrameRenderer
-from .guesses import AUTO, Framed, frame_without_outliers, guess_up, known_up
+from .guesses import Framed, frame_without_outliers, guess_up, known_up
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
 from .painters import Painters, open_session

@@ -22,13 +22,24 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore, name_of_file
 from ..structs import SHADINGS
-from .cameras.camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_focus, check_fov
+from .cameras.camera import Camera
 from .cameras.framing import frame_mesh, look_from
-from .cameras.pose import check_view
-from .cameras.projection import Fisheye, Orthographic, Panorama, as_named, check_projection, from_named
+from .cameras.projection import (
+    AUTO,
+    DEFAULT_FOV,
+    DEFAULT_UP,
+    Fisheye,
+    Orthographic,
+    Panorama,
+    check_focus,
+    check_fov,
+    check_view,
+    read_projection,
+    text_of,
+)
 from .cut import Cut
 from .film.environment_map import EnvironmentMap, as_environment
-from .guesses import AUTO, frame_without_outliers, guess_up
+from .guesses import frame_without_outliers, guess_up
 from .settings import DEFAULT_BOUNCES, DEFAULT_CREASE_ANGLE, DEFAULT_LIGHT, Light, Wireframe, check_sampling
 from .sources import NO_TRANSFORM, MeshSource, Transform
 from .vectors import Vector, check_vector, is_vector
@@ -208,7 +219,7 @@ class Scene(SceneContents):
         check_sampling(self)
         object.__setattr__(self, "environment", as_environment(self.environment))
         check_fov(self.fov)
-        check_projection(self.projection)
+        object.__setattr__(self, "projection", read_projection(self.projection))
         check_focus(self.projection, self.aperture, self.focus_distance)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
@@ -340,7 +351,7 @@ class Scene(SceneContents):
         >>> clbvh.Scene(clbvh.make_shape("icosphere", triangles=320)).save(Path(folder.name, "ball.scene"))
         >>> folder.cleanup()
         """
-        values = self._settings() | {"projection": as_named(self.projection)}
+        values = self._settings() | {"projection": text_of(self.projection)}
         settings = {name: as_plain(value) for name, value in values.items() if name not in ("mesh", "environment")}
         environment = None if self.environment is None else self.environment.as_plain()
         write_scene(path, self.snapshot(), settings | {"mesh": self.mesh is not None, "environment": environment})
@@ -377,7 +388,7 @@ class Scene(SceneContents):
     def _restore(cls, state: SceneState, settings: dict[str, Any]) -> Scene:
         """Return the scene of a file; the settings are a dict, and nothing else of them is checked yet."""
         values = {name: as_setting(value) for name, value in settings.items()}
-        values["projection"] = from_named(values.get("projection"))
+        values["projection"] = read_projection(values.get("projection"))
         if values.get("environment") is not None:
             values["environment"] = EnvironmentMap.from_plain(values["environment"])
         if values.get("cut") is not None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..bvh import Bvh
 from ..errors import ConfigError
 from ..support.files import as_path, check_target, temporary_folder, write_atomically
-from .cameras.pose import STANDARD_VIEWS
+from .cameras.projection import STANDARD_VIEWS
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
 from .renderer import Renderer
