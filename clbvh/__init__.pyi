@@ -43,6 +43,7 @@ from .rendering.cut import Cut as Cut
 from .rendering.film.environment_map import EnvironmentMap as EnvironmentMap
 from .rendering.images.images import Images as Images
 from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_scene
+from .rendering.options import RenderOptions as RenderOptions
 from .rendering.picture import Picture as Picture
 from .rendering.render import render as render, render_images as render_images
 from .rendering.renderer import Renderer as Renderer
@@ -50,7 +51,6 @@ from .rendering.scene_file import save_scene as save_scene
 from .rendering.settings import Vector as Vector
 from .rendering.turntable import render_turntable as render_turntable
 from .rendering.view import Light as Light, View as View, Wireframe as Wireframe
-from .rendering.world import RenderOptions as RenderOptions
 from .scene.handles import Geometry as Geometry, Instance as Instance
 from .scene.scene import Scene as Scene
 from .scene.state import SceneState as SceneState

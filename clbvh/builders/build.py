@@ -16,14 +16,12 @@ from ..geometry.box_mesh import mesh_of
 from ..support.host_threads import usable_cores
 from .executor import Executor, ThreadExecutor
 from .ladder.variants import VARIANTS
-from .options import DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions, check_workers
+from .options import DEFAULT_BUILDER, DEFAULT_QUALITY, FAST_QUALITY, HIGH_QUALITY, BuildOptions, check_workers
 from .sah.build_sah import build_sah
 
 if TYPE_CHECKING:
     from .processes.pool import SubtreePool
 
-
-DEFAULT_BUILDER = "sah"
 
 # Fewest primitives for each worker, unless a task threshold is given. A thread starts in about 100 us, and builds a
 # tree over 10,000 primitives in 2 ms.

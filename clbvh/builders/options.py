@@ -13,6 +13,7 @@ MAX_LEAF_SIZE = 255
 MIN_FRONTIER = 4
 MAX_FRONTIER = 8192
 MAX_WORKERS = 1024  # a slip of the keyboard must not start a hundred thousand
+DEFAULT_BUILDER = "sah"
 DEFAULT_QUALITY = "default"
 FAST_QUALITY = "fast"
 HIGH_QUALITY = "high"

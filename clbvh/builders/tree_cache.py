@@ -11,17 +11,17 @@ import hashlib
 import json
 import os
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
 from ..geometry import Mesh
 from ..support.folders import __version__, find_cache
 from ..support.stopwatch import Stopwatch
-from .build import BUILDERS, DEFAULT_BUILDER, build_tree, check_builder, choose_workers
-from .options import BuildOptions, check_workers
+from .build import build_tree, choose_workers
+from .options import BuildOptions
+from .tree_options import TreeOptions
 
 SUFFIX = ".tree"
 
@@ -36,35 +36,6 @@ _MOST_DIGITS = 12
 # Hexadecimal digits in a file's name. Collisions do no harm: the file holds the whole fingerprint.
 _MESH_DIGITS = 32
 _RECIPE_DIGITS = 16
-
-
-@dataclass(frozen=True)
-class TreeOptions:
-    """The builder of a tree, its options, its threads and its cache.
-
-    Attributes
-    ----------
-    builder : str
-        A builder of `clbvh.build`.
-    workers : int or None
-        Threads that build, at most; None: one per usable processor.
-    build : BuildOptions
-    cache : Path or None
-        Folder in which trees are looked up and kept; None for no cache.
-    """
-
-    builder: str = DEFAULT_BUILDER
-    workers: int | None = None
-    build: BuildOptions = field(default_factory=BuildOptions)
-    cache: Path | None = None
-
-    allowed_builders: ClassVar[tuple[str, ...]] = BUILDERS
-
-    def __post_init__(self) -> None:
-        check_builder(self.builder, self.build, self.allowed_builders)
-        check_workers(self.workers)
-        if self.cache is not None and not isinstance(self.cache, Path):
-            raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
 
 
 @dataclass(frozen=True, eq=False)

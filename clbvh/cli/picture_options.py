@@ -158,10 +158,10 @@ def with_view(scene: Scene, changes: dict[str, Any], camera: str | None = None, 
         The text of ``--view``.
     """
     from ..errors import ConfigError
-    from ..rendering.cameras.projection import parse_projection
+    from ..rendering.cameras.projection import read_projection
 
     if camera is not None:
-        projection = parse_projection(camera)
+        projection = read_projection(camera)
         if projection is not None and changes.get("fov") is not None:
             raise ConfigError(f"--fov is that of a perspective camera, and --camera is '{camera}'")
         scene = replace(scene, projection=projection)

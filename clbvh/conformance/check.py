@@ -21,8 +21,8 @@ from ..device.info import DeviceInfo
 from ..device.select import choose_device
 from ..errors import ConfigError, ValidationError
 from ..rendering.cameras.camera import Camera
+from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
-from ..rendering.world import RenderOptions
 from ..structs import LAYOUT_WIDTHS
 from ..trace.device_tree import BRUTE
 from ..trace.hits.hits import AllHits, Hits

@@ -14,9 +14,10 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic, models, register_model
+from numba.extending import models, register_model
 
 from ..structs import BOX_LANES, BOX_TAG, BOX_TALLY
+from ..support.loop_functions import ARRAY, instruction
 
 _HALF = 4
 _AXES = 3
@@ -55,10 +56,9 @@ class _BoxModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, _ROW)
 
 
-def _row_pointer(context: Any, builder: Any, array_type: Any, array: Any, row: Any) -> Any:
+def _row_pointer(builder: Any, rows: Any, row: Any) -> Any:
     """Return a pointer to one row of a C-contiguous (n, 8) float32 array."""
-    data = context.make_array(array_type)(context, builder, array).data
-    lanes = builder.bitcast(data, _FLOAT.as_pointer())
+    lanes = builder.bitcast(rows, _FLOAT.as_pointer())
     first_lane = builder.mul(row, ir.Constant(row.type, BOX_LANES))
     return builder.bitcast(builder.gep(lanes, [first_lane]), _ROW.as_pointer())
 
@@ -74,155 +74,101 @@ def _splat(builder: Any, value: Any) -> Any:
     return _shuffle(builder, first, [0] * BOX_LANES)
 
 
-@intrinsic
-def load_box(typing_context, rows, row):
+@instruction(BOX, ARRAY, types.intp)
+def load_box(builder, rows, row):
     """Return `rows[row]` as a box."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(_row_pointer(context, builder, signature.args[0], *arguments), align=_BYTES_PER_LANE)
-
-    return BOX(rows, types.intp), generate
+    return builder.load(_row_pointer(builder, rows, row), align=_BYTES_PER_LANE)
 
 
-@intrinsic
-def load_point(typing_context, points, point):
+@instruction(BOX, ARRAY, types.intp)
+def load_point(builder, points, point):
     """Return row `point` of a C-contiguous (n, 3) float32 array as a box without extent; it holds no negative zero."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        points, point = arguments
-        data = context.make_array(signature.args[0])(context, builder, points).data
-        first = builder.gep(data, [builder.mul(point, ir.Constant(point.type, _AXES))])
-        half: Any = ir.Constant(ir.VectorType(_FLOAT, _HALF), [0.0] * _HALF)
-        for axis in range(_AXES):
-            coordinate = builder.load(builder.gep(first, [ir.Constant(point.type, axis)]), align=_BYTES_PER_LANE)
-            half = builder.insert_element(half, coordinate, ir.Constant(_INT, axis))
-        both = builder.shuffle_vector(half, builder.fneg(half), ir.Constant(_INT_ROW, list(range(BOX_LANES))))
-        return builder.fadd(both, ir.Constant(_ROW, [0.0] * BOX_LANES))  # -0.0 + 0.0 is 0.0
-
-    return BOX(points, types.intp), generate
+    first = builder.gep(points, [builder.mul(point, ir.Constant(point.type, _AXES))])
+    half = ir.Constant(ir.VectorType(_FLOAT, _HALF), [0.0] * _HALF)
+    for axis in range(_AXES):
+        coordinate = builder.load(builder.gep(first, [ir.Constant(point.type, axis)]), align=_BYTES_PER_LANE)
+        half = builder.insert_element(half, coordinate, ir.Constant(_INT, axis))
+    both = builder.shuffle_vector(half, builder.fneg(half), ir.Constant(_INT_ROW, list(range(BOX_LANES))))
+    return builder.fadd(both, ir.Constant(_ROW, [0.0] * BOX_LANES))  # -0.0 + 0.0 is 0.0
 
 
-@intrinsic
-def store_box(typing_context, rows, row, box):
+@instruction(types.void, ARRAY, types.intp, BOX)
+def store_box(builder, rows, row, box):
     """Write a box to `rows[row]`, bit by bit: the tag lane may hold an integer."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer = _row_pointer(context, builder, signature.args[0], *arguments[:2])
-        builder.store(arguments[2], pointer, align=_BYTES_PER_LANE)
-        return context.get_dummy_value()
-
-    return types.void(rows, types.intp, BOX), generate
+    builder.store(box, _row_pointer(builder, rows, row), align=_BYTES_PER_LANE)
 
 
-@intrinsic
-def unite(typing_context, left, right):
+@instruction(BOX, BOX, BOX)
+def unite(builder, left, right):
     """Return the box of two boxes."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        left, right = arguments
-        return builder.select(builder.fcmp_ordered("<", left, right), left, right)
-
-    return BOX(BOX, BOX), generate
+    return builder.select(builder.fcmp_ordered("<", left, right), left, right)
 
 
-@intrinsic
-def add_to_box(typing_context, rows, row, box):
+@instruction(types.void, ARRAY, types.intp, BOX)
+def add_to_box(builder, rows, row, box):
     """Unite a box into `rows[row]`, and count it in the row's tally."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer = _row_pointer(context, builder, signature.args[0], *arguments[:2])
-        row, box = builder.load(pointer, align=_BYTES_PER_LANE), arguments[2]
-        united = builder.select(builder.fcmp_ordered("<", box, row), box, row)
-        counted = builder.add(builder.bitcast(row, _INT_ROW), ir.Constant(_INT_ROW, [1] * BOX_LANES))
-        mask = ir.Constant(_INT_ROW, _LAST_OF_OTHER)
-        result = builder.shuffle_vector(united, builder.bitcast(counted, _ROW), mask)
-        builder.store(result, pointer, align=_BYTES_PER_LANE)
-        return context.get_dummy_value()
-
-    return types.void(rows, types.intp, BOX), generate
+    pointer = _row_pointer(builder, rows, row)
+    before = builder.load(pointer, align=_BYTES_PER_LANE)
+    united = builder.select(builder.fcmp_ordered("<", box, before), box, before)
+    counted = builder.add(builder.bitcast(before, _INT_ROW), ir.Constant(_INT_ROW, [1] * BOX_LANES))
+    result = builder.shuffle_vector(united, builder.bitcast(counted, _ROW), ir.Constant(_INT_ROW, _LAST_OF_OTHER))
+    builder.store(result, pointer, align=_BYTES_PER_LANE)
 
 
-@intrinsic
-def tally_of(typing_context, box):
+@instruction(types.intp, BOX)
+def tally_of(builder, box):
     """Return the tally of a row."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        lanes = builder.bitcast(arguments[0], _INT_ROW)
-        return builder.zext(builder.extract_element(lanes, ir.Constant(_INT, BOX_TALLY)), ir.IntType(64))
-
-    return types.intp(BOX), generate
+    lanes = builder.bitcast(box, _INT_ROW)
+    return builder.zext(builder.extract_element(lanes, ir.Constant(_INT, BOX_TALLY)), ir.IntType(64))
 
 
-@intrinsic
-def as_node(typing_context, box, first, count):
+@instruction(BOX, BOX, types.intp, types.intp)
+def as_node(builder, box, first, count):
     """Return a box with a positive maximum, and two int32 in the tag and in the tally: a row of `structs.NODE`."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        box, *numbers = arguments
-        zero = ir.Constant(_ROW, [0.0] * BOX_LANES)
-        # Subtracted from 0 instead of negated, which could make -0.0.
-        positive = builder.fsub(zero, box)
-        row = builder.shuffle_vector(box, positive, ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER))
-        lanes = builder.bitcast(row, _INT_ROW)
-        for lane, number in zip((BOX_TAG, BOX_TALLY), numbers, strict=True):
-            lanes = builder.insert_element(lanes, builder.trunc(number, _INT), ir.Constant(_INT, lane))
-        return builder.bitcast(lanes, _ROW)
-
-    return BOX(BOX, types.intp, types.intp), generate
+    zero = ir.Constant(_ROW, [0.0] * BOX_LANES)
+    # Subtracted from 0 instead of negated, which could make -0.0.
+    positive = builder.fsub(zero, box)
+    row = builder.shuffle_vector(box, positive, ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER))
+    lanes = builder.bitcast(row, _INT_ROW)
+    for lane, number in ((BOX_TAG, first), (BOX_TALLY, count)):
+        lanes = builder.insert_element(lanes, builder.trunc(number, _INT), ir.Constant(_INT, lane))
+    return builder.bitcast(lanes, _ROW)
 
 
-@intrinsic
-def box_of_node(typing_context, node):
+@instruction(BOX, BOX)
+def box_of_node(builder, node):
     """Return the box of a row of `structs.NODE`, the inverse of `as_node`."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        mask = ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER)
-        return builder.shuffle_vector(arguments[0], builder.fneg(arguments[0]), mask)
-
-    return BOX(BOX), generate
+    return builder.shuffle_vector(node, builder.fneg(node), ir.Constant(_INT_ROW, _UPPER_HALF_OF_OTHER))
 
 
-@intrinsic
-def empty_box(typing_context):
+@instruction(BOX)
+def empty_box(builder):
     """Return the neutral element of `unite`; its tally is 0."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return ir.Constant(_ROW, [float("inf")] * BOX_TALLY + [0.0])
-
-    return BOX(), generate
+    return ir.Constant(_ROW, [float("inf")] * BOX_TALLY + [0.0])
 
 
-@intrinsic
-def centroid_of(typing_context, box):
+@instruction(BOX, BOX)
+def centroid_of(builder, box):
     """Return the box that holds only the doubled centroid, min + max."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        # Minus the swapped halves: min - (-max) in the lower half, -max - min in the upper one.
-        swapped = _shuffle(builder, arguments[0], _SWAPPED)
-        return builder.fsub(arguments[0], swapped)
-
-    return BOX(BOX), generate
+    # Minus the swapped halves: min - (-max) in the lower half, -max - min in the upper one.
+    return builder.fsub(box, _shuffle(builder, box, _SWAPPED))
 
 
-@intrinsic
-def half_area(typing_context, box):
+@instruction(types.float64, BOX)
+def half_area(builder, box):
     """Return half the surface area of a box that is not empty, as float64."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        # In float64: areas of a mesh that is 1e20 units wide do not fit float32.
-        wide = ir.VectorType(_DOUBLE, _HALF)
-        lower = builder.fpext(_shuffle(builder, arguments[0], _LOWER_AXES), wide)
-        upper = builder.fpext(_shuffle(builder, arguments[0], _UPPER_AXES), wide)
-        size = builder.fadd(lower, upper)  # negative, which cancels in the products
-        products = builder.fmul(size, _shuffle(builder, size, [1, 2, 0, 0]))
-        x, y, z = (builder.extract_element(products, ir.Constant(_INT, axis)) for axis in range(3))
-        return builder.fadd(builder.fadd(x, y), z)
-
-    return types.float64(BOX), generate
+    # In float64: areas of a mesh that is 1e20 units wide do not fit float32.
+    wide = ir.VectorType(_DOUBLE, _HALF)
+    lower = builder.fpext(_shuffle(builder, box, _LOWER_AXES), wide)
+    upper = builder.fpext(_shuffle(builder, box, _UPPER_AXES), wide)
+    size = builder.fadd(lower, upper)  # negative, which cancels in the products
+    products = builder.fmul(size, _shuffle(builder, size, [1, 2, 0, 0]))
+    x, y, z = (builder.extract_element(products, ir.Constant(_INT, axis)) for axis in range(3))
+    return builder.fadd(builder.fadd(x, y), z)
 
 
-@intrinsic
-def scales_of(typing_context, bounds, bin_count, smallest_extent):
+@instruction(BOX, BOX, types.float32, types.float32)
+def scales_of(builder, bounds, bin_count, smallest_extent):
     """Return the factors ``bin_count / extent`` of a box in the first three lanes; 0 on an axis that is flat.
 
     Parameters
@@ -232,39 +178,23 @@ def scales_of(typing_context, bounds, bin_count, smallest_extent):
     smallest_extent : float32
         An extent that is not above this is flat.
     """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        bounds, bin_count, smallest = arguments
-        swapped = _shuffle(builder, bounds, _SWAPPED)
-        extent = builder.fneg(builder.fadd(bounds, swapped))
-        flat = builder.fcmp_unordered("<=", extent, _splat(builder, smallest))
-        scale = builder.fdiv(_splat(builder, bin_count), extent)
-        return builder.select(flat, ir.Constant(_ROW, [0.0] * BOX_LANES), scale)
-
-    return BOX(BOX, types.float32, types.float32), generate
+    extent = builder.fneg(builder.fadd(bounds, _shuffle(builder, bounds, _SWAPPED)))
+    flat = builder.fcmp_unordered("<=", extent, _splat(builder, smallest_extent))
+    scale = builder.fdiv(_splat(builder, bin_count), extent)
+    return builder.select(flat, ir.Constant(_ROW, [0.0] * BOX_LANES), scale)
 
 
-@intrinsic
-def lane_of(typing_context, box, lane):
+@instruction(types.float32, BOX, types.intp)
+def lane_of(builder, box, lane):
     """Return one lane of a box."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.extract_element(arguments[0], builder.trunc(arguments[1], _INT))
-
-    return types.float32(BOX, types.intp), generate
+    return builder.extract_element(box, builder.trunc(lane, _INT))
 
 
-@intrinsic
-def bins_of(typing_context, box, lower, scale):
+@instruction(types.UniTuple(types.intp, 3), BOX, BOX, BOX)
+def bins_of(builder, box, lower, scale):
     """Return the bins of a box's centroid on the three axes, each ``int((centroid - lower) * scale)``."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        box, lower, scale = arguments
-        centroid = builder.fsub(_shuffle(builder, box, _LOWER_AXES), _shuffle(builder, box, _UPPER_AXES))
-        distance = builder.fsub(centroid, _shuffle(builder, lower, _LOWER_AXES))
-        position = builder.fmul(distance, _shuffle(builder, scale, _LOWER_AXES))
-        whole = builder.fptosi(position, ir.VectorType(_INT, _HALF))
-        axes = [builder.zext(builder.extract_element(whole, ir.Constant(_INT, a)), ir.IntType(64)) for a in range(3)]
-        return context.make_tuple(builder, signature.return_type, axes)
-
-    return types.UniTuple(types.intp, 3)(BOX, BOX, BOX), generate
+    centroid = builder.fsub(_shuffle(builder, box, _LOWER_AXES), _shuffle(builder, box, _UPPER_AXES))
+    distance = builder.fsub(centroid, _shuffle(builder, lower, _LOWER_AXES))
+    position = builder.fmul(distance, _shuffle(builder, scale, _LOWER_AXES))
+    whole = builder.fptosi(position, ir.VectorType(_INT, _HALF))
+    return [builder.zext(builder.extract_element(whole, ir.Constant(_INT, axis)), ir.IntType(64)) for axis in range(3)]

@@ -15,10 +15,10 @@ from ..choices import STANDARD_VIEWS
 from .cameras.projection import Orthographic
 from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
+from .options import RenderOptions
 from .picture import Picture
 from .renderer import Renderer
 from .view import View
-from .world import RenderOptions
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,6 @@ from ..errors import SceneError
 from ..geometry import Mesh, Shape, Spheres
 from .cameras.bounds import SceneBounds
 from .vectors import Vector
-
-AUTO: Literal["auto"] = "auto"
 
 Y_UP: Vector = (0.0, 1.0, 0.0)
 Z_UP: Vector = (0.0, 0.0, 1.0)

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from .cameras.camera import Camera
 from .open_scene import SceneLike
+from .options import RenderOptions
 from .picture import Picture
 from .renderer import DEFAULT_CHANNELS, Renderer
 from .view import View
-from .world import RenderOptions
 
 if TYPE_CHECKING:
     from .images.images import Images

@@ -31,11 +31,12 @@ from .cameras.camera import Camera
 from .frame import FrameRenderer
 from .kernel_view import make_kernel_view
 from .open_scene import SceneLike, as_scene
+from .options import RenderOptions
 from .painters import Painters, open_session
 from .picture import Picture, list_picture_ms, list_setup_ms
 from .view import MAX_SAMPLES, View
 from .view_finder import ViewFinder
-from .world import RenderOptions, World
+from .world import World
 
 if TYPE_CHECKING:
     from .images.images import Images

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, SceneError
 from ..support.files import read_regular
-from .cameras.projection import Projection, from_named
+from .cameras.projection import AUTO, Projection, name_of, read_projection
 from .cut import Cut
-from .guesses import AUTO
 from .object_tables import given, read_mesh_source, read_objects, read_transform
 from .objects import SceneObject, load_objects
 from .scene import Scene
@@ -166,5 +165,9 @@ def _as_vector(row: list[float]) -> Vector:
 
 def _read_projection(camera: TomlTable) -> Projection | None:
     """Return the projection of a camera; None for perspective."""
-    values = given(kind=camera.text("kind"), height=camera.number("height"), angle=camera.number("angle"))
-    return from_named({"kind": "perspective"} | values)
+    projection = read_projection(camera.text("kind"))
+    values = given(height=camera.number("height"), angle=camera.number("angle"))
+    for name in values:
+        if not hasattr(projection, name):
+            raise SceneError(f"a camera of the kind {name_of(projection)} has no {name}")
+    return projection and replace(projection, **values)

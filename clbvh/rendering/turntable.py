@@ -19,9 +19,9 @@ from ..choices import STANDARD_VIEWS
 from ..errors import ConfigError
 from ..support.files import as_path, check_target, temporary_folder, write_atomically
 from .open_scene import SceneLike
+from .options import RenderOptions
 from .renderer import Renderer
 from .view import View
-from .world import RenderOptions
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
 

@@ -1,38 +1,22 @@
-"""Numbers, vectors, points and small matrices as users give them: their checks, and their text in messages."""
+"""Numbers, vectors, points and small matrices as users give them: their checks, and their text in messages.
+
+Vectors and numbers must not need numpy: the help of the command line knows them.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Real
-from typing import TypeGuard
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from ..errors import SceneError
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
 Vector = tuple[float, float, float]
-
-
-def is_vector(value: object) -> bool:
-    """Return whether a value is three finite numbers."""
-    try:
-        array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        return False
-    return array.shape == (3,) and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
-
-
-def check_vector(name: str, value: object) -> None:
-    """Raise `SceneError` unless a value is three finite numbers."""
-    if not is_vector(value):
-        raise SceneError(f"{name} must be three finite numbers, not {value!r}")
-
-
-def as_vector(values: NDArray[np.float64]) -> Vector:
-    """Return an array of three numbers as Python floats."""
-    return float(values[0]), float(values[1]), float(values[2])
 
 
 def is_finite_number(value: object) -> TypeGuard[float]:
@@ -43,6 +27,38 @@ def is_finite_number(value: object) -> TypeGuard[float]:
         return math.isfinite(value)
     except OverflowError:  # a longer integer
         return False
+
+
+def is_vector(value: Any) -> bool:
+    """Return whether a value is three finite numbers."""
+    parts = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(parts, Sequence) or len(parts) != len("xyz"):
+        return False
+    # Numbers may be arrays without axes.
+    return all(is_finite_number(part.tolist() if hasattr(part, "tolist") else part) for part in parts)
+
+
+def check_vector(name: str, value: object) -> None:
+    """Raise `SceneError` unless a value is three finite numbers."""
+    if not is_vector(value):
+        raise SceneError(f"{name} must be three finite numbers, not {value!r}")
+
+
+def as_vector(values: Any) -> Vector:
+    """Return three numbers as Python floats."""
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def read_vector(name: str, value: Any) -> Vector:
+    """Return a user's vector as Python floats; raise `SceneError` unless it is three finite numbers."""
+    check_vector(name, value)
+    return as_vector(value)
+
+
+def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
+    """Raise `SceneError` unless a value is one of several words."""
+    if not isinstance(value, str) or value not in choices:
+        raise SceneError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
 
 def read_points(name: str, values: ArrayLike, count: int) -> NDArray[np.float64]:
@@ -58,6 +74,8 @@ def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray
 def _read_array(
     name: str, values: ArrayLike, expected: str, fits: Callable[[tuple[int, ...]], bool]
 ) -> NDArray[np.float64]:
+    import numpy as np  # imported here: vectors do not need it
+
     try:
         array = np.asarray(values)
     except ValueError:

@@ -362,8 +362,10 @@ class View:
             raise SceneError(f"the side '{self.side}' and {other} were given: take one of them out")
         if self.projection is not None and self.fov != DEFAULT_FOV:
             raise SceneError("fov is that of a perspective camera: take it out, or the projection")
-        if self.aperture and self.projection is not None and not self.projection.has_focus:
-            raise SceneError("a fisheye or a panorama has no plane of focus: its aperture must be 0")
+        if self.aperture and self.projection is not None:
+            from .cameras.projection import check_focus
+
+            check_focus(self.projection, self.aperture, self.focus_distance)
         if self.samples is not None and self.samples > 1 and self.shading in REPORT_SHADINGS:
             raise SceneError(
                 f"the shading '{self.shading}' has one sample, the centre of each pixel, and not {self.samples:,}: "

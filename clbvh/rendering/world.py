@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.build import BUILDERS, build, leaf_limit
+from ..builders.build import build, leaf_limit
 from ..builders.options import MAX_DEPTH
-from ..builders.tree_cache import BuildResult, TreeOptions, get_tree
+from ..builders.tree_cache import BuildResult, get_tree
 from ..bvh import Bvh, sah_cost, validate_tree
-from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..geometry.box_mesh import mesh_of
 from ..scene.state import SceneState, dress_shapes
-from ..trace.device_tree import BRUTE, DeviceTree, check_layout
+from ..trace.device_tree import BRUTE, DeviceTree
 from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
@@ -27,46 +25,7 @@ from ..trace.traced_tree import TracedTree
 from .cameras.bounds import SceneBounds
 from .film.light_tables import local_maps
 from .film.look_tables import Looks
-
-
-@dataclass(frozen=True)
-class RenderOptions(TreeOptions):
-    """The options of a rendering that do not change the picture.
-
-    Attributes
-    ----------
-    builder, workers, build, cache
-        See `TreeOptions`. The builder may also be ``"brute"``: no tree.
-    device : DeviceInfo, str, int or None
-        See `choose_device`.
-    layout : str
-        Layout of the tree on the device, or ``"auto"``: the one that suits the device, but ``"bvh2"`` for the builder
-        ``"frontier"``, because a wide layout would split its large leaves.
-    validate : bool
-        Check the tree, and compare a sample of the pixels with the slow reference.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> clbvh.RenderOptions(layout="bvh4").layout
-    'bvh4'
-    """
-
-    device: DeviceInfo | str | int | None = None
-    layout: str = "auto"
-    validate: bool = False
-
-    allowed_builders: ClassVar[tuple[str, ...]] = (*BUILDERS, BRUTE)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_layout(self.layout)
-
-    @property
-    def chosen_layout(self) -> str:
-        """The layout to ask the device for, with ``"auto"`` resolved where the builder decides."""
-        return "bvh2" if self.layout == "auto" and self.builder == "frontier" else self.layout
-
+from .options import RenderOptions
 
 # The cost is rays times primitives: with more of them than this, a picture would take hours.
 BRUTE_LIMIT = 100_000

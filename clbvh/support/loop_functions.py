@@ -6,7 +6,9 @@ float64: the library's `frexp` and `ldexp` take 5 ns a call.
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -74,14 +76,47 @@ def times_power_of_two(value, exponent):
     return math.ldexp(value, exponent)
 
 
-@intrinsic
-def fused(typing_context, a, b, c):
+ARRAY = None  # among the operands of `instruction`
+
+
+def instruction(result: Any, *operands: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Make a function for compiled loops of one that writes its LLVM: ``write(builder, *values)``.
+
+    Parameters
+    ----------
+    result : numba type
+        A tuple's values are written as a list.
+    *operands : numba type, or ARRAY
+        Of a C-contiguous array the value is the pointer to its first item.
+    """
+
+    def make(write: Callable[..., Any]) -> Any:
+        def define(typing_context: Any, *given: Any) -> Any:
+            kinds = [kind if operand is ARRAY else operand for operand, kind in zip(operands, given, strict=True)]
+            return result(*kinds), lower
+
+        def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            values = [
+                context.make_array(kind)(context, builder, value).data if operand is ARRAY else value
+                for operand, kind, value in zip(operands, signature.args, arguments, strict=True)
+            ]
+            written = write(builder, *values)
+            if isinstance(written, list):
+                return context.make_tuple(builder, signature.return_type, written)
+            return context.get_dummy_value() if written is None else written
+
+        define.__name__, define.__doc__ = write.__name__, write.__doc__
+        # The names by which compiled loops may call it; numba drops the first parameter.
+        vars(define)["__signature__"] = inspect.signature(write)
+        return intrinsic(define)
+
+    return make
+
+
+@instruction(types.float32, types.float32, types.float32, types.float32)
+def fused(builder, a, b, c):
     """Return a * b + c in float32, rounded once."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.fma(*arguments)
-
-    return types.float32(types.float32, types.float32, types.float32), generate
+    return builder.fma(a, b, c)
 
 
 _INT = ir.IntType(32)
@@ -91,28 +126,16 @@ _BYTES = ir.IntType(8).as_pointer()
 _TO_READ_INTO_ALL_CACHES = (0, 3, 1)
 
 
-@intrinsic
-def prefetch(typing_context, array, index):
+@instruction(types.void, ARRAY, types.intp)
+def prefetch(builder, array, index):
     """Ask for element `index` of a C-contiguous array before it is needed; any index is allowed."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, index = arguments
-        data = context.make_array(signature.args[0])(context, builder, array).data
-        pointer = builder.bitcast(builder.gep(data, [index]), _BYTES)
-        types_of_call = ir.FunctionType(ir.VoidType(), [_BYTES, _INT, _INT, _INT])
-        ask = builder.module.declare_intrinsic("llvm.prefetch", [_BYTES], types_of_call)
-        builder.call(ask, [pointer, *(ir.Constant(_INT, value) for value in _TO_READ_INTO_ALL_CACHES)])
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), generate
+    pointer = builder.bitcast(builder.gep(array, [index]), _BYTES)
+    types_of_call = ir.FunctionType(ir.VoidType(), [_BYTES, _INT, _INT, _INT])
+    ask = builder.module.declare_intrinsic("llvm.prefetch", [_BYTES], types_of_call)
+    builder.call(ask, [pointer, *(ir.Constant(_INT, value) for value in _TO_READ_INTO_ALL_CACHES)])
 
 
-@intrinsic
-def add_atomically(typing_context, counter, amount):
+@instruction(types.int64, ARRAY, types.int64)
+def add_atomically(builder, counter, amount):
     """Add to word 0 of an int64 array, undivided by any other thread or process; return what was there."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        return builder.atomic_rmw("add", word, arguments[1], "seq_cst")
-
-    return types.int64(counter, types.int64), generate
+    return builder.atomic_rmw("add", counter, amount, "seq_cst")

@@ -209,7 +209,7 @@ def test_a_bad_scene_is_bad_input(tmp_path):
         (("--quality", "best"), ("quality", "best")),
         (("--leaf-size", "0"), ("leaf_size", "0")),
         (("--fov", "180"), ("fov", "180")),
-        (("--camera", "pinhole"), ("kind", "pinhole", "panorama")),
+        (("--camera", "pinhole"), ("projection", "pinhole", "panorama")),
         (("--camera", "panorama:3"), ("panorama", "no value")),
         (("--camera", "fisheye:wide"), ("fisheye", "wide")),
         (("--camera", "fisheye:400"), ("fisheye", "360")),

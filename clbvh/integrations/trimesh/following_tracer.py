@@ -20,7 +20,7 @@ from ...device.context import check_process, is_inherited
 from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
-from ...scene.contents import Scene
+from ...scene.scene import Scene
 from ...scene.handles import Geometry
 from ...scene.parts import make_affine
 from ...scene.transforms import check_transforms

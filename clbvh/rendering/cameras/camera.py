@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
 from ...support.memory import check_memory
-from ..vectors import Vector, as_vector, check_vector, is_finite_number, read_points
+from ..vectors import Vector, as_vector, is_finite_number, read_points, read_vector
 from .lens import Lens, check_size
 from .pose import make_axes, make_pose, read_pose, rotate_about_axis
-from .projection import Fisheye, Orthographic, Panorama, Projection, check_projection, name_of
+from .projection import (
+    DEFAULT_FOV,
+    DEFAULT_UP,
+    Fisheye,
+    Orthographic,
+    Panorama,
+    check_focus,
+    check_fov,
+    name_of,
+    read_projection,
+)
 from .rays import RayModel, find_ray_model, make_rays, pixel_centres_of
 
 # Directions and a copy of them on the way; origins; the coordinates of curved projections and their steps.
 _BYTES_PER_RAY = 48
 _BYTES_PER_ORIGIN = 48
 _BYTES_PER_CURVED_RAY = 200
-
-DEFAULT_FOV = 35.0
-DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -86,9 +92,8 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("eye", "look_at", "up"):
-            check_vector(f"the camera's {name}", getattr(self, name))
             # Tuples of Python numbers, so that cameras can be compared and hashed.
-            object.__setattr__(self, name, as_vector(getattr(self, name)))
+            object.__setattr__(self, name, read_vector(f"the camera's {name}", getattr(self, name)))
         if self.lens is not None:
             if not isinstance(self.lens, Lens):
                 raise SceneError(f"the camera's lens must be a Lens or None, not {self.lens!r}")
@@ -99,7 +104,7 @@ class Camera:
             object.__setattr__(self, "fov", self.lens.fov)
         check_fov(self.fov)
         object.__setattr__(self, "fov", float(self.fov))
-        check_projection(self.projection)
+        object.__setattr__(self, "projection", read_projection(self.projection))
         if self.projection is not None and self.lens is not None:
             raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
         if self.projection == Orthographic():
@@ -429,14 +434,13 @@ class Camera:
             raise SceneError(f"a camera orbits by a finite number of degrees, not {degrees!r}")
         if about is None and self.lens is not None:
             raise SceneError("a camera with a lens has no point to orbit: give one as `about`")
-        centre, direction = self.look_at if about is None else about, self.up if axis is None else axis
-        check_vector("the point that a camera orbits", centre)
-        check_vector("the axis that a camera orbits around", direction)
+        centre = read_vector("the point that a camera orbits", self.look_at if about is None else about)
+        direction = read_vector("the axis that a camera orbits around", self.up if axis is None else axis)
         if not any(direction):
             raise SceneError("the axis that a camera orbits around must not be zero")
         # Whole turns are left out in degrees, where they are exact.
         angle = math.radians(math.fmod(degrees, 360.0))
-        centre, rotation = as_vector(np.asarray(centre)), rotate_about_axis(np.asarray(direction, np.float64), angle)
+        rotation = rotate_about_axis(np.asarray(direction, np.float64), angle)
 
         def turn(point: Vector) -> Vector:
             return as_vector(np.asarray(centre) + rotation @ np.subtract(point, centre))
@@ -500,19 +504,3 @@ class Camera:
         if self.focus_distance is not None:
             return self.focus_distance
         return math.dist(self.eye, self.look_at)
-
-
-def check_focus(projection: Projection | None, aperture: float, focus_distance: float | None) -> None:
-    """Raise `SceneError` unless these values describe a lens that the projection can have."""
-    if not is_finite_number(aperture) or not aperture >= 0:
-        raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
-    if aperture and isinstance(projection, Fisheye | Panorama):
-        raise SceneError(f"a {name_of(projection)} camera has no plane of focus: its aperture must be 0")
-    if focus_distance is not None and not (is_finite_number(focus_distance) and focus_distance > 0):
-        raise SceneError(f"the camera's focus_distance must be a finite number above 0, not {focus_distance!r}")
-
-
-def check_fov(fov: float) -> None:
-    """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
-    if isinstance(fov, bool) or not isinstance(fov, Real) or not 0 < fov < 180:
-        raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")

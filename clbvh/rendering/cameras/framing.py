@@ -13,9 +13,9 @@ from ...errors import SceneError
 from ...geometry import Mesh
 from ..vectors import Vector, as_vector
 from .bounds import MARGIN, SMALLEST_DISTANCE, SceneBounds, View, ViewPlanes, find_bounds, find_bounds_of_all
-from .camera import DEFAULT_FOV, DEFAULT_UP, Camera, check_fov
+from .camera import Camera
 from .pose import find_sides, make_axes
-from .projection import Fisheye, Orthographic, Panorama, Projection
+from .projection import DEFAULT_FOV, DEFAULT_UP, Fisheye, Orthographic, Panorama, Projection, check_fov
 
 
 def frame_mesh(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
-from ..vectors import is_finite_number, read_matrix, show_matrix
+from ..vectors import check_choice, is_finite_number, read_matrix, show_matrix
 
 # The fraction in the coordinates of pixel centres: 0.5 if the pixel with index j covers the columns j to j + 1, as in
 # OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.
@@ -249,8 +249,7 @@ def check_size(width: object, height: object) -> None:
 
 
 def _find_centre(pixel_centres: str) -> float:
-    if not isinstance(pixel_centres, str) or pixel_centres not in PIXEL_CENTRES:
-        raise SceneError(f"pixel_centres must be one of {', '.join(PIXEL_CENTRES)}, not {pixel_centres!r}")
+    check_choice("pixel_centres", pixel_centres, PIXEL_CENTRES)
     return PIXEL_CENTRES[pixel_centres]
 
 

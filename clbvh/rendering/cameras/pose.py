@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...choices import STANDARD_VIEWS
 from ...errors import SceneError
-from ..vectors import Vector, read_matrix, show_matrix
+from ..vectors import Vector, check_choice, read_matrix, show_matrix
+from .projection import check_view
 
 # The signs of right, up and forward in the first three columns of a pose.
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}
@@ -91,8 +91,7 @@ def rotate_about_axis(axis: _Vector, angle: float) -> NDArray[np.float64]:
 
 
 def _find_signs(convention: str) -> NDArray[np.float64]:
-    if not isinstance(convention, str) or convention not in CONVENTIONS:
-        raise SceneError(f"the convention must be one of {', '.join(CONVENTIONS)}, not {convention!r}")
+    check_choice("the convention", convention, CONVENTIONS)
     return np.array(CONVENTIONS[convention])
 
 
@@ -100,12 +99,6 @@ def _find_signs(convention: str) -> NDArray[np.float64]:
 # and from above; in the isometric one the three axes have equal lengths.
 _AUTOMATIC = 30.0, 18.0
 _ISOMETRIC = 45.0, math.degrees(math.atan(math.sqrt(0.5)))
-
-
-def check_view(name: object) -> None:
-    """Raise `SceneError` unless this is one of `STANDARD_VIEWS`."""
-    if not isinstance(name, str) or name not in STANDARD_VIEWS:
-        raise SceneError(f"the view must be one of {', '.join(STANDARD_VIEWS)}, not {name!r}")
 
 
 def find_sides(name: str | None, up: Vector) -> tuple[_Vector, Vector]:

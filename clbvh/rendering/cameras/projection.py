@@ -1,15 +1,16 @@
-"""Projections other than perspective, as users give them to cameras and scenes.
+"""A camera in words and numbers, as users give them: its projection, its field of view, which way is up, its side.
 
-Owns their values and the checks of these. `ray_model.py` makes rays of them.
+Owns these values, their checks and their texts. `rays.py` makes rays of projections. Must not import numpy: the help of
+the command line reads it.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import astuple, dataclass
+from typing import Any, Literal
 
 from ...errors import SceneError
-from ..vectors import is_finite_number
+from ..vectors import Vector, as_vector, check_choice, is_finite_number, is_vector
 
 _FULL_TURN = 360.0
 
@@ -100,7 +101,6 @@ class Panorama:
 
 Projection = Orthographic | Fisheye | Panorama
 
-# By the names in scene files and on the command line.
 PROJECTION_KINDS: dict[str, type[Projection] | None] = {
     "perspective": None,
     "orthographic": Orthographic,
@@ -109,71 +109,125 @@ PROJECTION_KINDS: dict[str, type[Projection] | None] = {
 }
 
 
-def check_projection(projection: object) -> None:
-    """Raise `SceneError` unless this is a projection, or None for perspective."""
-    if projection is not None and not isinstance(projection, Projection):
-        raise SceneError(
-            f"the camera's projection must be a clbvh.Orthographic, Fisheye or Panorama, or None, not {projection!r}"
-        )
-
-
-def as_named(projection: Projection | None) -> dict[str, Any] | None:
-    """Return a projection as plain values: its kind, and its own."""
-    return None if projection is None else {"kind": name_of(projection), **asdict(projection)}
-
-
-def from_named(values: object) -> Projection | None:
-    """Return the projection of plain values, as `as_named` makes them; None for perspective.
-
-    Raises
-    ------
-    SceneError
-        The kind is unknown, or a value is not one of that kind.
-    """
-    if values is None:
-        return None
-    if not isinstance(values, dict):
-        raise SceneError(f"the camera's projection must be a table, not {type(values).__name__}")
-    values = dict(values)
-    name = values.pop("kind", None)
-    kind = find_kind(name)
-    known = [] if kind is None else [each.name for each in fields(kind)]
-    for other in values:
-        if other not in known:
-            raise SceneError(f"a camera of the kind {name} has no {other}")
-    return None if kind is None else kind(**values)
-
-
-def parse_projection(text: str) -> Projection | None:
-    """Return the projection of the command line: a kind, and perhaps its value, as in ``fisheye:220``.
+def read_projection(value: object) -> Projection | None:
+    """Return the projection that a user gives: one, None for perspective, or a text such as ``fisheye:220``.
 
     Raises
     ------
     SceneError
         The kind is unknown, or it has no value, or not this one.
+
+    Examples
+    --------
+    >>> from clbvh.rendering.cameras.projection import read_projection
+    >>> read_projection("fisheye:220")
+    Fisheye(angle=220.0)
     """
-    name, colon, value = text.partition(":")
-    kind = find_kind(name)
+    if value is None or isinstance(value, Projection):
+        return value
+    if not isinstance(value, str):
+        raise SceneError(
+            f"the camera's projection must be a clbvh.Orthographic, Fisheye or Panorama, None, or a text such as "
+            f"'fisheye:220', not {value!r}"
+        )
+    name, colon, text = value.partition(":")
+    check_choice("the projection", name, PROJECTION_KINDS)
+    kind = PROJECTION_KINDS[name]
     if not colon:
         return None if kind is None else kind()
     if kind not in (Orthographic, Fisheye):
-        raise SceneError(f"a camera of the kind {name} has no value: give '{name}' alone")
+        raise SceneError(f"the projection {name} has no value: give '{name}' alone")
     try:
-        number = float(value)
+        number = float(text)
     except ValueError as error:
-        raise SceneError(f"the value of a camera must be a number, as in {name}:2, not '{value}'") from error
+        raise SceneError(f"the value of a projection must be a number, as in {name}:2, not '{text}'") from error
     return kind(number)
-
-
-def find_kind(name: object) -> type[Projection] | None:
-    """Return the class of a projection's name, None for perspective; raise `SceneError` for an unknown one."""
-    if not isinstance(name, str) or name not in PROJECTION_KINDS:
-        raise SceneError(f"the camera's kind must be one of {', '.join(PROJECTION_KINDS)}, not {name!r}")
-    return PROJECTION_KINDS[name]
 
 
 def name_of(projection: Projection | None) -> str:
     """Return the name of a projection's kind."""
-    if projection is None:
-        return "perspective"
-    return next(name for name, kind in PROJECTION_KINDS.items() if kind is not None and isinstance(projection, kind))
+    return "perspective" if projection is None else type(projection).__name__.lower()
+
+
+def text_of(projection: Projection | None) -> str:
+    """Return the text of which `read_projection` makes an equal projection.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> from clbvh.rendering.cameras.projection import text_of
+    >>> text_of(None), text_of(clbvh.Orthographic()), text_of(clbvh.Orthographic(0.1))
+    ('perspective', 'orthographic', 'orthographic:0.1')
+    """
+    values = () if projection is None else astuple(projection)
+    return ":".join([name_of(projection), *(repr(value) for value in values if value is not None)])
+
+
+DEFAULT_FOV = 35.0
+_LARGEST_FOV = 180.0
+
+
+def check_fov(fov: float) -> None:
+    """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
+    if not is_finite_number(fov) or not 0 < fov < _LARGEST_FOV:
+        raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
+
+
+def check_focus(projection: Projection | None, aperture: float, focus_distance: float | None) -> None:
+    """Raise `SceneError` unless these values describe a lens that the projection can have."""
+    if not is_finite_number(aperture) or not aperture >= 0:
+        raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
+    if aperture and isinstance(projection, Fisheye | Panorama):
+        raise SceneError(f"a {name_of(projection)} camera has no plane of focus: its aperture must be 0")
+    if focus_distance is not None and not (is_finite_number(focus_distance) and focus_distance > 0):
+        raise SceneError(f"the camera's focus_distance must be a finite number above 0, not {focus_distance!r}")
+
+
+AUTO: Literal["auto"] = "auto"
+DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
+_AXES = {
+    sign + axis: as_vector([length if each == axis else 0.0 for each in "xyz"])
+    for sign, length in (("", 1.0), ("+", 1.0), ("-", -1.0))
+    for axis in "xyz"
+}
+
+
+def read_up(value: Any) -> Vector | Literal["auto"]:
+    """Return the direction that a user calls up; ``"auto"`` stays.
+
+    Parameters
+    ----------
+    value : (3,) float, or str
+        An axis with or without a sign, such as ``z``, ``+z`` or ``-z``; three numbers such as ``0,0,1``; or ``auto``.
+
+    Raises
+    ------
+    SceneError
+        For anything else.
+
+    Examples
+    --------
+    >>> from clbvh.rendering.cameras.projection import read_up
+    >>> read_up("z"), read_up("-Z"), read_up("0,0,1")
+    ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
+    """
+    parts = value
+    if isinstance(value, str):
+        if value == AUTO:
+            return AUTO
+        try:
+            parts = _AXES.get(value.lower()) or [float(part) for part in value.split(",")]
+        except ValueError:
+            parts = None
+    if not is_vector(parts):
+        raise SceneError(f"up must be x, y or z, three numbers such as 0,0,1, or auto, not {value!r}")
+    return as_vector(parts)
+
+
+# The sides from which a scene is seen, in the order of a contact sheet.
+STANDARD_VIEWS = ("front", "right", "back", "left", "top", "bottom", "iso")
+
+
+def check_view(name: object) -> None:
+    """Raise `SceneError` unless this is one of `STANDARD_VIEWS`."""
+    check_choice("the view", name, STANDARD_VIEWS)

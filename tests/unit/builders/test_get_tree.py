@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Bvh, Mesh, RenderOptions, build, validate_tree
-from clbvh.builders.tree_cache import TreeOptions, cache_path, find_tree_cache, get_tree
+from clbvh.builders.tree_cache import cache_path, find_tree_cache, get_tree
+from clbvh.builders.tree_options import TreeOptions
 from clbvh.errors import ConfigError
 
 from ...soup import make_soup

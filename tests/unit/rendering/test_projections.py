@@ -10,6 +10,7 @@ import pytest
 
 import clbvh
 from clbvh import Camera, Fisheye, Lens, Orthographic, Panorama, SceneError
+from clbvh.rendering.cameras.projection import read_projection, text_of
 
 FRAME = {"eye": (3.0, 2.0, 5.0), "look_at": (0.5, -1.0, 0.0), "up": (0.1, 1.0, 0.2)}
 LOOKING_DOWN_Z = {"eye": (0, 0, 0), "look_at": (0, 0, -1)}
@@ -175,7 +176,7 @@ def test_an_angle_that_is_none_is_refused(angle):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"projection": "panorama"}, "must be a clbvh.Orthographic"),
+        ({"projection": "circle"}, "must be one of perspective, orthographic, fisheye, panorama"),
         ({"projection": Fisheye}, "must be a clbvh.Orthographic"),
         ({"projection": Orthographic()}, "needs a height"),
         ({"projection": Panorama(), "lens": Lens.from_fov(40, 64, 48)}, "the panorama one has none"),
@@ -229,3 +230,39 @@ def test_the_focus_is_the_point_looked_at_or_a_distance():
     assert Camera(**LOOKING_DOWN_Z, aperture=0.1).focus == 1
     assert Camera(**LOOKING_DOWN_Z, aperture=0.1, focus_distance=3).focus == 3
     assert clbvh.Camera(**LOOKING_DOWN_Z, aperture=np.float32(0.5), focus_distance=1e9).focus == 1e9
+
+
+@pytest.mark.parametrize(
+    "projection",
+    [None, Orthographic(), Orthographic(0.1 + 0.2), Fisheye(1 / 3), Panorama()],
+)
+def test_a_text_gives_the_same_projection(projection):
+    assert read_projection(text_of(projection)) == read_projection(projection) == projection
+    assert text_of(projection).split(":")[0] in ("perspective", "orthographic", "fisheye", "panorama")
+
+
+@pytest.mark.parametrize(
+    ("text", "projection"),
+    [("perspective", None), ("fisheye:220", Fisheye(220)), ("orthographic:2.5", Orthographic(2.5))],
+)
+def test_texts_of_projections(text, projection):
+    assert read_projection(text) == projection
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("", "must be one of perspective, orthographic, fisheye, panorama, not ''"),
+        ("Fisheye", "must be one of"),
+        ("panorama:3", "panorama has no value"),
+        ("perspective:", "perspective has no value"),
+        ("fisheye:wide", "must be a number, as in fisheye:2, not 'wide'"),
+        ("fisheye:", "must be a number"),
+        ("fisheye:400", "up to 360 degrees"),
+        ("orthographic:nan", "above 0"),
+        (220, "must be a clbvh.Orthographic"),
+    ],
+)
+def test_other_values_are_no_projection(value, message):
+    with pytest.raises(SceneError, match=message):
+        read_projection(value)

@@ -119,7 +119,7 @@ def test_one_background_colour_stands_for_both(read):
         ('[mesh]\nname = "a"\n[camera]\neye = [1, 2, nan]', "eye must be three finite numbers"),
         ('[mesh]\nname = "a"\n[camera]\nlook_at = [0, 0, 0]', "needs an eye"),
         ('[mesh]\nname = "a"\n[camera]\nfov = 0', "fov"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = "pinhole"', "kind must be one of perspective, orthographic"),
+        ('[mesh]\nname = "a"\n[camera]\nkind = "pinhole"', "projection must be one of perspective, orthographic"),
         ('[mesh]\nname = "a"\n[camera]\nkind = 3', "kind must be a text"),
         ('[mesh]\nname = "a"\n[camera]\nkind = "fisheye"\nheight = 2', "kind fisheye has no height"),
         ('[mesh]\nname = "a"\n[camera]\nangle = 90', "kind perspective has no angle"),

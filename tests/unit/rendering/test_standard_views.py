@@ -9,8 +9,8 @@ import clbvh
 from clbvh.errors import SceneError
 from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.cameras.framing import frame_mesh, measure_side
-from clbvh.rendering.cameras.pose import STANDARD_VIEWS, find_sides
-from clbvh.rendering.cameras.projection import Fisheye, Orthographic, Panorama
+from clbvh.rendering.cameras.pose import find_sides
+from clbvh.rendering.cameras.projection import STANDARD_VIEWS, Fisheye, Orthographic, Panorama
 from clbvh.rendering.view import sky_direction
 
 # Towards the camera, and up in the picture, where y is up and where z is.

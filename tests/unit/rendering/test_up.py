@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 import trimesh
 
 import clbvh
+from clbvh.rendering.cameras.projection import read_up
 from clbvh.rendering.guesses import Y_UP, Z_UP, guess_up
 
 CREATE = trimesh.creation
@@ -120,3 +123,25 @@ def test_a_spindle_does_not_stand_on_its_end_by_a_habit(sections):
 @pytest.mark.parametrize(("thickness", "up"), [(0.02, Y_UP), (0.05, Z_UP)])
 def test_nothing_stands_on_an_edge(thickness, up):
     assert guess(as_mesh(CREATE.box((thickness, 0.4, 1))), "stl").vector == up
+
+
+UPS = {
+    "z": (0, 0, 1), "+Z": (0, 0, 1), "-y": (0, -1, 0), "X": (1, 0, 0), "0,2,1": (0, 2, 1), "auto": "auto",
+    (0, 2, 1): (0, 2, 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("value", "up"), UPS.items())
+def test_up_may_be_the_name_of_an_axis(value, up):
+    assert read_up(value) == up
+
+
+@pytest.mark.parametrize("value", ["", "zz", "--z", "-", "0,0", "0,0,nan", "AUTO", None, 3, (1, 2), (0, 0, np.inf)])
+def test_up_is_nothing_else(value):
+    with pytest.raises(clbvh.SceneError, match="up must be x, y or z, three numbers such as 0,0,1, or auto, not"):
+        read_up(value)
+
+
+def test_what_users_say_of_cameras_needs_no_numpy():
+    code = "import sys, clbvh.rendering.cameras.projection; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -24,7 +24,7 @@ PACKAGE = Path(clbvh.__file__).parent
 SOURCES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 
 # Decorators of functions whose types numba infers.
-COMPILING = {"compiled", "intrinsic", "overload"}
+COMPILING = {"compiled", "intrinsic", "overload", "instruction"}
 
 # A package whose function `twice` is compiled into `quadruple`, which stands in another file.
 TWICE = "from clbvh.support.compiled import compiled\n\n\n@compiled\ndef twice(x):\n    return {factor} * x\n"

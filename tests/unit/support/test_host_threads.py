@@ -79,32 +79,33 @@ def test_it_works_again_after_it_was_closed(threads):
     assert threads.run(abs, [(-1,), (-2,), (-3,)]) == [1, 2, 3]
 
 
-def test_threads_that_begin_at_once_share_one_pool(monkeypatch):
-    made, make = [], host_threads.Thread
+def list_own():
+    """Return the threads of all pools that have not ended."""
+    return [thread for thread in threading.enumerate() if thread.name.startswith("clbvh")]
 
-    def make_slowly(**more):
-        made.append(1)
-        time.sleep(0.05)
-        return make(**more)
 
-    monkeypatch.setattr(host_threads, "Thread", make_slowly)
+def test_threads_that_begin_at_once_share_one_pool():
+    others = list_own()
     with HostThreads(3) as threads:
-        users = [threading.Thread(target=threads.run, args=(abs, [(1,), (2,), (3,)])) for _ in range(4)]
+        work = [(0.05,), (0.05,), (0.05,)]
+        users = [threading.Thread(target=threads.run, args=(time.sleep, work)) for _ in range(4)]
         for user in users:
             user.start()
         for user in users:
             user.join()
-    assert len(made) == 2
+        assert len(list_own()) - len(others) == 2
 
 
 def test_threads_end_when_they_are_closed_or_garbage():
+    others = list_own()
     threads = HostThreads(3)
-    threads.run(abs, [(1,), (2,), (3,)])
-    closed = list(threads._threads)
+    threads.run(time.sleep, [(0.05,), (0.05,), (0.05,)])
+    assert len(list_own()) - len(others) == 2
     threads.close()
-    assert [thread.is_alive() for thread in closed] == [False, False]
-    threads.run(abs, [(1,), (2,), (3,)])
-    dropped = list(threads._threads)
+    assert list_own() == others
+    threads.run(time.sleep, [(0.05,), (0.05,), (0.05,)])
+    dropped = [thread for thread in list_own() if thread not in others]
+    assert len(dropped) == 2
     del threads
     for thread in dropped:
         thread.join(30)
@@ -197,11 +198,10 @@ def test_where_no_thread_can_start_the_work_is_done_all_the_same(monkeypatch):
     def refuse(thread):
         raise RuntimeError("can't start new thread")
 
-    monkeypatch.setattr(host_threads.Thread, "start", refuse)
+    monkeypatch.setattr(threading.Thread, "start", refuse)
     with HostThreads(4) as threads:
         for _ in range(3):
             assert threads.run(lambda number: number + 1, [(number,) for number in range(10)]) == list(range(1, 11))
-        assert threads._jobs.empty()
 
 
 def test_steps_run_side_by_side_and_answer_in_their_order():

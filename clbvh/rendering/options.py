@@ -1,0 +1,62 @@
+"""The options of a rendering that do not change the picture. The command line derives its options from them.
+
+So it can be imported without numpy: layouts are imported when a choice is checked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..builders.tree_options import TreeOptions
+
+if TYPE_CHECKING:
+    from ..device.info import DeviceInfo
+
+
+@dataclass(frozen=True)
+class RenderOptions(TreeOptions):
+    """The options of a rendering that do not change the picture.
+
+    Attributes
+    ----------
+    builder : str
+        As in `TreeOptions`, or ``"brute"``: no tree.
+    workers, build, cache
+        See `TreeOptions`.
+    device : DeviceInfo, str, int or None
+        A number, a part of a name, ``"gpu"`` or ``"cpu"``, see `choose_device`. None: a GPU, if there is one.
+    layout : str
+        Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, or ``"auto"``: the one that suits the
+        device, but ``"bvh2"`` for the builder ``"frontier"``, because a wide layout would split its large leaves.
+    validate : bool
+        Check the tree, and compare a sample of the pixels with the slow reference.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> clbvh.RenderOptions(layout="bvh4").layout
+    'bvh4'
+    """
+
+    device: DeviceInfo | str | int | None = None
+    layout: str = "auto"
+    validate: bool = False
+
+    def __post_init__(self) -> None:
+        from ..trace.device_tree import check_layout
+
+        super().__post_init__()
+        check_layout(self.layout)
+
+    @staticmethod
+    def list_builders() -> tuple[str, ...]:
+        """Return the names of all builders, and that of none."""
+        from ..trace.device_tree import BRUTE
+
+        return (*TreeOptions.list_builders(), BRUTE)
+
+    @property
+    def chosen_layout(self) -> str:
+        """The layout to ask the device for, with ``"auto"`` resolved where the builder decides."""
+        return "bvh2" if self.layout == "auto" and self.builder == "frontier" else self.layout
