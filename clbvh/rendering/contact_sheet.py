@@ -125,9 +125,9 @@ def contact_sheet(
     >>> list(sheet.pictures)
     ['front', 'right', 'back', 'left', 'top', 'bottom', 'iso']
     """
-    with Renderer(source, view, options, on_phase=on_phase) as renderer:
-        settings = {"width": DEFAULT_WIDTH, "height": DEFAULT_HEIGHT, "ground": False} | changes
-        front = renderer.view.changed(**{"side": STANDARD_VIEWS[0]} | settings | {"transparent": False})
+    settings = {"width": DEFAULT_WIDTH, "height": DEFAULT_HEIGHT, "ground": False} | changes
+    with Renderer(source, view, options, on_phase=on_phase, **settings) as renderer:
+        front = renderer.view.changed(side=STANDARD_VIEWS[0], transparent=False)
         sizes = renderer.measure_views(STANDARD_VIEWS, up=front.up, frame=front.frame)
         # One scale for all sides: that of the tallest.
         levelled = [renderer.find_camera(front, side=side, projection=Orthographic()) for side in STANDARD_VIEWS]

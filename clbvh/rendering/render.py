@@ -69,11 +69,9 @@ def render(
     >>> picture.hits.count
     1565
     """
-    # A wrong setting is found before any work.
-    (view or View()).changed(**changes)
-    with Renderer(source, view, options, on_phase=on_phase) as renderer:
+    with Renderer(source, view, options, on_phase=on_phase, **changes) as renderer:
         picture = renderer.render(
-            time_limit_s=time_limit_s, on_samples=on_samples, is_stopped=is_stopped, on_phase=on_phase, **changes
+            time_limit_s=time_limit_s, on_samples=on_samples, is_stopped=is_stopped, on_phase=on_phase
         )
     timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}
     return replace(picture, timings=timings)
@@ -144,12 +142,9 @@ def render_images(
     from .images.channels import check_channels
 
     channels = check_channels(channels)
-    (view or View()).changed(**changes)
-    with Renderer(source, view, options, on_phase=on_phase) as renderer:
-        images = renderer.images(
-            channels, next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase, **changes
-        )
-        for note in renderer.list_notes(**changes):
+    with Renderer(source, view, options, on_phase=on_phase, **changes) as renderer:
+        images = renderer.images(channels, next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase)
+        for note in renderer.list_notes():
             if on_note is not None:
                 on_note(note)
     return images

@@ -65,6 +65,8 @@ class Renderer(ContextManager):
     options : RenderOptions, optional
     on_phase : function, optional
         Called with the name of each phase as it begins.
+    **changes
+        Settings of `View`, in place of those of the view.
 
     Raises
     ------
@@ -113,6 +115,7 @@ class Renderer(ContextManager):
         options: RenderOptions | None = None,
         *,
         on_phase: Callable[[str], None] | None = None,
+        **changes: Any,
     ) -> None:
         _check_type("view", view, View)
         _check_type("options", options, RenderOptions)
@@ -120,10 +123,11 @@ class Renderer(ContextManager):
         enter = on_phase or _ignore
         watch = Stopwatch()
         with ExitStack() as stack:
+            # A wrong setting is found before any work.
+            guessed = (view or View()).changed(**changes)
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            shading = View().shading if view is None else view.shading
-            make_world = partial(self._make_world, source, view, watch, enter)
-            _, session = side_by_side(make_world, partial(open_session, self._options.device, shading))
+            make_world = partial(self._make_world, source, view, changes, watch, enter)
+            _, session = side_by_side(make_world, partial(open_session, self._options.device, guessed.shading))
             # Closed if a step fails, and not at the end of this block.
             on_failure = stack.enter_context(ExitStack())
             on_failure.push(session)
@@ -144,12 +148,17 @@ class Renderer(ContextManager):
         self._session = session
 
     def _make_world(
-        self, source: SceneLike | list[str], view: View | None, watch: Stopwatch, enter: Callable[[str], None]
+        self,
+        source: SceneLike | list[str],
+        view: View | None,
+        changes: Mapping[str, Any],
+        watch: Stopwatch,
+        enter: Callable[[str], None],
     ) -> None:
         """Open the source, and build its trees on the host."""
         enter("load")
         self.scene, own_view = as_scene(source)
-        self.view = own_view if view is None else view
+        self.view = (own_view if view is None else view).changed(**changes)
         state = self.scene.snapshot()
         watch.lap("load")
         enter("build")

@@ -122,9 +122,8 @@ def render_turntable(
     """
     target = check_animation(path, frames_per_s)
     check_frame_count(frames)
-    (view or View()).changed(**changes)
-    with Renderer(source, view, options, on_phase=on_phase) as renderer:
-        turned = renderer.view.changed(**changes | {"transparent": False})
+    with Renderer(source, view, options, on_phase=on_phase, **changes) as renderer:
+        turned = renderer.view.changed(transparent=False)
         cameras = renderer.turntable(frames, turned)
         if on_note is not None:
             for note in renderer.list_notes(turned.changed(side=STANDARD_VIEWS[0])):

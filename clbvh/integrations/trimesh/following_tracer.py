@@ -20,9 +20,9 @@ from ...device.context import check_process, is_inherited
 from ...device.info import DeviceInfo
 from ...errors import ConfigError, DeviceError, QueryError, SceneError
 from ...geometry import Mesh
-from ...scene.scene import Scene
 from ...scene.handles import Geometry
 from ...scene.parts import make_affine
+from ...scene.scene import Scene
 from ...scene.transforms import check_transforms
 from ...trace.device_tree import check_layout
 from ...trace.tracer import Tracer
