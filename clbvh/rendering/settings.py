@@ -235,6 +235,11 @@ def vector(least: float | None = None, most: float | None = None, *, metavar: st
     return Kind(f"three finite numbers{limits}", read, metavar=metavar)
 
 
+def read_vector(name: str, value: Any) -> Vector:
+    """Return three finite numbers; raise `SceneError` with the name for anything else."""
+    return Setting(name, (), "", vector(), "", "", False).read(value)
+
+
 def group(members: type[Any], text: str) -> Kind:
     """Return a dataclass of settings, also as a table of them; True for its defaults, and False for None."""
 
