@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..errors import SceneError
-from .settings import Vector, read_vector
+from .vectors import Vector, read_vector
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +53,7 @@ class Cut:
     >>> import clbvh
     >>> ball = clbvh.make_shape("icosphere", triangles=320)
     >>> half = clbvh.Cut.plane((0, 0, 0), (0, 0, 1))
-    >>> picture = clbvh.render(ball, cut=half, view="front", up="y", width=64, height=48)
+    >>> picture = clbvh.render(ball, cut=half, side="front", up="y", width=64, height=48)
     >>> bool((picture.hits.locations[..., 2] < 1e-6).any())
     True
     """
@@ -227,11 +227,14 @@ def as_cut(value: Any) -> Cut:
         raise TypeError
     if height := _HEIGHT.fullmatch(value.replace(" ", "")):
         return _cut_at(*height.groups(), text=value)
-    is_box = value.startswith("box ")
-    first, semicolon, second = value.removeprefix("box ").partition(";")
-    if not semicolon:
-        raise _wrong(value)
-    return Cut("box" if is_box else "plane", first, second)  # type: ignore[arg-type]
+    kind = "box" if value.startswith("box ") else "plane"
+    try:
+        first, second = (
+            [float(part) for part in vector.split(",")] for vector in value.removeprefix("box ").split(";")
+        )
+    except ValueError:
+        raise _wrong(value) from None
+    return Cut(kind, first, second)  # type: ignore[arg-type]
 
 
 def _cut_at(name: str, side: str, number: str, unit: str, text: str) -> Cut:

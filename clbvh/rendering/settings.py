@@ -157,7 +157,7 @@ def say_unknown(name: str, known: Iterable[str], what: str = "setting") -> str:
     """Return the sentence about a name that does not exist, with the nearest one that does."""
     known = list(known)
     close = difflib.get_close_matches(name, known, 1)
-    rest = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+    rest = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known) or 'none'}"
     return f"there is no {what} '{name[:_MAX_SHOWN]}': {rest}"
 
 
@@ -233,11 +233,6 @@ def vector(least: float | None = None, most: float | None = None, *, metavar: st
         return x, y, z
 
     return Kind(f"three finite numbers{limits}", read, metavar=metavar)
-
-
-def read_vector(name: str, value: Any) -> Vector:
-    """Return three finite numbers; raise `SceneError` with the name for anything else."""
-    return Setting(name, (), "", vector(), "", "", False).read(value)
 
 
 def group(members: type[Any], text: str) -> Kind:

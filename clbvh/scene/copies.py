@@ -63,8 +63,7 @@ class Grid(Struct, frozen=True, forbid_unknown_fields=True):
     def matrices(self, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (count, 4, 4) float64 transforms, x fastest; `matrix` (4, 4) is that of the object."""
         axes = [
-            (np.arange(number) - (number - 1) / 2) * step
-            for number, step in zip(self.grid, self.spacing, strict=True)
+            (np.arange(number) - (number - 1) / 2) * step for number, step in zip(self.grid, self.spacing, strict=True)
         ]
         z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
         copies = np.repeat(matrix[None], self.count, axis=0)

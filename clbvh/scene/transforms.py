@@ -20,6 +20,7 @@ from ..geometry.mesh import Mesh
 from ..support.compiled import compiled
 from .handles import Vector, read_vector
 
+
 @dataclass(frozen=True)
 class Transform:
     """The placement of the mesh: scaled, then rotated, then translated.
@@ -107,7 +108,6 @@ class Transform:
         for axis, degrees in enumerate(self.rotate):
             rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
         return rotation
-
 
 
 def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:
