@@ -14,7 +14,7 @@ from .vectors import Vector, read_vector
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
 # The names of `first` and `second` in messages.
 _PARTS = {
@@ -114,7 +114,7 @@ class Cut:
         vectors = ";".join(",".join(map(repr, vector)) for vector in (self.first, self.second))
         return vectors if self.kind == "plane" else f"box {vectors}"
 
-    def resolved(self, lower: ArrayLike, upper: ArrayLike) -> Cut:
+    def resolved(self, lower: Vector | NDArray[np.float64], upper: Vector | NDArray[np.float64]) -> Cut:
         """Return the cut in the coordinates of a scene with this box: (3,) float each; per cent count from `lower`.
 
         Examples
@@ -128,7 +128,7 @@ class Cut:
         # A mean, which stays in float64 where a difference of the corners would not.
         x, y, z = (
             float(low) * (1 - share / _WHOLE) + float(high) * (share / _WHOLE)
-            for share, low, high in zip(self.first, lower, upper, strict=True)  # type: ignore[arg-type]
+            for share, low, high in zip(self.first, lower, upper, strict=True)
         )
         return Cut("plane", (x, y, z), self.second)
 
@@ -226,7 +226,7 @@ def as_cut(value: Any) -> Cut:
     if not isinstance(value, str):
         raise TypeError
     if height := _HEIGHT.fullmatch(value.replace(" ", "")):
-        return _cut_at(*height.groups(), text=value)
+        return _cut_at(value, *height.groups())
     kind = "box" if value.startswith("box ") else "plane"
     try:
         first, second = (
@@ -237,7 +237,7 @@ def as_cut(value: Any) -> Cut:
     return Cut(kind, first, second)  # type: ignore[arg-type]
 
 
-def _cut_at(name: str, side: str, number: str, unit: str, text: str) -> Cut:
+def _cut_at(text: str, name: str, side: str, number: str, unit: str) -> Cut:
     """Return the cut of a height along an axis."""
     try:
         height = float(number)

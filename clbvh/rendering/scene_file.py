@@ -116,21 +116,21 @@ class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True)
         return {name: value for name, value in self.source if name not in own and value is not UNSET}
 
 
-class _File(SceneObject, kw_only=True):
+class _File(SceneObject, kw_only=True, frozen=True):
     path: str
 
     def load(self) -> Mesh:
         return load_mesh(self.path)
 
 
-class _KnownMesh(SceneObject, kw_only=True):
+class _KnownMesh(SceneObject, kw_only=True, frozen=True):
     name: str
 
     def load(self) -> Mesh:
         return load_mesh(find_known_mesh(self.name))
 
 
-class _ProceduralShape(SceneObject, kw_only=True):
+class _ProceduralShape(SceneObject, kw_only=True, frozen=True):
     shape: str
     triangles: int = 100_000
     seed: int = 0
@@ -139,7 +139,7 @@ class _ProceduralShape(SceneObject, kw_only=True):
         return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
 
 
-class _ProceduralSpheres(SceneObject, kw_only=True):
+class _ProceduralSpheres(SceneObject, kw_only=True, frozen=True):
     spheres: str
     number: int = msgspec.field(default=100_000, name="count")
     seed: int = 0
@@ -152,7 +152,7 @@ class _ProceduralSpheres(SceneObject, kw_only=True):
         return Spheres.from_arrays(made.centres, made.radii, name=self.spheres, **looks)
 
 
-class _SpheresFile(SceneObject, kw_only=True):
+class _SpheresFile(SceneObject, kw_only=True, frozen=True):
     spheres: str
     radii: float | None = None
 
@@ -164,10 +164,11 @@ class _SpheresFile(SceneObject, kw_only=True):
             raise SceneError(f"{self.spheres}: the file has its own radii: leave 'radii' out")
         if radii is None and self.radii is None:
             raise SceneError(f"{self.spheres}: the file has no radii: give 'radii', one for all")
-        return Spheres.from_arrays(centres, self.radii if radii is None else radii, name=name_of_file(self.spheres))
+        sizes = self.radii if radii is None else radii
+        return Spheres.from_arrays(centres, sizes, name=name_of_file(self.spheres))  # type: ignore[arg-type]
 
 
-class _Centres(SceneObject, kw_only=True):
+class _Centres(SceneObject, kw_only=True, frozen=True):
     centres: tuple[Vector, ...]
     radii: float | tuple[float, ...]
 
@@ -182,7 +183,7 @@ class _Centres(SceneObject, kw_only=True):
         return Spheres.from_arrays(np.array(self.centres), np.array(self.radii), name="spheres")
 
 
-_SOURCES = {
+_SOURCES: dict[str, type[SceneObject]] = {
     "path": _File,
     "name": _KnownMesh,
     "shape": _ProceduralShape,
@@ -195,7 +196,7 @@ _SOURCES = {
 def _add_options(kind: type[SceneObject], names: tuple[str, ...]) -> type[SceneObject]:
     """Return a class of objects that has numbers by these names, too."""
     fields = [(name, int | float | UnsetType, UNSET) for name in names]
-    return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True)  # type: ignore[return-value]
+    return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True, frozen=True)
 
 
 # Whether the pixels of textures are colours, which are sRGB, or numbers.
@@ -208,7 +209,7 @@ _TEXTURES = {
 
 
 @cache
-def _material_table() -> type[Struct]:
+def _material_table() -> Any:
     """Return the class of `[[material]]` tables: a label, and the fields of `Material`, with paths for textures."""
     types = get_type_hints(Material) | dict.fromkeys(_TEXTURES, str | None)
     fields = [(each.name, types[each.name], each.default) for each in dataclasses.fields(Material)[1:]]

@@ -77,6 +77,8 @@ class Setting:
 
     def read(self, value: Any) -> Any:
         """Return the value that is kept; raise `SceneError` for one that the setting does not take."""
+        if value is False and self.kind.members is not None:
+            value = None
         if value is None and self.default is None:
             return None
         try:
@@ -239,8 +241,8 @@ def group(members: type[Any], text: str) -> Kind:
     """Return a dataclass of settings, also as a table of them; True for its defaults, and False for None."""
 
     def read(value: Any) -> Any:
-        if isinstance(value, bool):
-            return members() if value else None
+        if value is True:
+            return members()
         if isinstance(value, Mapping):
             return change_settings(members(), value)
         if not isinstance(value, members):
