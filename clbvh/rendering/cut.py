@@ -1,14 +1,32 @@
-"""Cuts: a part of the world that the camera does not see, so that closed rooms are open."""
+"""Cuts: a part of the world that the camera does not see, so that closed rooms are open.
+
+Imports no numpy until rays are cut, see `settings.py`.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from ..errors import SceneError
-from .vectors import Vector, as_vector, check_vector
+from .vectors import Vector, read_vector
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+# The names of `first` and `second` in messages.
+_PARTS = {
+    "plane": ("point", "normal"),
+    "share": ("point, in per cent,", "normal"),
+    "box": ("lower corner", "upper corner"),
+}
+_AXES = "xyz"
+_WHOLE = 100.0  # per cent
+
+# A height along an axis, in the scene's unit or in per cent, and the side that is cut away.
+_HEIGHT = re.compile(rf"([{_AXES}])([=<>])(.+?)(%?)")
 
 
 @dataclass(frozen=True)
@@ -16,12 +34,12 @@ class Cut:
     """A part of the world that the camera does not see: one side of a plane, or the inside of a box.
 
     Only the rays of the camera pass through what is cut away. Light, shadows and reflections are those of the whole
-    world, as in a doll's house. Made by `Cut.plane` and `Cut.box`.
+    world, as in a doll's house. Made by `Cut.plane`, `Cut.box` and `as_cut`.
 
     Attributes
     ----------
     kind : str
-        ``"plane"`` or ``"box"``.
+        ``"plane"``, ``"box"``, or ``"share"``: a plane whose point is in per cent of a scene, see `resolved`.
     first, second : (3,) float, the scene's coordinates
         Of a plane a point and the normal, on whose side nothing is shown; of a box the lower and the upper corner.
 
@@ -35,7 +53,7 @@ class Cut:
     >>> import clbvh
     >>> ball = clbvh.make_shape("icosphere", triangles=320)
     >>> half = clbvh.Cut.plane((0, 0, 0), (0, 0, 1))
-    >>> picture = clbvh.render(clbvh.Scene(ball, cut=half, view="front"), width=64, height=48)
+    >>> picture = clbvh.render(ball, cut=half, side="front", up="y", width=64, height=48)
     >>> bool((picture.hits.locations[..., 2] < 1e-6).any())
     True
     """
@@ -69,21 +87,56 @@ class Cut:
         return cls("box", lower, upper)
 
     def __post_init__(self) -> None:
-        if self.kind not in ("plane", "box"):
-            raise SceneError(f"a cut is a 'plane' or a 'box', not {self.kind!r}")
-        names = ("point", "normal") if self.kind == "plane" else ("lower corner", "upper corner")
-        for name, attribute in zip(names, ("first", "second"), strict=True):
-            value = getattr(self, attribute)
-            check_vector(f"the {name} of a cut", value)
-            object.__setattr__(self, attribute, as_vector(np.asarray(value, np.float64)))
-        if self.kind == "plane" and not any(self.second):
-            raise SceneError(f"the normal of a cut must be a direction of length above 0, not {self.second}")
-        if self.kind == "box" and not all(low <= high for low, high in zip(self.first, self.second, strict=True)):
+        if self.kind not in _PARTS:
+            raise SceneError(f"a cut is a 'plane', a 'share' or a 'box', not {self.kind!r}")
+        for name, attribute in zip(_PARTS[self.kind], ("first", "second"), strict=True):
+            value = read_vector(f"the {name} of a cut", getattr(self, attribute))
+            object.__setattr__(self, attribute, value)
+        if self.kind != "box":
+            if not any(self.second):
+                raise SceneError(f"the normal of a cut must be a direction of length above 0, not {self.second}")
+        elif not all(low <= high for low, high in zip(self.first, self.second, strict=True)):
             raise SceneError(f"the lower corner of a cut, {self.first}, must not be above the upper one, {self.second}")
+
+    @property
+    def text(self) -> str:
+        """The cut as a text, from which `as_cut` makes the same one.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Cut.box((0, 0, 0), (1, 2, 3)).text
+        'box 0.0,0.0,0.0;1.0,2.0,3.0'
+        """
+        if self.kind == "share":
+            axis = next(axis for axis in range(3) if self.second[axis])
+            return f"{_AXES[axis]}{'=' if self.second[axis] > 0 else '<'}{self.first[axis]!r}%"
+        vectors = ";".join(",".join(map(repr, vector)) for vector in (self.first, self.second))
+        return vectors if self.kind == "plane" else f"box {vectors}"
+
+    def resolved(self, lower: Vector | NDArray[np.float64], upper: Vector | NDArray[np.float64]) -> Cut:
+        """Return the cut in the coordinates of a scene with this box: (3,) float each; per cent count from `lower`.
+
+        Examples
+        --------
+        >>> from clbvh.rendering.cut import as_cut
+        >>> as_cut("z=25%").resolved((0, 0, 0), (1, 2, 8))
+        Cut(kind='plane', first=(0.0, 0.0, 2.0), second=(0.0, 0.0, 1.0))
+        """
+        if self.kind != "share":
+            return self
+        # A mean, which stays in float64 where a difference of the corners would not.
+        x, y, z = (
+            float(low) * (1 - share / _WHOLE) + float(high) * (share / _WHOLE)
+            for share, low, high in zip(self.first, lower, upper, strict=True)
+        )
+        return Cut("plane", (x, y, z), self.second)
 
     @property
     def normal(self) -> NDArray[np.float64]:
         """(3,) float64: the unit normal of a plane."""
+        import numpy as np
+
         normal = np.asarray(self.second)
         # Scaled first: squares of short or long vectors need not be in float64.
         normal = normal / np.abs(normal).max()
@@ -113,6 +166,8 @@ class Cut:
         >>> float(begin), float(end)
         (3.5, 5.0)
         """
+        import numpy as np
+
         origins, directions = np.asarray(origins, np.float64), np.asarray(directions, np.float64)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if self.kind == "plane":
@@ -144,6 +199,8 @@ class Cut:
         >>> float(cut.limit(np.array(3.5000001), np.array([0.5, 0.5, 10]), np.array([0, 0, -2])))
         3.5
         """
+        import numpy as np
+
         begin, end = self.ranges(origins, directions)
         with np.errstate(invalid="ignore"):
             is_before = (begin >= 0) & (t - begin <= end - t)
@@ -151,18 +208,50 @@ class Cut:
         return np.where((begin <= end) & np.isfinite(t), limited, t)
 
 
-def parse_cut(kind: str, text: str) -> Cut:
-    """Return the cut of an option such as ``0,1,0;0,1,0``: two vectors with a semicolon between them.
+def as_cut(value: Any) -> Cut:
+    """Return a cut, or that of a text, as in `View`.
+
+    ``"z=50%"`` and ``"z>0.5"`` cut away what lies above a height, in per cent of the scene or in its unit, and
+    ``"y<2"`` what lies below; ``"X,Y,Z;NX,NY,NZ"`` is a plane, and ``"box X,Y,Z;X,Y,Z"`` a box.
 
     Raises
     ------
     SceneError
-        The text is not two vectors, or they make no cut.
+        The text makes no cut.
+    TypeError
+        The value is something else.
     """
+    if isinstance(value, Cut):
+        return value
+    if not isinstance(value, str):
+        raise TypeError
+    if height := _HEIGHT.fullmatch(value.replace(" ", "")):
+        return _cut_at(value, *height.groups())
+    kind = "box" if value.startswith("box ") else "plane"
     try:
-        first, second = (tuple(float(number) for number in part.split(",")) for part in text.split(";"))
+        first, second = (
+            [float(part) for part in vector.split(",")] for vector in value.removeprefix("box ").split(";")
+        )
     except ValueError:
-        first = second = ()
-    if not len(first) == len(second) == 3:
-        raise SceneError(f"a cut is two vectors in quotes, such as \"0,1,0;0,1,0\", and not '{text}'")
-    return Cut(kind, first, second)
+        raise _wrong(value) from None
+    return Cut(kind, first, second)  # type: ignore[arg-type]
+
+
+def _cut_at(text: str, name: str, side: str, number: str, unit: str) -> Cut:
+    """Return the cut of a height along an axis."""
+    try:
+        height = float(number)
+    except ValueError:
+        raise _wrong(text) from None
+    if unit and not 0 <= height <= _WHOLE:
+        raise SceneError(f"a cut in per cent is at 0 to 100 % of the scene, not at {number} %")
+    axis = _AXES.index(name)
+    point, normal = [0.0] * 3, [0.0] * 3
+    point[axis], normal[axis] = height, -1.0 if side == "<" else 1.0
+    return Cut("share" if unit else "plane", point, normal)  # type: ignore[arg-type]
+
+
+def _wrong(text: str) -> SceneError:
+    return SceneError(
+        f'a cut is a text such as "z=50%", "z>0.5", "y<2", "0,1,0;0,1,0" or "box 0,0,0;1,1,1", not {text[:60]!r}'
+    )

@@ -1,49 +1,235 @@
-"""Scene files: TOML tables become a `Scene`; unknown keys and values of the wrong type become errors that name them."""
+"""Files of a scene and its view: scene files, which people write as TOML, and the view in saved scenes.
+
+The tables of a scene file are converted into the classes of this file, whose fields are the keys; those of `[view]` are
+the fields of `View`. Owns the rules between objects: labels, scatters, the number of copies.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import math
+import os
+import re
 import tomllib
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, get_type_hints
 
-from ..errors import ConfigError, SceneError
+import msgspec
+import numpy as np
+from msgspec import UNSET, Meta, Struct, UnsetType
+from numpy.typing import NDArray
+
+from ..errors import ConfigError, MeshError, SceneError
+from ..geometry import Mesh, load_mesh
+from ..geometry.appearance.material import Material, Texture
+from ..geometry.fetch import find_known_mesh
+from ..geometry.loading.spheres_file import SPHERES_SUFFIXES, read_spheres
+from ..geometry.loading.texture_files import decode_image
+from ..geometry.shapes.make_shape import list_shape_options, make_shape
+from ..geometry.shapes.make_spheres import list_spheres_options, make_spheres
+from ..geometry.spheres import Shape, Spheres
+from ..scene.copies import Grid, Scatter, check_copies
+from ..scene.handles import ALL_BITS, Geometry
+from ..scene.names import UniqueNames, name_of_file
+from ..scene.scene import Scene
+from ..scene.serialize import write_scene
+from ..scene.transforms import Transform
 from ..support.files import read_regular
-from .cameras.projection import AUTO, Projection, name_of, read_projection
-from .cut import Cut
-from .object_tables import given, read_mesh_source, read_objects, read_transform
-from .objects import SceneObject, load_objects
-from .scene import Scene
-from .settings import Light, Wireframe
-from .toml_tables import NO_MATERIALS, TomlTable, read_materials, refuse_unknown, take_material
+from .cameras.camera import Camera
+from .cameras.lens import Lens
+from .cameras.projection import DEFAULT_UP, read_projection, text_of
+from .film.environment_map import EnvironmentMap
+from .settings import as_plain, change_settings, say_unknown
 from .vectors import Vector
-
-_OBJECTS, _MATERIALS = "object", "material"
-_TABLES = ("mesh", "transform", "camera", "light", "environment", "image")
+from .view import View
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
+_MAX_INTEGER = 2**63 - 1  # of TOML 1.0; Python's reader has no limit
+
+_TABLES = ("material", "object", "view")
+# Where the keys of tables went that scene files had once.
+_GONE = {
+    "mesh": "a mesh is an [[object]]",
+    "transform": "write its keys into the [[object]]",
+    "camera": "its keys belong to [view], with projection = \"fisheye:220\" for kind, height and angle, and "
+    "cut = \"z=50%\" for cut_plane and cut_box",
+    "light": "call it [view.light]",
+    "environment": "write environment, environment_rotation and environment_strength into [view]",
+    "image": "its keys belong to [view], and those of lines to [view.wireframe]",
+}  # fmt: skip
+
+Row = tuple[float, float, float, float]
+_NO_TURN = (0.0, 0.0, 0.0)
+
+_Table = TypeVar("_Table", bound=Struct)
 
 
-@dataclass(frozen=True)
-class SceneFile:
-    """A scene file that was read and checked, with the textures of its materials, but no other file that it names.
+class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """The keys of any `[[object]]`; those of its source are in the classes below."""
 
-    Attributes
-    ----------
-    path : Path
-    scene : Scene
-        Without the objects.
-    objects : tuple of SceneObject
-        Empty where the scene has one mesh of its own.
-    """
+    label: str = ""
+    material: str | None = None
+    colour: Vector | None = None
+    mask: Annotated[int, Meta(ge=0, le=ALL_BITS)] = ALL_BITS
+    scale: float | Vector = 1.0
+    rotate: Vector = _NO_TURN
+    translate: Vector = _NO_TURN
+    matrix: tuple[Row, Row, Row, Row] | None = None
+    repeat: Any = None
 
-    path: Path
-    scene: Scene
-    objects: tuple[SceneObject, ...]
+    is_mesh: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.matrix is not None and (self.scale, self.rotate, self.translate) != (1.0, _NO_TURN, _NO_TURN):
+            raise SceneError("a matrix stands for scale, rotate and translate: leave those out, or the matrix")
+        Transform(self.scale, self.rotate, self.translate)
+
+    def load(self) -> Shape:
+        """Return the shape of the source."""
+        raise NotImplementedError
+
+    @property
+    def transform(self) -> NDArray[np.float64]:
+        """(4, 4) float64: from the source's coordinates to the scene's, of each copy before it is moved itself."""
+        if self.matrix is not None:
+            return np.array(self.matrix)
+        return Transform(self.scale, self.rotate, self.translate).matrix
+
+    @property
+    def count(self) -> int:
+        """The number of copies."""
+        return 1 if self.repeat is None else self.repeat.count
+
+    @property
+    def source(self) -> tuple[tuple[str, Any], ...]:
+        """The keys of the source, the chosen one first; equal ones share a geometry."""
+        names = self.__struct_fields__[len(SceneObject.__struct_fields__) :]
+        return tuple((name, getattr(self, name)) for name in names)
+
+    @property
+    def options(self) -> dict[str, int | float]:
+        """The options of a procedural source."""
+        own = type(self).__mro__[1].__struct_fields__  # type: ignore[attr-defined]
+        return {name: value for name, value in self.source if name not in own and value is not UNSET}
 
 
-def read_scene(path: Path) -> Scene:
-    """Read a scene file, and load its objects; `docs/scenes.md` lists its keys. A single `[mesh]` is loaded later.
+class _File(SceneObject, kw_only=True, frozen=True):
+    path: str
+
+    def load(self) -> Mesh:
+        return load_mesh(self.path)
+
+
+class _KnownMesh(SceneObject, kw_only=True, frozen=True):
+    name: str
+
+    def load(self) -> Mesh:
+        return load_mesh(find_known_mesh(self.name))
+
+
+class _ProceduralShape(SceneObject, kw_only=True, frozen=True):
+    shape: str
+    triangles: int = 100_000
+    seed: int = 0
+
+    def load(self) -> Mesh:
+        return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
+
+
+class _ProceduralSpheres(SceneObject, kw_only=True, frozen=True):
+    spheres: str
+    number: int = msgspec.field(default=100_000, name="count")
+    seed: int = 0
+
+    is_mesh: ClassVar[bool] = False
+
+    def load(self) -> Spheres:
+        made = make_spheres(self.spheres, count=self.number, seed=self.seed, **self.options)
+        looks = {"materials": made.materials, "material_ids": made.material_ids}
+        return Spheres.from_arrays(made.centres, made.radii, name=self.spheres, **looks)
+
+
+class _SpheresFile(SceneObject, kw_only=True, frozen=True):
+    spheres: str
+    radii: float | None = None
+
+    is_mesh: ClassVar[bool] = False
+
+    def load(self) -> Spheres:
+        centres, radii = read_spheres(self.spheres)
+        if radii is not None and self.radii is not None:
+            raise SceneError(f"{self.spheres}: the file has its own radii: leave 'radii' out")
+        if radii is None and self.radii is None:
+            raise SceneError(f"{self.spheres}: the file has no radii: give 'radii', one for all")
+        sizes = self.radii if radii is None else radii
+        return Spheres.from_arrays(centres, sizes, name=name_of_file(self.spheres))  # type: ignore[arg-type]
+
+
+class _Centres(SceneObject, kw_only=True, frozen=True):
+    centres: tuple[Vector, ...]
+    radii: float | tuple[float, ...]
+
+    is_mesh: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.radii, tuple) and len(self.radii) != len(self.centres):
+            raise SceneError(f"{len(self.radii)} radii do not fit {len(self.centres)} centres")
+
+    def load(self) -> Spheres:
+        return Spheres.from_arrays(np.array(self.centres), np.array(self.radii), name="spheres")
+
+
+_SOURCES: dict[str, type[SceneObject]] = {
+    "path": _File,
+    "name": _KnownMesh,
+    "shape": _ProceduralShape,
+    "spheres": _ProceduralSpheres,
+    "centres": _Centres,
+}
+
+
+@cache
+def _add_options(kind: type[SceneObject], names: tuple[str, ...]) -> type[SceneObject]:
+    """Return a class of objects that has numbers by these names, too."""
+    fields = [(name, int | float | UnsetType, UNSET) for name in names]
+    return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True, frozen=True)
+
+
+# Whether the pixels of textures are colours, which are sRGB, or numbers.
+_TEXTURES = {
+    "base_colour_texture": True,
+    "metallic_roughness_texture": False,
+    "emission_texture": True,
+    "normal_texture": False,
+}
+
+
+@cache
+def _material_table() -> Any:
+    """Return the class of `[[material]]` tables: a label, and the fields of `Material`, with paths for textures."""
+    types = get_type_hints(Material) | dict.fromkeys(_TEXTURES, str | None)
+    fields = [(each.name, types[each.name], each.default) for each in dataclasses.fields(Material)[1:]]
+    return msgspec.defstruct("Material", [("label", str), *fields], forbid_unknown_fields=True)
+
+
+class SceneFile(NamedTuple):
+    """A scene file that was read and checked, with its textures, but no other file that it names."""
+
+    objects: dict[str, SceneObject]
+    """By their labels."""
+    materials: dict[str, Material]
+    """By their labels."""
+    view: View
+
+
+def read_scene_file(path: str | os.PathLike[str]) -> tuple[Scene, View]:
+    """Read a scene file, load its objects and place them; `docs/scenes.md` lists its keys.
+
+    The instances of an object are named after its label: ``tree``, ``tree 2``, ``tree 3``.
 
     Raises
     ------
@@ -53,26 +239,33 @@ def read_scene(path: Path) -> Scene:
     MeshError
         An object cannot be loaded.
     """
-    file = parse_scene(path)
-    if not file.objects:
-        return file.scene
+    file = parse_scene_file(path)
+    scene, geometries = Scene(), dict[Any, Geometry]()
+    names = UniqueNames("an object")
+    for label in file.objects:
+        names.add(label)
+    for label, each in file.objects.items():
+        try:
+            if each.source not in geometries:
+                geometries[each.source] = scene.add(each.load(), name=label)
+            # Products of numbers that are too large are not finite, and refused when they are placed.
+            with np.errstate(over="ignore", invalid="ignore"):
+                matrices = _place(each, file, geometries)
+            copies = [label, *(names.add_numbered(label) for _ in range(1, len(matrices)))]
+            material = None if each.material is None else file.materials[each.material]
+            scene.place_many(
+                geometries[each.source], matrices, names=copies, mask=each.mask, colour=each.colour, material=material
+            )
+        except (ConfigError, MeshError, SceneError) as error:
+            kind = MeshError if isinstance(error, MeshError) else SceneError
+            raise kind(f"{path}: the object '{label}': {error}") from error
+    return scene, file.view
+
+
+def parse_scene_file(path: str | os.PathLike[str]) -> SceneFile:
+    """Read a scene file and check its values; see `read_scene_file`."""
     try:
-        load_objects(file.scene, file.objects)
-    except (ConfigError, SceneError) as error:
-        raise SceneError(f"{path}: {error}") from error
-    return file.scene
-
-
-def parse_scene(path: Path) -> SceneFile:
-    """Read a scene file and check its values; see `read_scene`.
-
-    Raises
-    ------
-    SceneError
-        See `read_scene`.
-    """
-    try:
-        text = read_regular(path, max_bytes=_MAX_FILE_BYTES).decode()
+        text = read_regular(Path(path), max_bytes=_MAX_FILE_BYTES).decode()
     except FileNotFoundError as error:
         raise SceneError(f"{path}: no such scene file") from error
     except (OSError, ValueError) as error:
@@ -82,92 +275,271 @@ def parse_scene(path: Path) -> SceneFile:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of many digits, and of lists within lists
         raise SceneError(f"{path}: not a TOML file: {error}") from error
+    with _naming(str(path)):
+        return _read_tables(tables, Path(path).parent)
+
+
+@contextmanager
+def _naming(where: str) -> Iterator[None]:
+    """Raise the errors of a part of the file as `SceneError`, with the name of the part."""
     try:
-        return _make_scene(tables, path)
-    except ConfigError as error:
-        raise SceneError(f"{path}: {error}") from error
+        yield
+    except (ConfigError, MeshError, SceneError) as error:
+        raise SceneError(f"{where}: {error}") from None
+    except RecursionError:  # in the message about a value, for example
+        raise SceneError(f"{where}: too many tables or lists within others") from None
+
+
+def _read_tables(tables: dict[str, Any], folder: Path) -> SceneFile:
+    for name in tables:
+        if name in _GONE:
+            raise SceneError(f"scene files have no [{name}] any more: {_GONE[name]}")
+        if name not in _TABLES:
+            raise SceneError(say_unknown(name, _TABLES, "table"))
+    materials = _read_materials(_list_tables(tables, "material"), folder)
+    objects = _read_objects(_list_tables(tables, "object"), folder, materials)
+    view = tables.get("view", {})
+    if not isinstance(view, dict):
+        raise SceneError("'view' must be a table: write [view] on a line of its own")
+    with _naming("view"):
+        _check_numbers(view)
+        if isinstance(panorama := view.get("environment"), str):
+            view["environment"] = str(folder / panorama)
+        return SceneFile(objects, materials, change_settings(View(), view))
+
+
+def _list_tables(tables: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    found = tables.get(name, [])
+    if not isinstance(found, list) or not all(isinstance(values, dict) for values in found):
+        raise SceneError(f"each {name} is a table of its own: write [[{name}]] above its keys")
+    return found
+
+
+def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[str, Material]) -> dict[str, SceneObject]:
+    if not tables:
+        raise SceneError("the scene has no [[object]]: it needs a path, a name, a shape, spheres or centres")
+    objects: dict[str, SceneObject] = {}
+    names = UniqueNames("an object")
+    for number, values in enumerate(tables, 1):
+        with _naming(f"object {number}"):
+            found = _read_object(values, folder)
+            if found.material is not None and found.material not in materials:
+                raise SceneError(say_unknown(found.material, materials, "[[material]] with the label"))
+            if isinstance(found.repeat, Scatter):
+                _check_target(found.repeat.on, objects)
+            if found.label:
+                names.check(found.label)
+                label = names.add(found.label)
+            else:
+                name = found.source[0][1]
+                label = names.add_numbered(name_of_file(name) if isinstance(name, str) else "spheres")
+            objects[label] = found
+    check_copies(sum(found.count for found in objects.values()))
+    return objects
+
+
+def _read_object(values: dict[str, Any], folder: Path) -> SceneObject:
+    """Return the object of a table."""
+    _check_numbers(values)
+    chosen = [key for key in _SOURCES if key in values]
+    if len(chosen) != 1:
+        raise SceneError(f"needs exactly one of {', '.join(_SOURCES)}, not {' and '.join(chosen) or 'none of them'}")
+    kind, name = _SOURCES[chosen[0]], values[chosen[0]]
+    if isinstance(name, str):
+        is_file = Path(name).suffix.lower() in SPHERES_SUFFIXES or Path(name).name != name
+        if kind is _ProceduralSpheres and is_file:
+            kind = _SpheresFile
+        if kind in (_File, _SpheresFile):
+            values[chosen[0]] = str(folder / name)
+        elif kind is _ProceduralShape:
+            kind = _add_options(kind, list_shape_options(name))
+        elif kind is _ProceduralSpheres:
+            kind = _add_options(kind, list_spheres_options(name))
+    if isinstance(repeat := values.get("repeat"), dict):
+        with _naming("repeat"):
+            if ("grid" in repeat) == ("on" in repeat):
+                raise SceneError("needs either 'grid' and 'spacing', or 'on' and 'count'")
+            values["repeat"] = _convert(repeat, Grid if "grid" in repeat else Scatter)
+    elif repeat is not None:
+        raise SceneError("repeat: expected a table")
+    return _convert(values, kind)
+
+
+def _check_target(label: str, above: dict[str, SceneObject]) -> None:
+    """Raise `SceneError` unless copies can be scattered on the object of this label."""
+    if label not in above:
+        raise SceneError(say_unknown(label, above, "object above it with the label"))
+    if above[label].repeat is not None or not above[label].is_mesh:
+        raise SceneError(f"is scattered on '{label}', which must be a mesh that is placed once")
+
+
+def _read_materials(tables: list[dict[str, Any]], folder: Path) -> dict[str, Material]:
+    textures: dict[tuple[Path, bool], Texture] = {}
+    materials: dict[str, Material] = {}
+    names = UniqueNames("a material")
+    for number, values in enumerate(tables, 1):
+        with _naming(f"material {number}"):
+            _check_numbers(values)
+            table = msgspec.structs.asdict(_convert(values, _material_table()))
+            names.check(label := table.pop("label"))
+            for name, is_srgb in _TEXTURES.items():
+                if table[name] is not None:
+                    with _naming(name):
+                        key = folder / table[name], is_srgb
+                        if key not in textures:
+                            textures[key] = _read_texture(*key)
+                        table[name] = textures[key]
+            materials[names.add(label)] = Material(label, **table)
+    return materials
+
+
+def _read_texture(path: Path, is_srgb: bool) -> Texture:
+    """Return the texture of a file; raise `SceneError` if it cannot be read."""
+    try:
+        return Texture(path.name, decode_image(read_regular(path)), is_srgb)
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file") from None
+    except OSError as error:
+        raise SceneError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    except Exception as error:  # decoders raise anything
+        raise SceneError(f"{path}: the file cannot be used as a texture: {error}") from None
+
+
+def _check_numbers(table: dict[str, Any]) -> None:
+    """Raise `SceneError` for a number that is not finite, or that TOML cannot hold, at any depth."""
+    for key, value in table.items():
+        parts = [value]
+        while parts:
+            part = parts.pop()
+            if isinstance(part, dict | list):
+                parts += part.values() if isinstance(part, dict) else part
+            elif isinstance(part, float) and not math.isfinite(part):
+                raise SceneError(f"{key}: expected a finite number, not {part}")
+            elif isinstance(part, int) and abs(part) > _MAX_INTEGER:
+                raise SceneError(f"{key}: expected a number of 64 bits at most")
+
+
+def _convert(values: dict[str, Any], kind: type[_Table]) -> _Table:
+    """Return a table as its class; raise `SceneError` with the key for an unknown or missing one, or another type."""
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        raise SceneError(_say(str(error), kind)) from None
+
+
+# A message of msgspec: the sentence, and the path of the key.
+_MESSAGE = re.compile(r"(.*?)(?: - at `\$\.?(.*)`)?", re.DOTALL)
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
+_TYPE_NAMES = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+
+
+def _say(message: str, kind: type[Struct]) -> str:
+    """Return a message of msgspec in the words of scene files."""
+    sentence, key = _MESSAGE.fullmatch(message).groups()  # type: ignore[union-attr]
+    if unknown := _UNKNOWN.fullmatch(sentence):
+        return say_unknown(unknown[1], kind.__struct_encode_fields__, "key")
+    if sentence.startswith("Object missing required field"):
+        return "needs " + sentence.split("`")[1]
+
+    def name_types(found: re.Match[str]) -> str:
+        return " or ".join(_TYPE_NAMES.get(name, name) for name in found[1].split(" | ") if name != "null")
+
+    sentence = re.sub("`([^`]*)`", name_types, sentence.replace("Expected", "expected", 1))
+    return f"{key}: {sentence}" if key else sentence
+
+
+def _place(found: SceneObject, file: SceneFile, geometries: dict[Any, Geometry]) -> NDArray[np.float64]:
+    """Return the transforms of an object's copies, (n, 4, 4)."""
+    if found.repeat is None:
+        return found.transform[None]
+    if isinstance(found.repeat, Grid):
+        return found.repeat.matrices(found.transform)
+    target = file.objects[found.repeat.on]
+    surface, matrix = geometries[target.source].shape, target.transform
+    assert isinstance(surface, Mesh)
+    vertices, faces = surface.vertices @ matrix[:3, :3].T + matrix[:3, 3], surface.faces
+    if not np.isfinite(vertices).all():
+        raise MeshError(f"the surface of '{found.repeat.on}' has coordinates that are not finite in the scene")
+    # A mirrored triangle is seen from its other side, unless its corners are turned round.
+    if np.linalg.slogdet(matrix[:3, :3])[0] < 0:
+        faces = faces[:, ::-1]
+    # What is up in a picture may be guessed, but by the whole scene.
+    up = DEFAULT_UP if isinstance(file.view.up, str) else file.view.up
+    return found.repeat.matrices(found.transform, vertices, faces, up)
+
+
+def save_scene(path: str | os.PathLike[str], scene: Scene, view: View) -> None:
+    """Save a scene and a view as one file, which `open_scene` reads; it holds the pixels of an environment, too.
+
+    The file appears complete or not at all; one of that name is replaced.
+
+    Raises
+    ------
+    ConfigError
+        The folder does not exist, or the path is a folder.
+    OSError
+        The file cannot be written: the disk is full, for example.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> ball = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320))
+    >>> clbvh.save_scene(Path(folder.name, "ball.scene"), ball, clbvh.View(side="top", cut="z=50%"))
+    >>> scene, view = clbvh.open_scene(Path(folder.name, "ball.scene"))
+    >>> view.side, view.cut.text
+    ('top', 'z=50.0%')
+    >>> folder.cleanup()
+    """
+    write_scene(path, scene.snapshot(), plain_view(view))
+
+
+def plain_view(view: View) -> dict[str, Any]:
+    """Return the settings that are not the default ones, as JSON takes them."""
+    plain = as_plain(view)
+    if view.camera is not None:
+        plain["camera"] = _as_plain_fields(view.camera)
+        if view.camera.lens is not None:
+            plain["camera"]["lens"] = _as_plain_fields(view.camera.lens)
+    for table in (plain, plain.get("camera", {})):
+        if "projection" in table:
+            table["projection"] = text_of(table["projection"])
+    if view.cut is not None:
+        plain["cut"] = view.cut.text
+    if view.environment is not None:
+        plain["environment"] = view.environment.as_plain()
+    return plain
+
+
+def _as_plain_fields(value: Any) -> dict[str, Any]:
+    fields = ((each, getattr(value, each.name)) for each in dataclasses.fields(value))
+    return {each.name: found for each, found in fields if found != each.default}
+
+
+def view_of_plain(plain: dict[str, Any]) -> View:
+    """Return the view of `plain_view`; raise `SceneError` for anything else, whatever it is."""
+    try:
+        values = dict(plain)
+        if "camera" in values:
+            camera = dict(values["camera"])
+            if "lens" in camera:
+                camera["lens"] = Lens(**camera["lens"])
+            if "projection" in camera:
+                camera["projection"] = read_projection(camera["projection"])
+            values["camera"] = Camera(**camera)
+        if "environment" in values:  # never a path: a file that was sent must not have others read
+            values["environment"] = EnvironmentMap.from_plain(values["environment"])
+        return change_settings(View(), values)
     except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
-
-
-def _make_scene(tables: dict[str, Any], path: Path) -> SceneFile:
-    """Make a scene from the tables of a scene file; missing keys have their defaults."""
-    refuse_unknown(tables, (_TABLES[0], _OBJECTS, _MATERIALS, *_TABLES[1:]), "the scene")
-    if "mesh" not in tables and _OBJECTS not in tables:
-        raise SceneError("the scene has no [mesh] table and no [[object]]: it needs a path, a name or a shape")
-    for name in _TABLES:
-        if not isinstance(tables.get(name, {}), dict):
-            raise SceneError(f"'{name}' must be a table: write [{name}] on a line of its own")
-    mesh, transform, camera, light, environment, image = (
-        TomlTable(f"[{name}]", tables.get(name, {})) for name in _TABLES
-    )
-
-    materials = read_materials(tables[_MATERIALS], path.parent) if _MATERIALS in tables else NO_MATERIALS
-    values: dict[str, Any] = {}
-    objects: tuple[SceneObject, ...] = ()
-    if _OBJECTS in tables:
-        for name in ("mesh", "transform"):
-            if name in tables:
-                raise SceneError(f"a scene of [[object]] tables has no [{name}]: write it into the objects")
-        objects = read_objects(tables[_OBJECTS], path.parent, materials)
-    else:
-        material = take_material(mesh, materials)
-        values = {"mesh": read_mesh_source(mesh, path.parent, material), "transform": read_transform(transform)}
-    for take, names in (
-        (camera.vector, ("eye", "look_at")),
-        (camera.text, ("frame", "view")),
-        (camera.number, ("fov", "aperture", "focus_distance")),
-        (image.text, ("shading", "tone_curve")),
-        (image.integer, ("samples", "seed", "max_bounces", "width", "height")),
-        (image.number, ("smooth", "exposure", "clamp")),
-        (image.flag, ("ground", "transparent")),
-    ):
-        values |= {name: take(name) for name in names}
-    values |= {
-        "light": Light(**given(**{name: light.vector(name) for name in ("direction", "colour", "sky", "ground")})),
-        "up": camera.vector_or_text("up", AUTO),
-        "cut": _read_cut(camera),
-        "wireframe": _read_wireframe(image),
-        "projection": _read_projection(camera),
-        "surface": image.vector("surface"),
-        "background": image.gradient("background"),
-        "environment": None if (panorama := environment.text("path")) is None else str(path.parent / panorama),
-        "environment_rotation": environment.number("rotation"),
-        "environment_strength": environment.number("strength"),
-    }
-    for table in (transform, camera, light, environment, image):
-        table.refuse_rest()
-    if values["projection"] is not None and values["fov"] is not None:
-        raise SceneError("[camera] fov is that of a perspective camera: take it out, or the kind")
-    return SceneFile(path, Scene(**given(**values)), objects)
-
-
-def _read_cut(camera: TomlTable) -> Cut | None:
-    """Return the cut of a camera."""
-    plane, box = camera.rows("cut_plane", 3, 2), camera.rows("cut_box", 3, 2)
-    if plane is not None and box is not None:
-        raise SceneError("[camera] has a cut_plane or a cut_box, not both")
-    if plane is not None:
-        return Cut("plane", *map(_as_vector, plane))
-    return None if box is None else Cut("box", *map(_as_vector, box))
-
-
-def _read_wireframe(image: TomlTable) -> Wireframe | None:
-    """Return the lines of a picture: there are some if their width or their colour is given."""
-    values = given(width=image.number("wireframe_width"), colour=image.vector("wireframe_colour"))
-    return Wireframe(**values) if values else None
-
-
-def _as_vector(row: list[float]) -> Vector:
-    x, y, z = row
-    return x, y, z
-
-
-def _read_projection(camera: TomlTable) -> Projection | None:
-    """Return the projection of a camera; None for perspective."""
-    projection = read_projection(camera.text("kind"))
-    values = given(height=camera.number("height"), angle=camera.number("angle"))
-    for name in values:
-        if not hasattr(projection, name):
-            raise SceneError(f"a camera of the kind {name_of(projection)} has no {name}")
-    return projection and replace(projection, **values)
+        raise SceneError(f"its view is none: {error}") from None
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise SceneError(f"its view is none: {error}") from error

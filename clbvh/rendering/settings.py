@@ -77,6 +77,8 @@ class Setting:
 
     def read(self, value: Any) -> Any:
         """Return the value that is kept; raise `SceneError` for one that the setting does not take."""
+        if value is False and self.kind.members is not None:
+            value = None
         if value is None and self.default is None:
             return None
         try:
@@ -157,7 +159,7 @@ def say_unknown(name: str, known: Iterable[str], what: str = "setting") -> str:
     """Return the sentence about a name that does not exist, with the nearest one that does."""
     known = list(known)
     close = difflib.get_close_matches(name, known, 1)
-    rest = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+    rest = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known) or 'none'}"
     return f"there is no {what} '{name[:_MAX_SHOWN]}': {rest}"
 
 
@@ -239,8 +241,8 @@ def group(members: type[Any], text: str) -> Kind:
     """Return a dataclass of settings, also as a table of them; True for its defaults, and False for None."""
 
     def read(value: Any) -> Any:
-        if isinstance(value, bool):
-            return members() if value else None
+        if value is True:
+            return members()
         if isinstance(value, Mapping):
             return change_settings(members(), value)
         if not isinstance(value, members):

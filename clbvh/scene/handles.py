@@ -51,6 +51,9 @@ class Geometry:
 # Bits of a mask. A ray sees the instances whose mask shares a bit with its own.
 ALL_BITS = 2**32 - 1
 
+Vector: TypeAlias = tuple[float, float, float]
+"""Three numbers: a point or a direction."""
+
 Colour: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue, 0 to 1."""
 
@@ -130,14 +133,18 @@ def check_mask(mask: int) -> int:
 
 def check_colour(colour: ArrayLike | None) -> Colour | None:
     """Return the colour of instances, if there is one; raise `SceneError` unless it is a colour."""
-    if colour is None:
-        return None
+    expected = "a colour must be three finite numbers: linear red, green and blue"
+    return None if colour is None else read_vector(colour, expected)
+
+
+def read_vector(values: ArrayLike, expected: str) -> Vector:
+    """Return three numbers; raise `SceneError` with the sentence about what was expected unless they are finite."""
     try:
-        array = np.asarray(colour)
+        array = np.asarray(values)
     except ValueError:  # rows of different lengths
         array = np.empty(0)
     if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise SceneError(f"a colour must be three finite numbers: linear red, green and blue, not {shorten(colour)}")
+        raise SceneError(f"{expected}, not {shorten(values)}")
     return float(array[0]), float(array[1]), float(array[2])
 
 

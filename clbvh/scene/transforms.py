@@ -1,4 +1,4 @@
-"""Transforms of instances: the checks of (4, 4) matrices, for many at a time.
+"""Transforms of instances: as users write them, and the checks of (4, 4) matrices, for many at a time.
 
 Owns the limit at which a matrix counts as singular. Must not know of scenes.
 """
@@ -7,13 +7,118 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError
 from ..geometry.arrays import has_masked_values
+from ..geometry.mesh import Mesh
 from ..support.compiled import compiled
+from .handles import Vector, read_vector
+
+
+@dataclass(frozen=True)
+class Transform:
+    """The placement of the mesh: scaled, then rotated, then translated.
+
+    Attributes
+    ----------
+    scale : float, or (3,) float
+        Of all axes, or of x, y and z. Not zero.
+    rotate : (3,) float
+        Degrees about x, then y, then z.
+    translate : (3,) float, the scene's units
+
+    Raises
+    ------
+    SceneError
+        A value is not finite, or the scale is zero.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> upright = clbvh.Transform(scale=0.001, rotate=(-90, 0, 0))  # millimetres, z up, to metres, y up
+    >>> part = clbvh.Mesh.from_arrays([[0, 0, 0], [1000, 0, 0], [0, 0, 2000]], [[0, 1, 2]])
+    >>> upright.apply(part).vertices.round(6).max(axis=0)
+    array([1., 2., 0.])
+    """
+
+    scale: float | Vector = 1.0
+    rotate: Vector = (0.0, 0.0, 0.0)
+    translate: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("rotate", "translate"):
+            values = read_vector(getattr(self, name), f"the transform's {name} must be three finite numbers")
+            object.__setattr__(self, name, values)
+        is_number = isinstance(self.scale, Real)
+        scales = (self.scale,) * 3 if is_number else self.scale
+        expected = "the transform's scale must be a finite number other than 0, or three of them"
+        scale = read_vector(scales, expected)
+        if not all(scale):
+            raise SceneError(f"{expected}, not {self.scale!r}")
+        object.__setattr__(self, "scale", scale[0] if is_number else scale)
+
+    @np.errstate(over="ignore", invalid="ignore")  # coordinates that are not finite are refused by the mesh
+    def apply(self, mesh: Mesh) -> Mesh:
+        """Return the mesh in the scene's coordinates.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.make_shape("icosphere", triangles=1000)
+        >>> clbvh.Transform(translate=(0, 0, 5)).apply(mesh).origin
+        array([0., 0., 5.])
+        """
+        if self == Transform():
+            return mesh
+        points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
+        appearance = None if mesh.appearance is None else mesh.appearance.transformed(self.matrix)
+        return Mesh.from_arrays(points, mesh.faces, name=mesh.name, appearance=appearance)
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) float64: the matrix that `Scene.place` takes.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Transform(scale=2, translate=(0, 0, 5)).matrix
+        array([[2., 0., 0., 0.],
+               [0., 2., 0., 0.],
+               [0., 0., 2., 5.],
+               [0., 0., 0., 1.]])
+        """
+        matrix = np.eye(4)
+        matrix[:3, :3] = self._rotation * self.scale
+        matrix[:3, 3] = self.translate
+        return matrix
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return `matrix`, so that a transform can be given for an array."""
+        return self.matrix if dtype is None else self.matrix.astype(dtype)
+
+    @property
+    def _rotation(self) -> NDArray[np.float64]:
+        rotation = np.eye(3)
+        for axis, degrees in enumerate(self.rotate):
+            rotation = _rotate_about(axis, math.radians(degrees)) @ rotation
+        return rotation
+
+
+def _rotate_about(axis: int, angle: float) -> NDArray[np.float64]:
+    """Return the right-handed rotation about one axis, (3, 3) float64."""
+    rotation = np.eye(3)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    rotation[first, first] = rotation[second, second] = math.cos(angle)
+    rotation[second, first] = math.sin(angle)
+    rotation[first, second] = -math.sin(angle)
+    return rotation
+
 
 # A linear part whose rows and columns are scaled to a largest entry of about 1 is refused below this determinant: that
 # is ten times its rounding error, so nothing would be known about the inverse.
