@@ -8,12 +8,14 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import Mesh
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh, look_from, measure_side
 from .cameras.projection import Panorama
+from .cut import Cut
 from .guesses import Framed, Up, frame_without_outliers, guess_up
 from .kernel_view import Ground, find_ground, shows_ground, sky_direction
 from .view import View
@@ -60,10 +62,10 @@ class ViewFinder:
         return view if (up, cut) == (view.up, view.cut) else replace(view, up=up, cut=cut)
 
     @cached_property
-    def _box(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The lower and the upper corner of everything, in the scene's coordinates."""
+    def _box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The lower and the upper corner of everything, (3,) float64, in the scene's coordinates."""
         lower, upper = self._whole.origin + self._whole.local_box / np.float64(self._whole.scale)
-        return tuple(lower.tolist()), tuple(upper.tolist())
+        return lower, upper
 
     def _find_up(self, view: View) -> Up:
         if not isinstance(view.up, str):
@@ -126,5 +128,21 @@ class ViewFinder:
             if is_framed and view.frame == "auto" and (left_out := self._without_outliers.note) is not None:
                 notes.append(f"{left_out}; --frame all shows everything")
         if view.cut is not None:
-            notes.append(view.cut.resolved(*self._box).describe_miss(*self._box))
+            notes.append(self._describe_miss(view.cut.resolved(*self._box)))
         return tuple(note for note in notes if note is not None)
+
+    def _describe_miss(self, cut: Cut) -> str | None:
+        """Return the note about a cut, in the scene's coordinates, that leaves everything or nothing."""
+        lower, upper = self._box
+        if cut.kind == "box":
+            is_beside = bool((np.less(cut.second, lower) | np.greater(cut.first, upper)).any())
+            has_all = bool((np.less_equal(cut.first, lower) & np.greater_equal(cut.second, upper)).all())
+        else:
+            # Heights of the box's lowest and highest corner above the plane.
+            normal, point = cut.normal, np.asarray(cut.first)
+            is_beside = bool((np.where(normal > 0, upper, lower) - point) @ normal <= 0)
+            has_all = bool((np.where(normal > 0, lower, upper) - point) @ normal >= 0)
+        if not (is_beside or has_all):
+            return None
+        corners = " to ".join(",".join(f"{value:.4g}" for value in corner) for corner in self._box)
+        return f"the cut takes {'nothing' if is_beside else 'everything'} away: the scene reaches from {corners}"
