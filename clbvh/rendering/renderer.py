@@ -29,7 +29,7 @@ from ..trace.traced_tree import TracedTree
 from .band_painters import Progress
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
-from .cameras.framing import frame_mesh, measure_side
+from .cameras.framing import frame_scene, measure_side
 from .cameras.projection import AUTO, STANDARD_VIEWS, Orthographic, Panorama, Projection
 from .cut import Cut
 from .frame import FrameRenderer
@@ -386,7 +386,7 @@ class Renderer(ContextManager):
             up, self._up_note = guess_up(self._find_extent(self.scene), self.scene.eye, self.scene.look_at)
             self.scene = self.scene.with_changes(up=up)
         self._framed = self._frame(self.scene)
-        self._ground: tuple[Mesh | SceneBounds, NDArray[np.float64], Ground] | None = None
+        self._ground: tuple[SceneBounds, NDArray[np.float64], Ground] | None = None
 
     @property
     def camera(self) -> Camera:
@@ -423,7 +423,7 @@ class Renderer(ContextManager):
         if isinstance(count, bool) or not isinstance(count, Integral) or count < 1:
             raise SceneError(f"a turn has at least one camera, not {count!r}")
         scene = self.scene.with_changes(width=width, height=height, up=up)
-        first = frame_mesh(
+        first = frame_scene(
             self._find_extent(scene),
             turns=True,
             aspect=scene.width / scene.height,
@@ -470,7 +470,7 @@ class Renderer(ContextManager):
         scene = self.scene.with_changes(width=width, height=height, up=up)
         aspect, extent = scene.width / scene.height, self._find_extent(scene)
         cameras = {
-            view: frame_mesh(extent, aspect=aspect, up=known_up(scene.up), projection=Orthographic(), side=view)
+            view: frame_scene(extent, aspect=aspect, up=known_up(scene.up), projection=Orthographic(), side=view)
             for view in views
         }
         tallest = max((camera.projection for camera in cameras.values()), key=_height_of, default=None)
@@ -543,9 +543,9 @@ class Renderer(ContextManager):
             self._framed_parts = frame_without_outliers(self._subject.extent)
         return self._framed_parts
 
-    def _find_extent(self, scene: Scene) -> Mesh | SceneBounds:
+    def _find_extent(self, scene: Scene) -> SceneBounds:
         """Return what a camera that shows the whole has to show."""
-        return self._leave_out_outliers().extent if scene.frame == AUTO else self._subject.extent
+        return self._leave_out_outliers().bounds if scene.frame == AUTO else self._subject.extent
 
     def _frame(self, scene: Scene) -> tuple[Scene, Camera]:
         return scene, scene.with_changes(frame="all").find_camera(self._find_extent(scene))

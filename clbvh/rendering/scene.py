@@ -22,8 +22,9 @@ from ..scene.serialize import get_item, read_scene, write_scene
 from ..scene.state import SceneState
 from ..scene.store import SceneStore, name_of_file
 from ..structs import SHADINGS
+from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
-from .cameras.framing import frame_mesh, look_from
+from .cameras.framing import frame_scene
 from .cameras.projection import (
     AUTO,
     DEFAULT_FOV,
@@ -284,13 +285,13 @@ class Scene(SceneContents):
         >>> scene.find_camera(scene.mesh.load()).fov == scene.fov
         True
         """
-        framed = frame_without_outliers(extent).extent if self.frame == AUTO else extent
+        bounds = SceneBounds.of_mesh(extent) if isinstance(extent, Mesh) else extent
+        framed = frame_without_outliers(bounds).bounds if self.frame == AUTO else bounds
         up = guess_up(framed, self.eye, self.look_at).vector if isinstance(self.up, str) else self.up
         view: dict[str, Any] = {"aspect": self.width / self.height, "up": up, "fov": self.fov}
-        if self.eye is None or self.look_at is None:
-            camera = frame_mesh(framed, eye=self.eye, projection=self.projection, side=self.view, **view)
-        else:
-            camera = look_from(framed, self.projection, self.eye, self.look_at, **view)
+        camera = frame_scene(
+            framed, eye=self.eye, look_at=self.look_at, projection=self.projection, side=self.view, **view
+        )
         if self.aperture == 0 and self.focus_distance is None:
             return camera
         return dataclasses.replace(camera, aperture=self.aperture, focus_distance=self.focus_distance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from ..trace.scene.merging import NOTHING_MERGED, Merging
-from .cameras.bounds import SceneBounds, box_in
+from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .film.light_tables import local_maps
 from .film.look_tables import Looks
@@ -152,10 +153,10 @@ class MeshSubject:
             leaf_size = None if self.made is None else leaf_limit(self._options.builder, self._options.build)
             validate_tree(self.bvh, max_depth=MAX_DEPTH, max_leaf_size=leaf_size)
 
-    @property
-    def extent(self) -> Mesh:
+    @cached_property
+    def extent(self) -> SceneBounds:
         """What a camera that sees everything has to see."""
-        return self.mesh
+        return SceneBounds.of_mesh(self.mesh)
 
     def looks(self) -> Looks:
         """Return what `make_look_tables` has to know."""
@@ -165,12 +166,9 @@ class MeshSubject:
         """Return (1, 4, 4) float64: the map from the mesh's coordinates to the local ones of pictures."""
         return local_maps(np.eye(4)[None], self.mesh.origin, self.mesh.scale)
 
-    def make_view(
-        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneBounds
-    ) -> NDArray[np.void]:
+    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None, framed: SceneBounds) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`; `framed` is what counts, see `make_view`."""
-        box = None if framed is self.mesh else box_in(framed, self.mesh)
-        return make_view(scene, camera, self.mesh, ground=ground, framed_box=box)
+        return make_view(scene, camera, self.mesh, ground=ground, framed_box=framed.box_in(self.mesh))
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""
@@ -278,12 +276,10 @@ class SceneSubject:
         boxes = self._scene.top.bvh.mesh
         return local_maps(self._state.transforms, boxes.origin, boxes.scale)
 
-    def make_view(
-        self, scene: Scene, camera: Camera, ground: Ground | None, framed: Mesh | SceneBounds
-    ) -> NDArray[np.void]:
+    def make_view(self, scene: Scene, camera: Camera, ground: Ground | None, framed: SceneBounds) -> NDArray[np.void]:
         """Return the view, (1,) `structs.VIEW`; `framed` is what counts, see `make_view`."""
         boxes = self._scene.top.bvh.mesh
-        return make_view(scene, camera, boxes, box_in(self.extent, boxes), ground, box_in(framed, boxes))
+        return make_view(scene, camera, boxes, self.extent.box_in(boxes), ground, framed.box_in(boxes))
 
     def picture_parts(self) -> dict[str, Any]:
         """Return what a `Picture` keeps of the subject, by its attributes."""

@@ -12,7 +12,7 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, REPORT_SHADINGS, SHADINGS, TONE_CURVES, VIEW
-from .cameras.bounds import Reaches, SceneBounds
+from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.lens import window_of
 from .cameras.projection import Fisheye, Panorama, name_of
@@ -256,9 +256,6 @@ _RADIUS = 4.0
 # at them, are above it by more than float32 rounds off.
 GROUND_GAP = 2e-5
 
-# Vertices per step: they stay in the cache.
-_CHUNK_VERTICES = 2**16
-
 
 class Ground(NamedTuple):
     """A plane below all objects.
@@ -285,34 +282,21 @@ def shows_ground(scene: Scene) -> bool:
     return _HAS_GROUND[scene.shading] if scene.ground is None else scene.ground
 
 
-def find_ground(extent: Mesh | SceneBounds, up: NDArray[np.float64]) -> Ground:
+def find_ground(extent: SceneBounds, up: NDArray[np.float64]) -> Ground:
     """Return the highest plane that no object reaches below.
 
     Parameters
     ----------
-    extent : Mesh or SceneBounds
+    extent : SceneBounds
         What stands on the ground.
     up : (3,) float64, of any length
     """
     normal = up / np.linalg.norm(up)
     box = extent.local_box.astype(np.float64)
-    if isinstance(extent, SceneBounds):
-        lowest = -float(extent.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
-    else:
-        lowest = _find_lowest(extent, normal)
     middle = box.mean(axis=0)
-    point = middle + (lowest - middle @ normal) * normal
+    point = middle + (extent.lowest(normal) - middle @ normal) * normal
     half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
     return Ground(extent.origin + point / extent.scale, normal, _RADIUS * half_diagonal / extent.scale)
-
-
-def _find_lowest(mesh: Mesh, up: NDArray[np.float64]) -> float:
-    """Return the least height of a vertex, in local units."""
-    points, direction = mesh.local_vertices, up.astype(np.float32)
-    return min(
-        float((points[begin : begin + _CHUNK_VERTICES] @ direction).min())
-        for begin in range(0, len(points), _CHUNK_VERTICES)
-    )
 
 
 def _set_cut(
