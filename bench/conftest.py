@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import clbvh
-from clbvh.study.engines import ENGINES, Engine
+from clbvh.study.engines import ENGINES
 
 
 @pytest.fixture(scope="session")
@@ -32,11 +33,10 @@ def embreex(mesh):
     return open_peer("embreex", mesh)
 
 
-def open_peer(name: str, mesh: clbvh.Mesh) -> Engine:
+def open_peer(name: str, mesh: clbvh.Mesh) -> Any:
     """Return an engine that has built its tree."""
-    engine = ENGINES[name]()
-    for package in engine.packages:
+    for package in ENGINES[name].packages:
         pytest.importorskip(package, reason=f"peers: {package} is not installed, `make bench` does it")
-    engine.open(mesh.vertices, mesh.faces)
+    engine = ENGINES[name](mesh.vertices, mesh.faces)
     engine.build()
     return engine

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .rival import Tasks
+from clbvh.study.engines import Tasks
 
 Array = NDArray[Any]
 

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clbvh.study.engines import Rival
+
 from .path_engines import REFERENCE_SAMPLES, SAMPLE_COUNTS, make_cornell_box, make_statue, serve_mitsuba, serve_ours
-from .rival import Rival
 
 SIDE = 128
 
@@ -56,7 +57,7 @@ def find_error(picture, reference):
 def draw_reference(engine):
     """Return the mean of pictures with many samples."""
     return np.mean(
-        [engine.ask(str(REFERENCE_SAMPLES))[0].astype(np.float64) for _ in range(REFERENCE_PICTURES)], axis=0
+        [engine.measure(str(REFERENCE_SAMPLES)).result[0].astype(np.float64) for _ in range(REFERENCE_PICTURES)], axis=0
     )
 
 
@@ -64,7 +65,7 @@ def measure_curves(engines, reference):
     """Return for each engine the errors and the seconds of processor time, by the counts of samples."""
     curves = [([], []) for _ in engines]
     for count in SAMPLE_COUNTS:
-        pictures = [[engine.ask(str(count)) for engine in engines] for _ in range(RUNS[count])]
+        pictures = [[engine.measure(str(count)).result for engine in engines] for _ in range(RUNS[count])]
         for (errors, times), drawn in zip(curves, zip(*pictures, strict=True), strict=True):
             errors.append(statistics.mean(find_error(picture, reference) for picture, _ in drawn))
             times.append(statistics.median(seconds for _, seconds in drawn))
@@ -86,7 +87,7 @@ def test_against_mitsuba(stage, variant, sampler):
     if variant.startswith("llvm") and not Path(os.environ.get("DRJIT_LIBLLVM_PATH", "")).is_file():
         pytest.skip("the llvm variants need a libLLVM of version 16 or newer in DRJIT_LIBLLVM_PATH")
     with Rival(serve_ours, stage) as ours, Rival(serve_mitsuba, stage, variant, sampler) as theirs:
-        ours.ask(str(SAMPLE_COUNTS[0]))
+        ours.measure(str(SAMPLE_COUNTS[0]))
         references = [draw_reference(engine) for engine in (ours, theirs)]
         means = [reference.mean() for reference in references]
         print(f"\n{variant}, {sampler}: mean {means[0]:.5f}, peer {means[1]:.5f}")

@@ -12,9 +12,9 @@ import pytest
 
 import clbvh
 from clbvh.rendering.cameras.framing import frame_mesh
+from clbvh.study.engines import Rival
 
 from .paired import DEFAULT_RUNS, compare, measure_ms
-from .rival import Rival
 from .scene_engines import open3d_flattened, ours, trimesh_loop
 
 WIDTH, HEIGHT = 1920, 1080
@@ -96,9 +96,9 @@ def test_ten_thousand_bunnies(bunny):
     with clbvh.Tracer(bunny) as tracer:
         one = tracer.memory_bytes
     with Rival(ours, arrays, [0] * INSTANCES, frames, rays) as many:
-        many.ask("move")
-        times = [many.measure_ms("move") for _ in range(3 * DEFAULT_RUNS)]
-        byte_count = many.ask("bytes")
+        many.measure("move")
+        times = [many.measure("move").wall_ms for _ in range(3 * DEFAULT_RUNS)]
+        byte_count = many.measure("bytes").result
         print(f"\n{INSTANCES:,} instances of {bunny}: set in {statistics.median(times):.1f} ms")
         print(f"{byte_count:,} bytes, one mesh {one:,}: {(byte_count - one) / INSTANCES:.0f} bytes an instance")
         print("embreex offers no instances in Python")
@@ -110,13 +110,14 @@ def test_ten_thousand_bunnies(bunny):
             Rival(ours, arrays, [0] * held, few, rays) as same,
             Rival(open3d_flattened, arrays, [0] * held, few, rays) as flat,
         ):
-            print(f"Open3D holds {held:,} flattened: {flat.ask('cast'):,} hits, ours {same.ask('cast'):,}")
+            counts = flat.measure("cast").result, same.measure("cast").result
+            print(f"Open3D holds {held:,} flattened: {counts[0]:,} hits, ours {counts[1]:,}")
             for count, engine in ((held, same), (INSTANCES, many)):
-                print(f"of {count:,} instances: {engine.ask('cast'):,} hits")
+                print(f"of {count:,} instances: {engine.measure('cast').result:,} hits")
                 compare(
                     f"picture {WIDTH}x{HEIGHT}, {count:,} instances, Open3D with {held:,} copies",
-                    lambda engine=engine: engine.measure_ms("cast"),
-                    lambda: flat.measure_ms("cast"),
+                    lambda engine=engine: engine.measure("cast").wall_ms,
+                    lambda: flat.measure("cast").wall_ms,
                 )
 
 
@@ -130,11 +131,11 @@ def test_a_hundred_moving_meshes_against_trimesh():
     scene = [(knot.vertices, knot.faces) for knot in knots], [number % 5 for number in range(MOVING)], frames
     rays = origins, generator.uniform(-15, 15, origins.shape) - origins
     with Rival(ours, *scene, rays) as engine, Rival(trimesh_loop, *scene, rays) as loop:
-        print(f"\nfirst frame: {engine.ask('frame'):,} hits, trimesh {loop.ask('frame'):,}")
+        print(f"\nfirst frame: {engine.measure('frame').result:,} hits, trimesh {loop.measure('frame').result:,}")
         ratio = compare(
             f"{MOVING} moving meshes, {MOVING_RAYS:,} rays, one frame (of {FRAMES}), trimesh over embreex",
-            lambda: engine.measure_ms("frames") / FRAMES,
-            lambda: loop.measure_ms("frame"),
+            lambda: engine.measure("frames").wall_ms / FRAMES,
+            lambda: loop.measure("frame").wall_ms,
             runs=3,
         )
     print(f"{1 / ratio:.0f} times the frames per second")
@@ -159,11 +160,11 @@ def test_lidar_against_open3d():
     scene = [(knot.vertices, knot.faces) for knot in knots], [0, 1], frames
     rays = np.tile([4.0, 0.0, 0.0], (LIDAR_RAYS, 1)), directions
     with Rival(ours, *scene, rays) as engine, Rival(open3d_flattened, *scene, rays) as rebuilt:
-        print(f"\nfirst frame: {engine.ask('frame'):,} hits, Open3D {rebuilt.ask('frame'):,}")
+        print(f"\nfirst frame: {engine.measure('frame').result:,} hits, Open3D {rebuilt.measure('frame').result:,}")
         ratio = compare(
             f"two moving meshes of {LIDAR_TRIANGLES:,}, {LIDAR_RAYS:,} rays, one frame, Open3D built anew",
-            lambda: engine.measure_ms("frame"),
-            lambda: rebuilt.measure_ms("frame"),
+            lambda: engine.measure("frame").wall_ms,
+            lambda: rebuilt.measure("frame").wall_ms,
             runs=2 * DEFAULT_RUNS,
         )
     print(f"{1 / ratio:.1f} times the frames per second")

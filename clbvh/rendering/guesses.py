@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,7 +63,7 @@ class Up(NamedTuple):
 class Framed(NamedTuple):
     """What a picture of the whole frames, and a note of what it leaves out; None if that is nothing."""
 
-    extent: Mesh | SceneBounds
+    bounds: SceneBounds
     note: str | None
 
 
@@ -74,12 +74,12 @@ def known_up(up: Vector | str) -> Vector:
     return up
 
 
-def guess_up(extent: Mesh | SceneBounds, eye: Vector | None = None, look_at: Vector | None = None) -> Up:
-    """Return the direction that is probably up: y or z, by the shape, or by the habit of the format.
+def guess_up(bounds: SceneBounds, eye: Vector | None = None, look_at: Vector | None = None) -> Up:
+    """Return the direction that is probably up: y or z, by the shape, or by the habit of the format; y without reason.
 
     Parameters
     ----------
-    extent : Mesh or SceneBounds
+    bounds : SceneBounds
         Names of meshes may end in the suffix of their file.
     eye, look_at : (3,) float, optional
         Of the camera; one that looks along the guess has the other axis.
@@ -87,53 +87,56 @@ def guess_up(extent: Mesh | SceneBounds, eye: Vector | None = None, look_at: Vec
     Examples
     --------
     >>> import clbvh
+    >>> from clbvh.rendering.cameras.bounds import SceneBounds
     >>> from clbvh.rendering.guesses import guess_up
-    >>> guess_up(clbvh.make_shape("terrain", triangles=2000)).note
+    >>> guess_up(SceneBounds.of_mesh(clbvh.make_shape("terrain", triangles=2000))).note
     'y is up: the mesh is flat along y, like a landscape; --up 0,0,1 turns it'
     """
-    axis, reason = _choose_axis(_sample_points(extent), _find_suffix(extent))
+    axis, reason = _choose_axis(_sample_points(bounds), _find_suffix(bounds))
     if eye is not None:
-        target = extent.origin if look_at is None else np.asarray(look_at, np.float64)
+        target = bounds.origin if look_at is None else np.asarray(look_at, np.float64)
         if not np.cross(target - np.asarray(eye, np.float64), _vector_of(axis)).any():
             return Up(_vector_of(3 - axis), None)
     other = ",".join(f"{part:g}" for part in _vector_of(3 - axis))
     return Up(_vector_of(axis), reason and f"{_NAMES[axis]} is up: {reason}; --up {other} turns it")
 
 
-def frame_without_outliers(extent: Mesh | SceneBounds) -> Framed:
-    """Return a mesh, or a scene, without a few small parts far away, which would make everything else small.
+def frame_without_outliers(bounds: SceneBounds) -> Framed:
+    """Return a scene without a few small parts far away, which would make everything else small.
 
-    Of a scene of several instances, whole ones are left out.
+    Of a single instance, primitives are left out; of several instances, whole ones.
 
     Examples
     --------
     >>> import clbvh
     >>> import numpy as np
+    >>> from clbvh.rendering.cameras.bounds import SceneBounds
     >>> from clbvh.rendering.guesses import frame_without_outliers
     >>> ball = clbvh.make_shape("icosphere", triangles=320)
     >>> corners = np.concatenate((ball.vertices, [[90, 0, 0], [90, 0.1, 0], [90, 0, 0.1]]))
     >>> faces = np.concatenate((ball.faces, [[162, 163, 164]]))
-    >>> frame_without_outliers(clbvh.Mesh.from_arrays(corners, faces)).note
+    >>> frame_without_outliers(SceneBounds.of_mesh(clbvh.Mesh.from_arrays(corners, faces))).note
     '1 of 321 triangles (0.3 %) is far away from the others and is left out of the frame'
     """
-    if isinstance(extent, Mesh):
-        far = _find_far_prims(extent)
+    placed = [bounds.shapes[geometry_id] for geometry_id in bounds.geometry_ids.tolist()]
+    if len(placed) == 1:
+        far = _find_far_prims(placed[0])
         if far is None:
-            return Framed(extent, None)
-        return Framed(_without(extent, far), _describe(far, extent.prim_count, "triangle"))
-    if len(extent.geometry_ids) == 1:
-        shape = extent.shapes[extent.geometry_ids[0]]
-        far = _find_far_prims(shape)
-        if far is None:
-            return Framed(extent, None)
-        kept = SceneBounds((_without(shape, far),), np.zeros(1, int), extent.transforms)
-        return Framed(kept, _describe(far, shape.prim_count, "primitive"))
-    counts = np.array([shape.prim_count for shape in extent.shapes])[extent.geometry_ids]
-    far = find_outliers(*extent.instance_boxes(), counts)
-    if not far.any():
-        return Framed(extent, None)
-    note = _describe(counts[far], int(counts.sum()), "primitive")
-    return Framed(SceneBounds(extent.shapes, extent.geometry_ids[~far], extent.transforms[~far]), note)
+            return Framed(bounds, None)
+        counts = np.ones(len(far), np.int64)
+        kept = SceneBounds((_without(placed[0], far),), np.zeros(1, np.int64), bounds.transforms)
+    else:
+        counts = np.array([shape.prim_count for shape in placed])
+        far = find_outliers(*bounds.instance_boxes(), counts)
+        if not far.any():
+            return Framed(bounds, None)
+        kept = SceneBounds(bounds.shapes, bounds.geometry_ids[~far], bounds.transforms[~far])
+    count, total = int(counts[far].sum()), int(counts.sum())
+    share, verb = 100 * count / total, "is" if count == 1 else "are"
+    shown = f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
+    name = "triangles" if all(isinstance(shape, Mesh) for shape in bounds.shapes) else "primitives"
+    note = f"{count:,} of {total:,} {name} ({shown} %) {verb} far away from the others and {verb} left out of the frame"
+    return Framed(kept, note if count else None)
 
 
 def find_outliers(lower: NDArray[np.floating], upper: NDArray[np.floating], counts: ArrayLike) -> NDArray[np.bool_]:
@@ -203,7 +206,7 @@ def _bound_prims(shape: Shape, chosen: slice) -> tuple[NDArray[np.float64], NDAr
     return centres - radii, centres + radii
 
 
-def _without(shape: Any, is_far: NDArray[np.bool_]) -> Any:
+def _without(shape: Shape, is_far: NDArray[np.bool_]) -> Shape:
     """Return a shape without some primitives, and without vertices that no other face uses."""
     if not isinstance(shape, Mesh):
         return Spheres(shape.centres[~is_far], shape.radii[~is_far], name=shape.name)
@@ -211,41 +214,25 @@ def _without(shape: Any, is_far: NDArray[np.bool_]) -> Any:
     return Mesh.from_arrays(shape.vertices[vertices], faces.reshape(-1, 3), name=shape.name)
 
 
-def _describe(far: NDArray, total: int, name: str) -> str | None:
-    """Return the note of outliers, given as flags or counts; None if there are none."""
-    count = int(far.sum())
-    if not count:
-        return None
-    share, verb = 100 * count / total, "is" if count == 1 else "are"
-    shown = f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
-    return (
-        f"{count:,} of {total:,} {name}s ({shown} %) {verb} far away from the others and {verb} left out of the frame"
-    )
-
-
 def _vector_of(axis: int) -> Vector:
     return Z_UP if axis == 2 else Y_UP
 
 
-def _find_suffix(extent: Mesh | SceneBounds) -> str:
+def _find_suffix(bounds: SceneBounds) -> str:
     """Return the suffix of the names of all meshes; empty if they differ."""
-    shapes = (extent,) if isinstance(extent, Mesh) else extent.shapes
-    suffixes = {PurePath(shape.name).suffix.lower() for shape in shapes if isinstance(shape, Mesh)}
+    suffixes = {PurePath(shape.name).suffix.lower() for shape in bounds.shapes if isinstance(shape, Mesh)}
     return suffixes.pop() if len(suffixes) == 1 else ""
 
 
-def _sample_points(extent: Mesh | SceneBounds) -> NDArray[np.float64]:
-    """Return corners of triangles and centres of spheres, (n, 3), spread evenly over a mesh or a scene."""
-    if isinstance(extent, Mesh):
-        return extent.local_vertices[extent.faces[:: -(-extent.face_count // _POINTS)].ravel()].astype(np.float64)
-    chosen = range(0, len(extent.geometry_ids), -(-len(extent.geometry_ids) // _INSTANCES))
+def _sample_points(bounds: SceneBounds) -> NDArray[np.float64]:
+    """Return corners of triangles and centres of spheres, (n, 3), spread evenly over a scene, in local units."""
+    chosen = range(0, len(bounds.geometry_ids), -(-len(bounds.geometry_ids) // _INSTANCES))
     points = []
     for instance in chosen:
-        shape, matrix = extent.shapes[extent.geometry_ids[instance]], extent.transforms[instance]
-        step = -(-shape.prim_count * len(chosen) // _POINTS)
-        seen = shape.vertices[shape.faces[::step].ravel()] if isinstance(shape, Mesh) else shape.centres[::step]
-        points.append(seen @ matrix[:3, :3].T + matrix[:3, 3])
-    return (np.concatenate(points) - extent.origin) * extent.scale
+        shape = bounds.shapes[bounds.geometry_ids[instance]]
+        step = slice(None, None, -(-shape.prim_count * len(chosen) // _POINTS))
+        points.append(bounds.points(instance, shape.faces[step].ravel() if isinstance(shape, Mesh) else step))
+    return np.concatenate(points)
 
 
 def _choose_axis(points: NDArray[np.float64], suffix: str) -> tuple[int, str | None]:

@@ -13,7 +13,7 @@ from ..errors import SceneError
 from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, VIEW
-from .cameras.bounds import Reaches, SceneBounds
+from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.lens import window_of
 from .cameras.projection import Fisheye, Panorama, name_of
@@ -260,9 +260,6 @@ _RADIUS = 4.0
 # at them, are above it by more than float32 rounds off.
 GROUND_GAP = 2e-5
 
-# Vertices per step: they stay in the cache.
-_CHUNK_VERTICES = 2**16
-
 
 class Ground(NamedTuple):
     """A plane below all objects.
@@ -289,34 +286,21 @@ def shows_ground(settings: View) -> bool:
     return _HAS_GROUND[settings.shading] if settings.ground is None else settings.ground
 
 
-def find_ground(bounds: Mesh | SceneBounds, up: NDArray[np.float64]) -> Ground:
+def find_ground(bounds: SceneBounds, up: NDArray[np.float64]) -> Ground:
     """Return the highest plane that no object reaches below.
 
     Parameters
     ----------
-    bounds : Mesh or SceneBounds
+    bounds : SceneBounds
         What stands on the ground.
     up : (3,) float64, of any length
     """
     normal = up / np.linalg.norm(up)
     box = bounds.local_box.astype(np.float64)
-    if isinstance(bounds, SceneBounds):
-        lowest = -float(bounds.largest(Reaches(-normal[None], np.zeros(1), normal))[0])
-    else:
-        lowest = _find_lowest(bounds, normal)
     middle = box.mean(axis=0)
-    point = middle + (lowest - middle @ normal) * normal
+    point = middle + (bounds.lowest(normal) - middle @ normal) * normal
     half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
     return Ground(bounds.origin + point / bounds.scale, normal, _RADIUS * half_diagonal / bounds.scale)
-
-
-def _find_lowest(mesh: Mesh, up: NDArray[np.float64]) -> float:
-    """Return the least height of a vertex, in local units."""
-    points, direction = mesh.local_vertices, up.astype(np.float32)
-    return min(
-        float((points[begin : begin + _CHUNK_VERTICES] @ direction).min())
-        for begin in range(0, len(points), _CHUNK_VERTICES)
-    )
 
 
 def _set_cut(

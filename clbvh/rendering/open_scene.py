@@ -42,7 +42,7 @@ def as_scene(source: SceneLike | list[str]) -> tuple[Scene, View]:
         return open_scene(source)
     if isinstance(source, list) and source and all(isinstance(each, str | os.PathLike) for each in source):
         return _open_mesh_files(source)
-    return Scene(source.mesh if isinstance(source, Bvh) else source), View()
+    return Scene(source.mesh if isinstance(source, Bvh) else source), View()  # type: ignore[arg-type]
 
 
 def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:

@@ -26,7 +26,6 @@ from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
 from .band_painters import Progress
-from .cameras.bounds import box_in
 from .cameras.camera import Camera
 from .frame import FrameRenderer
 from .kernel_view import make_kernel_view
@@ -232,7 +231,7 @@ class Renderer(ContextManager):
             progress.film = _make_film(view)
         times = EventTimes()
         world, space, ground = self._world, self._world.space, self._finder.ground(view, camera)
-        boxes = box_in(world.bounds, space), ground, box_in(self._finder.bounds(view), space)
+        boxes = world.bounds.box_in(space), ground, self._finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes)
         painter = self._painters.painter(view, described, progress)
         colours, found = self._frames.render(described, painter, times)

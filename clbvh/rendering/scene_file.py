@@ -196,7 +196,7 @@ _SOURCES: dict[str, type[SceneObject]] = {
 def _add_options(kind: type[SceneObject], names: tuple[str, ...]) -> type[SceneObject]:
     """Return a class of objects that has numbers by these names, too."""
     fields = [(name, int | float | UnsetType, UNSET) for name in names]
-    return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True, frozen=True)
+    return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True, frozen=True)  # type: ignore[return-value]
 
 
 # Whether the pixels of textures are colours, which are sRGB, or numbers.

@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Mesh
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
-from .cameras.framing import frame_mesh, look_from, measure_side
+from .cameras.framing import frame_scene, measure_side
 from .cameras.projection import Panorama
 from .cut import Cut
 from .guesses import Framed, Up, frame_without_outliers, guess_up
@@ -30,11 +29,11 @@ class ViewFinder:
 
     Parameters
     ----------
-    whole : Mesh or SceneBounds
+    whole : SceneBounds
         Where everything is.
     """
 
-    def __init__(self, whole: Mesh | SceneBounds) -> None:
+    def __init__(self, whole: SceneBounds) -> None:
         self._whole = whole
         self._last: dict[str, tuple[Any, Any]] = {}
 
@@ -49,9 +48,9 @@ class ViewFinder:
     def _without_outliers(self) -> Framed:
         return frame_without_outliers(self._whole)
 
-    def bounds(self, view: View) -> Mesh | SceneBounds:
+    def bounds(self, view: View) -> SceneBounds:
         """Return what a camera that shows the whole has to show."""
-        return self._without_outliers.extent if view.frame == "auto" else self._whole
+        return self._without_outliers.bounds if view.frame == "auto" else self._whole
 
     def complete(self, view: View) -> View:
         """Return the view with a direction that is up, and a cut in the scene's coordinates."""
@@ -84,19 +83,23 @@ class ViewFinder:
         return self._keep("camera", key, lambda: self._choose_camera(view))
 
     def _choose_camera(self, view: View) -> Camera:
-        bounds = self.bounds(view)
-        shared: dict[str, Any] = {"aspect": view.width / view.height, "up": view.up, "fov": view.fov}
-        if view.eye is None or view.look_at is None:
-            camera = frame_mesh(bounds, eye=view.eye, projection=view.projection, side=view.side, **shared)
-        else:
-            camera = look_from(bounds, view.projection, view.eye, view.look_at, **shared)
+        camera = frame_scene(
+            self.bounds(view),
+            aspect=view.width / view.height,
+            up=view.up,  # type: ignore[arg-type]  # complete
+            fov=view.fov,
+            eye=view.eye,
+            look_at=view.look_at,
+            projection=view.projection,
+            side=view.side,
+        )
         if view.aperture == 0 and view.focus_distance is None:
             return camera
         return replace(camera, aperture=view.aperture, focus_distance=view.focus_distance)
 
     def turn(self, view: View, count: int) -> list[Camera]:
         """Return the cameras of a full turn, which all see the whole from the same distance."""
-        first = frame_mesh(
+        first = frame_scene(
             self.bounds(view),
             turns=True,
             aspect=view.width / view.height,

@@ -119,10 +119,11 @@ class World:
         return SceneSurface(arrays, state.shapes, state.names)
 
     @cached_property
-    def bounds(self) -> Mesh | SceneBounds:
+    def bounds(self) -> SceneBounds:
         """Where everything is."""
-        state = self.state
-        return self.mesh or SceneBounds(state.shapes, state.geometry_ids, state.transforms)
+        if self.mesh is not None:
+            return SceneBounds.of_mesh(self.mesh)
+        return SceneBounds(self.state.shapes, self.state.geometry_ids, self.state.transforms)
 
     @property
     def space(self) -> Mesh:

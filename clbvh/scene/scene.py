@@ -213,7 +213,7 @@ class Scene:
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
         if isinstance(source, Scene):
             raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
-        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")
+        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")  # type: ignore[arg-type]
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
         with self._lock:
             if name is not None:

@@ -29,7 +29,6 @@ from ..rendering.frame import FrameRenderer
 from ..rendering.image_files import write_picture
 from ..rendering.kernel_view import make_kernel_view
 from ..rendering.view import View
-from ..support.context_manager import ContextManager
 from ..support.host_threads import usable_cores
 from ..trace.device_tree import DeviceTree
 from .machine import Machine
@@ -67,7 +66,7 @@ class Frame:
     times_ms: dict[str, float]
 
 
-class Bench(ContextManager):
+class Bench(ExitStack):
     """What one group of cases shares.
 
     Sizes of pictures are those of a full study, and become smaller with the scale.
@@ -81,10 +80,10 @@ class Bench(ContextManager):
     """
 
     def __init__(self, scale: Scale, machine: Machine, pictures: Path) -> None:
+        super().__init__()
         self.scale = scale
         self.machine = machine
         self._pictures = pictures
-        self._stack = ExitStack()
         self._things: dict[Hashable, Any] = {}
         self._last_engine: str | None = None
 
@@ -109,7 +108,7 @@ class Bench(ContextManager):
 
     def open(self, key: Hashable, make: Callable[[], AbstractContextManager[_Thing]]) -> _Thing:
         """Return like `once` a context manager that is entered, and left with the bench."""
-        return self.once(key, lambda: self._stack.enter_context(make()))
+        return self.once(key, lambda: self.enter_context(make()))
 
     def mesh(self, name: str) -> Mesh:
         """Return a scan by its name, or a procedural mesh such as ``knot-100000``."""
@@ -180,8 +179,3 @@ class Bench(ContextManager):
         if self._last_engine not in (None, engine):
             time.sleep(self.scale.idle_gap_s)
         self._last_engine = engine
-
-    def close(self) -> None:
-        """Close everything. Closing twice is allowed."""
-        self._things.clear()
-        self._stack.close()

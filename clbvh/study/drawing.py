@@ -17,7 +17,7 @@ from .statistics import Summary
 REPORT = "the report"
 
 # The series, x or the name of the bar, and the value: a summary has an error bar from its smallest to its largest
-# sample, and None is left out.
+# sample. None and summaries of no samples are left out.
 Point = tuple[str, Any, Summary | float | None]
 
 _MARKERS = ("o", "s", "D", "^", "v", "P")
@@ -65,6 +65,8 @@ def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> byte
 
     names = list(dict.fromkeys(name for name, *_ in points))
     bars = list(dict.fromkeys(at for _, at, _ in points))
+    drawn = [(name, at, value if isinstance(value, Summary) else Summary.of([] if value is None else [value]))
+             for name, at, value in points]  # fmt: skip
     height = _CURVES_INCHES
     if x is None:
         height = _BAR_MARGIN_INCHES + _BAR_INCHES * max(len(bars), 2) * max(1.0, len(names) / 2)
@@ -72,10 +74,9 @@ def draw_figure(points: Sequence[Point], y: Axis, x: Axis | None = None) -> byte
         figure = Figure(figsize=(_WIDTH_INCHES, height), layout="constrained")
         axes = figure.subplots()
         for number, name in enumerate(names):
-            shown = [(at, value) for series, at, value in points if series == name and value is not None]
-            summaries = [value if isinstance(value, Summary) else Summary.of([value]) for _, value in shown]
-            medians = [summary.median for summary in summaries]
-            errors = [[one.median - one.low for one in summaries], [one.high - one.median for one in summaries]]
+            shown = [(at, value) for series, at, value in drawn if series == name and value.count]
+            medians = [value.median for _, value in shown]
+            errors = [[one.median - one.low for _, one in shown], [one.high - one.median for _, one in shown]]
             if x is not None:
                 style: Any = {"marker": _MARKERS[number % len(_MARKERS)], "linestyle": ":" if name == REPORT else "-"}
                 axes.errorbar([at for at, _ in shown], medians, errors, label=name, capsize=3, **style)

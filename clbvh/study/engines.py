@@ -1,38 +1,57 @@
-"""Adapters of this engine and its peers, all with the same few verbs: open, then one whole call of each query.
+"""clbvh and its peers, all with the same few verbs, and a process of its own for each.
 
-An engine is imported when it is opened. Every call takes numpy arrays and gives the engine what its users would give
+An engine is imported when it is opened. Every query takes numpy arrays and gives the engine what its users would give
 it; conversions to the engine's own types are made before the time is taken where its users can keep them, and are part
-of the call where they cannot.
+of the call where they cannot. In one process, engines disturb each other by the threads they leave running.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cached_property, partial
 from importlib import import_module
-from typing import Any
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from ..errors import ClbvhError
+from ..support.context_manager import ContextManager
 
-_RAY_QUERIES = ("build", "coherent", "shuffled", "scattered", "any", "all")
-_ALL_QUERIES = (*_RAY_QUERIES, "points")
+Array = NDArray[Any]
+# By name, the functions that a process of its own calls and times.
+Tasks = Mapping[str, Callable[[], Any]]
+
+# The method of an engine that answers a query, and the file of its rays or points.
+_QUERIES = {
+    "coherent": ("closest", "coherent"),
+    "shuffled": ("closest", "shuffled"),
+    "scattered": ("closest", "scattered"),
+    "any": ("any", "coherent"),
+    "all": ("all", "coherent"),
+    "points": ("points", "points"),
+}
+
+# An engine that does not answer for so long is given up; opening one compiles code for a minute on a slow machine.
+_PATIENCE_S = 900.0
 
 
 class Engine:
-    """One engine and one mesh.
+    """One engine and one mesh, opened with vertices and faces; the tree is built by `build`, anew each time.
 
-    A query returns the number of its answers, by which the page shows that engines agree: hits, hit rays, or points.
+    The methods of a query return the number of its answers, by which the page shows that engines agree: hits, hit rays,
+    or points. An engine without a method has no such query.
 
     Attributes
     ----------
     name : str
     packages : tuple of str
         Packages that must be installed.
-    queries : tuple of str
-        The queries that it has.
     threads : str
         How many threads it uses.
     most_triangles, most_items : int or None
@@ -41,64 +60,47 @@ class Engine:
 
     name = ""
     packages: tuple[str, ...] = ()
-    queries: tuple[str, ...] = ()
     threads = "all cores"
     most_triangles: int | None = None
     most_items: int | None = None
 
-    def open(self, vertices: Array, faces: Array) -> None:
-        """Import the engine and keep the mesh in the engine's own form."""
-        raise NotImplementedError
+    def pack(self, *arrays: Array) -> Any:
+        """Return origins and directions, or points, as the methods of the queries take them."""
+        return arrays
 
-    def build(self) -> None:
-        """Build the acceleration structure anew, all of it."""
-        raise NotImplementedError
-
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
-        """Return a function that does a query of origins and directions, or of points, and counts its answers."""
-        raise NotImplementedError
-
-    def kernel_ms(self) -> float:
-        """Return the device's event time so far; 0 where there is none."""
-        return 0.0
-
-    def close(self) -> None:
-        """Free what must be freed."""
+    @classmethod
+    def has(cls, query: str) -> bool:
+        """Return whether the engine has a query; all can build."""
+        return query == "build" or hasattr(cls, _QUERIES[query][0])
 
 
 class Clbvh(Engine):
     """clbvh, with the layout that suits the device."""
 
     name = "clbvh"
-    queries = _ALL_QUERIES
 
-    def open(self, vertices: Array, faces: Array) -> None:
-        import clbvh
-
-        self._clbvh = clbvh
-        self._mesh = clbvh.Mesh.from_arrays(vertices, faces)
-        self._tracer: Any = None
+    def __init__(self, vertices: Array, faces: Array) -> None:
+        self._clbvh = import_module("clbvh")
+        self._mesh = self._clbvh.Mesh.from_arrays(vertices, faces)
 
     def build(self) -> None:
         self._bvh = self._clbvh.build(self._mesh)
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
-        if self._tracer is None:
-            self._tracer = self._clbvh.Tracer(self._bvh)
-        tracer = self._tracer
-        calls: dict[str, Callable[[], Any]] = {
-            "points": lambda: len(tracer.closest_point(*arrays).distance),
-            "any": lambda: np.count_nonzero(tracer.any_hit(*arrays)),
-            "all": lambda: len(tracer.all_hits(*arrays).t),
-        }
-        return calls.get(query, lambda: np.count_nonzero(tracer.closest_hit(*arrays).is_hit))
+    @cached_property
+    def _tracer(self) -> Any:
+        return self._clbvh.Tracer(self._bvh)
 
-    def kernel_ms(self) -> float:
-        return 0.0 if self._tracer is None else self._tracer.timings_ms.get("kernel", 0.0)
+    def closest(self, rays: Any) -> Any:
+        return np.count_nonzero(self._tracer.closest_hit(*rays).is_hit)
 
-    def close(self) -> None:
-        if self._tracer is not None:
-            self._tracer.close()
+    def any(self, rays: Any) -> Any:
+        return np.count_nonzero(self._tracer.any_hit(*rays))
+
+    def all(self, rays: Any) -> Any:
+        return len(self._tracer.all_hits(*rays).t)
+
+    def points(self, points: Any) -> Any:
+        return len(self._tracer.closest_point(*points).distance)
 
 
 class Open3D(Engine):
@@ -106,16 +108,14 @@ class Open3D(Engine):
 
     name = "Open3D"
     packages = ("open3d",)
-    queries = _ALL_QUERIES
 
-    def open(self, vertices: Array, faces: Array) -> None:
+    def __init__(self, vertices: Array, faces: Array) -> None:
         self._open3d: Any = import_module("open3d")
         self._mesh = self.pack(vertices), self._open3d.core.Tensor(faces.astype(np.uint32))
 
     def pack(self, *arrays: Array) -> Any:
         """Return arrays of equal length side by side, as a tensor of float32."""
-        joined = np.concatenate(arrays, axis=1) if len(arrays) > 1 else arrays[0]
-        return self._open3d.core.Tensor(joined.astype(np.float32, copy=False))
+        return self._open3d.core.Tensor(np.concatenate(arrays, axis=-1).astype(np.float32, copy=False))
 
     def build(self) -> None:
         self.scene = self._open3d.t.geometry.RaycastingScene()
@@ -123,14 +123,17 @@ class Open3D(Engine):
         # Embree builds when the first query needs the tree; one ray costs nothing beside that.
         self.scene.cast_rays(self.pack(np.array([[0, 0, 0, 0, 0, 1]])))
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
-        scene, packed = self.scene, self.pack(*arrays)
-        calls: dict[str, Callable[[], Any]] = {
-            "points": lambda: len(scene.compute_closest_points(packed)["points"]),
-            "any": lambda: np.count_nonzero(scene.test_occlusions(packed).numpy()),
-            "all": lambda: len(scene.list_intersections(packed)["t_hit"]),
-        }
-        return calls.get(query, lambda: np.count_nonzero(np.isfinite(scene.cast_rays(packed)["t_hit"].numpy())))
+    def closest(self, rays: Any) -> Any:
+        return np.count_nonzero(np.isfinite(self.scene.cast_rays(rays)["t_hit"].numpy()))
+
+    def any(self, rays: Any) -> Any:
+        return np.count_nonzero(self.scene.test_occlusions(rays).numpy())
+
+    def all(self, rays: Any) -> Any:
+        return len(self.scene.list_intersections(rays)["t_hit"])
+
+    def points(self, points: Any) -> Any:
+        return len(self.scene.compute_closest_points(points)["points"])
 
 
 class Embreex(Engine):
@@ -138,14 +141,16 @@ class Embreex(Engine):
 
     name = "embreex"
     packages = ("embreex", "trimesh")
-    queries = _RAY_QUERIES
     threads = "1"
 
-    def open(self, vertices: Array, faces: Array) -> None:
+    def __init__(self, vertices: Array, faces: Array) -> None:
         self._scene_class: Any = import_module("embreex.rtcore_scene").EmbreeScene
         self._mesh_class: Any = import_module("embreex.mesh_construction").TriangleMesh
         self._vertices, self._faces = vertices.astype(np.float32), faces.astype(np.int32)
         self._wide_vertices = vertices.astype(np.float64)
+
+    def pack(self, *arrays: Array) -> Any:
+        return [array.astype(np.float32) for array in arrays]
 
     def build(self) -> None:
         self.scene = self._scene_class()
@@ -153,19 +158,21 @@ class Embreex(Engine):
         # As above.
         self.scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
-        scene = self.scene
-        if query == "all":
-            import trimesh
-            from trimesh.ray.ray_pyembree import RayMeshIntersector
+    @cached_property
+    def _over(self) -> Any:
+        import trimesh
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-            over: Any = RayMeshIntersector(trimesh.Trimesh(self._wide_vertices, self._faces, process=False))
-            wide = [array.astype(np.float64) for array in arrays]
-            return lambda: len(over.intersects_location(*wide)[0])
-        rays = [array.astype(np.float32) for array in arrays]
-        if query == "any":
-            return lambda: np.count_nonzero(np.asarray(scene.run(*rays, query="OCCLUDED")) != -1)
-        return lambda: np.count_nonzero(np.asarray(scene.run(*rays)) >= 0)
+        return RayMeshIntersector(trimesh.Trimesh(self._wide_vertices, self._faces, process=False))
+
+    def closest(self, rays: Any) -> Any:
+        return np.count_nonzero(np.asarray(self.scene.run(*rays)) >= 0)
+
+    def any(self, rays: Any) -> Any:
+        return np.count_nonzero(np.asarray(self.scene.run(*rays, query="OCCLUDED")) != -1)
+
+    def all(self, rays: Any) -> Any:
+        return len(self._over.intersects_location(*rays)[0])
 
 
 class Trimesh(Engine):
@@ -173,75 +180,127 @@ class Trimesh(Engine):
 
     name = "trimesh"
     packages = ("trimesh", "rtree")
-    queries = _ALL_QUERIES
     threads = "1"
     most_triangles = 100_000
     most_items = 200
 
-    def open(self, vertices: Array, faces: Array) -> None:
-        import trimesh
-        from trimesh.ray.ray_triangle import RayMeshIntersector
-
-        self._trimesh, self._engine_class = trimesh, RayMeshIntersector
+    def __init__(self, vertices: Array, faces: Array) -> None:
+        self._trimesh: Any = import_module("trimesh")
         self._arrays = vertices.astype(np.float64), faces
+
+    def pack(self, *arrays: Array) -> Any:
+        return [array.astype(np.float64) for array in arrays]
 
     def build(self) -> None:
         # A new object, because trimesh keeps the R-tree of the one before.
         self._mesh = self._trimesh.Trimesh(*self._arrays, process=False)
-        self._engine = self._engine_class(self._mesh)
+        self._ray = self._trimesh.ray.ray_triangle.RayMeshIntersector(self._mesh)
         _ = self._mesh.triangles_tree
 
-    def prepare(self, query: str, *arrays: Array) -> Callable[[], Any]:
-        engine, wide = self._engine, [array.astype(np.float64) for array in arrays]
-        calls: dict[str, Callable[[], Any]] = {
-            "points": lambda: len(self._trimesh.proximity.closest_point(self._mesh, *wide)[1]),
-            "any": lambda: np.count_nonzero(engine.intersects_any(*wide)),
-            "all": lambda: len(engine.intersects_location(*wide)[0]),
-        }
-        return calls.get(query, lambda: np.count_nonzero(engine.intersects_first(*wide) >= 0))
+    def closest(self, rays: Any) -> Any:
+        return np.count_nonzero(self._ray.intersects_first(*rays) >= 0)
+
+    def any(self, rays: Any) -> Any:
+        return np.count_nonzero(self._ray.intersects_any(*rays))
+
+    def all(self, rays: Any) -> Any:
+        return len(self._ray.intersects_location(*rays)[0])
+
+    def points(self, points: Any) -> Any:
+        return len(self._trimesh.proximity.closest_point(self._mesh, *points)[1])
 
 
-ENGINES: dict[str, type[Engine]] = {engine.name: engine for engine in (Clbvh, Open3D, Embreex, Trimesh)}
+ENGINES: dict[str, Any] = {engine.name: engine for engine in (Clbvh, Open3D, Embreex, Trimesh)}
 
 
-class Contestant:
-    """An opened engine in its process: builds, and times one whole call at a time."""
+def open_engine(name: str, folder: str) -> Tasks:
+    """Return the queries of an engine whose tree is built, for the mesh, the rays and the points of a folder.
 
-    def __init__(self, name: str, folder: str) -> None:
-        self._engine = ENGINES[name]()
-        self._folder = folder
-        faces = self._load("faces")
-        self._engine.open(self._load("vertices"), faces)
-        self._engine.build()
-        self._calls: dict[str, tuple[Callable[[], Any], int]] = {"build": (self._engine.build, len(faces))}
+    Each returns the numbers of items and of answers. An engine that is slow gets an even share of the items.
+    """
+    vertices, faces = (np.load(f"{folder}/{file}.npy") for file in ("vertices", "faces"))
+    engine = ENGINES[name](vertices, faces)
+    engine.build()
+    tasks: dict[str, Callable[[], Any]] = {"build": lambda: (len(faces), engine.build())}
+    for query, (method, file) in _QUERIES.items():
+        if engine.has(query):
+            arrays = np.load(f"{folder}/{file}.npy")
+            step = -(-arrays.shape[1] // (engine.most_items or arrays.shape[1]))
+            arrays = np.ascontiguousarray(arrays[:, ::step])
+            tasks[query] = partial(_count, getattr(engine, method), engine.pack(*arrays), arrays.shape[1])
+    return tasks
 
-    def answer(self, query: str) -> dict[str, float]:
-        """Return wall time, number of items and of answers; and the device's event time where it has one."""
-        if query not in self._calls:
-            arrays = self._load_arrays(query)
-            self._calls[query] = self._engine.prepare(query, *arrays), len(arrays[0])
-        call, item_count = self._calls[query]
-        before_ms = self._engine.kernel_ms()
-        begin = time.perf_counter()
-        answers = call()
-        values: dict[str, float] = {"wall_ms": (time.perf_counter() - begin) * 1e3, "items": item_count}
-        if answers is not None:
-            values["answers"] = int(answers)
-        if (kernel_ms := self._engine.kernel_ms() - before_ms) > 0:
-            values["kernel_ms"] = kernel_ms
-        return values
+
+def _count(method: Callable[[Any], int], packed: Any, item_count: int) -> tuple[int, int]:
+    return item_count, int(method(packed))
+
+
+class EngineError(ClbvhError, RuntimeError):
+    """An engine's process failed or fell silent."""
+
+
+class Done(NamedTuple):
+    """How many milliseconds a task took in its process, and its result."""
+
+    wall_ms: float
+    result: Any
+
+
+class Rival(ContextManager):
+    """A process that does tasks, started by spawning, and idle while others are measured.
+
+    Parameters
+    ----------
+    set_up : function
+        Of a module; called there with the arguments, before the first task.
+    *arguments
+        Are pickled.
+    """
+
+    def __init__(self, set_up: Callable[..., Tasks], *arguments: Any) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, set_up, arguments), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def measure(self, task: str) -> Done:
+        """Do a task.
+
+        Raises
+        ------
+        EngineError
+            The set-up or the task failed, or the process died or fell silent.
+        """
+        try:
+            self._connection.send(task)
+            if not self._connection.poll(_PATIENCE_S):
+                self._process.kill()
+            failure, done = self._connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            raise EngineError(f"the engine's process died (exit code {self._process.exitcode})") from None
+        if failure:
+            raise EngineError(f"the engine fails: {failure}")
+        return done
 
     def close(self) -> None:
-        """Close the engine."""
-        self._engine.close()
+        """End the process. Closing twice is allowed."""
+        self._process.kill()
+        self._process.join()
+        self._connection.close()
 
-    def _load(self, name: str) -> Array:
-        return np.load(f"{self._folder}/{name}.npy")
 
-    def _load_arrays(self, query: str) -> list[Array]:
-        """Return the arrays of a query, thinned evenly for an engine that is slow."""
-        order = "coherent" if query in ("any", "all") else query
-        names = ["points"] if query == "points" else [f"{order}-origins", f"{order}-directions"]
-        arrays = [self._load(name) for name in names]
-        step = -(-len(arrays[0]) // (self._engine.most_items or len(arrays[0])))
-        return [np.ascontiguousarray(array[::step]) for array in arrays]
+def _serve(connection: Connection, set_up: Callable[..., Tasks], arguments: tuple[Any, ...]) -> None:
+    """Do tasks until the other end is closed, also by the death of its process; the life of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tasks: Tasks = {}
+    with suppress(EOFError):
+        while task := connection.recv():
+            try:
+                tasks = tasks or set_up(*arguments)
+                begin = time.perf_counter()
+                result = tasks[task]()
+                connection.send(("", Done((time.perf_counter() - begin) * 1e3, result)))
+            except Exception as error:
+                connection.send((f"{type(error).__name__}: {error}", None))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache, reduce
 from operator import getitem
 from pathlib import Path
@@ -50,8 +50,8 @@ class Experiment:
         """Take one sample of a case."""
         raise NotImplementedError
 
-    def present(self, results: Results) -> Sequence[Part]:
-        """Return the parts of the page for at least one measured case."""
+    def present(self, results: Results) -> Iterable[Part]:
+        """Yield the parts of the page for at least one measured case."""
         raise NotImplementedError
 
     @property
@@ -63,13 +63,12 @@ class Experiment:
 
     def say(self, results: Results, part: str, *values: Any) -> str:
         """Return a longer caption or a paragraph of this experiment; see `captions.md.jinja`."""
-        report = _read().get(self.name, {})
-        context = {"report": report, "source": report.get("source"), "size": results.scale.size_of}
+        context = {"report": _read().get(self.name, {}), "size": results.scale.size_of}
         return write_caption(f"{self.name}_{part}", *values, results=results, **context)
 
     def make_section(self, results: Results) -> Section:
         """Return the section of the page: what the experiment presents, noise, and what was not measured."""
-        parts = self.present(results) if results.cases else ()
+        parts = [*self.present(results)] if results.cases else []
         notes = [*([] if self.counts else _note_noise(results)), *_note_failures(results.failures)]
         return Section(self.name, *self.texts, parts, notes)
 
@@ -77,7 +76,7 @@ class Experiment:
 def _note_noise(results: Results) -> list[str]:
     """Say how many figures are noisy, and whether the machine was busy with something else."""
     summaries = [
-        results.expect(case, quantity)
+        results.summary(case, quantity)
         for case in results.cases
         for quantity in results.quantities(case, "")
         if quantity.endswith("_ms")
@@ -117,8 +116,3 @@ def published(path: str) -> Any:
 def curve(path: str) -> dict[int, float]:
     """Return a table of the report whose keys are numbers."""
     return {int(key): float(value) for key, value in published(path).items()}
-
-
-def source_of(experiment: str) -> str:
-    """Return where in the report the figures of an experiment stand."""
-    return str(published(experiment)["source"])

@@ -90,9 +90,8 @@ def describe_machine(device: str | None = None) -> Machine:
     DeviceError
         A device was asked for, and there is no such one.
     """
-    problem = ""
     devices: tuple[DeviceInfo, ...] = ()
-    chosen: DeviceInfo | None = None
+    chosen, problem = None, ""
     try:
         devices = tuple(info for info in survey_devices().devices if info.is_available)
         chosen = choose_device(device)
@@ -140,10 +139,9 @@ def keep_machine(folder: Path, machine: Machine) -> list[str]:
     changes: list[str] = []
     if kept and machine.digest not in kept:
         *_, before = kept.values()
-        for name in {**before, **machine.facts}:
-            was, now = (facts.get(name, "missing") for facts in (before, machine.facts))
-            if was != now:
-                changes.append(f"{name} was {was}, and is {now}")
+        names = {**before, **machine.facts}
+        both = [(name, before.get(name, "missing"), machine.facts.get(name, "missing")) for name in names]
+        changes = [f"{name} was {was}, and is {now}" for name, was, now in both if was != now]
     # The latest one stands last.
     kept.pop(machine.digest, None)
     kept[machine.digest] = machine.facts
@@ -160,14 +158,11 @@ def read_machines(folder: Path) -> dict[str, dict[str, str]]:
 @cache
 def find_counter_problem() -> str:
     """Return why there are no hardware counters here; empty if there are."""
-    if shutil.which("perf") is None:
-        return "perf is not installed"
     try:
-        counts = _run_perf([sys.executable, "-c", "pass"])
+        _run_perf([sys.executable, "-c", "pass"])
     except NotMeasuredError as error:
         return str(error)
-    missing = [event for event in EVENTS if event not in counts]
-    return f"perf does not count {', '.join(missing)} on this machine" if missing else ""
+    return ""
 
 
 def count_build(mesh: str, builder: str) -> dict[str, float]:
@@ -188,7 +183,9 @@ def count_build(mesh: str, builder: str) -> dict[str, float]:
 
 
 def _run_perf(command: list[str]) -> dict[str, float]:
-    """Return the counts of a command by event; those that are not supported are left out."""
+    """Return the counts of a command by event, or raise `NotMeasuredError`."""
+    if shutil.which("perf") is None:
+        raise NotMeasuredError("perf is not installed")
     perf = ["perf", "stat", "-x", ",", "-e", ",".join(EVENTS), "--", *command]
     try:
         ended = subprocess.run(perf, capture_output=True, text=True, timeout=_TIMEOUT_S, check=True)
@@ -199,6 +196,8 @@ def _run_perf(command: list[str]) -> dict[str, float]:
         fields = line.split(",")
         if len(fields) > 2 and fields[0].replace(".", "").isdigit():
             counts[fields[2].partition(":")[0]] = float(fields[0])
+    if missing := [event for event in EVENTS if event not in counts]:
+        raise NotMeasuredError(f"perf does not count {', '.join(missing)} on this machine")
     return counts
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from .drawing import Axis, Point, draw_figure
 from .statistics import NOISY_SPREAD, Summary
@@ -33,14 +33,6 @@ _LINE_LENGTH = 120
 
 
 @dataclass(frozen=True)
-class Paragraph:
-    """A paragraph of plain text."""
-
-    kind: ClassVar[str] = "paragraph"
-    text: str
-
-
-@dataclass(frozen=True)
 class Table:
     """A table of figures.
 
@@ -50,10 +42,9 @@ class Table:
     columns : sequence of str
         The headings, with units.
     rows : sequence of sequence of Cell
-        None where there is no figure.
+        None, or not a number, where there is no figure.
     """
 
-    kind: ClassVar[str] = "table"
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
@@ -72,7 +63,6 @@ class Figure:
     x : Axis, optional
     """
 
-    kind: ClassVar[str] = "image"
     caption: str
     points: Sequence[Point]
     y: Axis
@@ -88,7 +78,6 @@ class Figure:
 class Picture:
     """A rendered picture."""
 
-    kind: ClassVar[str] = "image"
     caption: str
     png: bytes
 
@@ -98,7 +87,8 @@ class Picture:
         return f"data:image/png;base64,{b64encode(self.png).decode()}"
 
 
-Part = Paragraph | Table | Figure | Picture
+# Plain text is a paragraph.
+Part = str | Table | Figure | Picture
 
 
 @dataclass(frozen=True)

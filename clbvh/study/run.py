@@ -5,10 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-import numpy as np
 import psutil
 
 from ..errors import ClbvhError, ConfigError
@@ -19,11 +17,14 @@ from .experiment import Experiment
 from .machine import Machine, describe_machine, keep_machine, list_missing
 from .page import HTML, render
 from .registry import EXPERIMENTS, find_experiments
-from .samples import FILE_NAME, TABLE_NAME, Case, NotMeasuredError, Results, Sample, SampleFile, key_of
+from .samples import FILE_NAME, TABLE_NAME, Case, NotMeasuredError, Results, SampleFile, key_of
 from .scale import FULL, SCANS, Scale
 
 PAGE_NAME = "index.html"
 PICTURES_NAME = "pictures"
+
+# The round before the first, which does not count.
+_WARM_UP = -1
 
 _PACKAGES = ("matplotlib", "Jinja2")
 
@@ -128,15 +129,11 @@ def _take_samples(
     total = sum(weight for *_, weight in to_do)
     finished = 0.0
     for experiment, group, members, weight in to_do:
-        shares = iter(np.linspace(finished, finished + weight, len(members) * (scale.rounds + 1) + 1) / total)
-        tick = partial(_report, on_progress, experiment.name, shares)
-        tick()
-        sample_group(experiment, group, members, scale, machine, samples, pictures, tick)
+        on_progress(experiment.name, finished / total)
+        measurements = len(members) * (scale.rounds + 1)
+        for count, _ in enumerate(sample_group(experiment, group, members, scale, machine, samples, pictures), start=1):
+            on_progress(experiment.name, (finished + weight * count / measurements) / total)
         finished += weight
-
-
-def _report(on_progress: Callable[[str, float], None], name: str, shares: Iterator[float]) -> None:
-    on_progress(name, float(next(shares)))
 
 
 def group_cases(experiment: Experiment, cases: list[Case]) -> dict[str, list[Case]]:
@@ -149,46 +146,36 @@ def group_cases(experiment: Experiment, cases: list[Case]) -> dict[str, list[Cas
 
 def sample_group(
     experiment: Experiment, group: str, cases: list[Case], scale: Scale, machine: Machine, samples: SampleFile,
-    pictures: Path, tick: Callable[[], None],
-) -> None:  # fmt: skip
-    """Take the samples that a group of cases lacks; `tick` is called after each measurement, counted or not.
+    pictures: Path,
+) -> Iterator[None]:  # fmt: skip
+    """Take the samples that a group of cases lacks, and yield after each measurement, counted or not.
 
     Every case is measured once without counting it: compiled code, caches and worker pools are warm then. In each
     round all cases take their turn, forwards and backwards by turns, so that a drift of the machine's speed meets all
     of them. A case that cannot be measured does not stop the others.
     """
     rounds, least_rounds = (1, 1) if experiment.counts else (scale.rounds, scale.least_rounds)
+    taken = {key_of(case): samples.count(experiment.name, case) for case in cases}
     with Bench(scale, machine, pictures) as bench:
-        failed: set[str] = set()
-
-        def measure(case: Case) -> Sample | None:
-            if key_of(case) in failed:
-                return None
-            try:
-                return experiment.measure(bench, case)
-            except (NotMeasuredError, ClbvhError, MemoryError) as error:
-                failed.add(key_of(case))
-                samples.add_failure(experiment.name, case, str(error) or type(error).__name__)
-                return None
-            finally:
-                tick()
-
-        if not experiment.counts:
-            for case in cases:
-                measure(case)
-        taken = {key_of(case): samples.count(experiment.name, case) for case in cases}
-        begin = time.monotonic()
-        for turn in range(rounds):
+        for turn in range(0 if experiment.counts else _WARM_UP, rounds):
+            if turn == 0:
+                begin = time.monotonic()
             if turn >= least_rounds and time.monotonic() - begin > scale.group_s:
                 break
             for case in cases if turn % 2 == 0 else cases[::-1]:
-                # Taken before the study was interrupted.
-                if taken[key_of(case)] > turn:
+                # Taken before the study was interrupted, or failed.
+                if turn != _WARM_UP and taken[key_of(case)] > turn:
                     continue
                 load = round(psutil.getloadavg()[0], 2)
-                sample = measure(case)
-                if sample is not None:
-                    samples.add_sample(experiment.name, case, turn, sample, load=load, at=round(time.time(), 1))
+                try:
+                    sample = experiment.measure(bench, case)
+                except (NotMeasuredError, ClbvhError, MemoryError) as error:
+                    taken[key_of(case)] = rounds
+                    samples.add_failure(experiment.name, case, str(error) or type(error).__name__)
+                else:
+                    if turn != _WARM_UP:
+                        samples.add_sample(experiment.name, case, turn, sample, load=load, at=round(time.time(), 1))
+                yield
     samples.add_done(experiment.name, group, scale.name)
 
 

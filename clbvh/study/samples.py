@@ -10,7 +10,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -68,7 +68,10 @@ class SampleFile:
     def __init__(self, folder: Path, machine: str) -> None:
         self._path = folder / FILE_NAME
         self._machine = machine
-        records = list(_read(self._path))
+        records = []
+        for line in self._path.read_bytes().splitlines() if self._path.is_file() else ():
+            with suppress(ValueError):
+                records.append(json.loads(line))
         self._records = [record for record in records if record.get("machine") == machine]
         self.others = sum(record["kind"] == _SAMPLE for record in records if record.get("machine") != machine)
 
@@ -129,17 +132,8 @@ class SampleFile:
             file.seek(-1 if file.tell() else 0, os.SEEK_END)
             is_cut = file.read(1) not in (b"", b"\n")  # the line before was cut off by a kill
             file.write(b"\n" * is_cut + line.encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
         # As it will be read back, so that a resumed study sees the same.
         self._records.append(json.loads(line))
-
-
-def _read(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the complete lines of a file."""
-    for line in path.read_bytes().splitlines() if path.is_file() else ():
-        with suppress(ValueError):
-            yield json.loads(line)
 
 
 class Results:
@@ -198,41 +192,28 @@ class Results:
         """Return the values of one key over the measured cases, in their order."""
         return list(dict.fromkeys(case[name] for case in self.cases if name in case))
 
-    def values(self, case: Case, quantity: str) -> list[float]:
-        """Return all samples of a quantity."""
-        values = (record["values"].get(quantity) for record in self._of(case))
-        return [value for value in values if value is not None]
+    def values(self, case: Case | None, quantity: str) -> list[float]:
+        """Return all samples of a quantity; none of no case."""
+        records = [] if case is None else self._of(case)
+        return [record["values"][quantity] for record in records if quantity in record["values"]]
 
-    def summary(self, case: Case | None, quantity: str) -> Summary | None:
-        """Return the summary of a quantity, None if it has no sample."""
-        values = [] if case is None else self.values(case, quantity)
-        return Summary.of(values) if values else None
-
-    def expect(self, case: Case, quantity: str) -> Summary:
-        """Return the summary of a quantity that every sample of the case has."""
+    def summary(self, case: Case | None, quantity: str) -> Summary:
+        """Return the summary of a quantity."""
         return Summary.of(self.values(case, quantity))
 
-    def summaries(self, case: Case, *quantities: str) -> list[Summary | None]:
+    def summaries(self, case: Case, *quantities: str) -> list[Summary]:
         """Return the summaries of some quantities."""
         return [self.summary(case, quantity) for quantity in quantities]
 
-    def median(self, case: Case, quantity: str) -> float | None:
-        """Return the median of a quantity, None if it has no sample."""
-        summary = self.summary(case, quantity)
-        return None if summary is None else summary.median
-
     def count(self, case: Case, quantity: str) -> int | None:
         """Return a quantity that is a whole number, None if it has no sample."""
-        median = self.median(case, quantity)
-        return None if median is None else int(median)
+        values = self.values(case, quantity)
+        return int(values[0]) if values else None
 
-    def ratio(self, over: Case | None, under: Case | None, quantity: str) -> Summary | None:
+    def ratio(self, over: Case | None, under: Case | None, quantity: str) -> Summary:
         """Return the summary of a ratio, round by round: the two were measured in turn."""
-        if over is None or under is None:
-            return None
         pairs = zip(self.values(over, quantity), self.values(under, quantity), strict=False)
-        ratios = [above / below for above, below in pairs if below]
-        return Summary.of(ratios) if ratios else None
+        return Summary.of([above / below for above, below in pairs if below])
 
     def quantities(self, case: Case, prefix: str) -> list[str]:
         """Return the names of the quantities with a prefix, without it."""
@@ -241,8 +222,7 @@ class Results:
 
     def fact(self, case: Case, name: str) -> str | None:
         """Return the latest fact of this name, None if there is none."""
-        facts = [record["facts"][name] for record in self._of(case) if name in record["facts"]]
-        return facts[-1] if facts else None
+        return next((record["facts"][name] for record in self._of(case)[::-1] if name in record["facts"]), None)
 
     def agree(self, cases: Iterable[Case], case: Case, name: str) -> str:
         """Return ``yes`` or ``NO``: whether a case has the same fact as the first of some cases."""

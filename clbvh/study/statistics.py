@@ -21,7 +21,7 @@ class Summary:
     Attributes
     ----------
     median, low, high : float
-        The median, the smallest and the largest sample.
+        The median, the smallest and the largest sample; NaN without samples.
     count : int
         The number of samples.
     """
@@ -33,7 +33,9 @@ class Summary:
 
     @classmethod
     def of(cls, samples: Sequence[float]) -> Summary:
-        """Return the summary of at least one sample."""
+        """Return the summary of samples; not a number without any."""
+        if not samples:
+            return cls(math.nan, math.nan, math.nan, 0)
         return cls(statistics.median(samples), min(samples), max(samples), len(samples))
 
     @property
@@ -55,7 +57,7 @@ class Summary:
         return Summary(amount / self.median, amount / self.high, amount / self.low, self.count)
 
 
-def fit_amdahl(times: Mapping[int, float]) -> float | None:
+def fit_amdahl(times: Mapping[int, float]) -> float:
     """Return the serial fraction that fits times on 1, 2, ... workers best.
 
     Parameters
@@ -65,8 +67,8 @@ def fit_amdahl(times: Mapping[int, float]) -> float | None:
 
     Returns
     -------
-    float or None
-        The s, from 0 to 1, of T(w) = T(1) (s + (1 - s) / w), by least squares of T(w) / T(1). None if there is no time
+    float
+        The s, from 0 to 1, of T(w) = T(1) (s + (1 - s) / w), by least squares of T(w) / T(1). NaN if there is no time
         for one worker, or none for more.
 
     Notes
@@ -74,7 +76,7 @@ def fit_amdahl(times: Mapping[int, float]) -> float | None:
     G. Amdahl, "Validity of the single processor approach to achieving large scale computing capabilities", 1967.
     """
     if 1 not in times or len(times) < 2:
-        return None
+        return math.nan
     # T(w) / T(1) - 1 / w = s (1 - 1 / w): a line through the origin.
     x = np.array([1 - 1 / workers for workers in times])
     y = np.array([time / times[1] - 1 / workers for workers, time in times.items()])
@@ -86,10 +88,10 @@ def amdahl_speedup(serial: float, workers: float) -> float:
     return 1 / (serial + (1 - serial) / workers)
 
 
-def growth_exponent(sizes: Sequence[float], times: Sequence[float]) -> float | None:
-    """Return the p of time = c size^p, by least squares of the logarithms; None for fewer than two sizes."""
+def growth_exponent(sizes: Sequence[float], times: Sequence[float]) -> float:
+    """Return the p of time = c size^p, by least squares of the logarithms; NaN for fewer than two sizes."""
     if len(set(sizes)) < 2:
-        return None
+        return math.nan
     slope, _ = np.polyfit(np.log(sizes), np.log(times), 1)
     return float(slope)
 

@@ -1,12 +1,14 @@
 """One sentence for the user about something that is no error: a cache that cannot be used, or why this takes seconds.
 
-It goes to the logger ``clbvh``, which prints it on stderr unless the program has set up its own logging.
+It goes to the logger ``clbvh``, which prints it on stderr unless the program has set up its own logging. A reason to
+wait is printed there nevertheless: nobody looks into a log file while nothing happens.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,10 +21,11 @@ _DIGITS = 8
 _LONGEST_LOAD_S = 0.5
 
 
-def say_once(sentence: str, about: str = "") -> None:
+def say_once(sentence: str, about: str = "", *, is_on_stderr: bool = False) -> None:
     """Log a warning, unless this process or one that started it has done so.
 
-    Sentences about the same thing count as one; without `about`, equal sentences do.
+    Sentences about the same thing count as one; without `about`, equal sentences do. With `is_on_stderr` it is printed
+    there, too, if the program has set up its own logging and none of that is on stderr.
     """
     digest = hashlib.sha256((about or sentence).encode(errors="surrogateescape")).hexdigest()[:_DIGITS]
     said = os.environ.get(_VARIABLE, "")
@@ -31,12 +34,16 @@ def say_once(sentence: str, about: str = "") -> None:
     os.environ[_VARIABLE] = f"{said},{digest}"
     import logging  # takes 10 ms, and most processes have nothing to say
 
-    logging.getLogger("clbvh").warning("clbvh: %s", sentence)
+    logger = logging.getLogger("clbvh")
+    logger.warning("clbvh: %s", sentence)
+    streams = [getattr(handler, "stream", None) for handler in (*logger.handlers, *logging.getLogger().handlers)]
+    if is_on_stderr and streams and sys.stderr not in streams:
+        print(f"clbvh: {sentence}", file=sys.stderr, flush=True)
 
 
 def say_compiling(sentence: str = "compiling for this machine; `clbvh warmup` does it ahead") -> None:
     """Tell the user, once, that something is compiled, which takes seconds."""
-    say_once(sentence, about="compiling")
+    say_once(sentence, about="compiling", is_on_stderr=True)
 
 
 @contextmanager

@@ -192,6 +192,8 @@ def _make_mesh(read: FileMesh, source: str, name: str) -> Mesh:
 
 
 def _no_faces(source: str, vertex_count: int) -> MeshError:
+    if vertex_count == 0:
+        return MeshError(f"{source}: the file has no triangles")
     return MeshError(
         f"{source}: the file has {vertex_count:,} vertices but no faces: rays need a surface, not a point cloud"
     )
@@ -204,7 +206,7 @@ def _no_memory(source: str) -> MeshError:
 def _read_bytes(file: Path, source: str) -> bytes:
     with read_errors_as(MeshError, source):
         data = read_regular(file)
-    if not data:
+    if not data or data.isspace():
         raise MeshError(f"{source}: the file is empty")
     # Some editors put a byte-order mark before a text, where it would belong to the first word.
     return data if is_binary_stl(data) else data.removeprefix(codecs.BOM_UTF8)

@@ -230,7 +230,7 @@ def _count(text: bytes, counted: bytes, begin: bytes) -> NDArray[np.int64]:
 def _read_vertices(lines: bytes) -> NDArray[np.float64]:
     """Return the coordinates of each vertex, and what follows them if that is as long for all."""
     if lines == b"\n":
-        raise MeshError("the mesh has no vertices")
+        raise MeshError("the file has no vertices")
     rows = _read_rows(lines, 3)
     if rows is None:
         each = enumerate(lines.split(b"\n")[1:])

@@ -26,6 +26,8 @@ def read_off(data: bytes, file: Path, problems: Problems) -> FileMesh:
         raise MeshError("the file is a binary OFF file, and only text is read: save it as text, or as PLY")
     text = re.sub(rb"#[^\r\n]*", b"", data[keyword.end() :])
     counts, *lines = [line for line in text.splitlines() if line.strip()] or [b""]
+    if len(counts.split()) < 2:
+        raise MeshError("the file is cut off: it does not say how many vertices and faces it has")
     vertex_count, face_count = (int(word) for word in counts.split()[:2])
     if min(vertex_count, face_count) < 0 or len(lines) != vertex_count + face_count:
         raise MeshError(

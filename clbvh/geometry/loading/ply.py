@@ -173,6 +173,8 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     if data[begin:].strip():
         raise MeshError("the file goes on behind the end that its header declares, so one of the two is damaged")
 
+    if not columns:
+        return FileMesh("", np.empty((0, 3)), np.empty((0, 3), np.int64))
     if not {"x", "y", "z"} <= columns.get("vertex", {}).keys():
         raise MeshError("the mesh has no vertices with x, y and z")
     vertices = np.column_stack([columns["vertex"][axis].values for axis in "xyz"])
@@ -266,7 +268,7 @@ def _read_plain_text(
     is_float = len(scalars) == len(vertex_properties) and all(
         scalars.get(axis, np.dtype(int)).kind == "f" for axis in "xyz"
     )
-    if not is_float or len(face_properties) != 1 or not set(lists) & set(_FACE_LISTS):
+    if not vertex_count or not is_float or len(face_properties) != 1 or not set(lists) & set(_FACE_LISTS):
         return None
     end = _find_line_end(data, begin, vertex_count)
     if data.count(b"\n3 ", end - 1) != face_count or data.count(b"\n", end) not in (face_count - 1, face_count):

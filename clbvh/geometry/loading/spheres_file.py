@@ -69,6 +69,8 @@ def read_spheres(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDA
 
 
 def _read_archive(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    if not data:
+        raise MeshError("the file is empty")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         names = archive.namelist()
         if f"{_CENTRES}.npy" not in names:

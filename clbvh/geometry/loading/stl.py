@@ -45,18 +45,16 @@ def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
     appearance = None
     if is_binary_stl(data):
         loaded = load_stl_binary(io.BytesIO(data))
-        if "vertices" not in loaded:
-            return FileMesh("", np.empty((0, 3)), np.empty((0, 3), np.int64))
+        solids = [loaded] if "vertices" in loaded else []
         with problems.drop("the colours"):
-            appearance = _read_colours(data[:_HEADER_BYTES], loaded["face_attributes"]["stl"])
-        solids = [loaded]
+            appearance = _read_colours(data[:_HEADER_BYTES], loaded["face_attributes"]["stl"]) if solids else None
     else:
         text, triangle_count = _check_text(data)
-        loaded = load_stl_ascii(io.BytesIO(text))
+        loaded = load_stl_ascii(io.BytesIO(text)) if triangle_count else {"geometry": {}}
         solids = list(loaded["geometry"].values()) if "geometry" in loaded else [loaded]
         if sum(len(solid["faces"]) for solid in solids) != triangle_count:
             raise MeshError(f"the file is damaged: {triangle_count:,} facets are not as many triangles")
-    corners = np.concatenate([solid["vertices"] for solid in solids])
+    corners = np.concatenate([np.empty((0, 3), np.float32), *(solid["vertices"] for solid in solids)])
     first, ids = find_equal_points(corners)
     return FileMesh("", corners[first], ids.reshape(-1, 3), appearance)
 
@@ -65,11 +63,12 @@ def _check_text(data: bytes) -> tuple[bytes, int]:
     """Return a text of whole solids without their names, and the number of its triangles."""
     text = b"\n" + data.strip().replace(b"\r", b"\n").replace(b"\t", b" ").lower() + b"\n"
     text = _NAME.sub(rb"\n\1", re.sub(rb"\n +(?=solid|endsolid)", b"\n", text))
-    if not text.startswith(b"\nsolid") or b"facet" not in text:
+    is_whole = _STRUCTURE.fullmatch(b"".join(_LINE.findall(text)))
+    if not text.startswith(b"\nsolid") or not (is_whole or b"facet" in text):
         raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
-    if not _STRUCTURE.fullmatch(b"".join(_LINE.findall(text))):
+    if not is_whole:
         raise MeshError("the file is cut off or damaged: it is not of whole solids of whole facets")
-    numbers = b"\n".join(_VERTEX.findall(text)) + b"\n"
+    numbers = b"".join(numbers + b"\n" for numbers in _VERTEX.findall(text))
     if not are_number_lines(np.frombuffer(numbers, np.uint8), 3):
         raise MeshError("the file is damaged: a vertex is not three numbers")
     # Normals that are no numbers would make trimesh print a traceback.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from ...builders.ladder.variants import VARIANTS
 from ...support.host_threads import usable_cores
 from ..bench import PHASE, Bench
 from ..drawing import REPORT, Axis, Point
-from ..experiment import Experiment, curve, published, source_of
+from ..experiment import Experiment, curve, published
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
-from ..page import Figure, Paragraph, Part, Rows, Table
+from ..page import Figure, Part, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import Scale
 from ..statistics import amdahl_speedup, fit_amdahl
@@ -72,26 +74,22 @@ class Ladder(Experiment):
         frame = bench.draw(case["mesh"], bvh, _PICTURE, layout="bvh2")
         return Sample({**values, "kernel_ms": frame.times_ms["kernel"]}, {"picture": frame.digest})
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         says, speedups = published("ladder.says"), published("ladder.speedup")
-        parts: list[Part] = []
+        columns = ("variant", "build, ms", "speed-up", "report's speed-up", "kernel, ms", "same picture", "report")
         for mesh in results.distinct("mesh"):
             cases = results.by("builder", mesh=mesh)
-            rows = [
-                (
-                    name, results.expect(case, "build_ms"),
-                    results.ratio(cases.get(_BEFORE.get(name)), case, "build_ms"), speedups.get(name),
-                    results.summary(case, "kernel_ms"), results.agree(cases.values(), case, "picture"),
-                    says.get(name, "the default of clbvh"),
-                )
-                for name, case in cases.items()
-            ]  # fmt: skip
-            text = self.say(results, "table", mesh, _PICTURE, _DEFAULT)
-            columns = ("variant", "build, ms", "speed-up", "report's speed-up", "kernel, ms", "same picture", "report")
-            points = [("clbvh", name, build_ms) for name, build_ms, *_ in rows]
+            rows = []
+            for name, case in cases.items():
+                build_ms, kernel_ms = results.summaries(case, "build_ms", "kernel_ms")
+                speedup = results.ratio(cases.get(_BEFORE.get(name)), case, "build_ms")
+                same = results.agree(cases.values(), case, "picture")
+                said = says.get(name, "the default of clbvh")
+                rows.append((name, build_ms, speedup, speedups.get(name), kernel_ms, same, said))
+            yield Table(self.say(results, "table", mesh, _PICTURE, _DEFAULT), columns, rows)
             caption = f"Build times of the variants on {mesh}, on a logarithmic scale."
-            parts += [Table(text, columns, rows), Figure(caption, points, Axis("build, ms", is_log=True))]
-        return parts
+            points = [("clbvh", name, build_ms) for name, build_ms, *_ in rows]
+            yield Figure(caption, points, Axis("build, ms", is_log=True))
 
 
 class Scaling(Experiment):
@@ -115,52 +113,41 @@ class Scaling(Experiment):
     def measure(self, bench: Bench, case: Case) -> Sample:
         return Sample(bench.build(case["mesh"], case["builder"], workers=case["workers"])[1])
 
-    def present(self, results: Results) -> list[Part]:
-        report = {workers: curve("scaling.build_ms")[1] / ms for workers, ms in curve("scaling.build_ms").items()}
+    def present(self, results: Results) -> Iterator[Part]:
+        report_ms = curve("scaling.build_ms")
+        report = {workers: report_ms[1] / ms for workers, ms in report_ms.items()}
         rows: Rows = []
         fits: Rows = []
-        phases: list[Part] = []
+        phases = []
         points: list[Point] = []
         for builder in results.distinct("builder"):
             cases = results.by("workers", builder=builder)
+            times = {workers: results.summary(case, "build_ms") for workers, case in cases.items()}
             for workers, case in cases.items():
                 speedup = results.ratio(cases.get(1), case, "build_ms")
-                efficiency = speedup and speedup.scaled(1 / workers)
-                build_ms = results.expect(case, "build_ms")
-                rows.append((builder, workers, build_ms, speedup, efficiency, report.get(workers)))
+                efficiency = speedup.scaled(1 / workers)
+                rows.append((builder, workers, times[workers], speedup, efficiency, report.get(workers)))
                 points.append((builder, workers, speedup))
-            serial = fit_amdahl({workers: results.expect(case, "build_ms").median for workers, case in cases.items()})
-            fits.append((builder, serial, None if serial is None else amdahl_speedup(serial, _PREDICTED)))
+            serial = fit_amdahl({workers: build_ms.median for workers, build_ms in times.items()})
+            fits.append((builder, serial, amdahl_speedup(serial, _PREDICTED)))
             names = results.quantities(next(iter(cases.values())), PHASE)
-            phases.append(
-                Table(
-                    f"Phases of {builder}. The phase convert is not counted, see the ladder.",
-                    ("workers", *(f"{phase.removesuffix('_ms')}, ms" for phase in names)),
-                    [(workers, *results.summaries(case, *(PHASE + name for name in names)))
-                     for workers, case in cases.items()],
-                )
-            )  # fmt: skip
-        fits.append((REPORT, fit_amdahl(curve("scaling.build_ms")), report[_PREDICTED]))
+            columns = ("workers", *(f"{phase.removesuffix('_ms')}, ms" for phase in names))
+            of_phases = [(workers, *results.summaries(case, *(PHASE + name for name in names)))
+                         for workers, case in cases.items()]  # fmt: skip
+            caption = f"Phases of {builder}. The phase convert is not counted, see the ladder."
+            phases.append(Table(caption, columns, of_phases))
+        fits.append((REPORT, fit_amdahl(report_ms), report[_PREDICTED]))
         points += [(REPORT, *point) for point in report.items()]
+        source = published("scaling.source")
+        caption = f"Build by number of workers on {results.meshes}. The report: {source}, on 8 cores."
+        yield Table(caption, ("builder", "workers", "build, ms", "speed-up", "efficiency", "report's speed-up"), rows)
         ticks = sorted({1, 2, 4, 8, *results.distinct("workers")})
-        return [
-            Table(
-                f"Build by number of workers on {results.meshes}. The report: {source_of('scaling')}, on 8 cores.",
-                ("builder", "workers", "build, ms", "speed-up", "efficiency", "report's speed-up"),
-                rows,
-            ),
-            Figure(
-                "Speed-up over one worker; the report's as published.",
-                points, Axis("speed-up"), Axis("workers", is_log=True, ticks=ticks),
-            ),
-            Table(
-                self.say(results, "fits", _PREDICTED),
-                ("builder", "serial fraction", f"speed-up on {_PREDICTED}, by the law"),
-                fits,
-            ),
-            *phases,
-            Paragraph(self.say(results, "limits")),
-        ]  # fmt: skip
+        x = Axis("workers", is_log=True, ticks=ticks)
+        yield Figure("Speed-up over one worker; the report's as published.", points, Axis("speed-up"), x)
+        columns = ("builder", "serial fraction", f"speed-up on {_PREDICTED}, by the law")
+        yield Table(self.say(results, "fits", _PREDICTED), columns, fits)
+        yield from phases
+        yield self.say(results, "limits")
 
 
 class Threshold(Experiment):
@@ -186,28 +173,21 @@ class Threshold(Experiment):
         _, values = bench.build(case["mesh"], case["builder"], task_threshold=case["threshold"])
         return Sample({"build_ms": values["build_ms"]})
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         report = curve("threshold.relative")
         rows = []
         for builder in results.distinct("builder"):
             cases = results.by("threshold", builder=builder)
-            times = {threshold: results.expect(case, "build_ms") for threshold, case in cases.items()}
+            times = {threshold: results.summary(case, "build_ms") for threshold, case in cases.items()}
             best = min(summary.median for summary in times.values())
             rows += [(builder, size, ms, ms.scaled(1 / best), report.get(size)) for size, ms in times.items()]
-        points = [(builder, size, relative) for builder, size, _, relative, _ in rows]
+        columns = ("builder", "task threshold", "build, ms", "relative", "report's relative")
+        yield Table(self.say(results, "table"), columns, rows)
+        points: list[Point] = [(builder, size, relative) for builder, size, _, relative, _ in rows]
+        points += [(REPORT, *point) for point in report.items()]
         ticks = sorted({*_THRESHOLDS[::2], *results.distinct("threshold")})
-        return [
-            Table(
-                self.say(results, "table"),
-                ("builder", "task threshold", "build, ms", "relative", "report's relative"),
-                rows,
-            ),
-            Figure(
-                "Build time relative to the best threshold.",
-                [*points, *((REPORT, *point) for point in report.items())],
-                Axis("relative time"), Axis("task threshold, triangles", is_log=True, ticks=ticks),
-            ),
-        ]  # fmt: skip
+        x = Axis("task threshold, triangles", is_log=True, ticks=ticks)
+        yield Figure("Build time relative to the best threshold.", points, Axis("relative time"), x)
 
 
 class Counters(Experiment):
@@ -230,38 +210,34 @@ class Counters(Experiment):
     def measure(self, bench: Bench, case: Case) -> Sample:
         work = count_ladder_work(bench.mesh(case["mesh"]), case["builder"])
         values = {quantity: float(count) for quantity, count in work._asdict().items()}
-        problem = find_counter_problem()
-        if problem:
+        if problem := find_counter_problem():
             return Sample(values, {_PROBLEM: problem})
         return Sample(values | count_build(case["mesh"], case["builder"]))
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         cases = results.by("builder")
+        measured = {name: case for name, case in cases.items() if results.quantities(case, "instructions")}
+        if measured:
+            first = next(iter(measured))
+            columns = ("variant", *EVENTS, *(f"{event}: {first} over this" for event in EVENTS))
+            rows = [
+                (
+                    name,
+                    *results.summaries(case, *EVENTS.values()),
+                    *(results.ratio(measured[first], case, event) for event in EVENTS.values()),
+                )
+                for name, case in measured.items()
+            ]
+            yield Table(f"Hardware counters of one build of {results.meshes} in one process.", columns, rows)
+        else:
+            yield self.say(results, "missing", results.fact(results.cases[0], _PROBLEM))
+        counts = {name: [results.count(case, quantity) for quantity in _WORK] for name, case in cases.items()}
+        caption = f"Counted work of one build of {results.meshes}."
+        yield Table(caption, ("variant", *_WORK.values()), [(name, *row) for name, row in counts.items()])
         points = [
             (_WORK[quantity], builder, results.count(case, quantity) or None)
             for quantity in _DRAWN_WORK
             for builder, case in cases.items()
         ]
-        return [
-            self._present_events(results, cases),
-            Table(
-                f"Counted work of one build of {results.meshes}.",
-                ("variant", *_WORK.values()),
-                [(name, *(results.count(case, quantity) for quantity in _WORK)) for name, case in cases.items()],
-            ),
-            Figure("Counted work.", points, Axis("times in one build", is_log=True)),
-            Paragraph(self.say(results, "report")),
-        ]
-
-    def _present_events(self, results: Results, cases: dict[str, Case]) -> Part:
-        measured = {name: case for name, case in cases.items() if results.quantities(case, "instructions")}
-        if not measured:
-            return Paragraph(self.say(results, "missing", results.fact(results.cases[0], _PROBLEM)))
-        first = next(iter(measured))
-        ratios = {name: [results.ratio(measured[first], case, event) for event in EVENTS.values()]
-                  for name, case in measured.items()}  # fmt: skip
-        return Table(
-            f"Hardware counters of one build of {results.meshes} in one process.",
-            ("variant", *EVENTS, *(f"{event}: {first} over this" for event in EVENTS)),
-            [(name, *results.summaries(case, *EVENTS.values()), *ratios[name]) for name, case in measured.items()],
-        )
+        yield Figure("Counted work.", points, Axis("times in one build", is_log=True))
+        yield self.say(results, "report")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ...device.select import survey_devices
@@ -13,9 +15,9 @@ from ...trace.oracle.visits import HostTraversal, count_wide_visits
 from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..drawing import REPORT, Axis, Point
-from ..experiment import Experiment, published, source_of
-from ..page import Figure, Paragraph, Part, Picture, Rows, Table
-from ..samples import Case, NotMeasuredError, Results, Sample
+from ..experiment import Experiment, published
+from ..page import Figure, Part, Picture, Rows, Table
+from ..samples import Case, Results, Sample
 from ..scale import Scale
 from ..statistics import lane_use
 
@@ -23,7 +25,13 @@ _PICTURE = (800, 450)
 # Visits are counted on a picture of this size: their means hardly depend on it.
 _COUNTED_PICTURE = (320, 180)
 _FLATTENING = ("flatten", "flat")
-_COUNTS = ("bytes_per_triangle", "node_visits", "leaf_visits", "triangle_tests")
+# Quantities by their headings.
+_COUNTS = {
+    "bytes a triangle": "bytes_per_triangle",
+    "node visits": "node_visits",
+    "leaf visits": "leaf_visits",
+    "triangle tests": "triangle_tests",
+}
 
 # Lanes that run in lockstep: neighbouring work-items along a row, or as a tile of this many rows.
 _LANES = (8, 16, 32)
@@ -74,9 +82,9 @@ class Layouts(Experiment):
         visits = HostTraversal(bvh).count_visits(*rays) if width == 2 else count_wide_visits(bvh, width, *rays)
         bytes_per_triangle = measure_device_bytes(bvh, layout) / bvh.mesh.face_count
         means = visits.node_steps_per_ray, visits.leaf_visits_per_ray, visits.triangle_tests_per_ray
-        return dict(zip(_COUNTS, (bytes_per_triangle, *means), strict=True))
+        return dict(zip(_COUNTS.values(), (bytes_per_triangle, *means), strict=True))
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         builders: Rows = []
         layouts: Rows = []
         points: list[Point] = []
@@ -89,23 +97,14 @@ class Layouts(Experiment):
             cases = results.by("layout", mesh=mesh, part="layout")
             for name, case in cases.items():
                 kernel_ms = results.summary(case, "kernel_ms")
-                counts = [results.median(case, quantity) for quantity in _COUNTS]
+                counts = [results.summary(case, quantity).median for quantity in _COUNTS.values()]
                 layouts.append((mesh, name, kernel_ms, *counts, results.agree(cases.values(), case, "picture")))
                 points.append(("clbvh", f"{mesh}, {name}", kernel_ms))
-        return [
-            Table(
-                self.say(results, "flattening", source_of("ladder")),
-                ("mesh", "variant", "build, ms", "last pass, ms", "speed-up over flatten", "report"),
-                builders,
-            ),
-            Table(
-                self.say(results, "table", _PICTURE),
-                ("mesh", "layout", "kernel, ms", "bytes a triangle", "node visits", "leaf visits", "triangle tests",
-                 "same picture"),
-                layouts,
-            ),
-            Figure("Kernel times of the layouts.", points, Axis("kernel, ms")),
-        ]  # fmt: skip
+        columns: tuple[str, ...] = ("mesh", "variant", "build, ms", "last pass, ms", "speed-up over flatten", "report")
+        yield Table(self.say(results, "flattening", published("ladder.source")), columns, builders)
+        columns = ("mesh", "layout", "kernel, ms", *_COUNTS, "same picture")
+        yield Table(self.say(results, "table", _PICTURE), columns, layouts)
+        yield Figure("Kernel times of the layouts.", points, Axis("kernel, ms"))
 
 
 class Divergence(Experiment):
@@ -139,43 +138,32 @@ class Divergence(Experiment):
             values[f"{shape}_{lanes}"] = lane_use(nodes + triangles, lanes, rows=rows)
         return Sample(values, facts)
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         report_lanes, report_use = published("divergence.width"), 100 * published("divergence.lane_use")
         steps: Rows = []
         rows: Rows = []
         points: list[Point] = []
         for case in results.cases:
             names = case["mesh"], case["builder"]
-            of_kind = [(results.median(case, f"{quantity}_mean"), results.count(case, f"{quantity}_most"))
-                       for quantity in QUANTITIES]  # fmt: skip
-            steps.append((*names, *of_kind[0], *of_kind[1]))
-            uses = {group: 100 * (results.median(case, "{}_{}".format(*group)) or 0.0) for group in _GROUPS}
+            means = [results.summary(case, f"{quantity}_mean").median for quantity in QUANTITIES]
+            most = [results.count(case, f"{quantity}_most") for quantity in QUANTITIES]
+            steps.append((*names, means[0], most[0], means[1], most[1]))
+            uses = {group: 100 * results.summary(case, "{}_{}".format(*group)).median for group in _GROUPS}
             rows.append((*names, *uses.values()))
             points += [(", ".join(names), f"{lanes} lanes", uses["tile", lanes]) for lanes in _LANES]
         report = [report_use if group == ("row", report_lanes) else None for group in _GROUPS]
         rows.append(("the report, by hardware counter", "flat", *report))
         points.append((REPORT, f"{report_lanes} lanes", report_use))
-        pictures = [
-            Picture(f"{case['mesh']}: {QUANTITIES[quantity].lower()} per ray.", png)
-            for case in results.cases
-            for quantity in QUANTITIES
-            for png in results.picture(case, quantity)
-        ]
-        return [
-            Table(
-                f"Steps per ray of a picture of {results.scale.size_of(*_PICTURE)}, binary tree.",
-                ("mesh", "builder", "node steps, mean", "most", "triangle tests, mean", "most"),
-                steps,
-            ),
-            Table(
-                self.say(results, "lanes"),
-                ("mesh", "builder", *(f"{shape} {lanes}" for shape, lanes in _GROUPS)),
-                rows,
-            ),
-            Figure("Lane use of tiles.", points, Axis("lane use, %")),
-            *pictures,
-            Paragraph(self.say(results, "method")),
-        ]
+        caption = f"Steps per ray of a picture of {results.scale.size_of(*_PICTURE)}, binary tree."
+        yield Table(caption, ("mesh", "builder", "node steps, mean", "most", "triangle tests, mean", "most"), steps)
+        columns = ("mesh", "builder", *(f"{shape} {lanes}" for shape, lanes in _GROUPS))
+        yield Table(self.say(results, "lanes"), columns, rows)
+        yield Figure("Lane use of tiles.", points, Axis("lane use, %"))
+        for case in results.cases:
+            for quantity, title in QUANTITIES.items():
+                for png in results.picture(case, quantity):
+                    yield Picture(f"{case['mesh']}: {title.lower()} per ray.", png)
+        yield self.say(results, "method")
 
 
 class Devices(Experiment):
@@ -202,9 +190,7 @@ class Devices(Experiment):
         ]
 
     def measure(self, bench: Bench, case: Case) -> Sample:
-        info = next((one for one in bench.machine.devices if one.number == case["number"]), None)
-        if info is None:
-            raise NotMeasuredError(f"the device {case['device']} is gone")
+        info = next(one for one in bench.machine.devices if one.number == case["number"])
         mesh, layout = case["mesh"], case["layout"]
         bench.rest_before(case["device"])
         key = ("tracer", info.number, layout)
@@ -220,21 +206,16 @@ class Devices(Experiment):
             values[f"{query}_kernel_ms"] = tracer.timings_ms["kernel"] - before
         return Sample(values)
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         rows: Rows = []
         points: list[Point] = []
         for case in results.cases:
-            times = [results.expect(case, f"{query}_kernel_ms").scaled(1e3) for query in _QUERIES]
-            speeds = [summary.rate(results.median(case, "rays") or 0.0) for summary in times]
+            times = [results.summary(case, f"{query}_kernel_ms").scaled(1e3) for query in _QUERIES]
+            speeds = [summary.rate(results.summary(case, "rays").median) for summary in times]
             rows.append((case["device"], case["layout"], *speeds))
             # Drivers put clocks and features behind the name.
             name = f"{case['device'].partition(',')[0][:_NAME_LENGTH]}, {case['layout']}"
             points += [(query, name, speed) for query, speed in zip(_QUERIES, speeds, strict=True)]
-        return [
-            Table(
-                self.say(results, "table", _DEVICE_PICTURE),
-                ("device", "layout", *(f"{query}, Mray/s" for query in _QUERIES)),
-                rows,
-            ),
-            Figure("Rays per second.", points, Axis("million rays per second")),
-        ]
+        columns = ("device", "layout", *(f"{query}, Mray/s" for query in _QUERIES))
+        yield Table(self.say(results, "table", _DEVICE_PICTURE), columns, rows)
+        yield Figure("Rays per second.", points, Axis("million rays per second"))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 
 from ...rendering.heat_map import draw_heat_map_of
 from ...support.host_threads import HostThreads, usable_cores
 from ...trace.oracle.visits import HostTraversal
 from ..bench import Bench
 from ..drawing import REPORT, Axis, Point
-from ..experiment import Experiment, curve, published, source_of
-from ..page import Figure, Paragraph, Part, Picture, Rows, Table
+from ..experiment import Experiment, curve, published
+from ..page import Figure, Part, Picture, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import SCANS, Scale, load_named_mesh, scan_of
 from ..statistics import Summary, growth_exponent
@@ -75,49 +76,35 @@ class Scenes(Experiment):
         frame = bench.draw(name, bvh, _PICTURE)
         return Sample({"build_ms": values["build_ms"], "kernel_ms": frame.times_ms["kernel"], **triangles})
 
-    def present(self, results: Results) -> list[Part]:
-        says = published("scenes.says")
-        scans: Rows = []
+    def present(self, results: Results) -> Iterator[Part]:
+        says, times = published("scenes.says"), ("one_worker_ms", "all_workers_ms")
+        rows: Rows = []
         for case in results.find(part=_SCAN):
-            times = [results.values(case, f"{workers}_ms") for workers in ("one_worker", "all_workers")]
-            speedup = Summary.of([alone / shared for alone, shared in zip(*times, strict=True)])
+            one, every = (results.values(case, quantity) for quantity in times)
+            speedup = Summary.of([alone / shared for alone, shared in zip(one, every, strict=True)])
             names = case["mesh"], case["builder"], results.count(case, "triangles")
-            scans.append((*names, *map(Summary.of, times), speedup, says.get(scan_of(case["mesh"]))))
-        rows = [
-            (
-                case["mesh"].partition("-")[0], results.count(case, "triangles") or 1,
-                results.expect(case, "build_ms"), results.expect(case, "kernel_ms"),
-            )
+            rows.append((*names, *results.summaries(case, *times), speedup, says.get(scan_of(case["mesh"]))))
+        caption = f"Build with 1 and with {results.cores} workers. The report: {published('scenes.source')}."
+        columns = ("mesh", "builder", "triangles", "1 worker, ms", f"{results.cores} workers, ms", "speed-up", "report")
+        yield Table(caption, columns, rows)
+        growth = [
+            (case["mesh"].partition("-")[0], results.count(case, "triangles") or 1,
+             *results.summaries(case, "build_ms", "kernel_ms"))
             for case in results.find(part=_GROWTH)
         ]  # fmt: skip
+        yield Table(self.say(results, "growth", _PICTURE), ("mesh", "triangles", "build, ms", "kernel, ms"), growth)
         points: list[Point] = []
         exponents: Rows = []
-        for shape in dict.fromkeys(shape for shape, *_ in rows):
-            sizes, builds, kernels = zip(*(row[1:] for row in rows if row[0] == shape), strict=True)
-            points += [(f"{shape}, build", *point) for point in zip(sizes, builds, strict=True)]
-            points += [(f"{shape}, trace", *point) for point in zip(sizes, kernels, strict=True)]
-            medians = ([summary.median for summary in summaries] for summaries in (builds, kernels))
+        for shape in dict.fromkeys(shape for shape, *_ in growth):
+            sizes, *of_work = zip(*(row[1:] for row in growth if row[0] == shape), strict=True)
+            for work, summaries in zip(("build", "trace"), of_work, strict=True):
+                points += [(f"{shape}, {work}", *point) for point in zip(sizes, summaries, strict=True)]
+            medians = ([summary.median for summary in summaries] for summaries in of_work)
             exponents.append((shape, *(growth_exponent(sizes, times) for times in medians)))
-        return [
-            Table(
-                f"Build with 1 and with {results.cores} workers. The report: {source_of('scenes')}.",
-                ("mesh", "builder", "triangles", "1 worker, ms", f"{results.cores} workers, ms", "speed-up", "report"),
-                scans,
-            ),
-            Table(
-                self.say(results, "growth", _PICTURE),
-                ("mesh", "triangles", "build, ms", "kernel, ms"),
-                rows,
-            ),
-            Figure(
-                "Growth with the number of triangles.", points, Axis("ms", is_log=True), Axis("triangles", is_log=True)
-            ),
-            Table(
-                "Growth exponent p of time = c n^p, fitted to the medians: 1 is linear, 0 is constant.",
-                ("mesh", "build", "trace"),
-                exponents,
-            ),
-        ]
+        x = Axis("triangles", is_log=True)
+        yield Figure("Growth with the number of triangles.", points, Axis("ms", is_log=True), x)
+        caption = "Growth exponent p of time = c n^p, fitted to the medians: 1 is linear, 0 is constant."
+        yield Table(caption, ("mesh", "build", "trace"), exponents)
 
 
 class Resolution(Experiment):
@@ -160,39 +147,25 @@ class Resolution(Experiment):
         times = {"build_ms": values["build_ms"], "trace_ms": trace_ms, "total_ms": values["build_ms"] + trace_ms}
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})
 
-    def present(self, results: Results) -> list[Part]:
-        rows: Rows = []
-        gains: Rows = []
+    def present(self, results: Results) -> Iterator[Part]:
+        rows = []
+        gains = []
         for picture in results.distinct("picture"):
             cases = results.by("traversal", picture=picture)
             for name, case in cases.items():
                 times = results.summaries(case, "build_ms", "trace_ms", "total_ms")
                 rows.append((picture, name, results.count(case, "rays"), *times))
-            for host in (_ONE, _ALL):
-                if host in cases and _DEVICE in cases:
-                    report = [published(f"resolution.{gain}") if (picture, host) == ("4K", _ONE) else None
-                              for gain in ("speedup", "traversal_speedup")]  # fmt: skip
-                    total, trace = (results.ratio(cases[host], cases[_DEVICE], f"{part}_ms")
-                                    for part in ("total", "kernel"))  # fmt: skip
-                    gains.append((picture, host, total, report[0], trace, report[1]))
-        return [
-            Paragraph(self.say(results, "method")),
-            Table(
-                self.say(results, "table"),
-                ("picture", "traversal", "rays", "build, ms", "traversal, ms", "total, ms"),
-                rows,
-            ),
-            Figure(
-                "Build and traversal together.",
-                [(str(row[1]), row[0], row[-1]) for row in rows],  # type: ignore[misc]
-                Axis("total, ms", is_log=True),
-            ),
-            Table(
-                self.say(results, "gains"),
-                ("picture", "host", "total", "report's", "traversal alone", "report's"),
-                gains,
-            ),
-        ]
+            for host in [host for host in (_ONE, _ALL) if {host, _DEVICE} <= cases.keys()]:
+                report = published("resolution") if (picture, host) == ("4K", _ONE) else {}
+                total, trace = (results.ratio(cases[host], cases[_DEVICE], name) for name in ("total_ms", "kernel_ms"))
+                gains.append((picture, host, total, report.get("speedup"), trace, report.get("traversal_speedup")))
+        yield self.say(results, "method")
+        columns = ("picture", "traversal", "rays", "build, ms", "traversal, ms", "total, ms")
+        yield Table(self.say(results, "table"), columns, rows)
+        points = [(name, picture, total_ms) for picture, name, *_, total_ms in rows]
+        yield Figure("Build and traversal together.", points, Axis("total, ms", is_log=True))
+        columns = ("picture", "host", "total", "report's", "traversal alone", "report's")
+        yield Table(self.say(results, "gains"), columns, gains)
 
 
 class Breakdown(Experiment):
@@ -220,29 +193,20 @@ class Breakdown(Experiment):
         frame_ms = sum(phases.values())
         return Sample({"load_ms": load_ms, **phases, "frame_ms": frame_ms, "build_share": build_ms / frame_ms})
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         report_ms = {**published("breakdown.ms"), "frame": published("breakdown.ms.total")}
-        cases = results.by("builder")
-        rows: Rows = [
-            (f"{phase}, ms", *(results.summary(case, f"{phase}_ms") for case in cases.values()), report_ms.get(phase))
-            for phase in (*_PHASES, "frame")
-        ]
-        shares = [results.expect(case, "build_share").scaled(100) for case in cases.values()]
+        cases, phases = results.by("builder"), (*_PHASES, "frame")
+        times = {phase: [results.summary(case, f"{phase}_ms") for case in cases.values()] for phase in phases}
+        rows: Rows = [(f"{phase}, ms", *of_phase, report_ms.get(phase)) for phase, of_phase in times.items()]
+        shares = [results.summary(case, "build_share").scaled(100) for case in cases.values()]
         rows.append(("build, % of the frame", *shares, 100 * published("breakdown.share.build")))
+        columns = ("phase", *(f"builder {name}" for name in cases), REPORT)
+        yield Table(self.say(results, "table", _LARGE_PICTURE), columns, rows)
         points: list[Point] = [
-            (builder, phase, results.summary(case, f"{phase}_ms"))
-            for builder, case in cases.items()
-            for phase in _FRAME
+            (builder, phase, times[phase][number]) for number, builder in enumerate(cases) for phase in _FRAME
         ]
         points += [(REPORT, phase, report_ms[phase]) for phase in _FRAME]
-        return [
-            Table(
-                self.say(results, "table", _LARGE_PICTURE),
-                ("phase", *(f"builder {name}" for name in cases), REPORT),
-                rows,
-            ),
-            Figure("The parts of a frame.", points, Axis("ms", is_log=True)),
-        ]
+        yield Figure("The parts of a frame.", points, Axis("ms", is_log=True))
 
 
 class Frontier(Experiment):
@@ -266,31 +230,20 @@ class Frontier(Experiment):
         build_ms, kernel_ms = values["build_ms"], frame.times_ms["kernel"]
         return Sample({"build_ms": build_ms, "kernel_ms": kernel_ms, "total_ms": build_ms + kernel_ms})
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
         report = [curve(f"frontier.{quantity}") for quantity in _FRONTIER_TIMES]
-        theirs = report[-1]
         cases = results.by("frontier")
-        ours = {size: results.expect(case, "total_ms") for size, case in cases.items()}
-        best = min(ours, key=lambda size: ours[size].median)
-        their_best = min(theirs, key=lambda size: theirs[size])
+        times = {size: results.summaries(case, *_FRONTIER_TIMES) for size, case in cases.items()}
+        columns = ("F", "build, ms", "kernel, ms", "total, ms", "report: build", "kernel", "total")
+        rows = [(size, *of_size, *(table.get(size) for table in report)) for size, of_size in times.items()]
+        yield Table(self.say(results, "table", _PICTURE), columns, rows)
+        ours, theirs = {size: total for size, (*_, total) in times.items()}, report[-1]
+        best, their_best = min(ours, key=lambda size: ours[size].median), min(theirs, key=lambda size: theirs[size])
+        yield self.say(results, "best", best, their_best)
         points: list[Point] = [("clbvh", size, total.scaled(1 / ours[best].median)) for size, total in ours.items()]
         points += [(REPORT, size, total / theirs[their_best]) for size, total in theirs.items()]
-        ticks = sorted({*ours, *[*theirs][::2]})
-        return [
-            Table(
-                self.say(results, "table", _PICTURE),
-                ("F", "build, ms", "kernel, ms", "total, ms", "report: build", "kernel", "total"),
-                [
-                    (size, *results.summaries(case, *_FRONTIER_TIMES), *(table.get(size) for table in report))
-                    for size, case in cases.items()
-                ],
-            ),
-            Paragraph(self.say(results, "best", best, their_best)),
-            Figure(
-                self.say(results, "totals"),
-                points, Axis("relative total", is_log=True), Axis("F, triangles in a leaf", is_log=True, ticks=ticks),
-            ),
-        ]  # fmt: skip
+        x = Axis("F, triangles in a leaf", is_log=True, ticks=sorted({*ours, *[*theirs][::2]}))
+        yield Figure(self.say(results, "totals"), points, Axis("relative total", is_log=True), x)
 
 
 class Gallery(Experiment):
@@ -320,15 +273,13 @@ class Gallery(Experiment):
         name = bench.keep_picture(f"picture-{mesh}", frame.rgb)
         return Sample({"kernel_ms": frame.times_ms["kernel"], **triangles}, {"picture": frame.digest, "file": name})
 
-    def present(self, results: Results) -> list[Part]:
+    def present(self, results: Results) -> Iterator[Part]:
+        text = f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {results.cores} workers."
         rows = [
             (case["mesh"], case["shading"], results.count(case, "triangles"), results.summary(case, "kernel_ms"))
             for case in results.cases
         ]
-        text = f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {results.cores} workers."
-        pictures = [
-            Picture(f"{case['mesh']}, {case['shading']}.", png)
-            for case in results.cases
-            for png in results.picture(case, "file")
-        ]
-        return [Table(text, ("mesh", "shading", "triangles", "kernel, ms"), rows), *pictures]
+        yield Table(text, ("mesh", "shading", "triangles", "kernel, ms"), rows)
+        for case in results.cases:
+            for png in results.picture(case, "file"):
+                yield Picture(f"{case['mesh']}, {case['shading']}.", png)

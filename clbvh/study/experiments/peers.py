@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,11 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ...support.files import temporary_folder
 from ..bench import Bench
-from ..drawing import Axis, Point
-from ..engines import ENGINES, Contestant, Trimesh
+from ..drawing import Axis
+from ..engines import ENGINES, Rival, Trimesh, open_engine
 from ..experiment import Experiment
 from ..machine import list_missing
-from ..page import Figure, Paragraph, Part, Rows, Table
-from ..rival import Rival
+from ..page import Figure, Part, Rows, Table
 from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
 from ..statistics import Summary
@@ -75,7 +75,7 @@ class Peers(Experiment):
         engine = ENGINES[name]
         if missing := list_missing(engine.packages):
             raise NotMeasuredError(f"{missing} is not installed: run 'pip install {missing.replace(',', '')}'")
-        if query not in engine.queries:
+        if not engine.has(query):
             raise NotMeasuredError(f"{name} has no such query")
         limit = engine.most_triangles and bench.scale.pick(engine.most_triangles, engine.most_triangles // _QUICK_SHARE)
         if limit is not None and bench.mesh(mesh).face_count > limit:
@@ -83,49 +83,43 @@ class Peers(Experiment):
         if name == _OURS:
             _ = bench.device
         folder = bench.once(("shared", mesh), lambda: _share(bench, mesh))
-        rival = bench.open(("engine", name), lambda: Rival(name, Contestant, name, str(folder)))
+        rival = bench.open(("engine", name), lambda: Rival(open_engine, name, str(folder)))
         bench.rest_before(name)
-        return Sample(rival.ask(query))
+        wall_ms, (items, answers) = rival.measure(query)
+        values = {"wall_ms": wall_ms, "items": items, "answers": answers}
+        return Sample({quantity: value for quantity, value in values.items() if value is not None})
 
-    def present(self, results: Results) -> list[Part]:
-        picture = results.scale.pick(_PICTURE, _QUICK_PICTURE)
-        count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
+    def present(self, results: Results) -> Iterator[Part]:
         names = [name for name in ENGINES if results.find(engine=name)]
-        engines: Rows = []
+        engines = []
         for name, engine in ENGINES.items():
             versions = [f"{one} {results.machine.get(one, 'not installed')}" for one in engine.packages or (_OURS,)]
             engines.append((name, ", ".join(versions), engine.threads))
-        points: list[Point] = [
+        yield Table("The engines.", ("engine", "version", "threads of a query"), engines)
+        count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
+        picture = results.scale.pick(_PICTURE, _QUICK_PICTURE)
+        yield self.say(results, "method", picture, count, Trimesh.most_items)
+        points = [
             (name, case["mesh"], figure_of(results, case))
             for name in names
             for case in results.find(engine=name, query="coherent")
         ]
-        return [
-            Table("The engines.", ("engine", "version", "threads of a query"), engines),
-            Paragraph(self.say(results, "method", picture, count, Trimesh.most_items)),
-            Figure("Closest hit of coherent rays.", points, Axis("million rays per second", is_log=True)),
-            *(table for mesh in results.distinct("mesh") for table in self._present_mesh(results, mesh, names)),
-        ]
+        yield Figure("Closest hit of coherent rays.", points, Axis("million rays per second", is_log=True))
+        for mesh in results.distinct("mesh"):
+            speeds: Rows = []
+            answers: Rows = []
+            for query, title in QUERIES.items():
+                cases = results.by("engine", mesh=mesh, query=query)
+                of_engines = [cases.get(name) for name in names]
+                speeds.append((title, *(figure_of(results, case) for case in of_engines), lead_of(results, cases)))
+                answers.append((title, *(_describe_answers(results, case) for case in of_engines)))
+            yield Table(self.say(results, "speeds", mesh), ("query", *names, "clbvh's lead"), speeds)
+            yield Table(f"{mesh}: answers of items, by which engines agree.", ("query", *names), answers[1:])
 
-    def _present_mesh(self, results: Results, mesh: str, names: list[str]) -> list[Table]:
-        speeds: Rows = []
-        answers: Rows = []
-        for query, title in QUERIES.items():
-            cases = results.by("engine", mesh=mesh, query=query)
-            speeds.append((title, *(figure_of(results, cases.get(name)) for name in names), lead_of(results, cases)))
-            counts = {
-                name: (results.count(case, "answers"), results.count(case, "items")) for name, case in cases.items()
-            }
-            texts = {name: f"{count:,} of {items:,}" for name, (count, items) in counts.items() if count is not None}
-            answers.append((title, *(texts.get(name) for name in names)))
-        return [
-            Table(
-                self.say(results, "speeds", mesh),
-                ("query", *names, "clbvh's lead"),
-                speeds,
-            ),
-            Table(f"{mesh}: answers of items, by which engines agree.", ("query", *names), answers[1:]),
-        ]
+
+def _describe_answers(results: Results, case: Case | None) -> str | None:
+    answers, items = results.values(case, "answers"), results.values(case, "items")
+    return f"{int(answers[0]):,} of {int(items[0]):,}" if answers else None
 
 
 def _share(bench: Bench, name: str) -> Path:
@@ -141,12 +135,9 @@ def _share(bench: Bench, name: str) -> Path:
         "scattered": _scatter(mesh, len(order), generator),
     }
     points = _choose_points(mesh, bench.scale.pick(_POINTS, _QUICK_POINTS) // bench.scale.shrink, generator)
-    arrays = {"points": points}
-    for kind, pair in rays.items():
-        arrays |= {f"{kind}-origins": pair[0], f"{kind}-directions": pair[1]}
-    for item, array in arrays.items():
+    for item, arrays in {**rays, "points": (points,)}.items():
         # Engines that take float32 get the same numbers as those that take float64.
-        np.save(folder / f"{item}.npy", array.astype(np.float32))
+        np.save(folder / f"{item}.npy", np.asarray(arrays, np.float32))
     np.save(folder / "vertices.npy", mesh.vertices)
     np.save(folder / "faces.npy", mesh.faces)
     return folder
@@ -171,20 +162,20 @@ def _choose_points(mesh: Mesh, count: int, generator: np.random.Generator) -> ND
     return np.concatenate((near, mesh.origin + generator.uniform(-0.5, 0.5, (count - half, 3)) * extent))
 
 
-def figure_of(results: Results, case: Case | None) -> Summary | None:
+def figure_of(results: Results, case: Case | None) -> Summary:
     """Return milliseconds of a build, millions of items per second of a query."""
     summary = results.summary(case, "wall_ms")
-    if case is None or summary is None or case["query"] == "build":
+    if case is None or case["query"] == "build":
         return summary
-    return summary.scaled(1e3).rate(results.median(case, "items") or 0.0)
+    return summary.scaled(1e3).rate(results.summary(case, "items").median)
 
 
-def lead_of(results: Results, cases: dict[str, Case]) -> Summary | None:
-    """Return the fastest peer's time over clbvh's, round by round; None without either."""
+def lead_of(results: Results, cases: dict[str, Case]) -> Summary:
+    """Return the fastest peer's time over clbvh's, round by round."""
     # A slow engine gets fewer rays.
-    items = {name: results.median(case, "items") or 1.0 for name, case in cases.items()}
-    times = {name: (results.median(case, "wall_ms") or 0.0) / items[name] for name, case in cases.items()}
-    ours = cases.get(_OURS)
-    best = min((name for name in cases if name != _OURS), key=lambda name: times[name], default=None)
-    ratio = best and results.ratio(cases[best], ours, "wall_ms")
-    return ratio.scaled(items[_OURS] / items[best]) if best and ratio else None
+    items = {name: results.summary(case, "items").median for name, case in cases.items()}
+    times = {name: results.summary(case, "wall_ms").median / items[name] for name, case in cases.items()}
+    best = min(times.keys() - {_OURS}, key=lambda name: times[name], default=_OURS)
+    if best == _OURS or _OURS not in cases:
+        return Summary.of([])
+    return results.ratio(cases[best], cases[_OURS], "wall_ms").scaled(items[_OURS] / items[best])

@@ -162,7 +162,7 @@ def test_every_way_to_write_triangles(gltf, load, mode, faces, is_indexed):
 def test_points_and_lines_are_no_triangles(gltf, load):
     for mode in range(4):
         gltf.add_part(SQUARE, mode=mode)
-    with pytest.raises(MeshError, match="no faces"):
+    with pytest.raises(MeshError, match="no triangles"):
         load(gltf)
     gltf.add_part(TRIANGLE, mode=5)
     gltf.add_part(TRIANGLE[:2], mode=6)

@@ -67,6 +67,7 @@ def test_radii_may_be_left_out(write):
     [
         ("a.txt", ROWS, r"must end in \.npz or \.csv"),
         ("a.csv", "", "no spheres"),
+        ("a.npz", "", "the file is empty"),
         ("a.csv", "x,y,z,r\n", "no spheres"),
         ("a.csv", "1,2\n", "x, y, z and a radius, not '1,2'"),
         ("a.csv", "1,2,3,4,5\n", "x, y, z and a radius"),

@@ -11,6 +11,7 @@ from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.guesses import frame_without_outliers
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)
+BALL_BOX = [BALL.vertices.min(axis=0), BALL.vertices.max(axis=0)]
 CREATE = trimesh.creation
 
 
@@ -45,22 +46,22 @@ OUTLIERS = {
 @pytest.mark.parametrize("name", OUTLIERS)
 def test_a_mesh_is_framed_without_its_outliers(name):
     mesh = with_triangles(BALL, OUTLIERS[name])
-    framed = frame_without_outliers(mesh)
+    framed = frame_without_outliers(SceneBounds.of_mesh(mesh))
     assert f"{len(OUTLIERS[name])} of {mesh.face_count:,} triangle" in framed.note
-    np.testing.assert_allclose(box_of(framed.extent), box_of(BALL), atol=0.1)
+    np.testing.assert_allclose(box_of(framed.bounds), BALL_BOX, atol=0.1)
     # And so is the instance of a scene, if it is alone.
     scene = clbvh.Scene()
     scene.place(scene.add(mesh), clbvh.Transform(translate=(3, 0, 0)))
     framed = frame_without_outliers(extent_of(scene))
-    assert f"{len(OUTLIERS[name])} of {mesh.face_count:,} primitive" in framed.note
-    np.testing.assert_allclose(box_of(framed.extent), [[2, -1, -1], [4, 1, 1]], atol=0.1)
+    assert f"{len(OUTLIERS[name])} of {mesh.face_count:,} triangle" in framed.note
+    np.testing.assert_allclose(box_of(framed.bounds), [[2, -1, -1], [4, 1, 1]], atol=0.1)
 
 
 def test_far_vertices_without_triangles_are_not_framed():
     mesh = clbvh.Mesh.from_arrays(np.concatenate((BALL.vertices, [[500.0, 0, 0]])), BALL.faces)
-    framed = frame_without_outliers(mesh)
+    framed = frame_without_outliers(SceneBounds.of_mesh(mesh))
     assert framed.note is None
-    np.testing.assert_allclose(box_of(framed.extent), box_of(BALL), atol=1e-6)
+    np.testing.assert_allclose(box_of(framed.bounds), BALL_BOX, atol=1e-6)
 
 
 def test_a_far_sphere_and_a_far_instance_are_left_out():
@@ -71,15 +72,15 @@ def test_a_far_sphere_and_a_far_instance_are_left_out():
     scene.place(scene.add(clbvh.Spheres(centres, 0.1)))
     framed = frame_without_outliers(extent_of(scene))
     assert framed.note.startswith("1 of 400 primitives")
-    assert np.abs(box_of(framed.extent)).max() < 6
+    assert np.abs(box_of(framed.bounds)).max() < 6
 
     scene = clbvh.Scene()
     ball, small = scene.add(BALL), scene.add(clbvh.Mesh.from_arrays(speck(0, 0, 0), [[0, 1, 2]]))
     scene.place_many(ball, [clbvh.Transform(translate=(x, 0, 0)).matrix for x in range(5)])
     scene.place(small, clbvh.Transform(translate=(0, 0, 99)))
     framed = frame_without_outliers(extent_of(scene))
-    assert framed.note.startswith("1 of 6,401 primitives")
-    np.testing.assert_allclose(box_of(framed.extent), [[-1, -1, -1], [5, 1, 1]], atol=1e-5)
+    assert framed.note.startswith("1 of 6,401 triangles")
+    np.testing.assert_allclose(box_of(framed.bounds), [[-1, -1, -1], [5, 1, 1]], atol=1e-5)
 
 
 def joined(*parts):
@@ -112,8 +113,8 @@ ORDINARY = {
 
 @pytest.mark.parametrize("name", ORDINARY)
 def test_ordinary_meshes_are_framed_as_a_whole(name):
-    mesh = ORDINARY[name]
-    assert frame_without_outliers(mesh) == (mesh, None)
+    bounds = SceneBounds.of_mesh(ORDINARY[name])
+    assert frame_without_outliers(bounds) == (bounds, None)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -7,8 +7,8 @@ import pytest
 
 from clbvh import Mesh, Spheres, make_shape
 from clbvh.rendering.cameras import bounds as scene_extent
-from clbvh.rendering.cameras.bounds import Reaches, SceneBounds, box_in
-from clbvh.rendering.cameras.framing import frame_mesh
+from clbvh.rendering.cameras.bounds import Reaches, SceneBounds
+from clbvh.rendering.cameras.framing import frame_mesh, frame_scene
 
 from .test_camera import project
 
@@ -62,7 +62,7 @@ def test_the_camera_is_that_of_one_mesh(turns, up, seed):
     places = random_places(60, seed)
     mesh = Mesh.from_arrays(flatten(*places), [[0, 1, 2]])
     expected = frame_mesh(mesh, aspect=1.5, up=up, turns=turns)
-    camera = frame_mesh(SceneBounds(SHAPES, *places), aspect=1.5, up=up, turns=turns)
+    camera = frame_scene(SceneBounds(SHAPES, *places), aspect=1.5, up=up, turns=turns)
     # Those of the mesh are rounded to float32.
     size = 1 / mesh.scale
     np.testing.assert_allclose(camera.eye, expected.eye, rtol=0, atol=1e-6 * size)
@@ -72,11 +72,11 @@ def test_the_camera_is_that_of_one_mesh(turns, up, seed):
 @pytest.mark.parametrize("scale", [1e-100, 1e-20, 1e20, 1e100])
 def test_neither_size_nor_place_matters(scale):
     geometry_ids, transforms = random_places(20, 3)
-    plain = frame_mesh(SceneBounds(SHAPES, geometry_ids, transforms), aspect=1.5)
+    plain = frame_scene(SceneBounds(SHAPES, geometry_ids, transforms), aspect=1.5)
     moved = transforms.copy()
     moved[:, :3, 3] += [5e5, -4e6, 120.0]
     moved[:, :3] *= scale
-    camera = frame_mesh(SceneBounds(SHAPES, geometry_ids, moved), aspect=1.5)
+    camera = frame_scene(SceneBounds(SHAPES, geometry_ids, moved), aspect=1.5)
     np.testing.assert_allclose(np.divide(camera.eye, scale) - [5e5, -4e6, 120.0], plain.eye, atol=1e-6)
 
 
@@ -95,10 +95,10 @@ def test_spheres_reach_as_far_as_their_surface(stretch, seed):
     extent = SceneBounds([spheres], np.array([0]), matrix[None])
     np.testing.assert_allclose(box_of(extent), [points.min(axis=0), points.max(axis=0)], rtol=0, atol=1e-2)
 
-    places, depth = project(frame_mesh(extent, aspect=1.5), points, 1.5)
+    places, depth = project(frame_scene(extent, aspect=1.5), points, 1.5)
     assert (depth > 0).all()
     assert 0.925 < np.abs(places).max() < 0.9401
-    first = frame_mesh(extent, aspect=1.5, turns=True)
+    first = frame_scene(extent, aspect=1.5, turns=True)
     turned = [np.abs(project(first.orbit(angle), points, 1.5)[0]).max() for angle in np.arange(0, 360, 45)]
     assert max(turned) < 0.9401
     # A stretched sphere counts as one around it.
@@ -131,13 +131,13 @@ def test_a_point_has_an_extent_of_nothing():
     dot = Mesh.from_arrays([[1, 2, 3]], [[0, 0, 0]])
     extent = SceneBounds([dot], np.array([0]), np.eye(4)[None])
     np.testing.assert_array_equal(box_of(extent), [[1, 2, 3], [1, 2, 3]])
-    assert np.isfinite(frame_mesh(extent, aspect=1).eye).all()
+    assert np.isfinite(frame_scene(extent, aspect=1).eye).all()
 
 
 def test_the_box_in_another_space():
     extent = SceneBounds([KNOT], np.array([0]), np.diag([2.0, 2, 2, 1])[None])
     other = Mesh.from_arrays([[-40, 0, 0], [40, 3, 0], [0, 9, 9]], [[0, 1, 2]])
-    np.testing.assert_allclose(box_in(extent, other), other.to_local(box_of(extent)), atol=1e-15)
+    np.testing.assert_allclose(extent.box_in(other), other.to_local(box_of(extent)), atol=1e-15)
 
 
 def test_a_ball_reaches_at_most_as_far_as_is_said():

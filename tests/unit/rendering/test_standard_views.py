@@ -8,7 +8,7 @@ import pytest
 import clbvh
 from clbvh.errors import SceneError
 from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.cameras.framing import frame_mesh, measure_side
+from clbvh.rendering.cameras.framing import frame_mesh, frame_scene, measure_side
 from clbvh.rendering.cameras.pose import find_sides
 from clbvh.rendering.cameras.projection import STANDARD_VIEWS, Fisheye, Orthographic, Panorama
 from clbvh.rendering.view import sky_direction
@@ -77,10 +77,14 @@ def test_a_view_sees_every_point_from_its_side(name, up):
 @pytest.mark.parametrize("name", STANDARD_VIEWS)
 def test_a_scene_is_framed_as_its_mesh(name):
     mesh = mesh_of(cloud())
-    extent = SceneBounds([mesh], np.zeros(1, np.int32), np.eye(4)[None])
+    shift = np.eye(4)
+    shift[:3, 3] = 5, -3, 2
+    extent = SceneBounds([mesh], np.zeros(1, np.int32), shift[None])
     for projection in (None, Orthographic()):
-        plain, placed = (frame_mesh(each, aspect=ASPECT, side=name, projection=projection) for each in (mesh, extent))
-        np.testing.assert_allclose(placed.eye, plain.eye, rtol=1e-5)
+        view = {"aspect": ASPECT, "side": name, "projection": projection}
+        np.testing.assert_allclose(
+            frame_scene(extent, **view).eye - shift[:3, 3], frame_mesh(mesh, **view).eye, rtol=1e-5
+        )
 
 
 def test_without_a_view_the_camera_is_the_automatic_one():
@@ -138,7 +142,7 @@ def test_scene_files_and_saved_scenes_keep_the_view(tmp_path):
 def test_sizes_are_those_of_the_box():
     points = cloud()
     across, high, deep = np.ptp(points, axis=0)
-    mesh = mesh_of(points)
-    np.testing.assert_allclose(measure_side(mesh, "front"), (across, high), rtol=1e-6)
-    np.testing.assert_allclose(measure_side(mesh, "left"), (deep, high), rtol=1e-6)
-    np.testing.assert_allclose(measure_side(mesh, "top"), (across, deep), rtol=1e-6)
+    bounds = SceneBounds.of_mesh(mesh_of(points))
+    np.testing.assert_allclose(measure_side(bounds, "front"), (across, high), rtol=1e-6)
+    np.testing.assert_allclose(measure_side(bounds, "left"), (deep, high), rtol=1e-6)
+    np.testing.assert_allclose(measure_side(bounds, "top"), (across, deep), rtol=1e-6)

@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 import clbvh
+from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.cameras.projection import read_up
 from clbvh.rendering.guesses import Y_UP, Z_UP, guess_up
 
@@ -27,7 +28,7 @@ def as_mesh(solid):
 
 def guess(mesh, kind=""):
     """Return the guess for a mesh that comes from a file of a kind."""
-    return guess_up(dataclasses.replace(mesh, name=f"a.{kind}"))
+    return guess_up(SceneBounds.of_mesh(dataclasses.replace(mesh, name=f"a.{kind}")))
 
 
 def turned(mesh):

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import Fisheye, Mesh, Orthographic, Panorama, Scene, SceneError, Spheres
 from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.cameras.framing import frame_mesh
+from clbvh.rendering.cameras.framing import frame_mesh, frame_scene
 
 HEIGHT = 100
 MARGIN = 0.06
@@ -106,7 +106,7 @@ def test_a_panorama_has_no_turn():
 def test_a_scene_of_several_objects_is_framed():
     spheres = Spheres([[0, 0, 0], [4, 0, 0]], [1.0, 0.5])
     extent = SceneBounds([spheres], np.array([0, 0]), np.stack((np.eye(4), np.diag([1, 2, 1, 1.0]))))
-    camera = frame_mesh(extent, aspect=1, projection=Orthographic())
+    camera = frame_scene(extent, aspect=1, projection=Orthographic())
     sphere = np.random.default_rng(0).normal(size=(2000, 3))
     sphere *= [1, 2, 1] / np.linalg.norm(sphere, axis=1, keepdims=True)
     found = np.abs(places(camera, np.concatenate((sphere, sphere * 0.5 + [4, 0, 0])), 1)[0])

@@ -11,7 +11,7 @@ import pytest
 import clbvh.study
 from clbvh.errors import ConfigError
 from clbvh.study import engines, machine as machines
-from clbvh.study.experiment import Experiment, curve, source_of
+from clbvh.study.experiment import Experiment, curve
 from clbvh.study.experiments import peers
 from clbvh.study.page import Table
 from clbvh.study.registry import EXPERIMENTS, find_experiments
@@ -68,7 +68,6 @@ def test_a_missing_scan_is_replaced_by_a_procedural_mesh_of_its_size(monkeypatch
 def test_figures_of_the_report():
     assert curve("scaling.build_ms") == {1: 2687, 8: 570}
     assert curve("frontier.total_ms")[8192] == 1715
-    assert source_of("ladder")
 
 
 def test_no_figure_of_the_report_is_typed_into_an_experiment():
@@ -148,9 +147,7 @@ def no_engines():
 
 @pytest.mark.usefixtures("_opened_device")
 def test_a_missing_peer_is_named(tmp_path, no_engines):
-    no_engines["ghost"] = type("Ghost", (engines.Engine,), {
-        "name": "ghost", "packages": ("no_such_package",), "queries": ("build",),
-    })  # fmt: skip
+    no_engines["ghost"] = type("Ghost", (engines.Engine,), {"name": "ghost", "packages": ("no_such_package",)})
     study = run_study(tmp_path, ["peers"], scale=TINY)
     assert "Missing peer: ghost (no_such_package is not installed)." in study.notes
     assert "no_such_package is not installed: run" in study.page.read_text()

@@ -13,7 +13,6 @@ from clbvh.study.page import (
     HTML,
     RESULTS,
     Figure,
-    Paragraph,
     Picture,
     Section,
     Table,
@@ -101,7 +100,7 @@ def test_noise_is_marked():
 
 
 def test_text_is_escaped():
-    text = make_page(Paragraph("<script>alert()</script>"), notes=["a & b < c"])
+    text = make_page("<script>alert()</script>", notes=["a & b < c"])
     assert "<script>" not in text
     assert "a &amp; b &lt; c" in text
 

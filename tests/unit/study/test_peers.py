@@ -8,27 +8,30 @@ import numpy as np
 import pytest
 
 from clbvh import make_shape
-from clbvh.study.engines import ENGINES, Contestant, Engine
-from clbvh.study.rival import EngineError, Rival
+from clbvh.study.engines import ENGINES, Engine, EngineError, Rival, open_engine
+from clbvh.study.experiments.peers import QUERIES
 
-RAYS = 64
+RAY_COUNT = 64
+RAYS = ("coherent", "shuffled", "scattered")
 
 
 class Slow(Engine):
     """Counts what it is given, and no more than a few of them."""
 
-    name = "slow"
-    queries = ("coherent", "points")
     most_items = 10
 
-    def open(self, vertices, faces):
+    def __init__(self, vertices, faces):
         self.built = 0
 
     def build(self):
         self.built += 1
 
-    def prepare(self, query, *arrays):
-        return lambda: len(arrays[0])
+    def closest(self, rays):
+        assert rays[0].flags.c_contiguous
+        return len(rays[0])
+
+    def points(self, points):
+        return len(points[0])
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +40,10 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shared")
     mesh = make_shape("knot", triangles=500)
     generator = np.random.default_rng(0)
-    origins = np.tile([[0.0, 0.0, 9.0]], (RAYS, 1))
-    directions = generator.normal(size=(RAYS, 3)) * [0.1, 0.1, 0.0] - [0, 0, 1]
-    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "points": origins}
-    for order in ("coherent", "shuffled", "scattered"):
-        arrays |= {f"{order}-origins": origins, f"{order}-directions": directions}
+    origins = np.tile([[0.0, 0.0, 9.0]], (RAY_COUNT, 1))
+    directions = generator.normal(size=(RAY_COUNT, 3)) * [0.1, 0.1, 0.0] - [0, 0, 1]
+    arrays = {"vertices": mesh.vertices, "faces": mesh.faces, "points": origins[None]}
+    arrays |= dict.fromkeys(("coherent", "shuffled", "scattered"), np.stack((origins, directions)))
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
     return str(folder)
@@ -49,37 +51,32 @@ def folder(tmp_path_factory):
 
 def test_a_slow_engine_gets_an_even_share(folder, monkeypatch):
     monkeypatch.setitem(ENGINES, "slow", Slow)
-    contestant = Contestant("slow", folder)
-    for query in ("coherent", "points"):
-        values = contestant.answer(query)
+    tasks = open_engine("slow", folder)
+    assert [query for query in QUERIES if Slow.has(query)] == list(tasks) == ["build", *RAYS, "points"]
+    for query in (*RAYS, "points"):
         # Every seventh of 64.
-        assert values["items"] == values["answers"] == 10
-        assert values["wall_ms"] >= 0
-    assert contestant.answer("build")["items"] == len(np.load(f"{folder}/faces.npy"))
-    assert contestant._engine.built == 2
+        assert tasks[query]() == (10, 10)
+    assert tasks["build"]() == (len(np.load(f"{folder}/faces.npy")), None)
 
 
 @pytest.mark.usefixtures("_opened_device")
 def test_this_library_in_a_process_of_its_own(folder):
-    with Rival("clbvh", Contestant, "clbvh", folder) as engine:
-        for query in ENGINES["clbvh"].queries:
-            values = engine.ask(query)
-            assert values["wall_ms"] > 0
-            if query != "build":
-                assert values["kernel_ms"] > 0
-        closest, every = (engine.ask(query)["answers"] for query in ("coherent", "all"))
+    with Rival(open_engine, "clbvh", folder) as engine:
+        for query in QUERIES:
+            assert engine.measure(query).wall_ms > 0
+        (_, closest), (_, every) = (engine.measure(query).result for query in ("coherent", "all"))
         assert 0 < closest <= every
         # It survives a question that it does not understand.
-        with pytest.raises(EngineError, match="clbvh fails: FileNotFoundError"):
-            engine.ask("no such query")
-        assert engine.ask("any")["answers"] == closest
+        with pytest.raises(EngineError, match="the engine fails: KeyError"):
+            engine.measure("no such query")
+        assert engine.measure("any").result == (RAY_COUNT, closest)
         engine._process.kill()
-        with pytest.raises(EngineError, match="the process of clbvh died"):
-            engine.ask("any")
-    assert not [child for child in multiprocessing.active_children() if child.name.startswith("clbvh-clbvh")]
+        with pytest.raises(EngineError, match="the engine's process died"):
+            engine.measure("any")
+    assert engine._process not in multiprocessing.active_children()
 
 
 def test_an_engine_that_cannot_be_opened_is_an_error(folder):
-    with pytest.raises(EngineError, match="nobody fails: KeyError"):
-        Rival("nobody", Contestant, "nobody", folder)
-    assert not [child for child in multiprocessing.active_children() if "nobody" in child.name]
+    with Rival(open_engine, "nobody", folder) as engine, pytest.raises(EngineError, match="the engine fails: KeyError"):
+        engine.measure("build")
+    assert engine._process not in multiprocessing.active_children()

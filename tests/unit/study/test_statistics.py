@@ -15,6 +15,7 @@ def test_summary_of_samples():
     assert (summary.median, summary.low, summary.high, summary.count) == (3, 1, 4, 3)
     assert summary.spread == 1
     assert Summary.of([2.0, 4.0]).median == 3
+    assert math.isnan(Summary.of([]).scaled(2).rate(3).median)
 
 
 @pytest.mark.parametrize(("high", "is_noisy"), [(1 + 0.9 * NOISY_SPREAD, False), (1 + 1.1 * NOISY_SPREAD, True)])
@@ -47,7 +48,7 @@ def test_the_reports_serial_fraction():
 
 @pytest.mark.parametrize("times", [{}, {1: 3.0}, {2: 3.0, 4: 2.0}])
 def test_no_fit_without_one_worker_and_another_number(times):
-    assert fit_amdahl(times) is None
+    assert math.isnan(fit_amdahl(times))
 
 
 @pytest.mark.parametrize(("times", "serial"), [({1: 1.0, 2: 0.1}, 0.0), ({1: 1.0, 2: 5.0}, 1.0)])
@@ -62,7 +63,7 @@ def test_growth_exponent_of_a_power(power):
 
 
 def test_no_growth_exponent_of_one_size():
-    assert growth_exponent([10, 10], [1, 2]) is None
+    assert math.isnan(growth_exponent([10, 10], [1, 2]))
 
 
 def test_lane_use_is_mean_over_maximum():
