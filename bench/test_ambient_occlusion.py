@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from clbvh.rendering.objects import DRAWS_PER_POINT, sample_surface
 
 import clbvh
-from clbvh.rendering.objects import DRAWS_PER_POINT, sample_surface
 from clbvh.study.engines import Open3D, Rival, Tasks
 
 from .paired import compare, measure_ms

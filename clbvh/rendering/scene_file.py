@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
 
 import msgspec
 import numpy as np
@@ -23,21 +23,19 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, MeshError, SceneError
-from ..geometry import Mesh, load_mesh
+from ..geometry import Mesh, Shape, Spheres, find_known_mesh, load_mesh, make_shape
 from ..geometry.appearance.material import Material, Texture
-from ..geometry.fetch import find_known_mesh
 from ..geometry.loading.spheres_file import SPHERES_SUFFIXES, read_spheres
 from ..geometry.loading.texture_files import decode_image
-from ..geometry.shapes.make_shape import list_shape_options, make_shape
+from ..geometry.shapes.make_shape import list_shape_options
 from ..geometry.shapes.make_spheres import list_spheres_options, make_spheres
-from ..geometry.spheres import Shape, Spheres
 from ..scene.copies import Grid, Scatter, check_copies
 from ..scene.handles import ALL_BITS, Geometry
 from ..scene.names import UniqueNames, name_of_file
 from ..scene.scene import Scene
 from ..scene.serialize import write_scene
 from ..scene.transforms import Transform
-from ..support.files import read_regular
+from ..support.files import read_errors_as, read_regular
 from .cameras.camera import Camera
 from .cameras.lens import Lens
 from .cameras.projection import DEFAULT_UP, read_projection, text_of
@@ -47,24 +45,24 @@ from .vectors import Vector
 from .view import View
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred
-_MAX_INTEGER = 2**63 - 1  # of TOML 1.0; Python's reader has no limit
 
-_TABLES = ("material", "object", "view")
-# Where the keys of tables went that scene files had once.
-_GONE = {
-    "mesh": "a mesh is an [[object]]",
-    "transform": "write its keys into the [[object]]",
-    "camera": "its keys belong to [view], with projection = \"fisheye:220\" for kind, height and angle, and "
-    "cut = \"z=50%\" for cut_plane and cut_box",
-    "light": "call it [view.light]",
-    "environment": "write environment, environment_rotation and environment_strength into [view]",
-    "image": "its keys belong to [view], and those of lines to [view.wireframe]",
-}  # fmt: skip
-
+Whole = Annotated[int, Meta(ge=0, le=2**63 - 1)]  # as TOML has it; Python's reader has no limit
+Option = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)] | float | UnsetType
 Row = tuple[float, float, float, float]
 _NO_TURN = (0.0, 0.0, 0.0)
 
 _Table = TypeVar("_Table", bound=Struct)
+
+# Where the keys of tables went that scene files had once.
+_GONE = {
+    "mesh": "a mesh is an [[object]]",
+    "transform": "write its keys into the [[object]]",
+    "camera": 'its keys belong to [view], with projection = "fisheye:220" for kind, height and angle, and '
+    'cut = "z=50%" for cut_plane and cut_box',
+    "light": "call it [view.light]",
+    "environment": "write environment, environment_rotation and environment_strength into [view]",
+    "image": "its keys belong to [view], and those of lines to [view.wireframe]",
+}
 
 
 class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -79,8 +77,6 @@ class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True)
     translate: Vector = _NO_TURN
     matrix: tuple[Row, Row, Row, Row] | None = None
     repeat: Any = None
-
-    is_mesh: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.matrix is not None and (self.scale, self.rotate, self.translate) != (1.0, _NO_TURN, _NO_TURN):
@@ -110,7 +106,7 @@ class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True)
         return tuple((name, getattr(self, name)) for name in names)
 
     @property
-    def options(self) -> dict[str, int | float]:
+    def options(self) -> dict[str, float]:
         """The options of a procedural source."""
         own = type(self).__mro__[1].__struct_fields__  # type: ignore[attr-defined]
         return {name: value for name, value in self.source if name not in own and value is not UNSET}
@@ -132,8 +128,8 @@ class _KnownMesh(SceneObject, kw_only=True, frozen=True):
 
 class _ProceduralShape(SceneObject, kw_only=True, frozen=True):
     shape: str
-    triangles: int = 100_000
-    seed: int = 0
+    triangles: Whole = 100_000
+    seed: Whole = 0
 
     def load(self) -> Mesh:
         return make_shape(self.shape, triangles=self.triangles, seed=self.seed, **self.options)
@@ -141,10 +137,8 @@ class _ProceduralShape(SceneObject, kw_only=True, frozen=True):
 
 class _ProceduralSpheres(SceneObject, kw_only=True, frozen=True):
     spheres: str
-    number: int = msgspec.field(default=100_000, name="count")
-    seed: int = 0
-
-    is_mesh: ClassVar[bool] = False
+    number: Whole = msgspec.field(default=100_000, name="count")
+    seed: Whole = 0
 
     def load(self) -> Spheres:
         made = make_spheres(self.spheres, count=self.number, seed=self.seed, **self.options)
@@ -155,8 +149,6 @@ class _ProceduralSpheres(SceneObject, kw_only=True, frozen=True):
 class _SpheresFile(SceneObject, kw_only=True, frozen=True):
     spheres: str
     radii: float | None = None
-
-    is_mesh: ClassVar[bool] = False
 
     def load(self) -> Spheres:
         centres, radii = read_spheres(self.spheres)
@@ -172,8 +164,6 @@ class _Centres(SceneObject, kw_only=True, frozen=True):
     centres: tuple[Vector, ...]
     radii: float | tuple[float, ...]
 
-    is_mesh: ClassVar[bool] = False
-
     def __post_init__(self) -> None:
         super().__post_init__()
         if isinstance(self.radii, tuple) and len(self.radii) != len(self.centres):
@@ -183,6 +173,7 @@ class _Centres(SceneObject, kw_only=True, frozen=True):
         return Spheres.from_arrays(np.array(self.centres), np.array(self.radii), name="spheres")
 
 
+_SPHERES = ("spheres", "centres")
 _SOURCES: dict[str, type[SceneObject]] = {
     "path": _File,
     "name": _KnownMesh,
@@ -195,7 +186,7 @@ _SOURCES: dict[str, type[SceneObject]] = {
 @cache
 def _add_options(kind: type[SceneObject], names: tuple[str, ...]) -> type[SceneObject]:
     """Return a class of objects that has numbers by these names, too."""
-    fields = [(name, int | float | UnsetType, UNSET) for name in names]
+    fields = [(name, Option, UNSET) for name in names]
     return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True, frozen=True)  # type: ignore[return-value]
 
 
@@ -264,15 +255,12 @@ def read_scene_file(path: str | os.PathLike[str]) -> tuple[Scene, View]:
 
 def parse_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     """Read a scene file and check its values; see `read_scene_file`."""
+    with read_errors_as(SceneError, path):
+        content = read_regular(Path(path), max_bytes=_MAX_FILE_BYTES)
     try:
-        text = read_regular(Path(path), max_bytes=_MAX_FILE_BYTES).decode()
-    except FileNotFoundError as error:
-        raise SceneError(f"{path}: no such scene file") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise SceneError(f"{path}: the scene file cannot be read: {reason}") from error
-    try:
-        tables = tomllib.loads(text)
+        tables = tomllib.loads(content.decode(), parse_float=_read_float)
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
     except (ValueError, RecursionError) as error:  # also of numbers of many digits, and of lists within lists
         raise SceneError(f"{path}: not a TOML file: {error}") from error
     with _naming(str(path)):
@@ -290,34 +278,37 @@ def _naming(where: str) -> Iterator[None]:
         raise SceneError(f"{where}: too many tables or lists within others") from None
 
 
+def _read_float(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise SceneError(f"numbers must be finite, not {text[:40]}")
+    return number
+
+
+class _Document(Struct, forbid_unknown_fields=True):
+    object: list[dict[str, Any]] = []
+    material: list[dict[str, Any]] = []
+    view: dict[str, Any] = {}
+
+
 def _read_tables(tables: dict[str, Any], folder: Path) -> SceneFile:
-    for name in tables:
+    for name, values in tables.items():
         if name in _GONE:
             raise SceneError(f"scene files have no [{name}] any more: {_GONE[name]}")
-        if name not in _TABLES:
-            raise SceneError(say_unknown(name, _TABLES, "table"))
-    materials = _read_materials(_list_tables(tables, "material"), folder)
-    objects = _read_objects(_list_tables(tables, "object"), folder, materials)
-    view = tables.get("view", {})
-    if not isinstance(view, dict):
-        raise SceneError("'view' must be a table: write [view] on a line of its own")
+        if name in ("object", "material") and isinstance(values, dict):
+            raise SceneError(f"a scene may have several of {name}: write [[{name}]], not [{name}]")
+    document = _convert(tables, _Document)
+    if not document.object:
+        raise SceneError("the scene has no [[object]]: it needs a path, a name, a shape, spheres or centres")
+    materials = _read_materials(document.material, folder)
+    objects = _read_objects(document.object, folder, materials)
     with _naming("view"):
-        _check_numbers(view)
-        if isinstance(panorama := view.get("environment"), str):
-            view["environment"] = str(folder / panorama)
-        return SceneFile(objects, materials, change_settings(View(), view))
-
-
-def _list_tables(tables: dict[str, Any], name: str) -> list[dict[str, Any]]:
-    found = tables.get(name, [])
-    if not isinstance(found, list) or not all(isinstance(values, dict) for values in found):
-        raise SceneError(f"each {name} is a table of its own: write [[{name}]] above its keys")
-    return found
+        if isinstance(panorama := document.view.get("environment"), str):
+            document.view["environment"] = str(folder / panorama)
+        return SceneFile(objects, materials, change_settings(View(), document.view))
 
 
 def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[str, Material]) -> dict[str, SceneObject]:
-    if not tables:
-        raise SceneError("the scene has no [[object]]: it needs a path, a name, a shape, spheres or centres")
     objects: dict[str, SceneObject] = {}
     names = UniqueNames("an object")
     for number, values in enumerate(tables, 1):
@@ -340,7 +331,6 @@ def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[st
 
 def _read_object(values: dict[str, Any], folder: Path) -> SceneObject:
     """Return the object of a table."""
-    _check_numbers(values)
     chosen = [key for key in _SOURCES if key in values]
     if len(chosen) != 1:
         raise SceneError(f"needs exactly one of {', '.join(_SOURCES)}, not {' and '.join(chosen) or 'none of them'}")
@@ -369,7 +359,7 @@ def _check_target(label: str, above: dict[str, SceneObject]) -> None:
     """Raise `SceneError` unless copies can be scattered on the object of this label."""
     if label not in above:
         raise SceneError(say_unknown(label, above, "object above it with the label"))
-    if above[label].repeat is not None or not above[label].is_mesh:
+    if above[label].repeat is not None or above[label].source[0][0] in _SPHERES:
         raise SceneError(f"is scattered on '{label}', which must be a mesh that is placed once")
 
 
@@ -379,7 +369,6 @@ def _read_materials(tables: list[dict[str, Any]], folder: Path) -> dict[str, Mat
     names = UniqueNames("a material")
     for number, values in enumerate(tables, 1):
         with _naming(f"material {number}"):
-            _check_numbers(values)
             table = msgspec.structs.asdict(_convert(values, _material_table()))
             names.check(label := table.pop("label"))
             for name, is_srgb in _TEXTURES.items():
@@ -395,28 +384,12 @@ def _read_materials(tables: list[dict[str, Any]], folder: Path) -> dict[str, Mat
 
 def _read_texture(path: Path, is_srgb: bool) -> Texture:
     """Return the texture of a file; raise `SceneError` if it cannot be read."""
+    with read_errors_as(SceneError, path):
+        content = read_regular(path)
     try:
-        return Texture(path.name, decode_image(read_regular(path)), is_srgb)
-    except FileNotFoundError:
-        raise SceneError(f"{path}: no such file") from None
-    except OSError as error:
-        raise SceneError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+        return Texture(path.name, decode_image(content), is_srgb)
     except Exception as error:  # decoders raise anything
         raise SceneError(f"{path}: the file cannot be used as a texture: {error}") from None
-
-
-def _check_numbers(table: dict[str, Any]) -> None:
-    """Raise `SceneError` for a number that is not finite, or that TOML cannot hold, at any depth."""
-    for key, value in table.items():
-        parts = [value]
-        while parts:
-            part = parts.pop()
-            if isinstance(part, dict | list):
-                parts += part.values() if isinstance(part, dict) else part
-            elif isinstance(part, float) and not math.isfinite(part):
-                raise SceneError(f"{key}: expected a finite number, not {part}")
-            elif isinstance(part, int) and abs(part) > _MAX_INTEGER:
-                raise SceneError(f"{key}: expected a number of 64 bits at most")
 
 
 def _convert(values: dict[str, Any], kind: type[_Table]) -> _Table:
@@ -430,14 +403,7 @@ def _convert(values: dict[str, Any], kind: type[_Table]) -> _Table:
 # A message of msgspec: the sentence, and the path of the key.
 _MESSAGE = re.compile(r"(.*?)(?: - at `\$\.?(.*)`)?", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
-_TYPE_NAMES = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "a text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
-}
+_MISSING = re.compile(r"Object missing required field `(.*)`")
 
 
 def _say(message: str, kind: type[Struct]) -> str:
@@ -445,13 +411,11 @@ def _say(message: str, kind: type[Struct]) -> str:
     sentence, key = _MESSAGE.fullmatch(message).groups()  # type: ignore[union-attr]
     if unknown := _UNKNOWN.fullmatch(sentence):
         return say_unknown(unknown[1], kind.__struct_encode_fields__, "key")
-    if sentence.startswith("Object missing required field"):
-        return "needs " + sentence.split("`")[1]
-
-    def name_types(found: re.Match[str]) -> str:
-        return " or ".join(_TYPE_NAMES.get(name, name) for name in found[1].split(" | ") if name != "null")
-
-    sentence = re.sub("`([^`]*)`", name_types, sentence.replace("Expected", "expected", 1))
+    if missing := _MISSING.fullmatch(sentence):
+        return f"needs '{missing[1]}'"
+    sentence = (
+        sentence.replace("Expected", "expected", 1).replace("`object", "`table").replace(" | null", "").replace("`", "")
+    )
     return f"{key}: {sentence}" if key else sentence
 
 
@@ -507,12 +471,9 @@ def plain_view(view: View) -> dict[str, Any]:
     """Return the settings that are not the default ones, as JSON takes them."""
     plain = as_plain(view)
     if view.camera is not None:
-        plain["camera"] = _as_plain_fields(view.camera)
-        if view.camera.lens is not None:
-            plain["camera"]["lens"] = _as_plain_fields(view.camera.lens)
-    for table in (plain, plain.get("camera", {})):
-        if "projection" in table:
-            table["projection"] = text_of(table["projection"])
+        plain["camera"] = dataclasses.asdict(view.camera) | {"projection": text_of(view.camera.projection)}
+    if view.projection is not None:
+        plain["projection"] = text_of(view.projection)
     if view.cut is not None:
         plain["cut"] = view.cut.text
     if view.environment is not None:
@@ -520,26 +481,17 @@ def plain_view(view: View) -> dict[str, Any]:
     return plain
 
 
-def _as_plain_fields(value: Any) -> dict[str, Any]:
-    fields = ((each, getattr(value, each.name)) for each in dataclasses.fields(value))
-    return {each.name: found for each, found in fields if found != each.default}
-
-
 def view_of_plain(plain: dict[str, Any]) -> View:
     """Return the view of `plain_view`; raise `SceneError` for anything else, whatever it is."""
     try:
         values = dict(plain)
         if "camera" in values:
-            camera = dict(values["camera"])
-            if "lens" in camera:
-                camera["lens"] = Lens(**camera["lens"])
-            if "projection" in camera:
-                camera["projection"] = read_projection(camera["projection"])
+            camera, lens = dict(values["camera"]), values["camera"]["lens"]
+            camera["lens"] = None if lens is None else Lens(**lens)
+            camera["projection"] = read_projection(camera["projection"])
             values["camera"] = Camera(**camera)
         if "environment" in values:  # never a path: a file that was sent must not have others read
             values["environment"] = EnvironmentMap.from_plain(values["environment"])
         return change_settings(View(), values)
-    except SceneError as error:
-        raise SceneError(f"its view is none: {error}") from None
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise SceneError(f"its view is none: {error}") from error
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise SceneError(f"the view in the file cannot be used: {error}") from error

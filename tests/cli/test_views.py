@@ -86,7 +86,7 @@ def test_a_guess_is_said_and_may_be_overruled(verb, cone, tmp_path):
 def test_the_guess_decides_the_picture(cone, tmp_path):
     for words, up in (((), (0, 0, 1)), (("--up", "auto"), (0, 0, 1)), (("--up", "0,1,0"), (0, 1, 0))):
         assert run("render", cone, tmp_path, *words).returncode == 0
-        expected = clbvh.render(clbvh.Scene(clbvh.load_mesh(cone), up=up), **VIEW)
+        expected = clbvh.render(clbvh.load_mesh(cone), up=up, **VIEW)
         np.testing.assert_array_equal(read(tmp_path / "a.png"), expected.rgb)
     assert clbvh.render(cone, **VIEW).notes[0] in GUESS
 

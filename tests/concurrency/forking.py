@@ -20,7 +20,6 @@ import trimesh
 
 import clbvh
 from clbvh.integrations.trimesh import RayMeshIntersector
-from clbvh.rendering.scene import MeshSource
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.rays import pieces
 
@@ -47,7 +46,7 @@ class Parent:
         self.object = self.objects.add(self.mesh)
         self.places = np.stack([np.eye(4), clbvh.Transform(translate=(3, 0, 0)).matrix])
         self.objects.place_many(self.object, self.places)
-        self.scene = clbvh.Scene(MeshSource(shape="icosphere", triangles=80), width=8, height=8)
+        self.scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), width=8, height=8)
 
     def use(self):
         """Open a tracer, and start threads and workers."""

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 import clbvh
-from clbvh.rendering.scene import MeshSource
 
 _OWN = Path("/proc/self")
 _PAGES_PER_MIB = 2**20 / os.sysconf("SC_PAGE_SIZE")
@@ -29,7 +28,7 @@ class Work:
         self.mesh = clbvh.make_shape("knot", triangles=1800)
         self.bvh = clbvh.build(self.mesh)
         self.rays = np.random.default_rng(0).normal(size=(2, 10, 3))
-        self.scene = clbvh.Scene(MeshSource(shape="icosphere", triangles=80), width=32, height=32)
+        self.scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), width=32, height=32)
         self.objects = clbvh.Scene()
         self.object = self.objects.add(self.mesh)
         self.places = np.tile(np.eye(4), (100, 1, 1))

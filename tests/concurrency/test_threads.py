@@ -17,7 +17,6 @@ from clbvh.builders.processes.pool import open_executor
 from clbvh.device.session import DeviceSession
 from clbvh.errors import PoolError, QueryError
 from clbvh.integrations.trimesh import RayMeshIntersector
-from clbvh.rendering.scene import MeshSource
 from clbvh.trace import running_calls
 from clbvh.trace.rays import pieces
 
@@ -249,7 +248,7 @@ class TestPool:
 
 
 def test_pictures_of_several_threads_have_the_bytes_of_one():
-    scene = Scene(MeshSource(shape="knot", triangles=2000), width=120, height=90)
+    scene = Scene(clbvh.make_shape("knot", triangles=2000), width=120, height=90)
     options = [RenderOptions(layout=layout) for layout in ("bvh2", "bvh8")]
     expected = [render(scene, option) for option in options]
     pictures = run_in_threads(*(lambda option=option: render(scene, option) for option in options * 3))

@@ -20,16 +20,14 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from clbvh.rendering.objects import SpheresSource
 
-from clbvh import Bvh, build, load_mesh, validate_tree
+from clbvh import Bvh, Scene, build, load_mesh, validate_tree
 from clbvh.bvh import serialize
 from clbvh.errors import ClbvhError
 from clbvh.geometry import Mesh, Spheres
 from clbvh.geometry.loading.spheres_file import read_spheres
-from clbvh.rendering.objects import SpheresSource
-from clbvh.rendering.scene import Scene
 from clbvh.rendering.scene_file import parse_scene, read_scene
-from clbvh.rendering.sources import MeshSource
 
 from ..soup import make_soup
 from ..unit.geometry.gltf_files import pack_glb

@@ -62,7 +62,7 @@ def make_scene(materials=MATERIALS, **settings):
 
 
 def draw(scene, **changes):
-    with Renderer(scene, RenderOptions()) as renderer:
+    with Renderer(scene, options=RenderOptions()) as renderer:
         return renderer.render(keeps_film=True, **changes)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.scene import Light, Scene
+from clbvh import Light, Scene
 
 POINTS = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
 FACES = np.array([(0, 1, 2), (0, 2, 3)])

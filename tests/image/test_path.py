@@ -255,7 +255,7 @@ class TestSamples:
     def test_bits_are_equal_for_layouts(self, layout):
         with Renderer(self.SCENE) as renderer:
             expected = renderer.render(samples=5, keeps_film=True).film
-        with Renderer(self.SCENE, clbvh.RenderOptions(layout=layout)) as renderer:
+        with Renderer(self.SCENE, options=clbvh.RenderOptions(layout=layout)) as renderer:
             np.testing.assert_array_equal(renderer.render(samples=5, keeps_film=True).film, expected)
 
 
@@ -317,7 +317,7 @@ def test_every_value_is_a_number(max_bounces):
     spheres = [Spheres([[i % 4, i // 4, 0.0]], 0.5, materials=(each,)) for i, each in enumerate(HOSTILE.values())]
     scene = make_scene(
         *spheres, floor(matte()), background=WHITE, eye=(1.5, 1, 7), look_at=(1.5, 1, 0), fov=40,
-        width=60, height=50, light=Light(direction=(1, 2, 3)), max_bounces=max_bounces,
+        width=60, height=50, light_direction=(1, 2, 3), max_bounces=max_bounces,
     )  # fmt: skip
     film = render_film(scene, samples=24)
     assert np.isfinite(film).all()

@@ -37,7 +37,7 @@ def test_a_mirror_shows_the_sun(kind):
 
 
 def test_a_camera_does_not_show_the_sun():
-    scene = make_scene(Spheres([[0, 0, 9]], 0.1), light=Light(direction=(0, 0, -1)))
+    scene = make_scene(Spheres([[0, 0, 9]], 0.1), light_direction=(0, 0, -1))
     assert not render_film(scene, samples=4).any()
 
 

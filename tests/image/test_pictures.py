@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 import clbvh
+from clbvh import Light, Scene
+from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, ValidationError
-from clbvh.rendering import frame as frame_module, picture as refine_module, subjects as brute_limit
-from clbvh.rendering.render import RenderOptions
-from clbvh.rendering.scene import Light, MeshSource, Scene
-from clbvh.rendering.sources import Transform
-from clbvh.structs import REPORT_SHADINGS
+from clbvh.rendering import frame as frame_module, picture as refine_module, world as brute_limit
+from clbvh.rendering.options import RenderOptions
+from clbvh.scene.transforms import Transform
 
-KNOT = Scene(MeshSource(shape="knot", triangles=4000, seed=1), width=96, height=64)
+KNOT = Scene(clbvh.make_shape("knot", triangles=4000, seed=1), width=96, height=64)
 
 
 @pytest.fixture(scope="module")
 def knot_picture():
-    return clbvh.render(KNOT, RenderOptions(validate=True))
+    return clbvh.render(KNOT, options=RenderOptions(validate=True))
 
 
 def write_ply(path, vertices, faces):
@@ -30,7 +30,7 @@ def write_ply(path, vertices, faces):
         *(f"{len(face)} " + " ".join(map(str, face)) for face in faces),
     ]  # fmt: skip
     path.write_text("\n".join(lines) + "\n")
-    return MeshSource(path=str(path))
+    return str(path)
 
 
 def same_hits(a, b):
@@ -39,19 +39,19 @@ def same_hits(a, b):
 
 @pytest.mark.parametrize("shading", REPORT_SHADINGS)
 def test_each_shading_looks_as_it_did(shading, compare_with_reference):
-    picture = clbvh.render(KNOT.with_changes(shading=shading))
+    picture = clbvh.render(KNOT, shading=shading)
     compare_with_reference(f"knot-{shading.replace('+', '-')}", picture.rgb)
 
 
 def test_terrain_looks_as_it_did(compare_with_reference):
-    terrain = MeshSource(shape="terrain", triangles=8000, seed=7)
+    terrain = clbvh.make_shape("terrain", triangles=8000, seed=7)
     scene = Scene(terrain, width=96, height=64, shading="lambert+shadow")
-    compare_with_reference("terrain", clbvh.render(scene.with_changes(light=Light(direction=(-1, 0.5, 0.3)))).rgb)
+    compare_with_reference("terrain", clbvh.render(scene, light_direction=(-1, 0.5, 0.3)).rgb)
 
 
 def test_every_pixel_of_a_small_picture_is_validated():
-    scene = Scene(MeshSource(shape="icosphere", triangles=320), width=32, height=20)
-    assert clbvh.render(scene, RenderOptions(validate=True)).validated_pixels == 32 * 20
+    scene = Scene(clbvh.make_shape("icosphere", triangles=320), width=32, height=20)
+    assert clbvh.render(scene, options=RenderOptions(validate=True)).validated_pixels == 32 * 20
 
 
 def test_a_wrong_pixel_is_found(monkeypatch):
@@ -62,13 +62,13 @@ def test_a_wrong_pixel_is_found(monkeypatch):
 
     render_rightly = frame_module.FrameRenderer.render
     monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
-    scene = Scene(MeshSource(shape="icosphere", triangles=320), width=32, height=20)
+    scene = Scene(clbvh.make_shape("icosphere", triangles=320), width=32, height=20)
     with pytest.raises(ValidationError, match=r"1 of 640 pixels differ .* column 16, row 10"):
-        clbvh.render(scene, RenderOptions(validate=True))
+        clbvh.render(scene, options=RenderOptions(validate=True))
 
 
 def test_without_a_tree_the_picture_is_the_same(knot_picture):
-    brute = clbvh.render(KNOT, RenderOptions(builder="brute"))
+    brute = clbvh.render(KNOT, options=RenderOptions(builder="brute"))
     assert brute.bvh is None
     assert brute.layout == "brute"
     assert same_hits(brute, knot_picture)
@@ -78,7 +78,7 @@ def test_without_a_tree_the_picture_is_the_same(knot_picture):
 def test_brute_refuses_a_mesh_that_would_take_forever(monkeypatch):
     monkeypatch.setattr(brute_limit, "BRUTE_LIMIT", 1000)
     with pytest.raises(ConfigError, match="brute"):
-        clbvh.render(KNOT, RenderOptions(builder="brute"))
+        clbvh.render(KNOT, options=RenderOptions(builder="brute"))
 
 
 def test_bands_do_not_show(knot_picture, monkeypatch):
@@ -90,8 +90,8 @@ def test_bands_do_not_show(knot_picture, monkeypatch):
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (7, 3), (65, 33)])
 def test_sizes_that_do_not_fill_a_tile_are_rendered_whole(width, height):
-    scene = Scene(MeshSource(shape="icosphere", triangles=320), width=width, height=height)
-    picture = clbvh.render(scene, RenderOptions(validate=True))
+    scene = Scene(clbvh.make_shape("icosphere", triangles=320), width=width, height=height)
+    picture = clbvh.render(scene, options=RenderOptions(validate=True))
     assert picture.rgb.shape == (height, width, 3)
     assert picture.validated_pixels == width * height
 
@@ -118,7 +118,7 @@ def test_hits_are_refined_once_and_by_rows(knot_picture, monkeypatch):
 
 def test_depth_is_the_distance_to_a_wall(tmp_path):
     wall = write_ply(tmp_path / "wall.ply", [(-9, -9, 0), (9, -9, 0), (9, 9, 0), (-9, 9, 0)], [(0, 1, 2), (0, 2, 3)])
-    picture = clbvh.render(Scene(wall, eye=(0, 0, 4), look_at=(0, 0, 0), fov=60, width=31, height=31))
+    picture = clbvh.render(wall, eye=(0, 0, 4), look_at=(0, 0, 0), fov=60, width=31, height=31)
     _, directions = picture.camera.rays(31, 31)
     assert picture.hits.count == 31 * 31
     assert np.allclose(picture.hits.t, 4 / -directions[..., 2], rtol=1e-6)
@@ -144,28 +144,28 @@ def test_a_shadow_falls_where_geometry_says(tmp_path):
     assert (picture.rgb[inside] == 0).all()
     assert (picture.rgb[outside] > 0).all()
     # The same light without shadows lights the whole floor.
-    assert (clbvh.render(scene.with_changes(shading="lambert")).rgb[on_floor] > 0).all()
+    assert (clbvh.render(scene, shading="lambert").rgb[on_floor] > 0).all()
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
 def test_no_acne_at_any_scale(scale):
     # A smooth convex body never shadows itself: shadows may only be where the light does not reach anyway.
-    sphere = Scene(MeshSource(shape="icosphere", triangles=1280), width=80, height=60)
+    sphere = Scene(clbvh.make_shape("icosphere", triangles=1280), width=80, height=60)
     sphere = sphere.with_changes(transform=Transform(scale=scale, translate=(3 * scale, 0, 0)))
-    plain = clbvh.render(sphere.with_changes(shading="lambert"))
-    shadowed = clbvh.render(sphere.with_changes(shading="lambert+shadow"))
+    plain = clbvh.render(sphere, shading="lambert")
+    shadowed = clbvh.render(sphere, shading="lambert+shadow")
     assert (plain.rgb == shadowed.rgb).all()
 
 
 def test_a_mesh_far_from_zero_looks_as_one_at_zero():
-    near = clbvh.render(KNOT.with_changes(shading="normal"))
+    near = clbvh.render(KNOT, shading="normal")
     far = KNOT.with_changes(shading="normal", transform=Transform(translate=(448_000, 5_411_000, 300)))
     assert (np.abs(clbvh.render(far).rgb.astype(int) - near.rgb) > 2).mean() < 0.005
 
 
 def test_a_mesh_on_one_leaf_is_rendered(tmp_path):
     single = write_ply(tmp_path / "one.ply", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
-    picture = clbvh.render(Scene(single, width=40, height=40), RenderOptions(validate=True))
+    picture = clbvh.render(single, options=RenderOptions(validate=True), width=40, height=40)
     assert 100 < picture.hits.count < 1600
     assert picture.report()["nodes"] == 1
 
@@ -173,7 +173,7 @@ def test_a_mesh_on_one_leaf_is_rendered(tmp_path):
 def test_degenerate_triangles_are_counted_and_never_hit(tmp_path):
     vertices = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0)]
     mesh = write_ply(tmp_path / "flat.ply", vertices, [(0, 1, 2), (0, 1, 3), (2, 2, 1), (0, 0, 0)])
-    picture = clbvh.render(Scene(mesh, width=64, height=64), RenderOptions(validate=True))
+    picture = clbvh.render(mesh, options=RenderOptions(validate=True), width=64, height=64)
     assert picture.report()["degenerate_triangles"] == 3
     assert set(np.unique(picture.hits.prim_id)) == {-1, 0}
 
@@ -195,7 +195,7 @@ def test_the_report_adds_up(knot_picture):
 
 
 def test_a_pool_gives_the_same_picture(knot_picture):
-    pooled = clbvh.render(KNOT, RenderOptions(workers=2, build=clbvh.BuildOptions(task_threshold=500)))
+    pooled = clbvh.render(KNOT, options=RenderOptions(workers=2, build=clbvh.BuildOptions(task_threshold=500)))
     assert pooled.workers == 2
     assert (pooled.rgb == knot_picture.rgb).all()
 

@@ -47,7 +47,7 @@ def pictures(request):
     )
     found = {}
     for layout in LAYOUTS:
-        with clbvh.Renderer(subject, RenderOptions(layout=layout, validate=True)) as renderer:
+        with clbvh.Renderer(subject, options=RenderOptions(layout=layout, validate=True)) as renderer:
             found |= {(layout, name): renderer.render(camera=camera) for name, camera in CAMERAS.items()}
             for name in ("fisheye", "panorama"):
                 found[layout, name, "depth"] = renderer.render(camera=CAMERAS[name], shading="depth")
@@ -94,9 +94,7 @@ def test_a_depth_picture_of_all_directions_shows_distances(pictures, name):
 
 
 def test_a_renderer_frames_for_each_projection():
-    with clbvh.Renderer(
-        clbvh.Scene(MESH, width=WIDTH, height=HEIGHT, shading="normal", projection=Orthographic())
-    ) as renderer:
+    with clbvh.Renderer(MESH, width=WIDTH, height=HEIGHT, shading="normal", projection=Orthographic()) as renderer:
         assert renderer.camera.projection.height > 0
         found = [renderer.render(camera=camera).found["prim_id"] >= 0 for camera in renderer.turntable(3)]
     assert all(0.05 < is_hit.mean() < 0.9 for is_hit in found)

@@ -14,13 +14,12 @@ from clbvh.device import program
 from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
 from clbvh.rendering import band_painters as sample_painter, frame as frame_module
-from clbvh.rendering.scene import MeshSource
-from clbvh.rendering.sources import Transform
+from clbvh.scene.transforms import Transform
 
 from ..concurrency.threads import run_in_threads
 
 SIZE = (80, 60)
-SCENE = Scene(MeshSource(shape="knot", triangles=4000, seed=1), width=SIZE[0], height=SIZE[1])
+SCENE = Scene(clbvh.make_shape("knot", triangles=4000, seed=1), width=SIZE[0], height=SIZE[1])
 LAYOUTS = ("bvh2", "bvh4", "bvh8")
 
 # Off centre, wider than high pixels, skew; and a pose that looks at the knot's middle.
@@ -114,7 +113,7 @@ class TestPictures:
             assert parts == pytest.approx(timings["total"], rel=0.01)
 
     def test_every_pixel_is_validated(self, lens_camera):
-        with Renderer(SCENE, RenderOptions(validate=True)) as renderer:
+        with Renderer(SCENE, options=RenderOptions(validate=True)) as renderer:
             assert renderer.render(width=20, height=15).validated_pixels == 300
             assert renderer.render(camera=lens_camera, width=40).validated_pixels == 1200
 
@@ -134,7 +133,7 @@ class TestLenses:
     @pytest.mark.parametrize("layout", [*LAYOUTS, "brute"])
     def test_a_lens_sees_what_its_rays_hit(self, lens_camera, layout):
         options = RenderOptions(builder="brute") if layout == "brute" else RenderOptions(layout=layout)
-        with Renderer(SCENE, options) as renderer:
+        with Renderer(SCENE, options=options) as renderer:
             picture = renderer.render(camera=lens_camera)
         assert picture.rgb.shape == (60, 80, 3)
         with clbvh.Tracer(picture.mesh) as tracer:
@@ -221,7 +220,7 @@ class TestSources:
 
     def test_a_tree_is_not_built_again(self):
         bvh = clbvh.build(self.MESH, quality="high")
-        picture = clbvh.render(bvh, RenderOptions(validate=True))
+        picture = clbvh.render(bvh, options=RenderOptions(validate=True))
         assert picture.bvh is bvh
         assert picture.workers == 0
 
@@ -266,7 +265,7 @@ class TestSources:
 
     def test_wrong_options_are_refused(self):
         with pytest.raises(ConfigError, match="RenderOptions"):
-            Renderer(SCENE, {"device": "cpu"})
+            Renderer(SCENE, options={"device": "cpu"})
 
     def test_a_transform_is_applied(self):
         scene = Scene(self.MESH, transform=Transform(scale=2.0, translate=(1e3, 0, 0)))
@@ -339,6 +338,6 @@ class TestClosing:
 def test_a_fault_of_the_mesh_is_said_before_one_of_the_device(tmp_path):
     wrong = clbvh.RenderOptions(device="no such device")
     with pytest.raises(clbvh.MeshError, match="missing"):
-        clbvh.Renderer(str(tmp_path / "missing.ply"), wrong)
+        clbvh.Renderer(str(tmp_path / "missing.ply"), options=wrong)
     with pytest.raises(clbvh.DeviceError, match="no such device"):
-        clbvh.Renderer(clbvh.make_shape("icosphere", triangles=80), wrong)
+        clbvh.Renderer(clbvh.make_shape("icosphere", triangles=80), options=wrong)

@@ -11,9 +11,9 @@ import pytest
 import clbvh
 from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.build import BUILDERS
+from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, SceneError, ValidationError
-from clbvh.rendering import frame as frame_module, subjects as brute_limit
-from clbvh.structs import REPORT_SHADINGS
+from clbvh.rendering import frame as frame_module, world as brute_limit
 
 from ..concurrency.threads import run_in_threads
 
@@ -109,7 +109,7 @@ class TestPixels:
 
     @pytest.mark.parametrize("layout", LAYOUTS)
     def test_layouts_agree_to_the_byte(self, renderer, layout):
-        with Renderer(still_life(), RenderOptions(layout=layout)) as other:
+        with Renderer(still_life(), options=RenderOptions(layout=layout)) as other:
             assert other.layout == layout
             for shading in REPORT_SHADINGS:
                 assert same_picture(other.render(shading=shading), renderer.render(shading=shading))
@@ -121,7 +121,7 @@ class TestPixels:
         moved = Mesh.from_arrays(KNOT.vertices @ matrix[:3, :3].T + matrix[:3, 3], KNOT.faces)
         scene = Scene(width=SIZE[0], height=SIZE[1], shading=shading)
         scene.place(scene.add(KNOT), matrix)
-        one, other = clbvh.render(scene), clbvh.render(Scene(moved, width=SIZE[0], height=SIZE[1], shading=shading))
+        one, other = clbvh.render(scene), clbvh.render(moved, width=SIZE[0], height=SIZE[1], shading=shading)
         assert one.mesh is None
         # The cameras differ by the rounding of vertices to float32.
         np.testing.assert_allclose(one.camera.eye, other.camera.eye, rtol=0, atol=1e-5)
@@ -222,7 +222,7 @@ class TestPrecision:
 
     def test_a_far_instance_looks_the_same_through_a_long_lens(self):
         # From distances of 10^7 and 10^4, with the same view of it.
-        scene = Scene(width=SIZE[0], height=SIZE[1], shading="normal", light=Light(direction=(1, 1, 0)))
+        scene = Scene(width=SIZE[0], height=SIZE[1], shading="normal", light_direction=(1, 1, 0))
         geometry = scene.add(KNOT)
         scene.place(geometry, affine(MATRICES["mirrored"]))
         scene.place(geometry, affine(np.eye(3), (0, 2e7, 0)))
@@ -241,7 +241,7 @@ class TestRenderer:
     def test_one_mesh_in_its_place_is_drawn_as_a_mesh(self):
         scene = Scene(width=SIZE[0], height=SIZE[1])
         scene.place(scene.add(KNOT))
-        one, other = clbvh.render(scene), clbvh.render(Scene(KNOT, width=SIZE[0], height=SIZE[1]))
+        one, other = clbvh.render(scene), clbvh.render(KNOT, width=SIZE[0], height=SIZE[1])
         assert one.mesh is KNOT
         assert same_picture(one, other)
         assert set(np.unique(one.hits.instance_id)) == {-1, 0}
@@ -249,7 +249,7 @@ class TestRenderer:
     def test_one_mesh_with_a_colour_has_it(self):
         scene = Scene(width=SIZE[0], height=SIZE[1])
         scene.place(scene.add(KNOT), colour=BLUE)
-        plain = clbvh.render(Scene(KNOT, width=SIZE[0], height=SIZE[1]), surface=BLUE)
+        plain = clbvh.render(KNOT, width=SIZE[0], height=SIZE[1], surface=BLUE)
         picture = clbvh.render(scene, surface=RED)
         assert (np.abs(picture.rgb.astype(int) - plain.rgb).max(axis=2) > COLOUR_STEPS).mean() < 0.005
 
@@ -312,7 +312,7 @@ class TestRenderer:
         expected = renderer.render()
         options = RenderOptions(workers=2, cache=tmp_path)
         for from_cache in (False, True):
-            picture = clbvh.render(still_life(), options)
+            picture = clbvh.render(still_life(), options=options)
             assert same_picture(picture, expected)
             assert picture.tree_from_cache is from_cache
         assert len(list(tmp_path.iterdir())) == 3
@@ -325,7 +325,7 @@ class TestRenderer:
                 Renderer(empty)
 
     def test_without_trees_the_picture_is_the_same(self, renderer):
-        picture = clbvh.render(still_life(), RenderOptions(builder="brute", validate=True))
+        picture = clbvh.render(still_life(), options=RenderOptions(builder="brute", validate=True))
         assert same_picture(picture, renderer.render())
         assert (picture.layout, picture.workers) == ("brute", 1)
         top = picture.objects.top
@@ -335,17 +335,17 @@ class TestRenderer:
         # One of the two geometries is placed twice.
         monkeypatch.setattr(brute_limit, "BRUTE_LIMIT", GROUND.face_count + 2 * KNOT.face_count + 39)
         with pytest.raises(ConfigError, match="brute"):
-            Renderer(still_life(), RenderOptions(builder="brute"))
+            Renderer(still_life(), options=RenderOptions(builder="brute"))
 
     @pytest.mark.parametrize("builder", BUILDERS)
     def test_every_builder_builds_the_trees(self, renderer, builder):
-        assert same_picture(clbvh.render(still_life(), RenderOptions(builder=builder)), renderer.render())
+        assert same_picture(clbvh.render(still_life(), options=RenderOptions(builder=builder)), renderer.render())
 
 
 class TestValidation:
     def test_every_pixel_of_a_small_picture_is_validated(self, renderer):
         options = RenderOptions(validate=True)
-        with Renderer(still_life(), options) as checked:
+        with Renderer(still_life(), options=options) as checked:
             picture = checked.render(width=40, height=30)
             assert picture.validated_pixels == 40 * 30
             assert same_picture(picture, renderer.render(width=40, height=30))
@@ -360,4 +360,4 @@ class TestValidation:
         render_rightly = frame_module.FrameRenderer.render
         monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
         with pytest.raises(ValidationError, match=r"1 of 1200 pixels differ .* column 16, row 20"):
-            clbvh.render(still_life().with_changes(width=40, height=30), RenderOptions(validate=True))
+            clbvh.render(still_life(), options=RenderOptions(validate=True), width=40, height=30)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import Camera, Mesh, Scene
-from clbvh.rendering.view import make_view as clbvh_view
+from clbvh.rendering.kernel_view import make_kernel_view as clbvh_view
 from clbvh.structs import VIEW
 
 WIDTH, HEIGHT = 203, 117

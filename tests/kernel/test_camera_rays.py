@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from clbvh import Camera, Fisheye, Mesh, Orthographic, Panorama, Scene
-from clbvh.rendering.view import make_view
 
 WIDTH, HEIGHT = 90, 60
 FLOAT3 = (np.float32, (3,))

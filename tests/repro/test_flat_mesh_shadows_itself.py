@@ -35,7 +35,5 @@ def test_layers_of_clear_panes_are_passed():
     panes = np.array([[[-1, -1, z], [1, -1, z], [0, 2, z]] for z in (-1, 0, 1)], float)
     appearance = clbvh.Appearance(materials=(clbvh.Material(alpha=0.0),))
     mesh = clbvh.Mesh.from_arrays(panes.reshape(-1, 3), np.arange(9).reshape(3, 3), appearance=appearance)
-    picture = clbvh.render(
-        clbvh.Scene(mesh, ground=False, transparent=True), camera=CAMERA, width=9, height=9, samples=2
-    )
+    picture = clbvh.render(mesh, ground=False, transparent=True, camera=CAMERA, width=9, height=9, samples=2)
     assert not picture.alpha.any()

@@ -16,7 +16,7 @@ import clbvh.errors
 _OTHERS = {"None", "Any", "Self", "Callable", "Mapping", "Sequence", "Iterable", "ArrayLike", "NDArray", "PathLike"}
 _OTHERS |= {"BaseException", "TracebackType", "Literal", "ClassVar", "Path"}
 # The base of `Scene`, and anything with a graph as a `trimesh.Scene` has one.
-_OTHERS |= {"SceneContents", "HasGraph"}
+_OTHERS |= {"Scene", "HasGraph"}
 # Parts of a build, public among the modules of clbvh only.
 _PARTS = {"SubtreePool.attach", "SubtreePool.hold"}
 

@@ -11,7 +11,7 @@ from clbvh import BuildOptions, Mesh, build
 from clbvh.builders.build import find_builder
 from clbvh.builders.options import MAX_BINS, MAX_FRONTIER, MAX_LEAF_SIZE, MIN_BINS, MIN_FRONTIER, QUALITIES
 from clbvh.errors import ConfigError
-from clbvh.rendering.render import RenderOptions
+from clbvh.rendering.options import RenderOptions
 
 
 def test_defaults_are_allowed_and_fixed():

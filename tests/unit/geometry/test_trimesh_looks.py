@@ -77,7 +77,7 @@ def test_several_materials():
 def test_a_scene_of_trimesh_keeps_the_looks_of_its_parts():
     source = trimesh.Scene({"red": make_box(face_colors=np.tile([255, 0, 0, 255], (12, 1)).astype(np.uint8))})
     scene = clbvh.Scene()
-    scene.add_scene(source)
+    scene.add_parts(source)
     assert (scene.geometries[0].shape.appearance.colours == [255, 0, 0, 255]).all()
 
 

@@ -152,7 +152,7 @@ def test_the_picture_is_that_of_the_mesh_without_outliers(shading):
     np.testing.assert_allclose(picture.camera.eye, expected.camera.eye, rtol=0.01)
     assert abs(picture.rgb.astype(int) - expected.rgb).mean() < 4
     assert "--frame all" in picture.notes[0]
-    whole = clbvh.render(clbvh.Scene(mesh, frame="all"), **view)
+    whole = clbvh.render(mesh, frame="all", **view)
     assert whole.notes == ()
     assert np.linalg.norm(whole.camera.eye) > 100
     # A camera of one's own is nobody else's business.

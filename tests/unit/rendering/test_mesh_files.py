@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import make_shape
+from clbvh import Scene, make_shape
 from clbvh.errors import MeshError, SceneError
 from clbvh.geometry.loading.load import may_have_parts
 from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.guesses import guess_up
 from clbvh.rendering.open_scene import open_mesh_file, open_mesh_files, open_scene
-from clbvh.rendering.scene import Scene
-from clbvh.rendering.sources import MeshSource
 
 from ..geometry.gltf_files import Gltf
 
@@ -74,8 +72,8 @@ def test_a_file_that_is_not_there_has_no_parts(tmp_path):
 
 def test_a_mesh_is_loaded_later(write):
     path = write("a.obj", ONE)
-    assert open_mesh_file(path).mesh == MeshSource(path=str(path))
-    assert open_mesh_file("gone.obj").mesh == MeshSource(path="gone.obj")
+    assert open_mesh_file(path).mesh == str(path)
+    assert open_mesh_file("gone.obj").mesh == "gone.obj"
 
 
 def test_parts_keep_their_names(write):
@@ -87,7 +85,7 @@ def test_parts_keep_their_names(write):
 def test_names_without_faces_are_no_parts(write):
     path = write("a.obj", ONE + "g empty\n")
     assert may_have_parts(path)
-    assert open_mesh_file(path).mesh == MeshSource(path=str(path))
+    assert open_mesh_file(path).mesh == str(path)
 
 
 def test_several_files_are_placed_as_they_are(write):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 import clbvh
+from clbvh import Light, Scene
 from clbvh.errors import MeshError, SceneError
 from clbvh.rendering.open_scene import open_scene
-from clbvh.rendering.scene import Light, MeshSource, Scene
 
 BUNNY = MeshSource(name="bunny")
 
@@ -65,10 +65,10 @@ def test_one_colour_is_both_of_the_background():
 def test_a_mesh_of_any_form_is_a_source(tmp_path):
     triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
     mesh = clbvh.Mesh.from_arrays(*triangle)
-    assert Scene(mesh).mesh == MeshSource(mesh=mesh)
+    assert Scene(mesh).mesh == mesh
     assert Scene(mesh).mesh.load() is mesh
     assert Scene(triangle).mesh.load().face_count == 1
     # A file is read when it is needed.
-    assert Scene(tmp_path / "part.stl").mesh == MeshSource(path=str(tmp_path / "part.stl"))
+    assert Scene(tmp_path / "part.stl").mesh == str(tmp_path / "part.stl")
     with pytest.raises(MeshError, match="not int 5"):
         Scene(5)

@@ -1,265 +1,388 @@
-"""Scene files: their keys, and the messages about invalid ones."""
+"""Scene files: their keys, the messages about invalid ones, and the views that saved scenes hold."""
 
 from __future__ import annotations
 
+import json
+
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 
+import clbvh
+from clbvh import Cut, Light, Transform, View, Wireframe
 from clbvh.errors import SceneError
-from clbvh.geometry import Mesh, Spheres
-from clbvh.rendering.cameras.projection import Fisheye, Orthographic, Panorama
-from clbvh.rendering.open_scene import open_scene
-from clbvh.rendering.scene import MeshSource, Scene
-from clbvh.rendering.scene_file import read_scene
-from clbvh.rendering.sources import Transform
-from clbvh.support.folders import find_folder
+from clbvh.rendering.cameras.projection import Fisheye
+from clbvh.rendering.scene_file import parse_scene_file, plain_view, read_scene_file, save_scene, view_of_plain
+from clbvh.scene.copies import Grid, Scatter
 
-SHIPPED = (
-    "bunny", "cornell", "demo", "dragon", "drill", "galaxy", "hall", "knot", "meadow", "palace", "still-life",
-    "terrain", "weekend",
-)  # fmt: skip
-
-WHOLE = """
-[mesh]
-shape = "knot"
-triangles = 1000
-seed = 3
-
-[transform]
-scale = 2
+OBJECTS = """
+[[object]]
+label = "ground"
+shape = "terrain"
+triangles = 500
+seed = 7
+height = 1.5
+colour = [0.1, 0.2, 0.3]
+scale = [2, 1, 2]
 rotate = [0, 90, 0]
-translate = [1, 2, 3.5]
+translate = [1, 2, 3]
 
-[camera]
+[[object]]
+name = "bunny"
+mask = 5
+matrix = [[1, 0, 0, 4], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
+repeat = {on = "ground", count = 30, seed = 4, scale = [0.5, 2], align = "normal", turn = false}
+
+[[object]]
+path = "parts/wheel.ply"
+[object.repeat]
+grid = [3, 1, 2]
+spacing = [1, 0, 2.5]
+
+[[object]]
+spheres = "galaxy"
+count = 50
+seed = 3
+arms = 4
+
+[[object]]
+spheres = "atoms.csv"
+radii = 0.5
+
+[[object]]
+centres = [[0, 0, 0], [1, 2, 3]]
+radii = [1, 0.5]
+"""
+
+VIEW = """
+[view]
 eye = [0, 0, 9]
 look_at = [0, 1, 0]
 up = [0, 1, 0.5]
-fov = 40
-
-[light]
-direction = [1, 1, 0]
-colour = [1, 1, 1]
-sky = [0.1, 0.2, 0.3]
-ground = [0, 0, 0]
-
-[image]
+projection = "fisheye:220.5"
+cut = "y<2"
 width = 64
-height = 32
-shading = "lambert"
+shading = "path"
+samples = 3
 surface = [1, 0, 0]
 background = [[0, 0, 0], [1, 1, 1]]
+environment = "sky.exr"
+environment_rotation = 45
+
+[view.light]
+direction = [1, 1, 0]
+sky = [0.1, 0.2, 0.3]
+
+[view.wireframe]
+width = 2
 """
+
+MATERIALS = """
+[[material]]
+label = "all"
+base_colour = [0.1, 0.2, 0.3]
+alpha = 0.9
+alpha_cutoff = 0.5
+metallic = 1
+roughness = 0.25
+emission = [4, 5, 6]
+ior = 1.33
+transmission = 0.5
+base_colour_texture = "tiles.png"
+metallic_roughness_texture = "tiles.png"
+emission_texture = "tiles.png"
+normal_texture = "tiles.png"
+normal_scale = -0.5
+
+[[material]]
+label = "plain"
+base_colour_texture = "tiles.png"
+"""
+
+A = '[[object]]\nname = "a"\n'
+GROUND = '[[object]]\nlabel = "ground"\nname = "a"\n[[object]]\nname = "b"\n'
+BALL = '[[object]]\nshape = "icosphere"\ntriangles = 80\n'
 
 
 @pytest.fixture
-def read(tmp_path):
-    def read_text(text: str) -> Scene:
+def write(tmp_path):
+    def write_text(text: str):
         path = tmp_path / "scene.toml"
         path.write_text(text, encoding="utf-8")
-        return read_scene(path)
+        return path
 
-    return read_text
-
-
-@pytest.mark.parametrize(
-    ("keys", "projection"),
-    [
-        ("", None),
-        ('kind = "perspective"', None),
-        ('kind = "orthographic"', Orthographic()),
-        ('kind = "orthographic"\nheight = 3', Orthographic(3.0)),
-        ('kind = "fisheye"', Fisheye(180)),
-        ('kind = "fisheye"\nangle = 220.5', Fisheye(220.5)),
-        ('kind = "panorama"', Panorama()),
-    ],
-)
-def test_a_camera_has_the_projection_of_its_kind(read, keys, projection):
-    assert read(f'[mesh]\nshape = "knot"\n[camera]\n{keys}\n').projection == projection
+    return write_text
 
 
-def test_a_camera_may_have_an_aperture(read):
-    scene = read('[mesh]\nshape = "knot"\n[camera]\naperture = 0.1\nfocus_distance = 3\n')
-    assert (scene.aperture, scene.focus_distance) == (0.1, 3)
+@pytest.fixture
+def parse(write):
+    return lambda text: parse_scene_file(write(text))
 
 
-def test_every_key_reaches_the_scene(read):
-    scene = read(WHOLE)
-    assert scene.mesh == MeshSource(shape="knot", triangles=1000, seed=3)
-    assert scene.transform == Transform(2, (0, 90, 0), (1, 2, 3.5))
-    assert (scene.eye, scene.look_at, scene.up, scene.fov) == ((0, 0, 9), (0, 1, 0), (0, 1, 0.5), 40)
-    assert (scene.light.direction, scene.light.colour) == ((1, 1, 0), (1, 1, 1))
-    assert (scene.light.sky, scene.light.ground) == ((0.1, 0.2, 0.3), (0, 0, 0))
-    assert (scene.width, scene.height, scene.shading) == (64, 32, "lambert")
-    assert (scene.surface, scene.background) == ((1, 0, 0), ((0, 0, 0), (1, 1, 1)))
+def test_every_key_reaches_its_object(parse, tmp_path):
+    objects = parse(OBJECTS).objects
+    assert list(objects) == ["ground", "bunny", "wheel", "galaxy", "atoms", "spheres"]
+    ground, bunny, wheel, galaxy, atoms, pair = objects.values()
+    assert dict(ground.source) == {"shape": "terrain", "triangles": 500, "seed": 7, "height": 1.5}
+    assert ground.options == {"height": 1.5}
+    assert (ground.colour, ground.mask, ground.repeat) == ((0.1, 0.2, 0.3), 2**32 - 1, None)
+    assert (ground.transform == Transform((2, 1, 2), (0, 90, 0), (1, 2, 3)).matrix).all()
+    assert dict(bunny.source) == {"name": "bunny"}
+    assert (bunny.colour, bunny.mask) == (None, 5)
+    assert (bunny.transform == [[1, 0, 0, 4], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]).all()
+    assert bunny.repeat == Scatter("ground", 30, 4, (0.5, 2), "normal", turn=False)
+    assert dict(wheel.source) == {"path": str(tmp_path / "parts/wheel.ply")}
+    assert (wheel.repeat, wheel.count) == (Grid((3, 1, 2), (1, 0, 2.5)), 6)
+    assert (galaxy.number, galaxy.seed, galaxy.options, galaxy.count) == (50, 3, {"arms": 4}, 1)
+    assert dict(atoms.source) == {"spheres": str(tmp_path / "atoms.csv"), "radii": 0.5}
+    assert dict(pair.source) == {"centres": ((0, 0, 0), (1, 2, 3)), "radii": (1, 0.5)}
 
 
-def test_what_is_left_out_has_its_default(read):
-    assert read('[mesh]\nname = "bunny"') == Scene(MeshSource(name="bunny"))
+def test_every_key_reaches_the_view(parse, tmp_path):
+    expected = View(
+        eye=(0, 0, 9),
+        look_at=(0, 1, 0),
+        up=(0, 1, 0.5),
+        projection=Fisheye(220.5),
+        cut=Cut.plane((0, 2, 0), (0, -1, 0)),
+        width=64,
+        shading="path",
+        samples=3,
+        surface=(1, 0, 0),
+        background=((0, 0, 0), (1, 1, 1)),
+        environment=tmp_path / "sky.exr",
+        environment_rotation=45,
+        light=Light(direction=(1, 1, 0), sky=(0.1, 0.2, 0.3)),
+        wireframe=Wireframe(width=2),
+    )
+    assert parse(A + VIEW).view == expected
 
 
-def test_a_mesh_path_counts_from_the_scene_file(read, tmp_path):
-    assert read('[mesh]\npath = "sub/a.ply"').mesh.path == str(tmp_path / "sub/a.ply")
+def test_what_is_left_out_has_its_default(parse):
+    file = parse('[[object]]\nshape = "knot"\n')
+    assert file.view == View()
+    knot = file.objects["knot"]
+    assert (knot.triangles, knot.seed, knot.options) == (100_000, 0, {})
+    assert (knot.repeat, knot.colour, knot.material, knot.mask, knot.count) == (None, None, None, 2**32 - 1, 1)
+    assert (knot.transform == np.eye(4)).all()
+    assert parse(GROUND + 'repeat = {on = "ground", count = 2, scale = 3}').objects["b"].repeat.scale == (3, 3)
 
 
-def test_one_background_colour_stands_for_both(read):
-    assert read('[mesh]\nname = "b"\n[image]\nbackground = [0, 0.5, 1]').background == ((0, 0.5, 1), (0, 0.5, 1))
+@pytest.mark.parametrize("mask", [0, 1, 2**32 - 1])
+def test_a_mask_may_have_any_bits(parse, mask):
+    assert parse(f"{A}mask = {mask}").objects["a"].mask == mask
+
+
+def test_objects_without_a_label_are_numbered(parse):
+    assert list(parse(3 * '[[object]]\nshape = "knot"\n').objects) == ["knot", "knot 2", "knot 3"]
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"no \[mesh\] table"),
-        ("[mesh]\n", "exactly one of path, name and shape"),
-        ('[mesh]\nname = "a"\npath = "b"', "exactly one"),
-        ('[mesh]\nname = "a"\ncolour = 1', r"\[mesh\] has an unknown key 'colour'"),
-        ('mesh = "a"', r"'mesh' must be a table"),
-        ('[mesh]\nname = "a"\n[lights]', "unknown key 'lights'"),
-        ("[mesh]\nname = 7", "name must be a text, not 7"),
-        ('[mesh]\nname = "a"\n[camera]\neye = [1, 2]', "eye must be three finite numbers"),
-        ('[mesh]\nname = "a"\n[camera]\neye = [1, 2, nan]', "eye must be three finite numbers"),
-        ('[mesh]\nname = "a"\n[camera]\nlook_at = [0, 0, 0]', "needs an eye"),
-        ('[mesh]\nname = "a"\n[camera]\nfov = 0', "fov"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = "pinhole"', "projection must be one of perspective, orthographic"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = 3', "kind must be a text"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = "fisheye"\nheight = 2', "kind fisheye has no height"),
-        ('[mesh]\nname = "a"\n[camera]\nangle = 90', "kind perspective has no angle"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = "fisheye"\nangle = 361', "angle of a fisheye"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = "panorama"\nfov = 50', "fov is that of a perspective camera"),
-        ('[mesh]\nname = "a"\n[camera]\nkind = "panorama"\naperture = 0.1', "no plane of focus"),
-        ('[mesh]\nname = "a"\n[camera]\naperture = -1', "aperture must be"),
-        ('[mesh]\nname = "a"\n[camera]\nfocus = 1', r"\[camera\] has an unknown key 'focus'; known are eye"),
-        ('[mesh]\nname = "a"\n[image]\nwidth = 1.5', "width must be a whole number"),
-        ('[mesh]\nname = "a"\n[image]\nwidth = 0', "width must be 1 to 65535 pixels"),
-        ('[mesh]\nname = "a"\n[image]\nheight = true', "height must be a whole number"),
-        ('[mesh]\nname = "a"\n[image]\nshading = "phong"', "shading must be one of lambert, "),
-        ('[mesh]\nname = "a"\n[image]\nbackground = [1]', "background must be a colour"),
-        ('[mesh]\nshape = "knot"\nseed = "x"', "seed must be a whole number"),
-        ('[mesh]\nname = "a"\n[[object]]\nname = "b"', r"has no \[mesh\]: write it into the objects"),
-        ('[transform]\nscale = 2\n[[object]]\nname = "b"', r"has no \[transform\]: write it into the objects"),
-        ('[[object]]\nname = "a"\n[image]\nwidth = 0', "width must be 1 to 65535 pixels"),
-        ('[[object]]\nname = "a"\ncolor = 3', r"\[object 1\] has an unknown key 'color'"),
-        ("[mesh", "not a TOML file"),
+        ("", r"no \[\[object\]\]: it needs a path"),
+        ("[object", "not a TOML file"),
+        ("lights = 1", "no key 'lights': there are object, material, view"),
+        ('[object]\nname = "a"', r"write \[\[object\]\], not \[object\]"),
+        ("[material]\nlabel = 'a'\n", r"write \[\[material\]\], not \[material\]"),
+        ("object = 3", "object: expected array, got int"),
+        ("object = [1]", r"object\[0\]: expected table, got int"),
+        ("view = 3", "view: expected table, got int"),
+        ('[mesh]\nname = "a"', r"no \[mesh\] any more: a mesh is an \[\[object\]\]"),
+        (A + "[transform]\nscale = 2", r"no \[transform\] any more: write its keys into the \[\[object\]\]"),
+        (A + "[camera]\nfov = 30", r"no \[camera\] any more: its keys belong to \[view\]"),
+        (A + "[light]", r"no \[light\] any more: call it \[view.light\]"),
+        (A + "[environment]", r"no \[environment\] any more: write environment, environment_rotation"),
+        (A + "[image]", r"no \[image\] any more: its keys belong to \[view\]"),
+        # Objects.
+        ("[[object]]", "object 1: needs exactly one of path, name, shape, spheres, centres, not none of them"),
+        (A + 'spheres = "b"', "object 1: needs exactly one of .*, not name and spheres"),
+        ("[[object]]\nname = 7", "object 1: name: expected str, got int"),
+        (A + '[[object]]\nname = "b"\ncolor = 1', "object 2: there is no key 'color': did you mean 'colour'?"),
+        (A + "count = 1", "no key 'count'"),
+        (A + 'label = " "', "object 1: the name of an object must be a text that is not empty"),
+        (A + 'label = "x"\n[[object]]\nname = "b"\nlabel = "x"', "object 2: the scene has an object with the name 'x'"),
+        (A + "colour = [1, 2]", "object 1: colour: expected array of length 3, got 2"),
+        (A + "colour = [1, 2, nan]", "scene.toml: numbers must be finite, not nan"),
+        (A + "colour = [1, 2, 1e400]", "scene.toml: numbers must be finite, not 1e400"),
+        (A + "mask = -1", "object 1: mask: expected int >= 0"),
+        (A + "mask = 4294967296", "mask: expected int <= 4294967295"),
+        (A + "mask = 1.0", "mask: expected int, got float"),
+        (A + "scale = [1, 0, 1]", "object 1: the transform's scale must be a finite number"),
+        (A + "scale = 0", "scale must be a finite number other than 0"),
+        (A + 'scale = "x"', r"object 1: scale: expected float \| array, got str"),
+        (A + "scale = true", r"object 1: scale: expected float \| array, got bool"),
+        (A + "matrix = [[1, 0], [0, 1]]", "matrix: expected array of length 4, got 2"),
+        (A + "scale = 2\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "a matrix stands for"),
+        (A + 'material = "oak"', r"object 1: there is no \[\[material\]\] with the label 'oak': there are none"),
+        ("[[object]]\ncentres = [[1, 2, 3]]", "object 1: needs 'radii'"),
+        ("[[object]]\ncentres = [[1, 2, 3]]\nradii = [1, 2]", "2 radii do not fit 1 centres"),
+        ("[[object]]\ncentres = [[1, 2]]\nradii = 1", r"centres\[0\]: expected array of length 3, got 2"),
+        ('[[object]]\ncentres = [[1, 2, 3]]\nradii = "x"', r"radii: expected float \| array, got str"),
+        ('[[object]]\nspheres = "galaxy"\nradii = 1', "no key 'radii'"),
+        ('[[object]]\nspheres = "a.csv"\nseed = 1', "no key 'seed'"),
+        ('[[object]]\nspheres = "a.csv"\nradii = [1]', "radii: expected float, got array"),
+        ('[[object]]\nspheres = "galaxy"\ncount = 9\ncolour = 1', "colour: expected array, got int"),
+        ('[[object]]\nspheres = "galaxie"\ncount = 9', "there are no spheres 'galaxie': take one of galaxy, weekend"),
+        ('[[object]]\nshape = "terrine"\ncolor = 1', "object 1: there is no shape 'terrine': take one of knot"),
+        ('[[object]]\nshape = "terrain"\nturns = 2', "no key 'turns': there are label, .*, triangles, seed, height$"),
+        ('[[object]]\nshape = "terrain"\nheight = "x"', r"height: expected int \| float, got str"),
+        ('[[object]]\nshape = "terrain"\nseed = -1', "seed: expected int >= 0"),
+        # Copies.
+        (A + "repeat = 3", "object 1: repeat: expected a table"),
+        (A + "[object.repeat]", "object 1: repeat: needs either 'grid' and 'spacing', or 'on' and 'count'"),
+        (A + 'repeat = {grid = [1,1,1], on = "b"}', "needs either"),
+        (A + "repeat = {grid = [1,1,1]}", "object 1: repeat: needs 'spacing'"),
+        (A + "repeat = {grid = [1,1,1.5], spacing = [1,1,1]}", r"repeat: grid\[2\]: expected int, got float"),
+        (A + "repeat = {grid = [1,0,1], spacing = [1,1,1]}", r"repeat: grid\[1\]: expected int >= 1"),
+        (A + "repeat = {grid = [1,1,1], spacing = [1,1,1], step = 1}", "repeat: there is no key 'step'"),
+        (A + 'repeat = {on = "b"}', "repeat: needs 'count'"),
+        (A + 'repeat = {on = "b", count = 3}', "no object above it with the label 'b': there are none"),
+        (GROUND + 'repeat = {on = "b", count = 3}', "object 2: there is no object above .* 'b': there are ground"),
+        (GROUND + 'repeat = {on = "ground", count = 0}', "object 2: repeat: count: expected int >= 1"),
+        (GROUND + 'repeat = {on = "ground", count = 3, seed = -1}', "seed: expected int >= 0"),
+        (GROUND + 'repeat = {on = "ground", count = 3, scale = [1, 2, 3]}', "scale: expected array of length 2, got 3"),
+        (GROUND + 'repeat = {on = "ground", count = 3, turn = 1}', "turn: expected bool, got int"),
+        (GROUND + 'repeat = {on = "ground", count = 3, align = "x"}', "align must be one of up, normal, not 'x'"),
+        (GROUND + 'repeat = {on = "ground", count = 1000000000}', "1,000,000,000 copies are too many"),
+        (GROUND + 'repeat = {on = "ground", count = 1000000}', "1,000,001 copies are too many"),
+        ('[[object]]\nspheres = "galaxy"\n' + A + 'repeat = {on = "galaxy", count = 1}', "must be a mesh"),
+        (
+            '[[object]]\nname = "g"\nrepeat = {grid = [2,1,1], spacing = [1,1,1]}\n'
+            '[[object]]\nname = "a"\nrepeat = {on = "g", count = 1}',
+            "must be a mesh that is placed once",
+        ),
+        # Materials.
+        (A + "[[material]]\nmetallic = 1\n", "material 1: needs 'label'"),
+        (A + "[[material]]\nlabel = ' '\n", "material 1: the name of a material must be a text that is not empty"),
+        (A + "[[material]]\nlabel = 'a'\n[[material]]\nlabel = 'a'\n", "material 2: the scene has a material with the"),
+        (A + "[[material]]\nlabel = 'a'\nmetalic = 1\n", "material 1: there is no key 'metalic': did you mean 'metallic"),
+        (A + "[[material]]\nlabel = 'a'\nroughness = 'x'\n", "material 1: roughness: expected float, got str"),
+        (A + "[[material]]\nlabel = 'a'\nroughness = 2\n", "material 1: the material's roughness must be a number from 0"),
+        (A + "[[material]]\nlabel = 'a'\nbase_colour = [1, 1]\n", "base_colour: expected array of length 3, got 2"),
+        (A + "[[material]]\nlabel = 'a'\nbase_colour_texture = 'b.png'\n", r"base_colour_texture: .*b\.png: no such file"),
+        (A + "[[material]]\nlabel = 'a'\nemission_texture = 'scene.toml'\n", "scene.toml: the file cannot be used as a"),
+        (A + "[[material]]\nlabel = 'a'\nemission_texture = '.'\n", "emission_texture: .*: the file cannot be read"),
+        # The view: `test_view.py` has the limits of its settings.
+        (A + "[view]\nsample = 1", "view: there is no setting 'sample': did you mean 'samples'?"),
+        (A + "[view.light]\nup = 1", "view: there is no setting 'up'"),
+        (A + "[view]\nwidth = 1.5", "view: width must be a whole number from 1 to 65,535"),
+        (A + "[view]\nlook_at = [0, 0, 0]", "view: a camera with look_at needs an eye"),
+        (A + "[view]\ncamera = 3", "view: camera must be a clbvh.Camera"),
+        (A + "[view]\nenvironment = 'sky.png'", "view: the environment must be a file"),
+        (A + "[view]\nsamples" + 3000 * ".a" + " = 1", "too many tables or lists within others"),
     ],
-)
-def test_what_a_scene_must_not_say_is_named_with_its_file(read, text, message):
+    ids=lambda value: value[-40:],
+)  # fmt: skip
+def test_what_a_scene_must_not_say_is_named_with_its_file(parse, text, message):
     with pytest.raises(SceneError, match=message) as caught:
-        read(text)
+        parse(text)
     assert "scene.toml: " in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_scene_file_is_named(tmp_path):
-    with pytest.raises(SceneError, match=r"gone\.toml: no such scene file"):
-        read_scene(tmp_path / "gone.toml")
+    with pytest.raises(SceneError, match=r"gone\.toml: no such file"):
+        read_scene_file(tmp_path / "gone.toml")
 
 
-def test_a_misspelt_scene_is_told_the_names():
-    with pytest.raises(SceneError, match=r"bunni: no such file, and no shipped scene: these are bunny, cornell, demo"):
-        open_scene("bunni")
+def test_a_material_has_the_values_of_its_table(write, tmp_path):
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+    imageio.imwrite(tmp_path / "tiles.png", pixels)
+    copies = "repeat = {grid = [2, 1, 1], spacing = [3, 0, 0]}\n"
+    scene, _ = read_scene_file(write(f'{MATERIALS}{BALL}material = "all"\n{BALL}material = "plain"\n{copies}{BALL}'))
+    full, plain, copied, none = (instance.material for instance in scene.instances)
+    numbers = ("name", "base_colour", "alpha", "alpha_cutoff", "metallic", "roughness", "emission", "ior")
+    assert tuple(getattr(full, name) for name in numbers) == (
+        "all", (0.1, 0.2, 0.3), 0.9, 0.5, 1.0, 0.25, (4.0, 5.0, 6.0), 1.33,
+    )  # fmt: skip
+    assert (full.transmission, full.normal_scale) == (0.5, -0.5)
+    assert (full.base_colour_texture.pixels == pixels).all()
+    # Colours are sRGB, numbers are not.
+    assert [texture.is_srgb for texture in full.textures] == [True, False, True, False]
+    # A file is read once.
+    assert full.base_colour_texture is full.emission_texture is plain.base_colour_texture
+    assert plain is copied
+    assert none is None
+    # Objects of one source share a geometry, whatever their materials.
+    assert len(scene.geometries) == 1
+    assert scene.geometries[0].shape.appearance is None
+    with pytest.raises(SceneError, match=r"no \[\[material\]\] with the label 'oak': there are all, plain"):
+        read_scene_file(write(f"{MATERIALS}{BALL}material = 'oak'\n"))
 
 
-def test_the_shipped_scenes_are_the_promised_ones():
-    assert sorted(path.stem for path in find_folder("scenes").glob("*.toml")) == sorted(SHIPPED)
+def test_a_material_shows_in_a_picture(write):
+    text = "[[material]]\nlabel = 'red'\nbase_colour = [1, 0, 0]\nroughness = 1\nior = 1\n"
+    picture = clbvh.render(*read_scene_file(write(f"{text}{BALL}material = 'red'\n")), width=9, height=9, samples=1)
+    red, green, blue = picture.rgb[4, 4].astype(int)
+    assert red > 2 * max(green, blue)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_a_shipped_scene_opens_by_its_name(name):
-    assert isinstance(open_scene(name), Scene)
+LENS = clbvh.Camera.from_intrinsics(
+    [[500.1, 0.3, 320], [0, 510, 240], [0, 0, 1]], np.eye(4), (640, 480), distortion=(0.1, 0, 0, 0.01)
+)
 
 
-def test_the_meadow_has_10_000_instances_on_hills():
-    scene = open_scene("meadow")
-    assert len(scene.instances) == 10_001
-    assert len(scene.geometries) == 4
-    hills, others = scene.geometries[0].shape, scene.instances[1:]
-    centres = np.array([instance.transform[:3, 3] for instance in others[::100]])
-    # The grid of the terrain has a vertex within half a cell of each.
-    nearest = [np.abs(hills.vertices[:, [0, 2]] - centre[[0, 2]]).max(axis=1).argmin() for centre in centres]
-    assert np.abs(hills.vertices[nearest, 1] - centres[:, 1]).max() < 0.15
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"samples": 3, "light": Light(direction=(1, 2, 3)), "ground": False, "up": "z"},
+        {"eye": (1, 2, 3), "look_at": (0, 0, 0.1), "fov": 20.5, "background": (1, 0.5, 0)},
+        {"wireframe": True, "projection": "orthographic:0.1", "side": "top"},
+        {"wireframe": Wireframe(width=3), "cut": "z=33.3%"},
+        {"cut": Cut.box((0, 0, 0), (1, 2, 0.1)), "frame": "all"},
+        {"camera": LENS, "width": 320, "height": 240},
+        {"camera": clbvh.Camera((0, 0, 5), (0, 0, 0.1), projection=Fisheye(220.1))},
+        {"camera": clbvh.Camera((0, 0, 5), (0, 0, 0.1), aperture=0.1, focus_distance=3)},
+        {"environment": np.full((2, 4, 3), 0.3), "environment_rotation": 0.1},
+    ],
+)
+def test_a_saved_view_is_the_same_one(settings, tmp_path):
+    view = View(**settings)
+    assert view_of_plain(json.loads(json.dumps(plain_view(view), allow_nan=False))) == view
+    save_scene(tmp_path / "a.scene", clbvh.Scene(clbvh.make_shape("cube", triangles=12)), view)
+    scene, opened = clbvh.open_scene(tmp_path / "a.scene")
+    assert opened == view
+    assert [instance.name for instance in scene.instances] == ["cube"]
 
 
-def test_the_galaxy_has_200_000_spheres():
-    assert sum(geometry.shape.prim_count for geometry in open_scene("galaxy").geometries) == 200_000
+CAMERA = plain_view(View(camera=LENS))["camera"]
 
 
-def test_the_still_life_has_meshes_and_spheres():
-    scene = open_scene("still-life")
-    assert {type(geometry.shape) for geometry in scene.geometries} == {Mesh, Spheres}
-
-
-@pytest.mark.parametrize("name", ["meadow", "galaxy", "hall", "still-life", "cornell", "weekend"])
-def test_a_shipped_scene_of_objects_is_the_same_every_time(name):
-    first, second = (open_scene(name).snapshot() for _ in range(2))
-    assert first.transforms.tobytes() == second.transforms.tobytes()
-    assert [shape.fingerprint for shape in first.shapes] == [shape.fingerprint for shape in second.shapes]
-
-
-def test_the_weekend_has_spheres_of_chalk_metal_and_glass():
-    scene = open_scene("weekend")
-    (geometry,) = scene.geometries
-    assert geometry.shape.prim_count == 480
-    materials = [geometry.shape.appearance.materials[number] for number in geometry.shape.appearance.material_ids]
-    glass, metal = (sum(bool(getattr(each, name)) for each in materials) for name in ("transmission", "metallic"))
-    assert (10 < glass < 50, 40 < metal < 110, 330 < 480 - glass - metal < 420) == (True, True, True)
-    assert scene.aperture > 0
-    assert scene.light.colour == (0, 0, 0)
-
-
-def test_the_cornell_box_has_one_lamp():
-    scene = open_scene("cornell")
-    lamps = [each.name for each in scene.instances if any(each.material.emission)]
-    assert lamps == ["lamp"]
-    assert {geometry.shape.name for geometry in scene.geometries} == {"square", "cube"}
-
-
-def test_the_knot_has_the_size_of_the_dragon():
-    assert open_scene("knot").mesh.triangles == 871_200
-
-
-def test_anything_else_is_a_mesh_file(tmp_path, monkeypatch):
-    assert open_scene("a.ply").mesh.path == "a.ply"
-    # A file of that name comes before a shipped scene.
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bunny").write_bytes(b"ply")
-    assert open_scene("bunny").mesh.path == "bunny"
-
-
-def test_a_transform_scales_then_turns_then_moves():
-    mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
-    moved = Transform(2, (0, 0, 90), (10, 0, 0)).apply(mesh)
-    assert np.allclose(moved.vertices, [[10, 2, 0], [8, 0, 0], [10, 0, 2]], atol=1e-6)
-
-
-def test_rotations_are_applied_about_x_then_y_then_z():
-    mesh = Mesh.from_arrays([[0, 1, 0], [0, 0, 0], [1, 1, 1]], [[0, 1, 2]])
-    moved = Transform(rotate=(90, 90, 0)).apply(mesh)
-    assert np.allclose(moved.vertices[0], [1, 0, 0], atol=1e-6)  # y -> z -> x
-
-
-def test_no_transform_leaves_the_mesh_as_it_is():
-    mesh = Mesh.from_arrays(np.eye(3), [[0, 1, 2]])
-    assert Transform().apply(mesh) is mesh
-
-
-@pytest.mark.parametrize("transform", [Transform(2, (10, 20, 30), (1, 2, 3)), Transform((1, -2, 3), (0, 90, 0))])
-def test_the_matrix_moves_points_as_the_transform_does(transform):
-    mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
-    moved = mesh.vertices @ transform.matrix[:3, :3].T + transform.matrix[:3, 3]
-    assert np.allclose(transform.apply(mesh).vertices, moved)
-
-
-def test_a_scale_may_differ_between_the_axes():
-    mesh = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]])
-    moved = Transform((2, 3, 4), (0, 0, 90)).apply(mesh)
-    assert np.allclose(moved.vertices, [[0, 2, 0], [-3, 0, 0], [0, 0, 4]])
-
-
-@pytest.mark.parametrize("scale", [(1, 0, 1), (1, 2), (1, 2, float("nan")), "2", None])
-def test_a_scale_that_is_none_is_refused(scale):
-    with pytest.raises(SceneError, match="scale must be a finite number other than 0, or three of them"):
-        Transform(scale=scale)
-
-
-def test_a_scale_of_0_is_refused():
-    with pytest.raises(SceneError, match="scale"):
-        Transform(scale=0).apply(Mesh.from_arrays(np.eye(3), [[0, 1, 2]]))
+@pytest.mark.parametrize(
+    "plain",
+    [
+        {"sample": 1},
+        {"self": 1},
+        {"samples": float("nan")},
+        {"light": None},
+        {"light": False},
+        {"light": {"direction": [0, 0, float("inf")]}},
+        {"wireframe": {"width": {}}},
+        {"shading": []},
+        {"background": {"a": 1}},
+        {"projection": {"kind": "fisheye"}},
+        {"cut": 3},
+        {"cut": "z"},
+        # A file that was sent must not have others read.
+        {"environment": "sky.exr"},
+        {"environment": {"height": 1, "width": -1, "pixels": "AACA"}},
+        {"camera": 3},
+        {"camera": None},
+        {"camera": [["eye", 1]]},
+        {"camera": {"eye": [0, 0, 1]}},
+        {"camera": CAMERA | {"more": 1}},
+        {"camera": CAMERA | {"eye": "abc"}},
+        {"camera": CAMERA | {"fov": "a"}},
+        {"camera": CAMERA | {"aperture": [1]}},
+        {"camera": CAMERA | {"projection": [1]}},
+        {"camera": CAMERA | {"lens": 7}},
+        {"camera": CAMERA | {"lens": {"fx": 1}}},
+        {"width": json.loads("[" * 900 + "]" * 900)},
+    ],
+    ids=lambda plain: str(plain)[:40],
+)
+def test_a_view_that_was_forged_is_refused(plain):
+    with pytest.raises(SceneError, match="the view in the file cannot be used: "):
+        view_of_plain(plain)

@@ -123,11 +123,11 @@ def test_the_sky_of_a_view_from_the_top_is_above():
 def test_a_renderer_takes_views():
     mesh = clbvh.make_shape("icosphere", triangles=80)
     size = {"width": 40, "height": 30, "shading": "normal"}
-    with clbvh.Renderer(clbvh.Scene(mesh, eye=(1, 2, 3))) as renderer:
+    with clbvh.Renderer(mesh, eye=(1, 2, 3)) as renderer:
         top = renderer.render(view="top", **size)
         with pytest.raises(SceneError, match="camera or a view"):
             renderer.render(view="top", camera=top.camera)
-    np.testing.assert_array_equal(top.rgb, clbvh.render(clbvh.Scene(mesh, view="top"), **size).rgb)
+    np.testing.assert_array_equal(top.rgb, clbvh.render(mesh, side="top", **size).rgb)
     assert top.camera == clbvh.Scene(mesh, view="top", width=40, height=30).camera(mesh)
 
 

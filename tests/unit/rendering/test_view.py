@@ -7,12 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from clbvh import Scene
+from clbvh.choices import SHADINGS
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh
 from clbvh.rendering.cameras.camera import Camera
-from clbvh.rendering.scene import Light, MeshSource, Scene
-from clbvh.rendering.view import make_view
-from clbvh.structs import SHADINGS
 
 MESH = Mesh.from_arrays(np.array([[0, 0, 0], [4, 0, 0], [0, 2, 6.0]]) + 1e6, [[0, 1, 2]])
 SCENE = Scene(MeshSource(name="any"), width=200, height=100)
@@ -57,13 +56,13 @@ def test_the_automatic_light_comes_from_the_viewers_left_and_above():
 
 
 def test_a_light_of_ones_own_is_normalised():
-    scene = dataclasses.replace(SCENE, light=Light(direction=(0, 3, 4)))
+    scene = dataclasses.replace(SCENE, light_direction=(0, 3, 4))
     assert np.allclose(make_view(scene, CAMERA, MESH)["to_light"][0], [0, 0.6, 0.8])
 
 
 def test_a_light_from_nowhere_is_refused():
     with pytest.raises(SceneError, match="light"):
-        make_view(dataclasses.replace(SCENE, light=Light(direction=(0, 0, 0))), CAMERA, MESH)
+        make_view(dataclasses.replace(SCENE, light_direction=(0, 0, 0)), CAMERA, MESH)
 
 
 def test_depth_runs_over_the_meshs_box():

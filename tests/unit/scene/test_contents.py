@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 import clbvh
+from clbvh import Scene
 from clbvh.errors import MeshError, SceneError
-from clbvh.scene.contents import SceneContents
 from clbvh.scene.state import SceneState
 
 BALL = clbvh.make_shape("icosphere", triangles=80)
@@ -44,7 +44,7 @@ class TestEmpty:
         assert (state.geometry_count, state.instance_count) == (0, 0)
         assert state.transforms.shape == (0, 4, 4)
         assert not state.is_one_mesh
-        assert isinstance(scene, SceneContents)
+        assert isinstance(scene, Scene)
 
     def test_a_geometry_that_is_not_placed_is_not_seen(self):
         scene = clbvh.Scene()
@@ -53,7 +53,7 @@ class TestEmpty:
         assert not scene.snapshot().is_one_mesh
 
     def test_a_scene_without_settings_works_as_well(self):
-        contents = SceneContents()
+        contents = Scene()
         contents.place(contents.add(BALL))
         assert contents.snapshot().is_one_mesh
 

@@ -55,7 +55,7 @@ def test_equal_materials_are_one():
 
 def test_a_scene_within_a_scene_keeps_them():
     outer = clbvh.Scene()
-    outer.add_scene(place_all())
+    outer.add_parts(place_all())
     assert names_of(outer) == NAMES
     assert outer.snapshot().material_ids.tolist() == [-1, 0, 1, 1, 0]
 

@@ -63,7 +63,7 @@ class TestGltf:
     def test_shared_meshes_are_one_geometry(self, tmp_path):
         path = self.make(tmp_path)
         scene = clbvh.Scene()
-        placed = scene.add_scene(path)
+        placed = scene.add_parts(path)
         assert placed == scene.instances
         assert names(scene.geometries) == ["wall", "house"]
         assert names(placed) == ["inner", "house", "mirrored", "inner 2"]
@@ -75,7 +75,7 @@ class TestGltf:
     def test_the_parts_are_those_of_the_flattened_file(self, tmp_path):
         path = self.make(tmp_path)
         scene = clbvh.Scene()
-        scene.add_scene(path)
+        scene.add_parts(path)
         whole = clbvh.load_mesh(path)
         assert flatten(scene).tolist() == whole.vertices[whole.faces].tolist()
 
@@ -95,13 +95,13 @@ class TestGltf:
         gltf.add_node(mesh=lines, name="lines")
         gltf.add_node(mesh=face, name="face")
         scene = clbvh.Scene()
-        scene.add_scene(gltf.write_gltf(tmp_path / "a.gltf"))
+        scene.add_parts(gltf.write_gltf(tmp_path / "a.gltf"))
         assert names(scene.instances) == ["face"]
         assert scene.geometries[0].shape.face_count == 2
         gltf.document["nodes"].pop()
         gltf.document["scenes"][0]["nodes"].pop()
         with pytest.raises(MeshError, match=r"a\.gltf: the file has no triangles"):
-            scene.add_scene(gltf.write_gltf(tmp_path / "a.gltf"))
+            scene.add_parts(gltf.write_gltf(tmp_path / "a.gltf"))
 
     def test_a_shared_list_of_points_is_not_repeated(self, tmp_path):
         gltf = Gltf()
@@ -110,7 +110,7 @@ class TestGltf:
             indices = gltf.add_accessor(corner + np.arange(3), "u2")
             gltf.add_node(mesh=gltf.add_mesh({"attributes": {"POSITION": points}, "indices": indices}))
         scene = clbvh.Scene()
-        scene.add_scene(gltf.write_glb(tmp_path / "a.glb"))
+        scene.add_parts(gltf.write_glb(tmp_path / "a.glb"))
         assert [len(geometry.shape.vertices) for geometry in scene.geometries] == [3, 3]
         assert scene.geometries[1].shape.vertices[0].tolist() == [150, 151, 152]
         assert names(scene.geometries) == ["a", "a 2"]
@@ -124,7 +124,7 @@ class TestGltf:
         )
         scene = clbvh.Scene()
         with pytest.raises(SceneError, match="the transform of 'hidden' is singular"):
-            scene.add_scene(gltf.write_glb(tmp_path / "a.glb"))
+            scene.add_parts(gltf.write_glb(tmp_path / "a.glb"))
         assert scene.geometries == ()
 
     def test_names_may_be_anything(self, tmp_path):
@@ -135,7 +135,7 @@ class TestGltf:
             gltf.document["meshes"][mesh]["name"] = name
             gltf.add_node(mesh=mesh, name=name)
         scene = clbvh.Scene()
-        scene.add_scene(gltf.write_glb(tmp_path / "a.glb"))
+        scene.add_parts(gltf.write_glb(tmp_path / "a.glb"))
         assert names(scene.instances) == names(scene.geometries) == ["a", "a 2", "a 3", "a 4", "?"]
 
 
@@ -143,7 +143,7 @@ class TestObj:
     def load(self, tmp_path, text):
         (tmp_path / "a.obj").write_text(OBJ + text)
         scene = clbvh.Scene()
-        scene.add_scene(tmp_path / "a.obj")
+        scene.add_parts(tmp_path / "a.obj")
         whole = clbvh.load_mesh(tmp_path / "a.obj")
         assert len(flatten(scene)) == whole.face_count
         return scene
@@ -180,7 +180,7 @@ class TestObj:
     def test_a_wrong_index_is_refused_as_in_the_whole(self, tmp_path):
         (tmp_path / "a.obj").write_text(OBJ + "o a\nf 1 2 3\no b\nf 1 2 9\n")
         with pytest.raises(MeshError, match="face 1 refers to vertex 9, but there are 5"):
-            clbvh.Scene().add_scene(tmp_path / "a.obj")
+            clbvh.Scene().add_parts(tmp_path / "a.obj")
         with pytest.raises(MeshError, match="face 1 refers to vertex 9, but there are 5"):
             clbvh.load_mesh(tmp_path / "a.obj")
 
@@ -189,7 +189,7 @@ class TestObj:
 def test_other_files_are_one_part(tmp_path, suffix):
     trimesh.creation.box().export(tmp_path / f"crate.{suffix}")
     scene = clbvh.Scene()
-    assert names(scene.add_scene(tmp_path / f"crate.{suffix}")) == ["crate"]
+    assert names(scene.add_parts(tmp_path / f"crate.{suffix}")) == ["crate"]
     assert scene.geometries[0].shape.face_count == 12
 
 
@@ -200,7 +200,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path):
         (tmp_path / "a.glb", "glb: the file is GLB 1852796448"),
     ):
         with pytest.raises(MeshError, match=message):
-            clbvh.Scene().add_scene(path)
+            clbvh.Scene().add_parts(path)
 
 
 class TestTrimesh:
@@ -252,7 +252,7 @@ class TestTrimesh:
         source.delete_geometry([name for name, thing in source.geometry.items() if not hasattr(thing, "faces")])
         source.export(tmp_path / "a.glb")
         there, here = clbvh.Scene(), clbvh.Scene()
-        there.add_scene(tmp_path / "a.glb")
+        there.add_parts(tmp_path / "a.glb")
         here.add(source)
         assert sorted(names(there.instances)) == sorted(names(here.instances))
         for instance in here.instances:
@@ -263,9 +263,9 @@ class TestTrimesh:
 class TestWhole:
     def test_the_whole_is_moved(self, tmp_path):
         scene = clbvh.Scene()
-        scene.add_scene(TestGltf().make(tmp_path))
+        scene.add_parts(TestGltf().make(tmp_path))
         moved = clbvh.Scene()
-        moved.add_scene(TestGltf().make(tmp_path), clbvh.Transform(scale=2, translate=(1, 2, 3)), mask=6)
+        moved.add_parts(TestGltf().make(tmp_path), clbvh.Transform(scale=2, translate=(1, 2, 3)), mask=6)
         assert flatten(moved) == pytest.approx(flatten(scene) * 2 + [1, 2, 3])
         assert {instance.mask for instance in moved.instances} == {6}
 
@@ -273,30 +273,30 @@ class TestWhole:
         inner = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), transform=clbvh.Transform(scale=2))
         inner.place(inner.add(clbvh.Spheres([[0, 0, 0]], 1, name="dot")), mask=3)
         outer = clbvh.Scene()
-        outer.add_scene(inner, shifted(5, 0, 0))
+        outer.add_parts(inner, shifted(5, 0, 0))
         outer.add(inner)
         assert names(outer.geometries) == ["icosphere", "dot", "icosphere 2", "dot 2"]
         assert names(outer.instances) == ["icosphere", "dot", "icosphere 2", "dot 2"]
         assert [instance.mask for instance in outer.instances] == [2**32 - 1, 3] * 2
         assert outer.instances[0].transform.tolist() == (shifted(5, 0, 0) @ np.diag([2.0, 2, 2, 1])).tolist()
         assert outer.geometries[1].shape is inner.geometries[1].shape
-        inner.add_scene(inner)
+        inner.add_parts(inner)
         assert len(inner.instances) == 4
 
     @pytest.mark.parametrize("source", [5, None, trimesh.creation.box()])
     def test_something_without_parts_is_refused(self, source):
         with pytest.raises(SceneError, match=r"expected the path of a file, a trimesh\.Scene or a clbvh\.Scene, not"):
-            clbvh.Scene().add_scene(source)
+            clbvh.Scene().add_parts(source)
 
     def test_a_wrong_transform_or_mask_adds_nothing(self):
         inner = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80))
         outer = clbvh.Scene()
         with pytest.raises(SceneError, match="the transform is singular"):
-            outer.add_scene(inner, np.diag([0, 0, 0, 1]))
+            outer.add_parts(inner, np.diag([0, 0, 0, 1]))
         with pytest.raises(SceneError, match="a mask must be"):
-            outer.add_scene(inner, mask=-1)
+            outer.add_parts(inner, mask=-1)
         with pytest.raises(SceneError, match="the transform of 'icosphere' must be finite"):
-            outer.add_scene(clbvh.Scene(inner.mesh, transform=clbvh.Transform(scale=1e200)), np.diag([1e200] * 3 + [1]))
+            outer.add_parts(clbvh.Scene(inner.mesh, transform=clbvh.Transform(scale=1e200)), np.diag([1e200] * 3 + [1]))
         assert outer.geometries == ()
 
 
@@ -319,6 +319,6 @@ def test_random_gltf_files_have_the_triangles_of_the_flattened_ones(tmp_path, se
         gltf.add_node(is_root=number % 2 == 1 or number == 0, **keys)
     path = gltf.write_glb(tmp_path / "a.glb")
     scene = clbvh.Scene()
-    scene.add_scene(path)
+    scene.add_parts(path)
     whole = clbvh.load_mesh(path)
     assert flatten(scene) == pytest.approx(whole.vertices[whole.faces], abs=1e-12)

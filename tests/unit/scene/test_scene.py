@@ -67,10 +67,10 @@ class TestFirstMesh:
         ],
     )
     def test_every_question_loads_it(self, ask):
-        ask(clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=80)))
+        ask(clbvh.Scene(clbvh.make_shape("icosphere", triangles=80)))
 
     def test_what_is_added_comes_behind_it(self):
-        scene = clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=80))
+        scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80))
         assert scene.add(BALL).id == 1
         assert scene.place(scene.geometries[1]).id == 1
         assert names(scene.instances) == ["icosphere", "icosphere 2"]
@@ -132,7 +132,7 @@ class TestChanges:
 
     def test_its_text_has_what_it_holds(self):
         assert repr(clbvh.Scene()) == "Scene()"
-        scene = clbvh.Scene(clbvh.MeshSource(path="gone.ply"), width=5)
+        scene = clbvh.Scene("gone.ply", width=5)
         assert repr(scene).startswith("Scene(mesh=MeshSource(path='gone.ply'")
         assert repr(scene).endswith("width=5)")
         scene = clbvh.Scene()
@@ -147,7 +147,7 @@ class TestChanges:
 @pytest.mark.parametrize("duplicate", [lambda thing: pickle.loads(pickle.dumps(thing)), copy.copy, copy.deepcopy])
 class TestCopies:
     def make(self):
-        scene = clbvh.Scene(clbvh.MeshSource(mesh=BALL), transform=TWICE, width=17)
+        scene = clbvh.Scene(BALL, transform=TWICE, width=17)
         scene.place(scene.add(DOTS), mask=3, colour=(1, 0, 0))
         return scene
 

@@ -117,7 +117,7 @@ class TestRoundTrip:
 
     def test_a_scene_of_one_mesh_is_one_again(self, tmp_path):
         transform = clbvh.Transform(scale=3)
-        scene = clbvh.Scene(clbvh.MeshSource(shape="icosphere", triangles=80), transform=transform)
+        scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), transform=transform)
         scene.save(tmp_path / "a.scene")
         loaded = clbvh.Scene.load(tmp_path / "a.scene")
         same(scene, loaded)

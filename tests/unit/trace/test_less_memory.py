@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import Tracer, build
+from clbvh import Scene, Tracer, build
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, DeviceMemoryError
 from clbvh.rendering.band_painters import OneRayPainter
 from clbvh.rendering.frame import FrameRenderer
-from clbvh.rendering.scene import MeshSource, Scene
-from clbvh.rendering.view import make_view
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import MOST_HALVINGS
 
@@ -94,7 +92,7 @@ def test_other_errors_of_a_device_are_not_tried_again(mesh, rays, session, monke
 def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
     with DeviceSession(session.info) as opened:
         tree = DeviceTree(opened, mesh, build(mesh))
-        scene = Scene(mesh=MeshSource(shape="knot"), width=64, height=48, shading="lambert+shadow")
+        scene = Scene(mesh=clbvh.make_shape("knot", triangles=100_000), width=64, height=48, shading="lambert+shadow")
         view = make_view(scene, scene.camera(mesh), mesh)
         painter = OneRayPainter(opened, tree)
         renderer = FrameRenderer(opened, tree)

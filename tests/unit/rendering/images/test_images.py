@@ -271,7 +271,7 @@ class TestMotion:
     @pytest.mark.parametrize("scaled", [False, True])
     def test_one_mesh_moves_from_where_its_scene_has_it(self, scaled):
         first = Transform(scale=2.0, translate=(1, 0, 0)) if scaled else Transform()
-        scene = Scene(clbvh.MeshSource(shape="icosphere", triangles=320), transform=first)
+        scene = Scene(clbvh.make_shape("icosphere", triangles=320), transform=first)
         second = Transform(scale=first.scale, translate=tuple(np.add(first.translate, (0, 0.1, 0))))
         camera = Camera(eye=(1, 0, 9), look_at=(1, 0, 0), fov=50)
         images = clbvh.render_images(

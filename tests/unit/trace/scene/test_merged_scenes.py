@@ -284,9 +284,9 @@ def test_a_picture_is_the_same(shading, smooth):
         scene.place(scene.add(shape), affine(turned, generator.uniform(-2, 2, 3)), colour=colour)
     shown = scene.with_changes(width=96, height=64, shading=shading, smooth=smooth)
     options = clbvh.RenderOptions(validate=True)
-    picture = clbvh.render(shown, options)
+    picture = clbvh.render(shown, options=options)
     with nothing_merged():
-        expected = clbvh.render(shown, options)
+        expected = clbvh.render(shown, options=options)
     assert len(picture.objects.merging.meshes) == 2
     assert picture.objects.trees == (None,) * 10
     assert None not in expected.objects.trees

@@ -10,7 +10,15 @@ from clbvh import Mesh, SceneError, Transform
 TRIANGLE = Mesh.from_arrays([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2]], name="corner")
 
 
-@pytest.mark.parametrize("values", [{"scale": 0}, {"scale": "2"}, {"rotate": 90}, {"translate": (1, 2)}])
+@pytest.mark.parametrize(
+    "values",
+    [
+        *({"scale": scale} for scale in (0, (1, 0, 1), (1, 2), (1, 2, float("nan")), "2", None)),
+        {"rotate": 90},
+        {"translate": (1, 2)},
+        {"translate": (1, 2, float("inf"))},
+    ],
+)
 def test_one_that_cannot_be_applied_is_refused(values):
     with pytest.raises(SceneError, match="the transform's"):
         Transform(**values)

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import make_shape
 from clbvh.errors import MeshError
-from clbvh.rendering.objects import DRAWS_PER_POINT, sample_surface
+from clbvh.scene.copies import DRAWS_PER_POINT, sample_surface
 
 # Two triangles in the plane of x and y, of areas 1 and 3, and one without area between them.
 VERTICES = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [10, 0, 0], [12, 0, 0], [10, 3, 0]], float)
