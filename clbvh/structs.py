@@ -138,9 +138,6 @@ INSTANCE = np.dtype(
         ("radius", "f4"),
         # The linear part of the map from the geometry's local coordinates to the scene's.
         ("to_scene", "f4", (3, 3)),
-        # The primitives of merged instances have numbers of two parts: this many bits are the prim_id, and those above
-        # are added to instance_id. ALL_PRIM_BITS where nothing is merged.
-        ("prim_bits", "i4"),
         # Where the geometry's nodes and blocks begin, and how many blocks it has.
         ("first_node", "i4"),
         ("first_block", "i4"),
@@ -149,11 +146,9 @@ INSTANCE = np.dtype(
         ("kind", "i4"),
         ("mask", "u4"),
         ("instance_id", "i4"),
+        ("spare", "i4"),
     ]
 )
-
-# The bits of a number of a primitive, which is not negative.
-ALL_PRIM_BITS = 31
 
 # A ray that begins farther away than this many radii of an instance is advanced to just before it.
 FAR_RADII = 32
@@ -451,7 +446,6 @@ CELL_PIXELS = 9
 DEVICE_CONSTANTS = {
     "CELL_PIXELS": CELL_PIXELS,
     "NO_PRIM": NO_PRIM,
-    "ALL_PRIM_BITS": ALL_PRIM_BITS,
     "FAR_RADII": FAR_RADII,
     "MAX_TILE_LEAVES": MAX_TILE_LEAVES,
     **{"KIND_" + name.upper(): number for name, number in PRIM_KINDS.items()},

@@ -74,20 +74,12 @@ class ScenePoints:
         Instances whose mask shares no bit with it do not count.
     blur : Blur, optional
         How far the device may be off.
-    merged_radii : (n,) float64, world units, optional
-        As in `SceneReference`.
     """
 
-    def __init__(
-        self,
-        scene: SceneLike,
-        mask: int = 0xFFFFFFFF,
-        blur: Blur | None = None,
-        merged_radii: NDArray[np.float64] | None = None,
-    ) -> None:
+    def __init__(self, scene: SceneLike, mask: int = 0xFFFFFFFF, blur: Blur | None = None) -> None:
         self._scene = scene
         self._blur = blur or Blur()
-        all_placements = place_instances(scene, merged_radii)
+        all_placements = place_instances(scene)
         self._size = scene_radius(all_placements) if all_placements else 0.0
         self._all_placements = all_placements
         self._placements = [placed for placed in all_placements if placed.mask & mask]
@@ -206,9 +198,7 @@ class ScenePoints:
         growth = placed.growth if isinstance(placed.shape, Mesh) else np.linalg.norm(placed.to_world, 2) * np.sqrt(3.0)
         growth = max(growth, float(np.linalg.norm(placed.to_world, 2)) * placed.local_growth)
         reach = distance + placed.radius * placed.unit
-        merged_reach = distance + 2.0 * placed.merged_radius * placed.unit if placed.merged_radius > 0.0 else 0.0
-        entering = self._blur.entering * np.maximum(growth * reach, merged_reach)
-        return entering + self._blur.pair * (distance + self._size)
+        return self._blur.entering * growth * reach + self._blur.pair * (distance + self._size)
 
 
 def _find_nearest(

@@ -10,7 +10,6 @@
 // place, so rays are cast at their tree as at that of a mesh.
 
 #include "hits/crossing.cl"
-#include "instances/number.cl"
 #include "rays/ray.cl"
 
 // The nearest crossing. Ties go to the smaller prim_id, so the order of the tests does not matter.
@@ -43,7 +42,6 @@ typedef struct {
     int instance_index;
     int instance_id;
     float t_shift;
-    int prim_bits;
 #endif
 #if HAS_SPHERES
     int kind;                 // KIND_TRIANGLES or KIND_SPHERES: the primitives of the tree that is traversed
@@ -53,9 +51,9 @@ typedef struct {
 INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {
 #if LONE_SPHERES
-    const search_t search = {no_crossing(), 0, max_count, heap, 0, 0, 0.0f, ALL_PRIM_BITS, KIND_SPHERES};
+    const search_t search = {no_crossing(), 0, max_count, heap, 0, 0, 0.0f, KIND_SPHERES};
 #elif HAS_INSTANCES
-    const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f, ALL_PRIM_BITS};
+    const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f};
 #else
     const search_t search = {no_crossing(), 0, max_count, heap};
 #endif
@@ -72,18 +70,6 @@ INLINED kept_hit_t as_kept_hit(const search_t *search, const crossing_t *crossin
 #else
     return as_hit(crossing);
 #endif
-}
-
-// A crossing that is found now, as it is kept in the heap.
-INLINED kept_hit_t as_kept_crossing(const search_t *search, const crossing_t *crossing)
-{
-    kept_hit_t hit = as_kept_hit(search, crossing);
-#if HAS_INSTANCES
-    const scene_prim_t prim = split_number(hit.prim_id, hit.instance_id, search->prim_bits);
-    hit.prim_id = prim.prim_id;
-    hit.instance_id = prim.instance_id;
-#endif
-    return hit;
 }
 
 // Whether no further crossing can change the answer.
@@ -202,9 +188,9 @@ INLINED void add_crossing(search_t *search, const crossing_t crossing, const int
             search->count++;
         }
     } else if (search->count < search->max_count) {
-        append_hit(search->heap, search->count++, as_kept_crossing(search, &crossing));
+        append_hit(search->heap, search->count++, as_kept_hit(search, &crossing));
     } else {
-        const kept_hit_t hit = as_kept_crossing(search, &crossing);
+        const kept_hit_t hit = as_kept_hit(search, &crossing);
         const kept_hit_t farthest = search->heap[0];
         if (comes_first(&hit, &farthest)) {
             sink_hit(search->heap, search->count, 0, hit);

@@ -71,11 +71,11 @@ INLINED void visit_instance_near(
         return;
     }
     const float distance = nearest.distance / nearest.metric.unit;
-    const scene_prim_t prim = split_number(nearest.prim_id, instance->instance_id, instance->prim_bits);
-    const bool wins_tie = best->prim.prim_id == NO_PRIM || prim.instance_id < best->prim.instance_id;
+    const bool wins_tie = best->prim.prim_id == NO_PRIM || instance->instance_id < best->prim.instance_id;
     if (distance < best->distance || (distance == best->distance && wins_tie)) {
         best->distance = distance;
-        best->prim = prim;
+        best->prim.prim_id = nearest.prim_id;
+        best->prim.instance_id = instance->instance_id;
     }
 }
 

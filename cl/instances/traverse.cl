@@ -43,7 +43,6 @@ INLINED void visit_instance(
     if (query == QUERY_FIRST) {
         search->instance_id = instance->instance_id;
         search->t_shift = t_shift;
-        search->prim_bits = instance->prim_bits;
 #if HAS_SPHERES
         search->kind = instance->kind;
 #endif
@@ -61,11 +60,9 @@ INLINED void visit_instance(
         own.nearest.t += t_shift;
         const float t = own.nearest.t;
         const float best = search->nearest.t;
-        const scene_prim_t prim = split_number(own.nearest.prim_id, instance->instance_id, instance->prim_bits);
-        if (t < best || (t == best && prim.instance_id < search->instance_id)) {
+        if (t < best || (t == best && instance->instance_id < search->instance_id)) {
             search->nearest = own.nearest;
-            search->nearest.prim_id = prim.prim_id;
-            search->instance_id = prim.instance_id;
+            search->instance_id = instance->instance_id;
             search->instance_index = index;
         }
     }

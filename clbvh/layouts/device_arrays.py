@@ -31,7 +31,7 @@ from ..structs import (
     TRIANGLE_BLOCKS,
 )
 from ..support.compiled import compiled
-from .leaf_blocks import FaceNumbers, gather_blocks
+from .leaf_blocks import gather_blocks
 from .wide import widen
 
 
@@ -52,9 +52,7 @@ class DeviceArrays:
     stack_size: int
 
 
-def make_device_arrays(
-    bvh: Bvh, layout: str, shape: Shape | None = None, face_numbers: FaceNumbers | None = None
-) -> DeviceArrays:
+def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> DeviceArrays:
     """Return a tree in a layout.
 
     Parameters
@@ -64,16 +62,14 @@ def make_device_arrays(
         One of `structs.LAYOUT_WIDTHS`.
     shape : Mesh or Spheres, optional
         What the tree was built over, see `builders.build.build_over`; the tree's own mesh if left out.
-    face_numbers : FaceNumbers, optional
-        Of a mesh whose faces the device is to know by other numbers.
     """
     width = LAYOUT_WIDTHS[layout]
     prims = shape if isinstance(shape, Spheres) else bvh.mesh
     if width == 2:
-        blocks = gather_blocks(prims, bvh.prim_ids.reshape(-1, 1), face_numbers)
+        blocks = gather_blocks(prims, bvh.prim_ids.reshape(-1, 1))
         return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
     tree = widen(bvh, width)
-    blocks = gather_blocks(prims, tree.blocks, face_numbers)
+    blocks = gather_blocks(prims, tree.blocks)
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
     return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)

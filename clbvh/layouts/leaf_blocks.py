@@ -5,8 +5,6 @@ A primitive of `bvh2` is a block of one lane; the wide layouts have blocks of fo
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,26 +13,8 @@ from ..geometry.box_mesh import bound_sphere, sphere_reach
 from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.compiled import compiled
 
-# For faces whose numbers on the device are their indices.
-_NO_NUMBERS = np.empty(0, np.int32)
 
-
-class FaceNumbers(NamedTuple):
-    """The faces of a mesh as the device knows them, where that differs from the mesh.
-
-    Attributes
-    ----------
-    numbers : (F,) int32, not negative
-        In place of the indices of the faces; the order of both is the same.
-    is_degenerate : (F,) bool
-        Faces that no ray hits, in place of `Mesh.degenerate_faces`.
-    """
-
-    numbers: NDArray[np.int32]
-    is_degenerate: NDArray[np.bool_]
-
-
-def gather_blocks(shape: Shape, blocks: NDArray[np.int32], face_numbers: FaceNumbers | None = None) -> NDArray[np.void]:
+def gather_blocks(shape: Shape, blocks: NDArray[np.int32]) -> NDArray[np.void]:
     """Return the triangles or spheres of each block.
 
     Parameters
@@ -42,7 +22,6 @@ def gather_blocks(shape: Shape, blocks: NDArray[np.int32], face_numbers: FaceNum
     shape : Mesh or Spheres
     blocks : (G, width) int32
         Faces of the mesh, or spheres: of a `WideTree`, or one in each block, as `bvh2` has them.
-    face_numbers : FaceNumbers, optional
 
     Returns
     -------
@@ -56,21 +35,20 @@ def gather_blocks(shape: Shape, blocks: NDArray[np.int32], face_numbers: FaceNum
     lanes = gathered.view(np.float32).reshape(len(blocks), struct.itemsize // 4)
     written = blocks, lanes, lanes.view(np.int32)
     if isinstance(shape, Mesh):
-        numbers, degenerate = face_numbers or (_NO_NUMBERS, shape.degenerate_faces)
-        _gather_triangles(shape.local_vertices, shape.faces, degenerate, numbers, *written)
+        _gather_triangles(shape.local_vertices, shape.faces, shape.degenerate_faces, *written)
     else:
         _gather_spheres(shape.local_centres, shape.local_radii, *written)
     return gathered
 
 
 @compiled
-def _gather_triangles(vertices, faces, degenerate, numbers, blocks, lanes, lane_ints):
+def _gather_triangles(vertices, faces, degenerate, blocks, lanes, lane_ints):
     width = blocks.shape[1]
     first_prim_id = 9 * width
     for block in range(len(blocks)):
         for slot in range(width):
             prim = blocks[block, slot]
-            lane_ints[block, first_prim_id + slot] = prim if prim == NO_PRIM or len(numbers) == 0 else numbers[prim]
+            lane_ints[block, first_prim_id + slot] = prim
             is_degenerate = prim == NO_PRIM or degenerate[prim]
             is_nan = is_degenerate and width > 1
             for corner in range(3):

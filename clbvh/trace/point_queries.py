@@ -98,8 +98,6 @@ class PointQueries(Moves):
         array(2.)
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
-        if seen.instance_ids is not None:
-            caster = self._separate(caster)
         return closest_points(caster, seen, progress)
 
     def contains(
@@ -133,7 +131,7 @@ class PointQueries(Moves):
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         self._warn_if_open("contains", caster, seen)
-        return is_contained(self._separate(caster), seen, progress)
+        return is_contained(caster, seen, progress)
 
     def signed_distance(
         self,
@@ -163,7 +161,7 @@ class PointQueries(Moves):
         """
         caster, seen = self._caster, self._see(points, mask, geometry, instance)
         self._warn_if_open("signed_distance", caster, seen)
-        return signed_distances(self._separate(caster), seen, progress)
+        return signed_distances(caster, seen, progress)
 
     def ambient_occlusion(
         self,
@@ -260,14 +258,6 @@ class PointQueries(Moves):
         if geometry is not None or instance is not None:
             chosen = self._known_scene().choose_instances(geometry, instance)
         return SeenPoints.read(points, mask, chosen)
-
-    def _separate(self, caster: Caster) -> Caster:
-        """Return a caster at the same scene with no instances merged, for queries of one instance at a time."""
-        tree: object = caster.tree
-        if not isinstance(tree, DeviceScene) or not tree.merging.meshes or self._scene is None:
-            return caster
-        with caster.open_call() as call, self._updating:
-            return self._scene.separate(caster, call.memory.session)
 
     def _warn_if_open(self, query: str, caster: Caster, seen: SeenPoints) -> None:
         """Warn once that a mesh has no inside, on behalf of the public method `query`."""

@@ -77,9 +77,9 @@ def make_limits(scene, first):
     }
 
 
-def check_against_the_oracle(scene, answers, limits, merged_radii=None):
+def check_against_the_oracle(scene, answers, limits):
     """Compare all answers with the oracle's; return the number of rays whose closest hit is decided."""
-    reference = SceneReference(scene.state, merged_radii=merged_radii)
+    reference = SceneReference(scene.state)
     decided = 0
     for suffix, given_limits in (("", {}), (", limits", limits)):
         rays = Rays.make(scene.origins, scene.directions, **given_limits)

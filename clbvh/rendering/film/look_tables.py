@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -39,15 +39,11 @@ class Looks(NamedTuple):
         The shape of each instance.
     colours : (n, 3) float
         Linear colours of instances, instead of those of their materials; NaN: none.
-    normal_matrices : mapping of int to (3, 3) float64
-        By the number of a shape that the device has in other coordinates: the map of its normals, which gives them
-        any length.
     """
 
     shapes: Sequence[Shape]
     shape_ids: NDArray[np.integer]
     colours: NDArray[np.floating]
-    normal_matrices: Mapping[int, NDArray[np.float64]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +95,7 @@ def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: fl
     tables = _Tables()
     rows = np.zeros(len(looks.shapes), LOOK)
     for number in np.unique(looks.shape_ids).tolist():
-        tables.add(looks.shapes[number], rows[number : number + 1], looks.normal_matrices.get(number), crease_angle)
+        tables.add(looks.shapes[number], rows[number : number + 1], crease_angle)
     placed = rows[np.asarray(looks.shape_ids)]
     has_colour = ~np.isnan(looks.colours).any(axis=1)
     placed["has_colour"] = has_colour
@@ -123,15 +119,13 @@ class _Tables:
         self._materials = [Material()]
         self._numbers: dict[Material, int] = {}
 
-    def add(
-        self, shape: Shape, row: NDArray[np.void], normal_matrix: NDArray[np.float64] | None, crease_angle: float
-    ) -> None:
+    def add(self, shape: Shape, row: NDArray[np.void], crease_angle: float) -> None:
         """Append a geometry's values, and fill its row of `structs.LOOK`."""
         appearance: Appearance | None = shape.appearance
         for name in ("first_normal", "first_tangent", "first_colour", "first_uv", "first_material_id"):
             row[name] = -1
         if isinstance(shape, Mesh):
-            self._add_normals(shape, row, normal_matrix, crease_angle)
+            self._add_normals(shape, row, crease_angle)
         if appearance is None:
             return
         if appearance.colours is not None:
@@ -148,9 +142,7 @@ class _Tables:
             if appearance.material_ids is not None and len(numbers) > 1:
                 row["first_material_id"] = self._append("material_ids", numbers[appearance.material_ids])
 
-    def _add_normals(
-        self, mesh: Mesh, row: NDArray[np.void], matrix: NDArray[np.float64] | None, crease_angle: float
-    ) -> None:
+    def _add_normals(self, mesh: Mesh, row: NDArray[np.void], crease_angle: float) -> None:
         """Append the normals of a mesh, and its tangents if a texture bends the normals."""
         appearance = mesh.appearance
         given = appearance.normals if appearance is not None else None
@@ -162,11 +154,9 @@ class _Tables:
             return smooth_normals_by_angle(mesh, crease_angle) if given is None else given
 
         source = mesh.local_vertices if given is None else given
-        row["first_normal"] = self._share_normals(source, matrix, find)
+        row["first_normal"] = self._share("corner_normals", source, lambda: pack_normals(find().reshape(-1, _CORNERS)))
         if uvs is not None:
             tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
-            if matrix is not None:
-                tangents = _map_tangents(tangents, matrix)
             row["first_tangent"] = self._append("corner_normals", pack_tangents(tangents))
 
     def finish(self, looks: NDArray[np.void]) -> LookTables:
@@ -186,15 +176,6 @@ class _Tables:
         if key not in self._begins:
             self._begins[key] = self._append(name, make())
         return self._begins[key]
-
-    def _share_normals(
-        self, source: NDArray[Any], normal_matrix: NDArray[np.float64] | None, make: Callable[[], NDArray[np.float32]]
-    ) -> int:
-        if normal_matrix is None:
-            return self._share("corner_normals", source, lambda: pack_normals(make().reshape(-1, _CORNERS)))
-        # A shape with a matrix is placed once: no other one has the same normals.
-        mapped = (make().reshape(-1, _CORNERS) @ normal_matrix.T).astype(np.float32)
-        return self._append("corner_normals", pack_normals(mapped))
 
     def _append(self, name: str, values: NDArray[Any]) -> int:
         begin = self._counts[name]
@@ -220,15 +201,6 @@ def _find_bent_uvs(appearance: Appearance | None) -> NDArray[np.float32] | None:
     if appearance is None or all(material.normal_texture is None for material in appearance.materials):
         return None
     return appearance.uvs
-
-
-def _map_tangents(tangents: NDArray[np.float32], normal_matrix: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return tangents, with their sides, under the map of a shape: the inverse transpose of that of its normals."""
-    mapped = np.empty_like(tangents)
-    mapped[:, :_CORNERS] = tangents[:, :_CORNERS] @ np.linalg.inv(normal_matrix)
-    # A mirror turns the cross product of normal and tangent round.
-    mapped[:, _CORNERS] = tangents[:, _CORNERS] * np.sign(np.linalg.det(normal_matrix))
-    return mapped
 
 
 def _fill_material(row: NDArray[np.void], material: Material, textures: TextureTables) -> None:

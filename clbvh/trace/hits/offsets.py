@@ -5,7 +5,7 @@ the tracer has in float32, and the triangle test rounds as well. The distance is
 docs/internals/offsets.md derives.
 
 The tracer takes a ray into an instance in float32, so that map rounds as well: the bound is in the object's local
-coordinates. The corners of a merged instance are in the coordinates of the merged mesh, and the bound is, too.
+coordinates.
 """
 
 from __future__ import annotations
@@ -109,14 +109,6 @@ _SPHERES = PRIM_KINDS["spheres"]
 _ENTRY_ROUNDINGS = 16
 _DOUBLE_ROUNDINGS = 8
 
-# Roundings of float64 on the way into a merged mesh, by the same page, and of float32 between a point and the t of a
-# triangle: one more than in a mesh of its own, because the corners are not known as the device has them.
-_MERGED_DOUBLE_ROUNDINGS = 16
-_MERGED_ROUNDINGS = ROUNDINGS + 1
-
-# The distance from a merged triangle makes the bound on it larger by less than this share.
-_MERGED_GROWTH = 2.0**-17
-
 # Roundings of float32 relative to a sphere's radius, by the same page.
 _ROOT_ROUNDINGS = 40
 
@@ -188,7 +180,7 @@ def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front
             normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
 
         # The point in the object's local coordinates, and the highest point of the tracer's primitive above it.
-        most, merged = np.inf, 0.0
+        most = np.inf
         if arrays.kind[geometry] == _SPHERES:
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
             highest += _ROOT_ROUNDINGS * ROUNDING * radius
@@ -202,10 +194,6 @@ def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front
             way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
         else:
             gain = turn_normal(arrays, instance, normal, way)
-            if arrays.merged_scale[instance] > 0.0:
-                merged = gain * _bound_merged(
-                    arrays, instance, geometry, corners, local, way, locations, hit, scene_reach
-                )
             way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
@@ -216,7 +204,7 @@ def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front
         rounding, growth = _bound_roundings(arrays, instance, weights, local, shares)
         coarseness = _bound_coarseness(arrays, instance, geometry, weights, local, locations, hit, scene_reach)
         height = (highest + rounding + coarseness) / (1.0 - min(growth, _MOST_GROWTH))
-        height = max(min(height, most) / scale, merged)
+        height = min(height, most) / scale
         for axis in range(3):
             points[hit, axis] = locations[hit, axis] + height * way[axis]
 
@@ -243,34 +231,6 @@ def _bound_roundings(arrays, instance, weights, local, shares):
         rounding += weights[axis] * (ROUNDINGS * reach + _ENTRY_ROUNDINGS * entry)
         growth += weights[axis] * (ROUNDINGS * sideways + _ENTRY_ROUNDINGS * growth_of_entry)
     return ROUNDING * rounding, ROUNDING * growth
-
-
-@compiled
-def _bound_merged(arrays, instance, geometry, corners, local, normal, locations, hit, scene_reach):
-    """Return the distance along a unit normal of the world beyond which rays miss a merged triangle, in world units."""
-    scale, origin = arrays.merged_scale[instance], arrays.merged_origin
-    reach = 0.0
-    for axis in range(3):
-        reach = max(reach, abs(locations[hit, axis] - origin[instance, axis]) * scale)
-    roundings, coarseness = 0.0, 0.0
-    for axis in range(3):
-        place = 1.0 + abs(locations[hit, axis] - origin[instance, axis]) * scale
-        roundings += abs(normal[axis]) * (_MERGED_ROUNDINGS * (1.0 + reach) + _ENTRY_ROUNDINGS * place)
-        size = _add_magnitudes(arrays, instance, geometry, local, locations, hit, axis)
-        moved = _PAIR_ROUNDING * scene_reach + _MERGED_DOUBLE_ROUNDINGS * DOUBLE_ROUNDING * size
-        coarseness += abs(normal[axis]) * moved
-
-    # The normal of a sliver may be far from that of its plane, so its corners may reach above the point.
-    highest = 0.0
-    for corner in range(3):
-        x, y, z = place_vector(
-            arrays, instance,
-            corners[corner, 0] - arrays.origin[geometry, 0] - local[0] / arrays.scale[geometry],
-            corners[corner, 1] - arrays.origin[geometry, 1] - local[1] / arrays.scale[geometry],
-            corners[corner, 2] - arrays.origin[geometry, 2] - local[2] / arrays.scale[geometry],
-        )  # fmt: skip
-        highest = max(highest, normal[0] * x + normal[1] * y + normal[2] * z)
-    return (1.0 + _MERGED_GROWTH) * (highest + ROUNDING * roundings / scale + coarseness)
 
 
 @compiled

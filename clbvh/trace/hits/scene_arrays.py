@@ -90,11 +90,6 @@ class SceneArrays(NamedTuple):
     is_mirrored : (n,) bool
         Whether the map turns right hands into left ones. Corners a, b, c that run anticlockwise, seen from the outer
         side of the object, run clockwise in the world, and the outer side is still that of the normal.
-    merged_origin : (n, 3) float64, world units
-        Where the zero of the local coordinates is in which the device has the corners of a merged instance, see
-        `clbvh.trace.scene.merging`; 0 for one that is not merged.
-    merged_scale : (n,) float64
-        The units of those coordinates in one world unit; 0 for an instance that is not merged.
     """
 
     vertices: NDArray[np.float64]
@@ -113,8 +108,6 @@ class SceneArrays(NamedTuple):
     inverse: NDArray[np.float64]
     world_scale: NDArray[np.float64]
     is_mirrored: NDArray[np.bool_]
-    merged_origin: NDArray[np.float64]
-    merged_scale: NDArray[np.float64]
 
 
 def make_scene_arrays(
@@ -134,7 +127,7 @@ def make_scene_arrays(
     Returns
     -------
     SceneArrays
-        Nothing is merged. In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32
+        In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32
         for each sphere.
 
     Raises
@@ -159,13 +152,6 @@ def make_scene_arrays(
     return move_instances(no_instances, transforms)
 
 
-def make_frames(
-    shapes: Sequence[Shape], geometry_id: NDArray[np.integer], transforms: NDArray[np.float64]
-) -> SceneArrays:
-    """Return the arrays of a scene without its vertices, faces and spheres; see `make_scene_arrays`."""
-    return move_instances(_frames_of(shapes, geometry_id), transforms)
-
-
 def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> SceneArrays:
     """Return the boxes of geometries, without their primitives and without instances."""
     empty, no_rows = np.empty(0), np.zeros(len(shapes), np.int64)
@@ -178,14 +164,11 @@ def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> Sce
         np.array([_half_size(shape) for shape in shapes]).reshape(-1, 3),
         np.ascontiguousarray(geometry_id, np.int32),
         empty.reshape(0, 3, 3), empty.reshape(0, 3), empty.reshape(0, 3, 3), empty, np.empty(0, np.bool_),
-        empty.reshape(0, 3), empty,
     )  # fmt: skip
 
 
 def move_instances(arrays: SceneArrays, transforms: NDArray[np.float64]) -> SceneArrays:
     """Return the arrays of a scene whose instances have other transforms; those of the geometries are shared.
-
-    Nothing is merged in it.
 
     Parameters
     ----------
@@ -205,8 +188,6 @@ def move_instances(arrays: SceneArrays, transforms: NDArray[np.float64]) -> Scen
         inverse=np.empty((count, 3, 3)),
         world_scale=np.empty(count),
         is_mirrored=np.empty(count, np.bool_),
-        merged_origin=np.zeros((count, 3)),
-        merged_scale=np.zeros(count),
     )
     wrong = _place_instances(np.ascontiguousarray(transforms, np.float64), moved, np.empty((3, 3)), np.empty((3, 3)))
     if wrong >= 0:

@@ -92,8 +92,6 @@ class Placement(NamedTuple):
         rotations, whatever the scale along the axes of the geometry, and more for a shear.
     local_growth : float
         The largest sum of a row of `to_local`, without signs: an error of a coordinate becomes this in local units.
-    merged_radius : float, units
-        Of the mesh in which the device has the instance's triangles together with those of others; 0 for no such mesh.
     """
 
     instance_id: int
@@ -107,7 +105,6 @@ class Placement(NamedTuple):
     radius: float
     growth: float
     local_growth: float
-    merged_radius: float = 0.0
 
     def to_unit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n, 3) points of the world in units, seen from the centre."""
@@ -129,20 +126,11 @@ class Placement(NamedTuple):
         reach = self.radius + np.minimum(distances, blur.near * self.radius)
         rounded = blur.pair * (distances + size / self.unit)
         entering = blur.entering * reach
-        # A merged mesh is placed without a turn, and its centre is no farther from the instance's than its radius.
-        merged = blur.entering * (2.0 * self.merged_radius + np.minimum(distances, blur.near * self.merged_radius))
-        return np.maximum(self.growth * entering, merged) + rounded, self.local_growth * (entering + rounded)
+        return self.growth * entering + rounded, self.local_growth * (entering + rounded)
 
 
-def place_instances(scene: SceneLike, merged_radii: NDArray[np.float64] | None = None) -> list[Placement]:
-    """Return the placements of all instances, in the order of their ids.
-
-    Parameters
-    ----------
-    scene : SceneState
-    merged_radii : (n,) float64, world units, optional
-        See `Placement`; by default, nothing is merged.
-    """
+def place_instances(scene: SceneLike) -> list[Placement]:
+    """Return the placements of all instances, in the order of their ids."""
     geometry_ids = np.asarray(scene.geometry_ids, np.int64)
     transforms = np.asarray(scene.transforms, np.float64).reshape(-1, 4, 4)
     if len(transforms) == 0:
@@ -162,12 +150,10 @@ def place_instances(scene: SceneLike, merged_radii: NDArray[np.float64] | None =
     growths = (np.abs(to_world) @ np.abs(to_local)).sum(axis=2).max(axis=1)
     local_growths = np.abs(to_local).sum(axis=2).max(axis=1)
     radii = np.ldexp(radii, -exponents)
-    merged = np.zeros(len(radii)) if merged_radii is None else merged_radii / units
     return [
         Placement(
             index, geometry_id, int(scene.masks[index]), scene.shapes[geometry_id], float(units[index]), centres[index],
             to_world[index], to_local[index], float(radii[index]), float(growths[index]), float(local_growths[index]),
-            float(merged[index]),
         )
         for index, geometry_id in enumerate(geometry_ids.tolist())
     ]  # fmt: skip

@@ -180,8 +180,7 @@ def find_crossings(
 class _Bound(NamedTuple):
     """The sphere around an instance, its mask, and what blurs rays of it; lengths as shares of `size`, of the scene.
 
-    `entering` is that of `Blur` times the growth, and from farther away than `near` it does not grow. The same for the
-    merged mesh that the instance is in, whose radius is 0 where it is in none.
+    `entering` is that of `Blur` times the growth, and from farther away than `near` it does not grow.
     """
 
     x: float
@@ -190,9 +189,6 @@ class _Bound(NamedTuple):
     radius: float
     entering: float
     near: float
-    merged_radius: float
-    merged_entering: float
-    merged_near: float
     pair: float
     mask: np.uint32
     size: float
@@ -201,10 +197,9 @@ class _Bound(NamedTuple):
 def _bound(placed: Placement, blur: Blur, size: float) -> _Bound:
     size = size if size > 0.0 else 1.0
     x, y, z = placed.centre.tolist()
-    radius, merged_radius = placed.radius * (placed.unit / size), placed.merged_radius * (placed.unit / size)
+    radius = placed.radius * (placed.unit / size)
     return _Bound(
-        x, y, z, radius, placed.growth * blur.entering, blur.near * radius, merged_radius, blur.entering,
-        blur.near * merged_radius, blur.pair, np.uint32(placed.mask), size,
+        x, y, z, radius, placed.growth * blur.entering, blur.near * radius, blur.pair, np.uint32(placed.mask), size
     )  # fmt: skip
 
 
@@ -224,9 +219,7 @@ def _find_near(bound, origins, directions, masks, near):
         side_x, side_y, side_z = x - along * dx, y - along * dy, z - along * dz
         way = abs(x) + abs(y) + abs(z)
         reach = bound.radius + min(way, bound.near)
-        merged_reach = 2.0 * bound.merged_radius + min(way, bound.merged_near)
-        blur = max(bound.entering * reach, bound.merged_entering * merged_reach)
-        most = bound.radius + blur + bound.pair * (way + 1.0)
+        most = bound.radius + bound.entering * reach + bound.pair * (way + 1.0)
         most = most * _PASS_SHARE + _PASS_ROUNDING * way
         if side_x * side_x + side_y * side_y + side_z * side_z <= most * most or not way <= _FARTHEST:
             near[count] = ray

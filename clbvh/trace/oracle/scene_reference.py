@@ -95,16 +95,12 @@ class SceneReference:
         Or anything with its fields `shapes`, `geometry_ids`, `transforms` and `masks`.
     blur : Blur, optional
         How far the device may be off.
-    merged_radii : (n,) float64, world units, optional
-        Of the merged mesh that each instance is in, 0 for none; by default, nothing is merged. See `Placement`.
     """
 
-    def __init__(
-        self, scene: SceneLike, blur: Blur | None = None, merged_radii: NDArray[np.float64] | None = None
-    ) -> None:
+    def __init__(self, scene: SceneLike, blur: Blur | None = None) -> None:
         self._scene = scene
         self._blur = blur or Blur()
-        self._placements = place_instances(scene, merged_radii)
+        self._placements = place_instances(scene)
 
     def crossings(self, rays: Rays) -> Crossings:
         """Return every crossing that there can be."""

@@ -22,9 +22,8 @@ from ..hits.scene_arrays import make_scene_arrays
 from ..host.lanes import make_host_ray
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
-from ..scene.device_scene import arrange_geometries, blocks_by_kind, list_parts
-from ..scene.merging import NOTHING_MERGED, Merging
-from ..scene.top_tree import TopItems
+from ..scene.device_scene import arrange_geometries, blocks_by_kind, list_ranges
+from ..scene.top_tree import make_records
 from .visits import HostTrees, PackedRays, TreeStart, as_triple, descend, meets_child
 
 # The constants of cl/instances/instance.cl.
@@ -37,8 +36,8 @@ _T_SLACK = 2.0**-22
 _CHUNK_RAYS = 1 << 12
 
 # The columns of `_HostScene.starts`.
-_START_FIELDS = ("first_node", "first_block", "kind", "instance_id", "prim_bits")
-_FIRST_NODE, _FIRST_BLOCK, _KIND, _FIRST_ID, _PRIM_BITS = range(len(_START_FIELDS))
+_START_FIELDS = ("first_node", "first_block", "kind", "instance_id")
+_FIRST_NODE, _FIRST_BLOCK, _KIND, _ID = range(len(_START_FIELDS))
 
 _NODE_STEPS, _INSTANCE_VISITS, _LEAF_VISITS, _PRIM_TESTS, _INSTANCE_ID, _PRIM_ID, _FIELDS = range(7)
 
@@ -76,29 +75,23 @@ class SceneTraversal:
     ----------
     state : SceneState
         At least one instance.
-    trees : sequence of Bvh or None
-        One for each geometry; None for one whose instances are merged.
+    trees : sequence of Bvh
+        One for each geometry.
     top : Bvh
-        Over the instances, or the `TopItems` where some are merged.
-    merging : Merging, optional
-        By default, nothing is merged.
+        Over the instances.
     """
 
-    def __init__(
-        self, state: SceneState, trees: Sequence[Bvh | None], top: Bvh, merging: Merging = NOTHING_MERGED
-    ) -> None:
-        arrays = arrange_geometries(state, trees, merging, "bvh2")
-        parts = list_parts(state, merging, arrays)
-        blocks = blocks_by_kind(parts, arrays)
+    def __init__(self, state: SceneState, trees: Sequence[Bvh], top: Bvh) -> None:
+        arrays = arrange_geometries(state, trees, "bvh2")
+        ranges = list_ranges(state, arrays)
+        blocks = blocks_by_kind(ranges, arrays)
         surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        records = TopItems.of(state, surface, merging).records(parts, top)
+        records = make_records(surface, ranges, state.masks, top)
         self._scene = _HostScene(
             HostTrees.join([make_bvh2_nodes(top)], [], []),
-            HostTrees.join(
-                [part.nodes for part in arrays if part is not None], blocks["triangles"], blocks["spheres"]
-            ),
+            HostTrees.join([each.nodes for each in arrays], blocks["triangles"], blocks["spheres"]),
             max(1, top.depth),
-            max(1, *(bvh.depth for bvh in merging.list_trees(trees))),
+            max(1, *(bvh.depth for bvh in trees)),
             records["to_object"].astype(np.float64),
             records["centre"].astype(np.float64) + records["centre_low"],
             records["radius"].astype(np.float64),
@@ -140,7 +133,7 @@ class SceneTraversal:
 class _HostScene(NamedTuple):
     """The trees of both levels, and the instances in the order of the leaves.
 
-    `starts`, (n, 5) int32, holds the fields of their records that `_START_FIELDS` names.
+    `starts`, (n, 4) int32, holds the fields of their records that `_START_FIELDS` names.
     """
 
     top: HostTrees
@@ -215,13 +208,10 @@ def _walk(scene, rays, exact_origins, inside, counts):
                     count[_LEAF_VISITS] += own_counts[0, 1]
                     count[_PRIM_TESTS] += own_counts[0, 2]
                     t = np.float32(own_t[0] + shift)
-                    # As in cl/instances/number.cl.
-                    number, prim_bits = np.int64(own_counts[0, 3]), np.int64(starts[index, _PRIM_BITS])
-                    instance_id = starts[index, _FIRST_ID] + (number >> prim_bits)
-                    if number != NO_PRIM and (t < nearest_t or (t == nearest_t and instance_id < count[_INSTANCE_ID])):
+                    prim_id, instance_id = own_counts[0, 3], starts[index, _ID]
+                    if prim_id != NO_PRIM and (t < nearest_t or (t == nearest_t and instance_id < count[_INSTANCE_ID])):
                         nearest_t = t
-                        count[_INSTANCE_ID] = instance_id
-                        count[_PRIM_ID] = number & ((np.int64(1) << prim_bits) - 1)
+                        count[_INSTANCE_ID], count[_PRIM_ID] = instance_id, prim_id
                 is_done = stack_size == 0
                 if is_done:
                     break

@@ -26,8 +26,7 @@ from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
 from ..rays.batch import TreeBox
 from ..rays.pack import NEAR_SHARE
-from .merging import NOTHING_MERGED, BuildTree, Merging
-from .top_tree import TopItems, TopTree
+from .top_tree import BuildTree, TopTree
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
 _TOP_STACK_SIZE = 64
@@ -54,16 +53,13 @@ class DeviceScene:
         Owns the buffers.
     state : SceneState
         At least one instance.
-    trees : sequence of Bvh or None, or None
-        One for each geometry; None for one whose instances are merged. None for all: no tree but the one over the
-        instances, and nothing is merged.
+    trees : sequence of Bvh or None
+        One for each geometry; None: no tree but the one over the instances.
     build_top : function
         Builds the tree over the instances.
     layout : str
         Of the geometries' trees. The one over the instances is `bvh2` in any case. Without trees the layout is
         ``"brute"``, whatever is asked: each primitive of an instance is tested against each ray that meets its box.
-    merging : Merging, optional
-        Of the state; by default, nothing is merged.
     surface : SceneArrays, optional
         Of the state, if they are there already.
 
@@ -81,11 +77,10 @@ class DeviceScene:
     state : SceneState
     surface : SceneArrays
         What hits are refined on.
-    trees : tuple of Bvh or None
+    trees : tuple of Bvh
         Empty in the layout ``"brute"``.
     built_shapes : tuple of Mesh or Spheres
         What the trees are around; `state` has the shapes as they are now.
-    merging : Merging
     top : TopTree
     layout, arguments, defines, has_entry_points, node_bytes
         As in `DeviceTree`.
@@ -102,43 +97,39 @@ class DeviceScene:
         self,
         session: DeviceSession,
         state: SceneState,
-        trees: Sequence[Bvh | None] | None,
+        trees: Sequence[Bvh] | None,
         build_top: BuildTree,
         layout: str = "auto",
         *,
-        merging: Merging = NOTHING_MERGED,
         surface: SceneArrays | None = None,
     ) -> None:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
         self.layout = BRUTE if trees is None else resolve_layout(layout, session)
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
-        self.state, self.trees, self.merging = state, tuple(trees or ()), merging
+        self.state, self.trees = state, tuple(trees or ())
         self.built_shapes = state.shapes
         self._build_top = build_top
-        arrays = arrange_geometries(state, trees, merging, self.layout)
-        self._parts = list_parts(state, merging, arrays)
+        arrays = arrange_geometries(state, trees, self.layout)
+        self._ranges = list_ranges(state, arrays)
         self.arguments: dict[str, Any] = {}
         self._byte_counts: dict[str, int] = {}
-        made = [part for part in arrays if part is not None]
-        depth = max((bvh.depth for bvh in self.all_trees), default=0)
-        stack_size = pad_stack(self.layout, max(part.stack_size for part in made), depth)
-        has_spheres = bool((self._parts[:, 3] == PRIM_KINDS["spheres"]).any())
+        depth = max((bvh.depth for bvh in self.trees), default=0)
+        stack_size = pad_stack(self.layout, max(each.stack_size for each in arrays), depth)
+        has_spheres = bool((self._ranges[:, 3] == PRIM_KINDS["spheres"]).any())
         self.defines = make_scene_defines(self.layout, stack_size, has_spheres=has_spheres)
-        self.node_bytes = made[0].nodes.itemsize
-        self._node_counts = [0 if part is None else len(part.nodes) for part in arrays]
-        blocks = blocks_by_kind(self._parts, arrays)
-        joined = {"nodes": [part.nodes for part in made], "blocks": blocks["triangles"], "spheres": blocks["spheres"]}
-        self._dtypes = {name: parts[0].dtype for name, parts in joined.items() if parts}
-        surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        self.surface = merging.note_on(surface)
-        self._items = TopItems.of(state, self.surface, merging)
-        for name, parts in joined.items():
-            self._upload(session, name, parts)
+        self.node_bytes = arrays[0].nodes.itemsize
+        self._node_counts = [len(each.nodes) for each in arrays]
+        blocks = blocks_by_kind(self._ranges, arrays)
+        joined = {"nodes": [each.nodes for each in arrays], "blocks": blocks["triangles"], "spheres": blocks["spheres"]}
+        self._dtypes = {name: pieces[0].dtype for name, pieces in joined.items() if pieces}
+        self.surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        for name, pieces in joined.items():
+            self._upload(session, name, pieces)
         self._put_top(session, session)
 
     def moved(self, owner: DeviceSession, session: DeviceSession, state: SceneState) -> Self:
-        """Return the scene with other transforms of instances that are not merged; this one does not change.
+        """Return the scene with other transforms; this one does not change.
 
         Parameters
         ----------
@@ -149,8 +140,7 @@ class DeviceScene:
         state : SceneState
         """
         moved = self._copy(state)
-        moved.surface = self.merging.note_on(move_instances(self.surface, state.transforms))
-        moved._items = self._items.moved(state, moved.surface)
+        moved.surface = move_instances(self.surface, state.transforms)
         moved._put_top(owner, session)
         return moved
 
@@ -165,9 +155,7 @@ class DeviceScene:
         """Return the scene with a geometry whose vertices or spheres have moved, given what writes its arrays anew."""
         moved = self._copy(state)
         moved._refit(self, owner, session, geometry_id, write)
-        arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        moved.surface = self.merging.note_on(arrays)
-        moved._items = TopItems.of(state, moved.surface, self.merging)
+        moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
         moved._put_top(owner, session)
         return moved
 
@@ -178,7 +166,7 @@ class DeviceScene:
         """Map the nodes and the blocks of a geometry into the host's memory; see `DeviceSession.mapped`."""
         nodes, blocks = (
             session.mapped(self.arguments[name], count, dtype, write=write, first=first)
-            for name, first, count, dtype in self._ranges(geometry_id)
+            for name, first, count, dtype in self._list_arrays(geometry_id)
         )
         with nodes as node_array, blocks as block_array:
             yield node_array, block_array
@@ -199,7 +187,7 @@ class DeviceScene:
         write: Callable[[Shape, NDArray[np.void], NDArray[np.void]], None],
     ) -> None:
         """Put the arrays of all geometries into new buffers: one refitted, the rest from another scene."""
-        for name, begin, count, dtype in self._ranges(geometry_id):
+        for name, begin, count, dtype in self._list_arrays(geometry_id):
             byte_count = self._byte_counts[name]
             source, target = other.arguments[name], owner.allocate(byte_count, writable=False)
             self.arguments[name] = target
@@ -213,15 +201,15 @@ class DeviceScene:
 
     def _put_top(self, owner: DeviceSession, session: DeviceSession) -> None:
         """Build the tree over the instances, and put it into new buffers."""
-        self.top = TopTree.build(self._items, self._parts, self._build_top)
+        self.top = TopTree.build(self.surface, self._ranges, self.state.masks, self._build_top)
         for name, array in (("top_nodes", self.top.nodes), ("instances", self.top.instances)):
             self.arguments[name] = owner.allocate(array.nbytes, writable=False)
             self._byte_counts[name] = array.nbytes
             session.write(self.arguments[name], array)
 
-    def _ranges(self, geometry_id: int) -> list[tuple[str, int, int, np.dtype]]:
+    def _list_arrays(self, geometry_id: int) -> list[tuple[str, int, int, np.dtype]]:
         """Return the buffer of a geometry's nodes and that of its blocks, where they begin, their number and dtype."""
-        first_node, first_block, block_count, kind = self._parts[geometry_id].tolist()
+        first_node, first_block, block_count, kind = self._ranges[geometry_id].tolist()
         blocks = "spheres" if kind == PRIM_KINDS["spheres"] else "blocks"
         return [
             ("nodes", first_node, self._node_counts[geometry_id], self._dtypes["nodes"]),
@@ -231,15 +219,10 @@ class DeviceScene:
     @property
     def ray_tree(self) -> LoneSpheres | None:
         """The tree for rays, where they need not know of instances."""
-        parts = self._parts[self.state.geometry_ids[0]]
-        if not self.state.is_one_group_of_spheres or parts[:2].any():
+        ranges = self._ranges[self.state.geometry_ids[0]]
+        if not self.state.is_one_group_of_spheres or ranges[:2].any():
             return None
-        return LoneSpheres(self, int(parts[2]))
-
-    @property
-    def all_trees(self) -> list[Bvh]:
-        """The trees of geometries and of merged meshes."""
-        return self.merging.list_trees(self.trees)
+        return LoneSpheres(self, int(ranges[2]))
 
     @property
     def scene_surface(self) -> SceneSurface:
@@ -282,9 +265,9 @@ class DeviceScene:
         """Bytes of all buffers."""
         return sum(self._byte_counts.values())
 
-    def _upload(self, session: DeviceSession, name: str, parts: Sequence[NDArray[np.void]]) -> None:
+    def _upload(self, session: DeviceSession, name: str, pieces: Sequence[NDArray[np.void]]) -> None:
         """Put arrays into one buffer, one after the other."""
-        joined = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
+        joined = pieces[0] if len(pieces) == 1 else np.concatenate(pieces) if pieces else np.empty(0, np.float32)
         self.arguments[name] = session.upload(joined)
         self._byte_counts[name] = joined.nbytes
 
@@ -346,32 +329,14 @@ class LoneSpheres:
         return self._scene.scene_surface
 
 
-def arrange_geometries(
-    state: SceneState, trees: Sequence[Bvh | None] | None, merging: Merging, layout: str
-) -> list[DeviceArrays | None]:
-    """Return the arrays of each geometry, and then of each merged mesh.
-
-    Parameters
-    ----------
-    state : SceneState
-    trees : sequence of Bvh or None, or None
-        One for each geometry; None for one whose instances are merged, which has no arrays. None for all: the arrays
-        have no trees, whatever the layout, and nothing is merged.
-    merging : Merging
-    layout : str
-    """
+def arrange_geometries(state: SceneState, trees: Sequence[Bvh] | None, layout: str) -> list[DeviceArrays]:
+    """Return the arrays of each geometry; without trees, those have none, whatever the layout."""
     if trees is None:
         return [list_prims(shape) for shape in state.shapes]
-    arrays = [
-        None if bvh is None else make_device_arrays(bvh, layout, shape)
-        for bvh, shape in zip(trees, state.shapes, strict=True)
-    ]
-    return arrays + [
-        make_device_arrays(merged.bvh, layout, face_numbers=merged.face_numbers()) for merged in merging.meshes
-    ]
+    return [make_device_arrays(bvh, layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
 
 
-def list_parts(state: SceneState, merging: Merging, arrays: Sequence[DeviceArrays | None]) -> NDArray[np.int32]:
+def list_ranges(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:
     """Return where the arrays of `arrange_geometries` are in the joined ones, (n, 4), see `make_records`.
 
     Raises
@@ -381,26 +346,21 @@ def list_parts(state: SceneState, merging: Merging, arrays: Sequence[DeviceArray
     """
     rows = []
     first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
-    shapes: list[Shape] = [*state.shapes, *(merged.mesh for merged in merging.meshes)]
-    for shape, part in zip(shapes, arrays, strict=True):
+    for shape, own in zip(state.shapes, arrays, strict=True):
         kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
-        node_count, block_count = (0, 0) if part is None else (len(part.nodes), len(part.blocks))
-        rows.append((first_node, first_blocks[kind], block_count, kind))
-        first_node += node_count
-        first_blocks[kind] += block_count
+        rows.append((first_node, first_blocks[kind], len(own.blocks), kind))
+        first_node += len(own.nodes)
+        first_blocks[kind] += len(own.blocks)
     most = np.iinfo(np.int32).max
     if max(first_node, *first_blocks) > most:
         raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
     return np.array(rows, np.int32)
 
 
-def blocks_by_kind(
-    parts: NDArray[np.int32], arrays: Sequence[DeviceArrays | None]
-) -> dict[str, list[NDArray[np.void]]]:
+def blocks_by_kind(ranges: NDArray[np.int32], arrays: Sequence[DeviceArrays]) -> dict[str, list[NDArray[np.void]]]:
     """Return the blocks of all arrays by the kind of their primitives, see `structs.PRIM_KINDS`."""
     blocks: dict[str, list[NDArray[np.void]]] = {name: [] for name in PRIM_KINDS}
     names = list(PRIM_KINDS)
-    for part, kind in zip(arrays, parts[:, 3].tolist(), strict=True):
-        if part is not None:
-            blocks[names[kind]].append(part.blocks)
+    for own, kind in zip(arrays, ranges[:, 3].tolist(), strict=True):
+        blocks[names[kind]].append(own.blocks)
     return blocks

@@ -9,7 +9,7 @@ has the buffers of the scenes that are alive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, cast
 
@@ -30,12 +30,10 @@ from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ...support.host_threads import HostThreads
 from ..device_tree import DeviceTree, TreeCopies
-from ..hits.scene_arrays import make_scene_arrays
 from ..hits.surface import SceneSurface
 from ..launch import Caster
 from ..rays.batch import TreeBox
 from .device_scene import DeviceScene
-from .merging import Merging
 
 # A geometry's tree is built anew when its SAH cost has grown by this factor.
 REBUILD_GROWTH = 1.3
@@ -60,8 +58,6 @@ class MovingScene:
         self._opened: SceneState = contents.snapshot()
         # The trees of the geometries as they were opened, once they are needed.
         self._built: list[Bvh | None] = [None] * self._opened.geometry_count
-        # At the scene with nothing merged, as it was when that was last needed.
-        self._separate: Caster | None = None
         self._refits: dict[int, RefitGeometry] = {}
         # Of the mesh, as long as the scene is nothing but one mesh in its place.
         self._copies: TreeCopies | None = None
@@ -80,40 +76,9 @@ class MovingScene:
             )
             return tree, TreeBox.around(bvh)
         state = self._opened
-        surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        merging = Merging.find(state, surface, self._build_tree)
-        trees = self._trees_beside(merging, state, [None] * state.geometry_count, state.shapes)
-        scene = DeviceScene(session, state, trees, self._build_top, layout, merging=merging, surface=surface)
+        trees = [self._first_tree(geometry_id) for geometry_id in range(state.geometry_count)]
+        scene = DeviceScene(session, state, trees, self._build_top, layout)
         return scene, scene.box
-
-    def separate(self, caster: Caster, session: DeviceSession) -> Caster:
-        """Return a caster at the same scene with nothing merged.
-
-        It has the tree of each geometry, which a query needs that asks for one instance at a time.
-
-        Parameters
-        ----------
-        caster : Caster
-            At a `DeviceScene`.
-        session : DeviceSession
-            A branch of the caster's session, for this thread.
-        """
-        tree = cast(DeviceScene, caster.tree)
-        before, state = self._separate, tree.state
-        known: object = None if before is None else before.tree
-        if before is not None and isinstance(known, DeviceScene):
-            if known.state is state:
-                return before
-            if all(one is other for one, other in zip(known.state.shapes, state.shapes, strict=True)):
-                return self._keep_separate(before, known.moved(caster.session, session, state))
-        trees = self._trees_beside(Merging(), state, tree.trees, tree.built_shapes)
-        made = DeviceScene(caster.session, state, trees, self._build_top, tree.layout, surface=tree.surface)
-        return self._keep_separate(caster if before is None else before, made)
-
-    def _keep_separate(self, caster: Caster, scene: DeviceScene) -> Caster:
-        """Return a caster at a scene with nothing merged, which is kept for the next query."""
-        self._separate = caster.over(scene, scene.box)
-        return self._separate
 
     def state(self, caster: Caster) -> SceneState:
         """Return the scene that a caster is at."""
@@ -146,13 +111,11 @@ class MovingScene:
         self._check_known(ids)
         state = self.state(caster).with_transforms(ids, transforms)
         tree: object = caster.tree
-        merging = self._merging_without(caster, ids)
-        if isinstance(tree, DeviceScene) and merging is tree.merging:
+        if isinstance(tree, DeviceScene):
             moved = tree.moved(caster.session, session, state)
         else:
-            trees = self._trees_now(caster, merging)
-            layout = caster.tree.layout
-            moved = DeviceScene(caster.session, state, trees, self._build_top, layout, merging=merging)
+            trees = self._trees_now(caster, {})
+            moved = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
         return self._use(caster, moved)
 
     def set_vertices(self, caster: Caster, geometry: Geometry, vertices: ArrayLike, session: DeviceSession) -> Caster:
@@ -191,8 +154,7 @@ class MovingScene:
             moved = self._copies_of(caster).move(caster, moved_shape, session)
             if cast(DeviceTree, moved.tree).sah_growth <= REBUILD_GROWTH:
                 return moved
-        merging = self._merging_without(caster, np.flatnonzero(state.geometry_ids == geometry_id))
-        if isinstance(tree, DeviceScene) and merging is tree.merging:
+        if isinstance(tree, DeviceScene):
             refit = self._find_refit(tree, geometry_id, session)
             write = partial(refit.write, threads=caster.threads)
             scene = tree.with_geometry(caster.session, session, state, geometry_id, write)
@@ -200,18 +162,9 @@ class MovingScene:
                 return self._use(caster, scene)
             del scene  # the device need not have room for it and for the next one
         self._refits.pop(geometry_id, None)
-        trees = self._trees_now(caster, merging, skipped=geometry_id)
-        trees[geometry_id] = self._build_tree(moved_shape)
-        layout = caster.tree.layout
-        built = DeviceScene(caster.session, state, trees, self._build_top, layout, merging=merging)
+        trees = self._trees_now(caster, {geometry_id: self._build_tree(moved_shape)})
+        built = DeviceScene(caster.session, state, trees, self._build_top, caster.tree.layout)
         return self._use(caster, built)
-
-    def _merging_without(self, caster: Caster, instance_ids: NDArray[np.integer]) -> Merging:
-        """Return what is merged after instances have left; the same value if none of them is merged."""
-        tree: object = caster.tree
-        if not isinstance(tree, DeviceScene):
-            return Merging()
-        return tree.merging.without(instance_ids, tree.state, tree.surface, self._build_tree)
 
     def _find_refit(self, scene: DeviceScene, geometry_id: int, session: DeviceSession) -> RefitGeometry:
         """Return what refits a geometry; it is kept as long as the geometry has the tree that it was built with.
@@ -237,33 +190,19 @@ class MovingScene:
                 f"the instance {instance_ids.max()} was placed after the tracer was opened: open a new tracer"
             )
 
-    def _trees_now(self, caster: Caster, merging: Merging, skipped: int | None = None) -> list[Bvh | None]:
-        """Return the trees of the geometries around the shapes as they are now, but not of the skipped one."""
+    def _trees_now(self, caster: Caster, rebuilt: Mapping[int, Bvh]) -> list[Bvh]:
+        """Return the trees of the geometries around the shapes as they are now; some have been built anew."""
         tree: object = caster.tree
-        trees, built = (
-            (tree.trees, tree.built_shapes) if isinstance(tree, DeviceScene) else (self._built, self._opened.shapes)
-        )
-        return self._trees_beside(merging, self.state(caster), trees, built, skipped)
-
-    def _trees_beside(
-        self,
-        merging: Merging,
-        state: SceneState,
-        trees: Sequence[Bvh | None],
-        built: Sequence[Shape],
-        skipped: int | None = None,
-    ) -> list[Bvh | None]:
-        """Return the trees of the geometries of which no instance is merged, refitted or built where they have to be.
-
-        `trees` are those around earlier shapes, `built`, where there are any. A geometry without one is as it was
-        opened.
-        """
-        unneeded = {int(geometry) for geometry in state.geometry_ids[merging.instance_ids]} | {skipped}
-        now: list[Bvh | None] = [None] * state.geometry_count
-        for geometry_id, (bvh, before, shape) in enumerate(zip(trees, built, state.shapes, strict=True)):
-            if geometry_id not in unneeded:
-                found = bvh or self._first_tree(geometry_id)
-                now[geometry_id] = found if shape is before else _refit_tree(found, mesh_of(shape))
+        shapes, before = self.state(caster).shapes, self._opened.shapes
+        if isinstance(tree, DeviceScene):
+            before = tree.built_shapes
+        now = []
+        for geometry_id, (built, shape) in enumerate(zip(before, shapes, strict=True)):
+            bvh = rebuilt.get(geometry_id)
+            if bvh is None:
+                bvh = tree.trees[geometry_id] if isinstance(tree, DeviceScene) else self._first_tree(geometry_id)
+                bvh = bvh if shape is built else _refit_tree(bvh, mesh_of(shape))
+            now.append(bvh)
         return now
 
     def _first_tree(self, geometry_id: int) -> Bvh:
@@ -278,8 +217,6 @@ class MovingScene:
         if isinstance(caster.tree, DeviceScene):
             # Only now: after Ctrl-C the tracer may have stayed with the mesh, and with its copies.
             self._copies = None
-        if not scene.merging.meshes:
-            self._separate = None
         return caster.over(scene, scene.box)
 
 

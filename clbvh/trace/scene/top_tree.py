@@ -1,4 +1,4 @@
-"""The tree over the instances of a scene, and their records on the device; a merged mesh stands for several instances.
+"""The tree over the instances of a scene, and their records on the device.
 
 Everything is computed in float64 from the 4 x 4 matrices; see `structs.INSTANCE` for what is kept in float32.
 
@@ -8,96 +8,22 @@ to prune the tree over all; and to hide the rest there makes a point look for th
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...errors import SceneError
+from ...geometry import Mesh
 from ...geometry.box_mesh import box_mesh
 from ...layouts.device_arrays import make_bvh2_nodes
-from ...scene.state import SceneState
-from ...structs import ALL_PRIM_BITS, INSTANCE, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
+from ...structs import INSTANCE, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
-from ..hits.scene_arrays import SceneArrays, make_frames, move_instances
-from .merging import BuildTree, Merging
+from ..hits.scene_arrays import SceneArrays
 
-
-@dataclass(frozen=True, eq=False)
-class TopItems:
-    """What the tree over the instances is built over: the instances that are not merged, then the merged meshes.
-
-    Attributes
-    ----------
-    merging : Merging
-    instance_ids : (m,) int32
-        Of the items; of a merged mesh the first one.
-    prim_bits : (m,) int32
-        See `structs.INSTANCE`.
-    frames : SceneArrays
-        Of the items, without vertices. The merged meshes follow the scene's geometries.
-    masks : (m,) uint32
-    """
-
-    merging: Merging
-    instance_ids: NDArray[np.int32]
-    prim_bits: NDArray[np.int32]
-    frames: SceneArrays
-    masks: NDArray[np.uint32]
-
-    @classmethod
-    def of(cls, state: SceneState, arrays: SceneArrays, merging: Merging) -> TopItems:
-        """Return the items of a scene, whose `SceneArrays` are given."""
-        single = np.setdiff1d(np.arange(state.instance_count), merging.instance_ids)
-        meshes = merging.meshes
-        instance_ids = np.array([*single, *(merged.first_id for merged in meshes)], np.int32)
-        prim_bits = np.array([*(ALL_PRIM_BITS for _ in single), *(merged.prim_bits for merged in meshes)], np.int32)
-        frames = arrays
-        if meshes:
-            of_merged = state.geometry_count + np.arange(len(meshes))
-            frames = make_frames(
-                [*state.shapes, *(merged.mesh for merged in meshes)],
-                np.concatenate((state.geometry_ids[single], of_merged)),
-                _find_transforms(state, instance_ids, merging),
-            )
-        return cls(merging, instance_ids, prim_bits, frames, state.masks[instance_ids])
-
-    def records(self, parts: NDArray[np.int32], top: Bvh) -> NDArray[np.void]:
-        """Return their records, `structs.INSTANCE`, in the order of the leaves of the tree over them.
-
-        Parameters
-        ----------
-        parts : (n, 4) int32
-            See `list_parts`.
-        top : Bvh
-
-        Raises
-        ------
-        SceneError
-            An instance is too small beside the scene.
-        """
-        fields = RecordFields(np.ascontiguousarray(self.masks).view(np.int32), self.instance_ids, self.prim_bits)
-        return make_records(
-            self.frames, parts, fields, top.prim_ids, LocalFrame(top.mesh.origin, float(top.mesh.scale))
-        )
-
-    def moved(self, state: SceneState, arrays: SceneArrays) -> TopItems:
-        """Return the items after instances have moved that are not merged."""
-        if self.merging.meshes:
-            arrays = move_instances(self.frames, _find_transforms(state, self.instance_ids, self.merging))
-        return dataclasses.replace(self, frames=arrays)
-
-
-def _find_transforms(state: SceneState, instance_ids: NDArray[np.int32], merging: Merging) -> NDArray[np.float64]:
-    """Return (m, 4, 4) float64: the map of each item from object to world."""
-    transforms = state.transforms[instance_ids]
-    first = len(transforms) - len(merging.meshes)
-    for index, merged in enumerate(merging.meshes, first):
-        transforms[index] = merged.transform
-    return transforms
+BuildTree = Callable[[Mesh], Bvh]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +36,7 @@ class TopTree:
     instances : (n,) `structs.INSTANCE`
         In the order of the leaves.
     bvh : Bvh
-        Its primitives are the instances, or, where some are merged, the `TopItems`.
+        Its primitives are the instances.
     """
 
     nodes: NDArray[np.void]
@@ -118,16 +44,18 @@ class TopTree:
     bvh: Bvh
 
     @classmethod
-    def build(cls, items: TopItems, parts: NDArray[np.int32], build_tree: BuildTree) -> TopTree:
-        """Build the tree over the instances of a scene.
+    def build(
+        cls, arrays: SceneArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
+    ) -> TopTree:
+        """Build the tree over the instances of a scene; see `make_records`.
 
         Raises
         ------
         SceneError
             An instance is too small beside the scene.
         """
-        bvh = build_tree(box_mesh(*find_boxes(items.frames), "the instances"))
-        return cls(make_bvh2_nodes(bvh), items.records(parts, bvh), bvh)
+        bvh = build_tree(box_mesh(*find_boxes(arrays), "the instances"))
+        return cls(make_bvh2_nodes(bvh), make_records(arrays, ranges, masks, bvh), bvh)
 
 
 # An instance's box grows by this share of its own size, times the condition of its matrix, up to its whole size: more
@@ -153,28 +81,7 @@ def _lane(name: str) -> int:
 _TO_OBJECT, _TO_SCENE = _lane("to_object"), _lane("to_scene")
 _CENTRE, _CENTRE_LOW, _RADIUS = _lane("centre"), _lane("centre_low"), _lane("radius")
 _FIRST_NODE, _FIRST_BLOCK, _BLOCK_COUNT = _lane("first_node"), _lane("first_block"), _lane("block_count")
-_KIND, _MASK = _lane("kind"), _lane("mask")
-_PRIM_BITS, _ID = _lane("prim_bits"), _lane("instance_id")
-
-
-class RecordFields(NamedTuple):
-    """What `structs.INSTANCE` says of n instances beside their placement.
-
-    Attributes
-    ----------
-    masks, instance_ids, prim_bits : (n,) int32
-    """
-
-    masks: NDArray[np.int32]
-    instance_ids: NDArray[np.int32]
-    prim_bits: NDArray[np.int32]
-
-
-class LocalFrame(NamedTuple):
-    """The scene's local coordinates, ``(point - centre) * scale``; centre is (3,) float64."""
-
-    centre: NDArray[np.float64]
-    scale: float
+_KIND, _MASK, _ID = _lane("kind"), _lane("mask"), _lane("instance_id")
 
 
 def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -191,24 +98,18 @@ def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def make_records(
-    arrays: SceneArrays,
-    parts: NDArray[np.int32],
-    fields: RecordFields,
-    order: NDArray[np.int32],
-    frame: LocalFrame,
+    arrays: SceneArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], top: Bvh
 ) -> NDArray[np.void]:
-    """Return the instances as the device takes them.
+    """Return the instances as the device takes them, in the order of the leaves of the tree over them.
 
     Parameters
     ----------
     arrays : SceneArrays
         Of n instances.
-    parts : (geometries, 4) int32
+    ranges : (geometries, 4) int32
         First node, first block, number of blocks and kind of primitives of each geometry, see `structs.INSTANCE`.
-    fields : RecordFields
-    order : (n,) int32
-        Instances in the order of the leaves of the tree over them.
-    frame : LocalFrame
+    masks : (n,) uint32
+    top : Bvh
 
     Returns
     -------
@@ -219,11 +120,12 @@ def make_records(
     SceneError
         An instance is too small or too flat beside the scene.
     """
-    lanes = np.zeros((len(order), _LANES), np.float32)
-    bad = _write_records(arrays, parts, fields, order, frame, lanes, lanes.view(np.int32))
+    lanes = np.zeros((len(masks), _LANES), np.float32)
+    centre, scale = top.mesh.origin, float(top.mesh.scale)
+    bad = _write_records(arrays, ranges, masks.view(np.int32), top.prim_ids, centre, scale, lanes, lanes.view(np.int32))
     if bad >= 0:
         raise SceneError(
-            f"the instance {fields.instance_ids[bad]} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least "
+            f"the instance {bad} is smaller than {1 / _MOST_INVERSE:.0e} of the scene, at least "
             "in one direction: leave it out, or make it larger"
         )
     return lanes.view(INSTANCE).reshape(-1)
@@ -260,10 +162,9 @@ def _condition(arrays, instance):
 
 
 @compiled(error_model="numpy")
-def _write_records(arrays, parts, fields, order, frame, lanes, ints):
+def _write_records(arrays, ranges, masks, order, centre, scale, lanes, ints):
     """Write the records; return the first instance that is too small, or -1."""
     linear, inverse, origin, half_size = arrays.linear, arrays.inverse, arrays.origin, arrays.half_size
-    centre, scale = frame.centre, frame.scale
     for slot in range(len(order)):
         instance = order[slot]
         geometry = arrays.geometry_id[instance]
@@ -286,10 +187,9 @@ def _write_records(arrays, parts, fields, order, frame, lanes, ints):
             lanes[slot, _CENTRE + row] = local
             lanes[slot, _CENTRE_LOW + row] = local - np.float64(lanes[slot, _CENTRE + row])
         lanes[slot, _RADIUS] = np.sqrt(squared_radius) * _ROOM
-        ints[slot, _FIRST_NODE], ints[slot, _FIRST_BLOCK] = parts[geometry, 0], parts[geometry, 1]
-        ints[slot, _BLOCK_COUNT], ints[slot, _KIND] = parts[geometry, 2], parts[geometry, 3]
-        ints[slot, _MASK] = fields.masks[instance]
-        ints[slot, _PRIM_BITS], ints[slot, _ID] = fields.prim_bits[instance], fields.instance_ids[instance]
+        ints[slot, _FIRST_NODE], ints[slot, _FIRST_BLOCK] = ranges[geometry, 0], ranges[geometry, 1]
+        ints[slot, _BLOCK_COUNT], ints[slot, _KIND] = ranges[geometry, 2], ranges[geometry, 3]
+        ints[slot, _MASK], ints[slot, _ID] = masks[instance], instance
     return -1
 
 

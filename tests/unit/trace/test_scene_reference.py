@@ -282,17 +282,6 @@ class TestTheBlur:
         assert SceneReference(state).closest_hit(rays).is_decided
         assert not SceneReference(state, replace(Blur(), entering=2.0**-8)).closest_hit(rays).is_decided
 
-    @pytest.mark.parametrize("is_within", [False, True], ids=["beyond", "within"])
-    def test_the_radius_of_a_merged_mesh_counts(self, is_within):
-        """Rays that pass a corner by 1e-5 are decided, but not where the device has it in a mesh of 100 units."""
-        state = make_state([SQUARE], (0, affine()))
-        beside = 1 - 1e-5 if is_within else 1 + 1e-5
-        rays = Rays.make([[beside, -beside, 2]], [[0, 0, -1]])
-        for radius, is_doubtful in ((0.0, False), (1.0, False), (100.0, True)):
-            known = SceneReference(state, merged_radii=np.array([radius])).crossings(rays)
-            assert len(known.t) == (is_within or is_doubtful)
-            assert known.is_sure.tolist() == ([not is_doubtful] if is_within or is_doubtful else [])
-
     def test_far_away_instances_are_compared_in_float32(self):
         far = (0, 0, -1e7)
         state = make_state([SQUARE], (0, affine(offset=far)), (0, affine(offset=(0, 0, -1e7 - 0.5))), (0, affine()))

@@ -9,7 +9,6 @@ from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.structs import ENTRY_POINT_LAYOUTS, SCENE_TILE
 from clbvh.trace import launch
 from clbvh.trace.rays import pieces
-from clbvh.trace.scene import merging
 
 from ...profiles import seeds
 from ...property.random_scenes import KINDS, LINEAR, RAY_MASKS, make_scene, scale_scene
@@ -161,25 +160,6 @@ def test_a_mesh_under_any_map_is_entered_at_once(device, tiles, seed, dtype):
     assert 0.02 < hits.is_hit.mean() < 0.98
     assert (found["leaf_count"] == 0).mean() > 0.02
     assert (found["instance_index"] != NO_INSTANCE).mean() > 0.1
-
-
-def test_merged_meshes_are_entered_at_once(device, tiles):
-    generator = np.random.default_rng(83)
-    shapes = [clbvh.make_shape("knot", triangles=200 + index) for index in range(9)]
-    places = [(x, y) for x in (-3, 0, 3) for y in (-3, 0, 3)]
-    turns = [np.linalg.qr(generator.normal(size=(3, 3)))[0] for _ in places]
-    placed = [(index, affine(turns[index] * np.linalg.det(turns[index]), (*at, 0))) for index, at in enumerate(places)]
-    scene = contents(make_state(shapes, *placed))
-    rays = look((0, 0, -20), (0, 0, 0), 12.0)
-    hits, found = check(device, scene, rays, tiles)
-    assert set(hits.instance_id[hits.is_hit]) == set(range(9))
-    assert (found["instance_index"] != NO_INSTANCE).mean() > 0.2
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merging, "find_groups", lambda *_: [])
-        with Tracer(scene, device=device.info) as tracer:
-            apart = tracer.closest_hit(*rays)
-    same = (apart.instance_id == hits.instance_id) & (apart.prim_id == hits.prim_id)
-    assert same.mean() > 0.998
 
 
 def test_spheres_are_entered_at_once(device, tiles):

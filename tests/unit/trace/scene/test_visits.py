@@ -14,8 +14,7 @@ from clbvh.support.host_threads import HostThreads
 from clbvh.trace.hits.scene_arrays import make_scene_arrays
 from clbvh.trace.oracle.scene_visits import SceneTraversal
 from clbvh.trace.oracle.visits import count_visits
-from clbvh.trace.scene.merging import Merging
-from clbvh.trace.scene.top_tree import TopItems, find_boxes
+from clbvh.trace.scene.top_tree import find_boxes
 
 from ..scene_states import affine, make_state, random_linear
 
@@ -89,33 +88,6 @@ def test_the_walk_finds_what_the_device_finds(session, seed, far):
         hits = tracer.closest_hit(origins, directions)
     assert 1000 < hits.count < 4000
     assert np.mean((visits.instance_id == hits.instance_id) & (visits.prim_id == hits.prim_id)) > 0.999
-
-
-@pytest.mark.parametrize("seed", [5])
-def test_merged_meshes_are_walked_as_one(session, seed):
-    """Fewer steps, and the ids of the parts: those that the walk finds with nothing merged, and those of the device."""
-    generator = np.random.default_rng(seed)
-    shapes = [make_shape("knot", triangles=200 + index) for index in range(12)]
-    # The first geometry is placed twice, once between the others: its instances are not merged.
-    placed = [(index, affine(random_linear(generator, 1.5), generator.uniform(-4, 4, 3))) for index in range(12)]
-    placed.insert(5, (0, affine(offset=(0, 0, 5))))
-    state = make_state(shapes, *placed)
-    surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-    merging = Merging.find(state, surface, build)
-    merged_ids = set(merging.instance_ids.tolist())
-    assert len(merged_ids) > 8
-    assert not merged_ids & {0, 5}
-    merged_geometries = set(state.geometry_ids[merging.instance_ids])
-    trees = [None if index in merged_geometries else build(shape) for index, shape in enumerate(shapes)]
-    top = build_top(box_mesh(*find_boxes(TopItems.of(state, surface, merging).frames), "boxes"))
-    rays = generator.uniform(-7, 7, (4000, 3)), generator.normal(size=(4000, 3))
-    merged = SceneTraversal(state, trees, top, merging).count_visits(*rays)
-    apart = open_traversal(state).count_visits(*rays)
-    same = (merged.instance_id == apart.instance_id) & (merged.prim_id == apart.prim_id)
-    assert same.mean() > 0.998
-    assert set(merged.instance_id) == {-1, *range(13)}
-    assert merged.instance_visits.sum() < 0.7 * apart.instance_visits.sum()
-    assert merged.node_steps.sum() < apart.node_steps.sum()
 
 
 def test_threads_count_the_same():
