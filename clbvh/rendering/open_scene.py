@@ -42,7 +42,9 @@ def as_scene(source: SceneLike | list[str]) -> tuple[Scene, View]:
         return open_scene(source)
     if isinstance(source, list) and source and all(isinstance(each, str | os.PathLike) for each in source):
         return _open_mesh_files(source)
-    return Scene(source.mesh if isinstance(source, Bvh) else source), View()  # type: ignore[arg-type]
+    scene = Scene()
+    scene.place(scene.add(source.mesh if isinstance(source, Bvh) else source))  # type: ignore[arg-type]
+    return scene, View()
 
 
 def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:

@@ -6,19 +6,20 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh import Light, Scene
+from clbvh import Light
 from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, ValidationError
 from clbvh.rendering import frame as frame_module, picture as refine_module, world as brute_limit
 from clbvh.rendering.options import RenderOptions
 from clbvh.scene.transforms import Transform
 
-KNOT = Scene(clbvh.make_shape("knot", triangles=4000, seed=1), width=96, height=64)
+KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
+VIEW = clbvh.View(width=96, height=64, up="y")
 
 
 @pytest.fixture(scope="module")
 def knot_picture():
-    return clbvh.render(KNOT, options=RenderOptions(validate=True))
+    return clbvh.render(KNOT, VIEW, options=RenderOptions(validate=True))
 
 
 def write_ply(path, vertices, faces):
@@ -39,19 +40,19 @@ def same_hits(a, b):
 
 @pytest.mark.parametrize("shading", REPORT_SHADINGS)
 def test_each_shading_looks_as_it_did(shading, compare_with_reference):
-    picture = clbvh.render(KNOT, shading=shading)
+    picture = clbvh.render(KNOT, VIEW, shading=shading)
     compare_with_reference(f"knot-{shading.replace('+', '-')}", picture.rgb)
 
 
 def test_terrain_looks_as_it_did(compare_with_reference):
     terrain = clbvh.make_shape("terrain", triangles=8000, seed=7)
-    scene = Scene(terrain, width=96, height=64, shading="lambert+shadow")
-    compare_with_reference("terrain", clbvh.render(scene, light_direction=(-1, 0.5, 0.3)).rgb)
+    picture = clbvh.render(terrain, VIEW, shading="lambert+shadow", light_direction=(-1, 0.5, 0.3))
+    compare_with_reference("terrain", picture.rgb)
 
 
 def test_every_pixel_of_a_small_picture_is_validated():
-    scene = Scene(clbvh.make_shape("icosphere", triangles=320), width=32, height=20)
-    assert clbvh.render(scene, options=RenderOptions(validate=True)).validated_pixels == 32 * 20
+    ball = clbvh.make_shape("icosphere", triangles=320)
+    assert clbvh.render(ball, options=RenderOptions(validate=True), width=32, height=20).validated_pixels == 32 * 20
 
 
 def test_a_wrong_pixel_is_found(monkeypatch):
@@ -62,13 +63,13 @@ def test_a_wrong_pixel_is_found(monkeypatch):
 
     render_rightly = frame_module.FrameRenderer.render
     monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
-    scene = Scene(clbvh.make_shape("icosphere", triangles=320), width=32, height=20)
+    ball = clbvh.make_shape("icosphere", triangles=320)
     with pytest.raises(ValidationError, match=r"1 of 640 pixels differ .* column 16, row 10"):
-        clbvh.render(scene, options=RenderOptions(validate=True))
+        clbvh.render(ball, options=RenderOptions(validate=True), width=32, height=20)
 
 
 def test_without_a_tree_the_picture_is_the_same(knot_picture):
-    brute = clbvh.render(KNOT, options=RenderOptions(builder="brute"))
+    brute = clbvh.render(KNOT, VIEW, options=RenderOptions(builder="brute"))
     assert brute.bvh is None
     assert brute.layout == "brute"
     assert same_hits(brute, knot_picture)
@@ -78,26 +79,26 @@ def test_without_a_tree_the_picture_is_the_same(knot_picture):
 def test_brute_refuses_a_mesh_that_would_take_forever(monkeypatch):
     monkeypatch.setattr(brute_limit, "BRUTE_LIMIT", 1000)
     with pytest.raises(ConfigError, match="brute"):
-        clbvh.render(KNOT, options=RenderOptions(builder="brute"))
+        clbvh.render(KNOT, VIEW, options=RenderOptions(builder="brute"))
 
 
 def test_bands_do_not_show(knot_picture, monkeypatch):
-    monkeypatch.setattr(frame_module, "BAND_PIXELS", KNOT.width * 7)
-    banded = clbvh.render(KNOT)
+    monkeypatch.setattr(frame_module, "BAND_PIXELS", VIEW.width * 7)
+    banded = clbvh.render(KNOT, VIEW)
     assert same_hits(banded, knot_picture)
     assert (banded.rgb == knot_picture.rgb).all()
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (7, 3), (65, 33)])
 def test_sizes_that_do_not_fill_a_tile_are_rendered_whole(width, height):
-    scene = Scene(clbvh.make_shape("icosphere", triangles=320), width=width, height=height)
-    picture = clbvh.render(scene, options=RenderOptions(validate=True))
+    ball = clbvh.make_shape("icosphere", triangles=320)
+    picture = clbvh.render(ball, options=RenderOptions(validate=True), width=width, height=height)
     assert picture.rgb.shape == (height, width, 3)
     assert picture.validated_pixels == width * height
 
 
 def test_hits_are_those_of_the_tracer(knot_picture):
-    origins, directions = knot_picture.camera.rays(KNOT.width, KNOT.height)
+    origins, directions = knot_picture.camera.rays(VIEW.width, VIEW.height)
     with clbvh.Tracer(knot_picture.bvh) as tracer:
         traced = tracer.closest_hit(origins.reshape(-1, 3), directions.reshape(-1, 3))
     same = traced.prim_id == knot_picture.hits.prim_id.reshape(-1)
@@ -110,7 +111,7 @@ def test_hits_are_those_of_the_tracer(knot_picture):
 
 def test_hits_are_refined_once_and_by_rows(knot_picture, monkeypatch):
     assert knot_picture.hits is knot_picture.hits
-    monkeypatch.setattr(refine_module, "_CHUNK_PIXELS", KNOT.width * 7)
+    monkeypatch.setattr(refine_module, "_CHUNK_PIXELS", VIEW.width * 7)
     by_rows = refine_module.refine_pixels(knot_picture.mesh, knot_picture.camera, knot_picture.found)
     for name in ("t", "u", "v", "prim_id"):
         assert np.array_equal(getattr(by_rows, name), getattr(knot_picture.hits, name)), name
@@ -129,12 +130,12 @@ def test_a_shadow_falls_where_geometry_says(tmp_path):
     vertices = [(-2, 0, -2), (-2, 0, 2), (2, 0, 2), (2, 0, -2)]
     vertices += [(-0.5, 1, -0.5), (-0.5, 1, 0.5), (0.5, 1, 0.5), (0.5, 1, -0.5)]
     faces = [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)]
-    scene = Scene(
-        write_ply(tmp_path / "lid.ply", vertices, faces),
-        eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90,
-        light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)), shading="lambert+shadow",
+    lid = write_ply(tmp_path / "lid.ply", vertices, faces)
+    view = clbvh.View(
+        eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90, up="y",
+        light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)),
     )  # fmt: skip
-    picture = clbvh.render(scene)
+    picture = clbvh.render(lid, view, shading="lambert+shadow")
     on_floor = np.isin(picture.hits.prim_id, (0, 1))
     _, directions = picture.camera.rays(160, 90)
     points = np.array(picture.camera.eye) + picture.hits.t[..., None] * directions
@@ -144,23 +145,23 @@ def test_a_shadow_falls_where_geometry_says(tmp_path):
     assert (picture.rgb[inside] == 0).all()
     assert (picture.rgb[outside] > 0).all()
     # The same light without shadows lights the whole floor.
-    assert (clbvh.render(scene, shading="lambert").rgb[on_floor] > 0).all()
+    assert (clbvh.render(lid, view, shading="lambert").rgb[on_floor] > 0).all()
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
 def test_no_acne_at_any_scale(scale):
     # A smooth convex body never shadows itself: shadows may only be where the light does not reach anyway.
-    sphere = Scene(clbvh.make_shape("icosphere", triangles=1280), width=80, height=60)
-    sphere = sphere.with_changes(transform=Transform(scale=scale, translate=(3 * scale, 0, 0)))
-    plain = clbvh.render(sphere, shading="lambert")
-    shadowed = clbvh.render(sphere, shading="lambert+shadow")
+    placement = Transform(scale=scale, translate=(3 * scale, 0, 0))
+    sphere = placement.apply(clbvh.make_shape("icosphere", triangles=1280))
+    plain = clbvh.render(sphere, shading="lambert", width=80, height=60)
+    shadowed = clbvh.render(sphere, shading="lambert+shadow", width=80, height=60)
     assert (plain.rgb == shadowed.rgb).all()
 
 
 def test_a_mesh_far_from_zero_looks_as_one_at_zero():
-    near = clbvh.render(KNOT, shading="normal")
-    far = KNOT.with_changes(shading="normal", transform=Transform(translate=(448_000, 5_411_000, 300)))
-    assert (np.abs(clbvh.render(far).rgb.astype(int) - near.rgb) > 2).mean() < 0.005
+    near = clbvh.render(KNOT, VIEW, shading="normal")
+    far = clbvh.render(Transform(translate=(448_000, 5_411_000, 300)).apply(KNOT), VIEW, shading="normal")
+    assert (np.abs(far.rgb.astype(int) - near.rgb) > 2).mean() < 0.005
 
 
 def test_a_mesh_on_one_leaf_is_rendered(tmp_path):
@@ -195,7 +196,7 @@ def test_the_report_adds_up(knot_picture):
 
 
 def test_a_pool_gives_the_same_picture(knot_picture):
-    pooled = clbvh.render(KNOT, options=RenderOptions(workers=2, build=clbvh.BuildOptions(task_threshold=500)))
+    pooled = clbvh.render(KNOT, VIEW, options=RenderOptions(workers=2, build=clbvh.BuildOptions(task_threshold=500)))
     assert pooled.workers == 2
     assert (pooled.rgb == knot_picture.rgb).all()
 
