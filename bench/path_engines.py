@@ -97,10 +97,8 @@ def to_scene(stage: Stage) -> Any:
     """Return the stage as a scene of ours."""
     import clbvh
 
-    scene = clbvh.Scene(
-        eye=stage.eye, look_at=stage.look_at, fov=stage.fov, width=stage.side, height=stage.side, shading="path",
-        background=(stage.sky,) * 3, light=clbvh.Light(colour=(0, 0, 0)), smooth=0.0, max_bounces=BOUNCES,
-    )  # fmt: skip
+    scene = clbvh.Scene()
+    view = clbvh.View(eye=stage.eye, look_at=stage.look_at, fov=stage.fov, width=stage.side, height=stage.side, shading="path", background=(stage.sky,) * 3, light=clbvh.Light(colour=(0, 0, 0)), smooth=0.0, max_bounces=BOUNCES)  # fmt: skip
     for part in stage.parts:
         material = clbvh.Material(base_colour=part.base_colour, roughness=1, ior=1.0, emission=part.emission)
         scene.place(scene.add((part.vertices, part.faces)), material=material)

@@ -248,10 +248,11 @@ class TestPool:
 
 
 def test_pictures_of_several_threads_have_the_bytes_of_one():
-    scene = Scene(clbvh.make_shape("knot", triangles=2000), width=120, height=90)
+    scene = Scene(clbvh.make_shape("knot", triangles=2000))
+    view = clbvh.View(width=120, height=90)
     options = [RenderOptions(layout=layout) for layout in ("bvh2", "bvh8")]
-    expected = [render(scene, option) for option in options]
-    pictures = run_in_threads(*(lambda option=option: render(scene, option) for option in options * 3))
+    expected = [render(scene, view, option) for option in options]
+    pictures = run_in_threads(*(lambda option=option: render(scene, view, option) for option in options * 3))
     for picture, wanted in zip(pictures, expected * 3, strict=True):
         assert picture.rgb.tobytes() == wanted.rgb.tobytes()
         assert picture.hits.prim_id.tobytes() == wanted.hits.prim_id.tobytes()

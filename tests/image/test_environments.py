@@ -13,7 +13,8 @@ PLANE = ([[-50, 0, -50], [50, 0, -50], [50, 0, 50], [-50, 0, 50]], [[0, 2, 1], [
 
 
 def make_scene(shape, **settings):
-    scene = clbvh.Scene(**{"shading": "path", "samples": 64, **SIZE, **settings})
+    scene = clbvh.Scene()
+    view = clbvh.View(**{"shading": "path", "samples": 64, **SIZE, **settings})
     scene.place(scene.add(shape))
     return scene
 

@@ -43,7 +43,8 @@ def make_scene(*shapes, **settings):
         "shading": "path", "light": Light(colour=BLACK), "background": BLACK, "width": SIDE, "height": SIDE,
         "samples": 256, "eye": (0, 0, 3), "look_at": (0, 0, 0), "fov": 0.2,
     }  # fmt: skip
-    scene = Scene(**(defaults | settings))
+    scene = Scene()
+    view = clbvh.View(**defaults | settings)
     for shape in shapes:
         scene.place(scene.add(shape))
     return scene

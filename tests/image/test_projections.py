@@ -26,7 +26,8 @@ MESH = clbvh.make_shape("knot", triangles=500)
 
 
 def two_objects():
-    scene = clbvh.Scene(width=WIDTH, height=HEIGHT, shading="lambert+shadow")
+    scene = clbvh.Scene()
+    view = clbvh.View(width=WIDTH, height=HEIGHT, shading="lambert+shadow")
     knot = scene.add(MESH)
     scene.place(knot)
     scene.place(knot, clbvh.Transform(scale=0.4, translate=(0.5, 0.8, 0.3)))

@@ -53,7 +53,8 @@ MATRICES = {
 def still_life():
     """A terrain with knots, one of them mirrored, and spheres above it."""
     generator = np.random.default_rng(11)
-    scene = Scene(width=SIZE[0], height=SIZE[1])
+    scene = Scene()
+    view = clbvh.View(width=SIZE[0], height=SIZE[1])
     ground, knot = scene.add(GROUND), scene.add(KNOT)
     crowd = scene.add(Spheres(generator.normal(size=(40, 3)), generator.uniform(0.1, 0.5, 40), name="crowd"))
     scene.place(ground, affine(np.eye(3), (0, -3, 0)), colour=GREEN)
@@ -95,11 +96,12 @@ class TestHits:
         np.testing.assert_allclose(picture.depth[picture.hits.is_hit], expected, rtol=1e-9)
 
     def test_an_instance_that_no_ray_sees_is_not_drawn(self):
-        scene = Scene(width=40, height=40)
+        scene = Scene()
+        view = clbvh.View(width=40, height=40)
         ball = scene.add(BALL)
         scene.place(ball, affine(np.eye(3), (3, 0, 0)))
         scene.place(ball, affine(np.eye(3), (-3, 0, 0)), mask=0)
-        assert set(np.unique(clbvh.render(scene).hits.instance_id)) == {-1, 0}
+        assert set(np.unique(clbvh.render(scene, view).hits.instance_id)) == {-1, 0}
 
 
 class TestPixels:
@@ -119,9 +121,10 @@ class TestPixels:
     def test_an_instance_looks_as_the_mesh_that_is_moved(self, kind, shading):
         matrix = affine(MATRICES[kind], (1, 2, 3))
         moved = Mesh.from_arrays(KNOT.vertices @ matrix[:3, :3].T + matrix[:3, 3], KNOT.faces)
-        scene = Scene(width=SIZE[0], height=SIZE[1], shading=shading)
+        scene = Scene()
+        view = clbvh.View(width=SIZE[0], height=SIZE[1], shading=shading)
         scene.place(scene.add(KNOT), matrix)
-        one, other = clbvh.render(scene), clbvh.render(moved, width=SIZE[0], height=SIZE[1], shading=shading)
+        one, other = clbvh.render(scene, view), clbvh.render(moved, width=SIZE[0], height=SIZE[1], shading=shading)
         assert one.mesh is None
         # The cameras differ by the rounding of vertices to float32.
         np.testing.assert_allclose(one.camera.eye, other.camera.eye, rtol=0, atol=1e-5)
@@ -130,14 +133,12 @@ class TestPixels:
         assert wrong.mean() < 0.005
 
     def test_colours_are_those_of_the_instances(self):
-        scene = Scene(
-            width=60, height=30, shading="lambert", surface=(0.5, 0.5, 0.5),
-            light=Light(colour=(0, 0, 0), sky=(1, 1, 1), ground=(1, 1, 1)),
-        )  # fmt: skip
+        scene = Scene()
+        view = clbvh.View(width=60, height=30, shading="lambert", surface=(0.5, 0.5, 0.5), light=Light(colour=(0, 0, 0), sky=(1, 1, 1), ground=(1, 1, 1)))  # fmt: skip
         ball = scene.add(BALL)
         for number, colour in enumerate([RED, None, BLUE]):
             scene.place(ball, affine(np.eye(3), (3 * number, 0, 0)), colour=colour)
-        with Renderer(scene) as renderer:
+        with Renderer(scene, view) as renderer:
             for surface in [(0.5, 0.5, 0.5), (0.0, 1.0, 0.0)]:
                 picture = renderer.render(surface=surface)
                 for instance, colour in enumerate([RED, surface, BLUE]):
@@ -150,14 +151,12 @@ class TestPixels:
     def test_a_shadow_falls_from_one_instance_on_another(self):
         # A floor at y = 0, and a square lid at y = 1 over x and z from -0.5 to 0.5; light from straight above.
         square = Mesh.from_arrays([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], [(0, 1, 2), (0, 2, 3)])
-        scene = Scene(
-            eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90,
-            light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)), shading="lambert+shadow",
-        )  # fmt: skip
+        scene = Scene()
+        view = clbvh.View(eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90, light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)), shading="lambert+shadow")  # fmt: skip
         geometry = scene.add(square)
         scene.place(geometry, affine(2 * np.eye(3)))
         scene.place(geometry, affine(np.diag([0.5, -1, 0.5]) @ [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0, 1, 0)))
-        picture = clbvh.render(scene)
+        picture = clbvh.render(scene, view)
         points, on_floor = picture.hits.locations, picture.hits.instance_id == 0
         inside = (np.abs(points[..., [0, 2]]) < 0.499).all(axis=-1) & on_floor
         outside = (np.abs(points[..., [0, 2]]) > 0.501).any(axis=-1) & on_floor
@@ -177,9 +176,10 @@ class TestPrecision:
     @pytest.mark.parametrize("shape", [BALL, Spheres([[0.1, 0.2, 0.3]], 1.0)], ids=["mesh", "sphere"])
     def test_no_acne_at_any_scale(self, shape, kind, scale):
         # A convex body never shadows itself: shadows may only be where the light does not reach anyway.
-        scene = Scene(width=64, height=48)
+        scene = Scene()
+        view = clbvh.View(width=64, height=48)
         scene.place(scene.add(shape), affine(scale * MATRICES[kind], np.array([3.0, 1.0, 0.0]) * scale))
-        with Renderer(scene) as renderer:
+        with Renderer(scene, view) as renderer:
             plain, shadowed = renderer.render(shading="lambert"), renderer.render(shading="lambert+shadow")
         assert plain.hits.count > 300
         assert (plain.rgb == shadowed.rgb).all()
@@ -187,13 +187,14 @@ class TestPrecision:
     @pytest.mark.parametrize("distance", [1e3, 1e7, 1e11])
     @pytest.mark.parametrize("shape", [BALL, Spheres([[0.1, 0.2, 0.3]], 1.0)], ids=["mesh", "sphere"])
     def test_no_acne_far_from_another_object(self, shape, distance):
-        scene = Scene(width=64, height=48)
+        scene = Scene()
+        view = clbvh.View(width=64, height=48)
         geometry = scene.add(shape)
         place = distance * np.array([0.6, 0.3, -0.7])
         scene.place(geometry)
         scene.place(geometry, affine(MATRICES["turned"], place))
         camera = Camera(tuple(np.add(place, [2, 1.5, 3])), tuple(place))
-        with Renderer(scene) as renderer:
+        with Renderer(scene, view) as renderer:
             plain = renderer.render(camera=camera, shading="lambert")
             shadowed = renderer.render(camera=camera, shading="lambert+shadow")
         assert set(np.unique(plain.hits.instance_id)) == {-1, 1}
@@ -201,33 +202,36 @@ class TestPrecision:
 
     def test_a_small_sphere_in_a_large_cloud_has_no_acne(self):
         spheres = Spheres([[0, 0, 0], [1, 1, 1], [-1, -1, -1]], [1e-4, 1e-3, 1e-3])
-        scene = Scene(width=64, height=48)
+        scene = Scene()
+        view = clbvh.View(width=64, height=48)
         scene.place(scene.add(spheres), affine(MATRICES["mirrored"]))
         camera = Camera((0, 1e-4, 4e-4), (0, 0, 0))
-        with Renderer(scene) as renderer:
+        with Renderer(scene, view) as renderer:
             plain = renderer.render(camera=camera, shading="lambert")
             assert plain.hits.count > 300
             assert (renderer.render(camera=camera, shading="lambert+shadow").rgb == plain.rgb).all()
 
     def test_within_a_sphere_all_is_in_its_shadow(self):
-        scene = Scene(width=32, height=24, light=Light(direction=(0.3, 1, 0.2), sky=(0, 0, 0), ground=(0, 0, 0)))
+        scene = Scene()
+        view = clbvh.View(width=32, height=24, light=Light(direction=(0.3, 1, 0.2), sky=(0, 0, 0), ground=(0, 0, 0)))
         scene.place(scene.add(Spheres([[0, 0, 0]], 2.0)))
-        picture = clbvh.render(scene, camera=Camera((0.5, 0.1, 0.2), (0, 0, 0), fov=90))
+        picture = clbvh.render(scene, view, camera=Camera((0.5, 0.1, 0.2), (0, 0, 0), fov=90))
         assert picture.hits.count == 32 * 24
         assert not picture.hits.is_front.any()
         assert (picture.rgb == 0).all()
-        normals = clbvh.render(scene, camera=picture.camera, shading="normal").rgb / 127.5 - 1
+        normals = clbvh.render(scene, view, camera=picture.camera, shading="normal").rgb / 127.5 - 1
         inwards = -picture.hits.locations / 2
         assert np.abs(normals - inwards).max() < 0.01
 
     def test_a_far_instance_looks_the_same_through_a_long_lens(self):
         # From distances of 10^7 and 10^4, with the same view of it.
-        scene = Scene(width=SIZE[0], height=SIZE[1], shading="normal", light_direction=(1, 1, 0))
+        scene = Scene()
+        view = clbvh.View(width=SIZE[0], height=SIZE[1], shading="normal", light_direction=(1, 1, 0))
         geometry = scene.add(KNOT)
         scene.place(geometry, affine(MATRICES["mirrored"]))
         scene.place(geometry, affine(np.eye(3), (0, 2e7, 0)))
         towards = np.array([0.48, 0.36, 0.8])
-        with Renderer(scene) as renderer:
+        with Renderer(scene, view) as renderer:
             far = renderer.render(camera=Camera(tuple(1e7 * towards), (0, 0, 0), fov=np.degrees(6e-7)))
             near = renderer.render(camera=Camera(tuple(1e4 * towards), (0, 0, 0), fov=np.degrees(6e-4)))
         assert far.hits.count > 500
@@ -239,18 +243,20 @@ class TestPrecision:
 
 class TestRenderer:
     def test_one_mesh_in_its_place_is_drawn_as_a_mesh(self):
-        scene = Scene(width=SIZE[0], height=SIZE[1])
+        scene = Scene()
+        view = clbvh.View(width=SIZE[0], height=SIZE[1])
         scene.place(scene.add(KNOT))
-        one, other = clbvh.render(scene), clbvh.render(KNOT, width=SIZE[0], height=SIZE[1])
+        one, other = clbvh.render(scene, view), clbvh.render(KNOT, width=SIZE[0], height=SIZE[1])
         assert one.mesh is KNOT
         assert same_picture(one, other)
         assert set(np.unique(one.hits.instance_id)) == {-1, 0}
 
     def test_one_mesh_with_a_colour_has_it(self):
-        scene = Scene(width=SIZE[0], height=SIZE[1])
+        scene = Scene()
+        view = clbvh.View(width=SIZE[0], height=SIZE[1])
         scene.place(scene.add(KNOT), colour=BLUE)
         plain = clbvh.render(KNOT, width=SIZE[0], height=SIZE[1], surface=BLUE)
-        picture = clbvh.render(scene, surface=RED)
+        picture = clbvh.render(scene, view, surface=RED)
         assert (np.abs(picture.rgb.astype(int) - plain.rgb).max(axis=2) > COLOUR_STEPS).mean() < 0.005
 
     def test_a_renderer_has_the_objects_of_its_beginning(self):

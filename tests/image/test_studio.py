@@ -14,7 +14,8 @@ from clbvh.geometry.appearance.appearance import Appearance
 from clbvh.geometry.appearance.srgb import srgb_to_linear
 from clbvh.rendering import band_painters as sample_painter, frame as frame_module
 
-KNOT = Scene(clbvh.make_shape("knot", triangles=4000, seed=1), width=96, height=64)
+KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
+VIEW = clbvh.View(width=96, height=64)
 
 DARK = Light(direction=(0, 0, 1), colour=(0, 0, 0), sky=(0, 0, 0), ground=(0, 0, 0))
 CORNERS = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
@@ -29,14 +30,15 @@ def make_square(**appearance):
 
 def show(mesh, **settings):
     fov = np.degrees(2 * np.arctan(1 / 4))
-    scene = Scene(mesh, eye=(0, 0, 4), look_at=(0, 0, 0), fov=fov, width=20, height=20, ground=False, smooth=0.0)
-    with clbvh.Renderer(scene, **settings) as renderer:
+    scene = Scene(mesh)
+    view = clbvh.View(eye=(0, 0, 4), look_at=(0, 0, 0), fov=fov, width=20, height=20, ground=False, smooth=0.0)
+    with clbvh.Renderer(scene, view, **settings) as renderer:
         return renderer.render(keeps_film=True)
 
 
 @pytest.mark.parametrize("shading", ["studio", "ao"])
 def test_each_shading_looks_as_it_did(shading, compare_with_reference):
-    compare_with_reference(f"knot-{shading}", clbvh.render(KNOT, shading=shading).rgb)
+    compare_with_reference(f"knot-{shading}", clbvh.render(KNOT, VIEW, shading=shading).rgb)
 
 
 @pytest.mark.parametrize("shading", ["studio", "ao"])
@@ -50,7 +52,7 @@ def test_bands_and_batches_do_not_show(shading, monkeypatch):
 
 
 def test_a_picture_that_is_stopped_has_the_samples_that_were_taken():
-    with clbvh.Renderer(KNOT) as renderer:
+    with clbvh.Renderer(KNOT, VIEW) as renderer:
         stopped = renderer.render(samples=8, is_stopped=lambda: True)
         assert stopped.samples == 2
         assert np.array_equal(stopped.rgb, renderer.render(samples=2).rgb)
@@ -62,7 +64,7 @@ def test_bands_have_shares_of_the_time(monkeypatch):
     now = itertools.count()
     # Each launch reads the clock twice.
     monkeypatch.setattr(sample_painter, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))
-    with clbvh.Renderer(KNOT) as renderer:
+    with clbvh.Renderer(KNOT, VIEW) as renderer:
         picture = renderer.render(time_limit_s=8 * KNOT.height)
     # Of the last band, which has one row.
     assert picture.samples >= 6
@@ -77,12 +79,12 @@ def test_the_samples_of_a_picture_in_bands_are_those_of_the_poorest(monkeypatch)
         launches.append(None)
         return len(launches) in (6, 7)
 
-    with clbvh.Renderer(KNOT) as renderer:
+    with clbvh.Renderer(KNOT, VIEW) as renderer:
         assert renderer.render(samples=8, is_stopped=stops_in_the_middle).samples == 2
 
 
 def test_a_seed_changes_the_noise_alone():
-    first, second = (clbvh.render(KNOT, seed=seed).rgb.astype(float) for seed in (0, 1))
+    first, second = (clbvh.render(KNOT, VIEW, seed=seed).rgb.astype(float) for seed in (0, 1))
     assert (first != second).any()
     assert abs(first.mean() - second.mean()) < 0.3
 
@@ -96,8 +98,9 @@ def test_a_closed_box_is_black():
     vertices, faces = _box()
     far = np.array([(40, 40, 40), (41, 40, 40), (40, 41, 40)])
     mesh = clbvh.Mesh.from_arrays(np.concatenate((vertices, far)), np.concatenate((faces, [(8, 9, 10)])))
-    scene = Scene(mesh, eye=(0, 0, 0), look_at=(0, 0, 1), fov=60, width=16, height=16, shading="ao")
-    assert (clbvh.render(scene).rgb == 0).all()
+    scene = Scene(mesh)
+    view = clbvh.View(eye=(0, 0, 0), look_at=(0, 0, 1), fov=60, width=16, height=16, shading="ao")
+    assert (clbvh.render(scene, view).rgb == 0).all()
 
 
 def _box():
@@ -144,8 +147,9 @@ def test_vertex_colours_are_blended_in_linear_light():
 def test_a_transparent_background_leaves_colours_at_edges_as_they_are():
     material = clbvh.Material(emission=(1, 1, 1))
     mesh = clbvh.Mesh.from_arrays(CORNERS, FACES, appearance=Appearance(materials=(material,)))
-    scene = Scene(mesh, eye=(0, 0, 6), look_at=(0.013, 0.02, 0), up=(0.2, 1, 0), width=40, height=40, light=DARK)
-    picture = clbvh.render(scene, transparent=True, ground=False)
+    scene = Scene(mesh)
+    view = clbvh.View(eye=(0, 0, 6), look_at=(0.013, 0.02, 0), up=(0.2, 1, 0), width=40, height=40, light=DARK)
+    picture = clbvh.render(scene, view, transparent=True, ground=False)
     is_edge = (picture.alpha > 0) & (picture.alpha < 255)
     assert is_edge.sum() > 20
     assert set(np.unique(picture.alpha)) <= {round(255 * covered / 16) for covered in range(17)}
@@ -160,9 +164,10 @@ def test_shadows_of_light_along_an_axis_are_those_of_light_nearby(axis):
     up = np.eye(3)[axis]
     beside = up + 1e-6
     ball = clbvh.make_shape("icosphere", triangles=320)
-    scene = Scene(ball, up=tuple(up), eye=tuple(4 * up + 3 * np.roll(up, 1)), look_at=(0, 0, 0), width=48, height=48)
+    scene = Scene(ball)
+    view = clbvh.View(up=tuple(up), eye=tuple(4 * up + 3 * np.roll(up, 1)), look_at=(0, 0, 0), width=48, height=48)
     along, near = (
-        clbvh.render(scene, transparent=True, light=Light(direction=tuple(to_light))).alpha.astype(int)
+        clbvh.render(scene, view, transparent=True, light=Light(direction=tuple(to_light))).alpha.astype(int)
         for to_light in (up, beside)
     )
     is_shadow = (near > 0) & (near < 255)
@@ -171,7 +176,7 @@ def test_shadows_of_light_along_an_axis_are_those_of_light_nearby(axis):
 
 
 def test_a_shadow_on_a_transparent_ground_is_black_with_alpha():
-    picture = clbvh.render(KNOT, transparent=True)
+    picture = clbvh.render(KNOT, VIEW, transparent=True)
     is_shadow = (picture.hits.prim_id < 0) & (picture.alpha > 60)
     assert is_shadow.sum() > 20
     assert picture.alpha[picture.hits.prim_id < 0].max() <= 255
@@ -190,16 +195,18 @@ def test_the_filmic_curve_is_that_of_its_source(exposure):
 def test_a_coarse_ball_has_no_facets_in_its_shadow():
     films = []
     for triangles in (320, 81920):
-        ball = Scene(clbvh.make_shape("icosphere", triangles=triangles), width=64, height=64, ground=False)
+        ball = Scene(clbvh.make_shape("icosphere", triangles=triangles))
+        view = clbvh.View(width=64, height=64, ground=False)
         ball = ball.with_changes(light=Light(direction=(1, 0.2, 0.1), sky=(0, 0, 0), ground=(0, 0, 0)))
-        with clbvh.Renderer(ball, eye=(0, 0, 5), look_at=(0, 0, 0), samples=16) as renderer:
+        with clbvh.Renderer(ball, view, eye=(0, 0, 5), look_at=(0, 0, 0), samples=16) as renderer:
             films.append(renderer.render(keeps_film=True).film[20:44, 20:44, 0])
     assert np.abs(films[0] - films[1]).max() < 0.03
 
 
 def test_a_room_is_lit_from_the_eye():
     box = clbvh.Mesh.from_arrays(*_box())
-    inside = Scene(box, eye=(0, 0, 0), look_at=(0, 0, -1), width=32, height=24, ground=False)
-    assert clbvh.render(inside).rgb.mean() > 150
+    inside = Scene(box)
+    view = clbvh.View(eye=(0, 0, 0), look_at=(0, 0, -1), width=32, height=24, ground=False)
+    assert clbvh.render(inside, view).rgb.mean() > 150
     # A light that was asked for stays outside.
-    assert clbvh.render(inside, light_direction=(0, 1, 0)).rgb.mean() < 140
+    assert clbvh.render(inside, view, light_direction=(0, 1, 0)).rgb.mean() < 140

@@ -40,10 +40,11 @@ def test_an_instance_in_a_material_looks_like_a_geometry_in_it():
         (clbvh.Mesh.from_arrays(ball.vertices, ball.faces, appearance=looks), None),
         (clbvh.Mesh.from_arrays(ball.vertices, ball.faces, appearance=looks), clbvh.Material()),
     ):
-        scene = clbvh.Scene(**settings)
+        scene = clbvh.Scene()
+        view = clbvh.View(**settings)
         geometry = scene.add(shape)
         scene.place(geometry, material=material)
         scene.place(geometry, clbvh.Transform(translate=(3, 0, 0)), material=material)
-        pictures.append(clbvh.render(scene).rgb)
+        pictures.append(clbvh.render(scene, view).rgb)
     assert np.array_equal(pictures[0], pictures[1])
     assert not np.array_equal(pictures[0], pictures[2])

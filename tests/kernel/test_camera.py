@@ -87,7 +87,8 @@ def test_rays_of_a_lens_are_those_of_the_host_camera(take, seed):
     camera = Camera.from_intrinsics(k, pose, (WIDTH, HEIGHT))
     mesh = Mesh.from_arrays([[-1, -1, -1], [1, 1, 1], [1, -1, 0]], [[0, 1, 2]])
     assert mesh.scale == 0.5
-    scene = Scene(mesh, width=WIDTH, height=HEIGHT)
+    scene = Scene(mesh)
+    view = View(width=WIDTH, height=HEIGHT)
     view = clbvh_view(scene, camera, mesh)
     _, origins, directions = take(view, all_pixels())
     expected_origins, expected = camera.rays()

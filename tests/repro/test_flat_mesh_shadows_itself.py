@@ -18,12 +18,13 @@ FLAT = clbvh.Mesh.from_arrays([[-1, -1, 0], [1, -1, 0], [0, 2, 0]], [[0, 1, 2]])
 @pytest.mark.parametrize("copies", [1, 2])
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_a_flat_mesh_is_lit(copies, is_turned):
-    scene = clbvh.Scene(ground=False, light=clbvh.Light((0, 0, 1)))
+    scene = clbvh.Scene()
+    view = clbvh.View(ground=False, light=clbvh.Light((0, 0, 1)))
     flat = scene.add(FLAT)
     for number in range(copies):
         scene.place(flat, clbvh.Transform(rotate=(0, 180.0 * is_turned, 0), translate=(9.0 * number, 0, 0)))
     size = {"camera": CAMERA, "width": 9, "height": 9}
-    with clbvh.Renderer(scene) as renderer:
+    with clbvh.Renderer(scene, view) as renderer:
         plain, shadowed = (renderer.render(shading=name, **size).rgb for name in ("lambert", "lambert+shadow"))
         occluded = renderer.render(shading="ao", **size).rgb
     np.testing.assert_array_equal(shadowed, plain)

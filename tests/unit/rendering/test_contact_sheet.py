@@ -49,8 +49,9 @@ def test_nothing_is_cut_off(sheet):
 
 
 def test_a_scene_with_an_eye_and_a_tree_are_taken():
-    scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), eye=(0, 0, 9), transparent=True)
-    assert clbvh.contact_sheet(scene, width=20, height=20, shading="lambert").rgb.shape[1:] == (80, 3)
+    scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80))
+    view = clbvh.View(eye=(0, 0, 9), transparent=True)
+    assert clbvh.contact_sheet(scene, view, width=20, height=20, shading="lambert").rgb.shape[1:] == (80, 3)
     tree = clbvh.build(clbvh.make_shape("icosphere", triangles=80))
     assert clbvh.contact_sheet(tree, width=20, height=20, shading="lambert").rgb.shape[1:] == (80, 3)
 

@@ -145,12 +145,13 @@ def test_a_cut_opens_a_room(renderer):
 def test_light_comes_as_if_nothing_were_cut(shading):
     # The inside of a closed box, seen through a cut wall, has no light from outside.
     box = clbvh.Mesh.from_arrays(*_cube())
-    scene = clbvh.Scene(
-        box, ground=False, background=(0.0, 0.0, 0.0), light=clbvh.Light((0, 0, 1), sky=(0, 0, 0), ground=(0, 0, 0))
+    scene = clbvh.Scene(box)
+    view = clbvh.View(
+        ground=False, background=(0.0, 0.0, 0.0), light=clbvh.Light((0, 0, 1), sky=(0, 0, 0), ground=(0, 0, 0))
     )
     camera = clbvh.Camera((0, 0, 9), (0, 0, 0))
     picture = clbvh.render(
-        scene, camera=camera, cut=Cut.plane((0, 0, 0.5), (0, 0, 1)), shading=shading, width=20, height=20
+        scene, view, camera=camera, cut=Cut.plane((0, 0, 0.5), (0, 0, 1)), shading=shading, width=20, height=20
     )
     wall = picture.rgb[10, 10]
     assert picture.hits.t[10, 10] == pytest.approx(10, rel=1e-3)
@@ -170,10 +171,11 @@ def test_cut_outs_are_cut():
     wall = clbvh.Material()
     appearance = clbvh.Appearance(materials=(clear, wall), material_ids=np.array([1, 0, 0], np.int32))
     mesh = clbvh.Mesh.from_arrays(panes.reshape(-1, 3), np.arange(9).reshape(3, 3), appearance=appearance)
-    scene = clbvh.Scene(mesh, ground=False, transparent=True)
+    scene = clbvh.Scene(mesh)
+    view = clbvh.View(ground=False, transparent=True)
     camera = clbvh.Camera((0, 0, 9), (0, 0, 0))
     size = {"width": 9, "height": 9, "samples": 4}
-    with clbvh.Renderer(scene) as renderer:
+    with clbvh.Renderer(scene, view) as renderer:
         shown = renderer.render(camera=camera, cut=Cut.plane((0, 0, 1.6), (0, 0, 1)), **size)
         hidden = renderer.render(camera=camera, cut=Cut.box((-2, -2, -0.5), (2, 3, 0.5)), **size)
     assert shown.alpha[4, 4] == 255

@@ -101,7 +101,8 @@ def test_one_of_several_is_as_one(write):
 
 
 def test_a_saved_scene_is_opened(tmp_path):
-    scene = Scene(fov=20)
+    scene = Scene()
+    view = View(fov=20)
     scene.place(scene.add(make_shape("icosphere", triangles=20)), name="ball")
     scene.save(tmp_path / "saved")
     opened = open_scene(tmp_path / "saved")

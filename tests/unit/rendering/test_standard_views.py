@@ -116,7 +116,8 @@ def test_an_eye_and_a_view_are_refused():
 
 
 def test_the_sky_of_a_view_from_the_top_is_above():
-    scene = clbvh.Scene(mesh_of(cloud()), view="top", up=(0, 0, 3))
+    scene = clbvh.Scene(mesh_of(cloud()))
+    view = clbvh.View(side="top", up=(0, 0, 3))
     assert sky_direction(scene, scene.camera(mesh_of(cloud()))).tolist() == [0, 0, 1]
 
 

@@ -41,16 +41,18 @@ def test_the_frames_are_those_of_the_cameras_of_the_turn(frames, tmp_path):
 
 
 def test_the_turn_is_about_up(frames, tmp_path):
-    scene = clbvh.Scene(BALL, up=(0, 1, 0), **SIZE, shading="normal")
-    render_turntable(scene, tmp_path / "a.gif", frames=2, up=(0, 0, 1))
-    with clbvh.Renderer(scene) as renderer:
+    scene = clbvh.Scene(BALL)
+    view = clbvh.View(up=(0, 1, 0), **SIZE, shading="normal")
+    render_turntable(scene, tmp_path / "a.gif", view, frames=2, up=(0, 0, 1))
+    with clbvh.Renderer(scene, view) as renderer:
         expected = [renderer.render(camera=camera).rgb for camera in renderer.turntable(2, up=(0, 0, 1))]
     np.testing.assert_array_equal(frames[1:], expected)
 
 
 def test_a_transparent_scene_has_its_background(frames, tmp_path):
-    scene = clbvh.Scene(BALL, transparent=True, background=(0.0, 1.0, 0.0), **SIZE)
-    render_turntable(scene, tmp_path / "a.gif", frames=1)
+    scene = clbvh.Scene(BALL)
+    view = clbvh.View(transparent=True, background=(0.0, 1.0, 0.0), **SIZE)
+    render_turntable(scene, tmp_path / "a.gif", view, frames=1)
     assert frames[1][0, 0].tolist() == [0, 255, 0]
 
 

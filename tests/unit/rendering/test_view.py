@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from clbvh import Scene
 from clbvh.choices import SHADINGS
 from clbvh.errors import SceneError
 from clbvh.geometry import Mesh
 from clbvh.rendering.cameras.camera import Camera
 
 MESH = Mesh.from_arrays(np.array([[0, 0, 0], [4, 0, 0], [0, 2, 6.0]]) + 1e6, [[0, 1, 2]])
-SCENE = Scene(MeshSource(name="any"), width=200, height=100)
+SCENE = MeshSource(name="any")
+VIEW = View(width=200, height=100)
 CAMERA = Camera((1e6 + 2, 1e6 + 1, 1e6 + 13), (1e6 + 2, 1e6 + 1, 1e6 + 3), fov=90)
 
 

@@ -148,18 +148,20 @@ def test_the_same_bytes_for_any_band_and_launch(shading, monkeypatch):
 
 @pytest.mark.parametrize("shading", ["lambert", "normal", "studio", "ao", "path"])
 def test_neither_light_nor_exposure_changes_the_colour(shading):
-    scene = clbvh.Scene(SQUARE, exposure=-1.5, shading=shading)
+    scene = clbvh.Scene(SQUARE)
+    view = clbvh.View(exposure=-1.5, shading=shading)
     # The middle of the diagonal, across the picture.
     camera = clbvh.Camera((0.05, 0.05, 0.4), (-0.05, 0.05, 0.15))
     wide = Wireframe(8, (1.0, 0.214, 0.05))
-    rgb = clbvh.render(scene, camera=camera, wireframe=wide, width=64, height=64).rgb
+    rgb = clbvh.render(scene, view, camera=camera, wireframe=wide, width=64, height=64).rgb
     np.testing.assert_allclose(rgb[32, 32], linear_to_srgb(wide.colour) * 255, atol=1)
 
 
 @pytest.mark.parametrize("shading", ["studio", "path"])
 def test_lines_are_those_of_the_surface_that_shows_through_a_hole(shading):
     glass = clbvh.Material("hole", alpha=0.0)
-    scene = clbvh.Scene(shading=shading, samples=4)
+    scene = clbvh.Scene()
+    view = clbvh.View(shading=shading, samples=4)
     back = scene.add(SQUARE)
     scene.place(back)
     view = {"camera": CAMERAS["perspective"], "shading": shading}
@@ -191,7 +193,8 @@ def test_a_scene_refuses_other_things():
 
 
 def test_scenes_keep_their_lines(tmp_path):
-    scene = clbvh.Scene(SQUARE, wireframe=Wireframe(2.5, (0, 0.5, 1)), frame="all", up="auto")
+    scene = clbvh.Scene(SQUARE)
+    view = clbvh.View(wireframe=Wireframe(2.5, (0, 0.5, 1)), frame="all", up="auto")
     scene.save(tmp_path / "square.scene")
     loaded = clbvh.Scene.load(tmp_path / "square.scene")
     assert (loaded.wireframe, loaded.frame, loaded.up) == (scene.wireframe, "all", "auto")

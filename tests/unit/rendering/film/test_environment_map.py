@@ -21,7 +21,8 @@ def write_map(path, pixels=PIXELS):
 
 def test_an_array_is_copied():
     pixels = PIXELS.copy()
-    scene = clbvh.Scene(environment=pixels)
+    scene = clbvh.Scene()
+    view = clbvh.View(environment=pixels)
     pixels[:] = -1
     np.testing.assert_array_equal(scene.environment.pixels, PIXELS.astype(np.float32))
     with pytest.raises(ValueError, match="read-only"):
@@ -50,7 +51,8 @@ def test_a_file_is_read_when_it_is_needed(tmp_path):
 
 def test_saved_scenes_hold_the_pixels(tmp_path):
     write_map(tmp_path / "map.exr")
-    scene = clbvh.Scene(environment=tmp_path / "map.exr", environment_rotation=30, environment_strength=2.5)
+    scene = clbvh.Scene()
+    view = clbvh.View(environment=tmp_path / "map.exr", environment_rotation=30, environment_strength=2.5)
     scene.add(clbvh.Spheres([[0, 0, 0]], 1.0))
     scene.save(tmp_path / "a.scene")
     (tmp_path / "map.exr").unlink()

@@ -33,7 +33,8 @@ ALL = (
 
 @pytest.fixture(scope="module")
 def scene():
-    scene = Scene(width=WIDTH, height=HEIGHT, shading="lambert")
+    scene = Scene()
+    view = clbvh.View(width=WIDTH, height=HEIGHT, shading="lambert")
     ball = scene.add(Spheres([[9, 9, 9], [0, 0, 0]], [0.01, 1.0]), name="ball")
     scene.place(ball, name="large")
     scene.place(ball, Transform(scale=RADII[1], translate=tuple(CENTRES[1])), name="small")
@@ -131,9 +132,10 @@ def test_normals_face_the_camera(images, name):
 
 
 def see(mesh, *channels, transform=None):
-    scene = Scene(width=40, height=30)
+    scene = Scene()
+    view = clbvh.View(width=40, height=30)
     scene.place(scene.add(mesh), transform, colour=(1, 1, 1))
-    return clbvh.render_images(scene, (*channels, "normal", "position"))
+    return clbvh.render_images(scene, (*channels, "normal", "position"), view)
 
 
 @pytest.mark.parametrize("placed", [False, True])
@@ -283,10 +285,11 @@ class TestMotion:
         np.testing.assert_allclose(images["motion"][seen], expected, rtol=1e-4, atol=1e-6)
 
     def test_an_instance_that_came_later_is_refused(self):
-        scene = Scene(width=8, height=6)
+        scene = Scene()
+        view = clbvh.View(width=8, height=6)
         ball = scene.add(Spheres([[0, 0, 0]], 1.0))
         scene.place(ball)
-        with clbvh.Renderer(scene) as renderer:
+        with clbvh.Renderer(scene, view) as renderer:
             late = scene.place(ball, Transform(translate=(3, 0, 0)))
             with pytest.raises(SceneError, match="instance"):
                 renderer.images("motion", next_transforms={late: np.eye(4)})
