@@ -56,10 +56,9 @@ def find_vertex_faces(mesh: Mesh) -> VertexFaces:
 
 DEFAULT_CREASE_ANGLE = 40.0  # degrees
 
-# Corners at one point that are compared with each other, all with all. Where there are more, the normals are gathered
-# in a grid of directions first: the point of a cone of a million faces would take hours.
+# Corners at one point with which each of them is compared. Where there are more, these are spread evenly over all, in
+# the order of the faces: the point of a cone of a million faces would take hours.
 _MOST_COMPARED = 256
-_GRID = 32  # cells along a side of the octahedral map, so that a cell is about 5 degrees wide
 
 # A sum of unit vectors is no direction if it is shorter than this share of their weights.
 _LEAST_SHARE = 1e-6
@@ -95,7 +94,7 @@ def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_AN
     Notes
     -----
     In O(V log V + F), mostly on all cores; about 0.3 s of processor time for 871,306 faces. Where more than 256 corners
-    meet in one point, differences of normals are measured between cells of about 5 degrees.
+    meet in one point, each is compared with 256 of them.
 
     Examples
     --------
@@ -144,9 +143,6 @@ def _smooth(
     faces, normals, angles, point_ids, begin, around, least_cosine, half_cosine, first_point, end_point, smooth
 ):
     """Write the normals at the corners in some points."""
-    cells = np.empty(_GRID * _GRID, np.int64)
-    sums = np.empty((_GRID * _GRID, 4))
-    cell_of = np.full(_GRID * _GRID, -1)
     for point in range(first_point, end_point):
         first, end = begin[point], begin[point + 1]
         # Where all normals are within half the angle of one, no two differ by more: nearly everywhere, nearly always.
@@ -167,30 +163,19 @@ def _smooth(
             for slot in range(first, end):
                 _store(faces, point_ids, around[slot], point, x / length, y / length, z / length, smooth)
             continue
-        cell_count = 0
-        if end - first > _MOST_COMPARED:
-            cell_count = _gather(faces, normals, angles, point_ids, around, first, end, point, cells, cell_of, sums)
+        step = 1 + (end - first - 1) // _MOST_COMPARED
         for slot in range(first, end):
             face = around[slot]
             nx, ny, nz = normals[face, 0], normals[face, 1], normals[face, 2]
             has_area = nx != 0.0 or ny != 0.0 or nz != 0.0
             least = least_cosine if has_area else -2.0
             x, y, z, weight = 0.0, 0.0, 0.0, 0.0
-            if cell_count == 0:
-                for other_slot in range(first, end):
-                    other = around[other_slot]
-                    ox, oy, oz = normals[other, 0], normals[other, 1], normals[other, 2]
-                    if other == face or nx * ox + ny * oy + nz * oz > least:
-                        angle = _angle_at(faces, angles, point_ids, other, point)
-                        x, y, z, weight = x + angle * ox, y + angle * oy, z + angle * oz, weight + angle
-            else:
-                own = _cell_of(nx, ny, nz) if has_area else -1
-                for index in range(cell_count):
-                    cell = cells[index]
-                    ox, oy, oz = sums[index, 0], sums[index, 1], sums[index, 2]
-                    length = math.sqrt(ox * ox + oy * oy + oz * oz)
-                    if cell == own or nx * ox + ny * oy + nz * oz > least * length:
-                        x, y, z, weight = x + ox, y + oy, z + oz, weight + sums[index, 3]
+            for other_slot in range(first + (slot - first) % step, end, step):
+                other = around[other_slot]
+                ox, oy, oz = normals[other, 0], normals[other, 1], normals[other, 2]
+                if other == face or nx * ox + ny * oy + nz * oz > least:
+                    angle = _angle_at(faces, angles, point_ids, other, point)
+                    x, y, z, weight = x + angle * ox, y + angle * oy, z + angle * oz, weight + angle
             length = math.sqrt(x * x + y * y + z * z)
             if not length > _LEAST_SHARE * weight:
                 # The normals cancel each other: the corner has that of its own face.
@@ -214,48 +199,6 @@ def _angle_at(faces, angles, point_ids, face, point):
         if point_ids[faces[face, corner]] == point:
             return angles[face, corner]
     return 0.0
-
-
-@compiled
-def _gather(faces, normals, angles, point_ids, around, first, end, point, cells, cell_of, sums):
-    """Add up the normals around a point in cells of directions; return the number of cells in use."""
-    count = 0
-    for slot in range(first, end):
-        face = around[slot]
-        nx, ny, nz = normals[face, 0], normals[face, 1], normals[face, 2]
-        angle = _angle_at(faces, angles, point_ids, face, point)
-        if angle == 0.0:
-            continue
-        cell = _cell_of(nx, ny, nz)
-        if cell_of[cell] < 0:
-            cell_of[cell], cells[count] = count, cell
-            sums[count, 0], sums[count, 1], sums[count, 2], sums[count, 3] = 0.0, 0.0, 0.0, 0.0
-            count += 1
-        index = cell_of[cell]
-        sums[index, 0] += angle * nx
-        sums[index, 1] += angle * ny
-        sums[index, 2] += angle * nz
-        sums[index, 3] += angle
-    for index in range(count):
-        cell_of[cells[index]] = -1
-    return count
-
-
-@compiled
-def _cell_of(x, y, z):
-    """Return the cell of a direction in a grid over the octahedral map of the sphere.
-
-    Meyer et al., "On Floating-Point Normal Vectors", 2010.
-    """
-    size = abs(x) + abs(y) + abs(z)
-    u, v = x / size, y / size
-    if z < 0.0:
-        folded_u = (1.0 - abs(v)) * (1.0 if u >= 0.0 else -1.0)
-        v = (1.0 - abs(u)) * (1.0 if v >= 0.0 else -1.0)
-        u = folded_u
-    column = min(int((u + 1.0) * (0.5 * _GRID)), _GRID - 1)
-    row = min(int((v + 1.0) * (0.5 * _GRID)), _GRID - 1)
-    return row * _GRID + column
 
 
 def find_corner_normals(mesh: Mesh, angle_degrees: float | None = None) -> NDArray[np.float32]:
@@ -340,7 +283,7 @@ def find_tangents(mesh: Mesh, normals: NDArray[np.float32], uvs: NDArray[np.floa
     unit_normals = normals.astype(np.float64)
     flat, has_direction = _flatten(np.broadcast_to(along_u[:, None], points.shape), unit_normals)
     angles = np.empty((mesh.face_count, 3))
-    _find_angles(mesh.vertices, mesh.faces, mesh.scale, angles)
+    _find_faces(mesh.vertices, mesh.faces, mesh.scale, 0, mesh.face_count, np.empty_like(angles), angles)
     weighted = (np.where(has_direction, angles, 0.0)[..., None] * flat).reshape(-1, 3)
     groups = _find_groups(mesh, normals, uvs, signs)
     sums = np.stack([np.bincount(groups.ids, axis) for axis in weighted.T], axis=-1)
@@ -349,14 +292,6 @@ def find_tangents(mesh: Mesh, normals: NDArray[np.float32], uvs: NDArray[np.floa
     return np.concatenate((tangents, np.broadcast_to(signs[:, None, None], (*tangents.shape[:2], 1))), axis=2).astype(
         np.float32
     )
-
-
-@compiled(error_model="numpy")
-def _find_angles(vertices, faces, scale, angles):
-    """Write the angles of faces at their corners; 0 where a face has no area."""
-    for face in range(len(faces)):
-        for corner in range(3):
-            angles[face, corner] = measure_corner(vertices, faces, scale, face, corner)[4]
 
 
 def _find_groups(

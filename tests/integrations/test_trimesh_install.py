@@ -15,7 +15,8 @@ import trimesh
 
 from clbvh.errors import ConfigError, DeviceError
 from clbvh.integrations import trimesh as engine
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, tracers, tracers as mesh_tracer
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, following_tracer, tracers
+from clbvh.integrations.trimesh.following_tracer import open_tracers
 
 RAY = [[0.1, 0.2, 5]], [[0, 0, -1]]
 PATCHED = ("closest_point", "signed_distance", "longest_ray", "max_tangent_sphere", "thickness")
@@ -103,8 +104,8 @@ class TestEveryMesh:
             assert box.ray.intersects_location(*RAY)[0][0, 2] == pytest.approx(box.bounds[1, 2])
 
     def test_nothing_is_built_twice(self, box, monkeypatch):
-        built, build = [], mesh_tracer.build
-        monkeypatch.setattr(mesh_tracer, "build", lambda *a, **k: built.append(a) or build(*a, **k))
+        built, build = [], tracers.build
+        monkeypatch.setattr(tracers, "build", lambda *a, **k: built.append(a) or build(*a, **k))
         engine.install()
         for _ in range(3):
             box.ray.intersects_any(*RAY)
@@ -271,7 +272,7 @@ class TestStates:
 def no_other_meshes():
     """Only the meshes of the test have a tracer."""
     gc.collect()
-    for tracer in tracers.open_tracers():
+    for tracer in open_tracers():
         tracer.close()
 
 
@@ -282,13 +283,13 @@ class TestMemory:
         mesh = trimesh.creation.box()
         mesh.ray.intersects_any(*RAY)
         mesh.nearest.on_surface([[0, 0, 2]])
-        (tracer,) = tracers.open_tracers()
+        (tracer,) = open_tracers()
         session, alive = ref(tracer.open_tracer._caster.session), ref(mesh)
         del mesh, tracer
         gc.collect()
         assert alive() is None
         assert session() is None
-        assert tracers.open_tracers() == []
+        assert open_tracers() == {}
         assert dict(tracers._Tracers.kept) == {}
 
     @pytest.mark.parametrize("use", ["install", "by hand", "functions"])
@@ -307,35 +308,35 @@ class TestMemory:
                     engine.closest_point(mesh, [[0, 0, 2]])
                 else:
                     assert mesh.ray.intersects_any(*RAY)[0]
-                most = max(most, len(tracers.open_tracers()))
+                most = max(most, len(open_tracers()))
         finally:
             gc.enable()
-        assert 1 < most <= tracers._TREES_PER_COLLECTION + 1
+        assert 1 < most <= following_tracer._TREES_PER_COLLECTION + 1
 
     def test_trees_in_use_leave_a_full_device(self, monkeypatch, session):
         engine.install()
         meshes = [trimesh.creation.icosphere(2) for _ in range(8)]
         meshes[0].ray.intersects_any(*RAY)
-        (first,) = tracers.open_tracers()
+        (first,) = open_tracers()
         size = first.open_tracer.memory_bytes
-        monkeypatch.setattr(tracers, "_MEMORY_SHARE", 3.5 * size / session.info.memory_bytes)
+        monkeypatch.setattr(following_tracer, "_MEMORY_SHARE", 3.5 * size / session.info.memory_bytes)
         for mesh in meshes * 2:
             assert mesh.contains([[0, 0, 0]])[0]
-            assert sum(tracer.open_tracer.memory_bytes for tracer in tracers.open_tracers()) <= 3.5 * size
+            assert sum(tracer.open_tracer.memory_bytes for tracer in open_tracers()) <= 3.5 * size
         # Those that were used last are there, and nothing was built again.
-        assert meshes[-1].ray._tracer in tracers.open_tracers()
+        assert meshes[-1].ray._tracer in open_tracers()
         built = []
-        monkeypatch.setattr(mesh_tracer, "build", lambda *a, **k: built.append(a))
+        monkeypatch.setattr(tracers, "build", lambda *a, **k: built.append(a))
         assert meshes[0].contains([[0, 0, 0]])[0]
         assert built == []
 
     def test_uninstall_gives_the_memory_back(self, box):
         engine.install()
         assert box.contains([[0, 0, 0]])[0]
-        assert len(tracers.open_tracers()) == 1
+        assert len(open_tracers()) == 1
         engine.uninstall()
         gc.collect()
-        assert tracers.open_tracers() == []
+        assert open_tracers() == {}
 
     def test_another_mesh_at_the_same_address(self):
         engine.install()

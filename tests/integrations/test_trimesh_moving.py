@@ -212,8 +212,8 @@ def test_threads_that_ask_about_a_mesh_that_has_moved(torus):
 
 def test_a_second_copy_counts_as_memory(torus, monkeypatch):
     """The memory bound is checked at the first update, which takes memory, and at no later one."""
-    looked, make_room = [], torus.ray._tracer._on_open
-    monkeypatch.setattr(torus.ray._tracer, "_on_open", lambda tracer: looked.append(tracer) or make_room(tracer))
+    looked, make_room = [], following_tracer.make_room
+    monkeypatch.setattr(following_tracer, "make_room", lambda tracer: looked.append(tracer) or make_room(tracer))
     counts = []
     for frame in range(4):
         torus.ray.intersects_first(*RAYS)

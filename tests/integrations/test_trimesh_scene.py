@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
-from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, following_tracer as scene_tracer
+from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, scene_tracer
 from clbvh.trace.tracer import Tracer
 
 TO = trimesh.transformations.translation_matrix

@@ -6,12 +6,13 @@ triangles. What is wrong with the looks becomes one warning for all of it, and t
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -140,6 +141,15 @@ def finish_looks(arrays: Mapping[str, NDArray], materials: Sequence[Material]) -
     if not arrays and all(material == Material() for material in materials):
         return None
     return make_unchecked(**arrays, materials=tuple(materials))
+
+
+def read_table(lines: bytes) -> NDArray[np.float64] | None:
+    """Return the numbers of a text, line by line; None if there is anything else, or not as many on each line."""
+    if not lines.strip():
+        return None
+    with suppress(ValueError):
+        return np.loadtxt(io.BytesIO(lines), comments=None, encoding="ascii", ndmin=2)
+    return None
 
 
 _MAX_BYTE = 255

@@ -1,8 +1,7 @@
 """The OBJ format: vertices and polygons in the file's order, or object by object, with their looks.
 
-Lines are found by their first letters, all at once; the numbers of all lines of a kind are read by numpy, after a
-check, as in ASCII PLY files. Points and lines are skipped; statements whose surfaces would be missing from the mesh are
-refused.
+Lines are found by their first letters, all at once; numpy reads the numbers of all lines of a kind. Points and lines
+are skipped; statements whose surfaces would be missing from the mesh are refused.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ from .file_mesh import (
     drop_loose_vertices,
     finish_looks,
     join_channels,
+    read_table,
     report_edges,
     spread_colours,
     spread_normals,
     spread_uvs,
 )
 from .mtl import read_materials
-from .ply import are_number_lines
 from .texture_files import TextureFiles
 
 # Comments end with their line even if that ends with a backslash, so they are dropped before lines are joined.
@@ -41,6 +40,7 @@ _BLANKS = bytes.maketrans(b"\t\v\f\r", b"   \n")
 _UNSUPPORTED = (b"surf", b"call", b"fo", b"bsp", b"bzp", b"cdp", b"res")
 _STATEMENT = re.compile(rb"\n(o|g|s|usemtl|mtllib|%s)(?=[ \n])([^\n]*)" % b"|".join(_UNSUPPORTED))
 _NO_INDEX = re.compile(rb" (?![-+]?[0-9]+[ \n])([^ \n]*)")
+_WRONG_SIGN = re.compile(rb"[-+](?![0-9])|[0-9][-+]")  # numpy takes both for numbers
 _TO_BLANKS = bytes.maketrans(b"/\n", b"  ")
 _BEFORE_FIRST = -2  # an index that counts back too far; -1 is none
 _COLOURED = (6, 7)  # numbers of a vertex: three coordinates, perhaps a weight, and a colour
@@ -213,11 +213,13 @@ def _read_faces(lines: _Lines, vertex_count: int, problems: Problems) -> tuple[N
 
 def _read_indices(faces: bytes, widths: NDArray[np.int64]) -> NDArray[np.int64] | None:
     """Return the numbers of faces; None if they are not whole ones, or not as many as the corners have."""
-    line = faces.translate(_TO_BLANKS) + b"\n"
-    is_whole = not line.translate(None, b"0123456789+- \n") and widths.max(initial=0) <= 3
-    if not is_whole or not are_number_lines(np.frombuffer(line, np.uint8), widths.sum()):
+    text = faces.translate(_TO_BLANKS)
+    if widths.max(initial=0) > 3 or text.translate(None, b"0123456789+- "):
         return None
-    return np.fromstring(line, np.int64, sep=" ")
+    if (b"-" in text or b"+" in text) and _WRONG_SIGN.search(text):
+        return None
+    numbers = np.fromstring(text + b" 0", np.int64, sep=" ")[:-1]  # of no text numpy makes a number, too
+    return numbers if len(numbers) == widths.sum() else None
 
 
 def _count(text: bytes, counted: bytes, begin: bytes) -> NDArray[np.int64]:
@@ -255,11 +257,11 @@ def _read_rows(lines: bytes, least: int) -> NDArray[np.float64] | None:
 
     None if a line has fewer, or other words.
     """
-    for width in (max(least, lines[1:].partition(b"\n")[0].count(b" ")), least):
-        if are_number_lines(np.frombuffer(lines[1:], np.uint8), width):
-            return np.fromstring(lines, np.float64, sep=" ").reshape(-1, width)
-        lines = re.sub(rb"(\n(?: \S+){%d})[^\n]*" % least, rb"\1", lines)
-    return None
+    rows = read_table(lines)
+    if rows is None:
+        rows = read_table(re.sub(rb"(\n(?: \S+){%d})[^\n]*" % least, rb"\1", lines))
+    is_whole = rows is not None and rows.shape[1] >= least and len(rows) == lines.count(b"\n") - 1
+    return rows if is_whole else None
 
 
 def _read_materials(

@@ -1,6 +1,6 @@
-"""The STL format, binary and text, read by trimesh: triangles in the file's order, of all solids.
+"""The STL format, binary and text: triangles in the file's order, of all solids.
 
-trimesh takes texts of any structure, and drops a solid that does not end, so texts are looked at first. Corners are
+trimesh reads binary files; of texts it takes those of any structure, and drops a solid that does not end. Corners are
 merged where their coordinates are the same bit for bit, and nowhere else: a tolerance would need to know the unit,
 which the format does not name. Normals are skipped: they are those of the triangles. Colours of binary files are read,
 of both kinds: those of Materialise Magics, whose header has a `COLOR=`, and those of VisCAM and SolidView.
@@ -21,8 +21,7 @@ from ..appearance.appearance import Appearance
 from ..appearance.material import OPAQUE, Material
 from ..appearance.srgb import linear_to_srgb_bytes
 from ..topology import find_equal_points
-from .file_mesh import FileMesh, Problems, finish_looks, is_binary_stl, spread_colours
-from .ply import are_number_lines
+from .file_mesh import FileMesh, Problems, finish_looks, is_binary_stl, read_table, spread_colours
 
 _HEADER_BYTES = 80
 
@@ -40,39 +39,36 @@ _VERTEX = re.compile(rb"\n *vertex([^\n]*)")
 
 def read_stl(data: bytes, _: Path, problems: Problems) -> FileMesh:
     """Return the vertices (V, 3), float32 of a binary file and float64 of a text, and the faces (F, 3)."""
-    from trimesh.exchange.stl import load_stl_ascii, load_stl_binary  # takes 0.3 s
-
     appearance = None
     if is_binary_stl(data):
+        from trimesh.exchange.stl import load_stl_binary  # takes 0.3 s
+
         loaded = load_stl_binary(io.BytesIO(data))
-        solids = [loaded] if "vertices" in loaded else []
+        corners = loaded.get("vertices", np.empty((0, 3), np.float32))
         with problems.drop("the colours"):
-            appearance = _read_colours(data[:_HEADER_BYTES], loaded["face_attributes"]["stl"]) if solids else None
+            appearance = _read_colours(data[:_HEADER_BYTES], loaded["face_attributes"]["stl"]) if len(corners) else None
     else:
-        text, triangle_count = _check_text(data)
-        loaded = load_stl_ascii(io.BytesIO(text)) if triangle_count else {"geometry": {}}
-        solids = list(loaded["geometry"].values()) if "geometry" in loaded else [loaded]
-        if sum(len(solid["faces"]) for solid in solids) != triangle_count:
-            raise MeshError(f"the file is damaged: {triangle_count:,} facets are not as many triangles")
-    corners = np.concatenate([np.empty((0, 3), np.float32), *(solid["vertices"] for solid in solids)])
+        corners = _read_text(data)
     first, ids = find_equal_points(corners)
     return FileMesh("", corners[first], ids.reshape(-1, 3), appearance)
 
 
-def _check_text(data: bytes) -> tuple[bytes, int]:
-    """Return a text of whole solids without their names, and the number of its triangles."""
+def _read_text(data: bytes) -> NDArray[np.float64]:
+    """Return the corners of the triangles of a text, (3 F, 3)."""
     text = b"\n" + data.strip().replace(b"\r", b"\n").replace(b"\t", b" ").lower() + b"\n"
     text = _NAME.sub(rb"\n\1", re.sub(rb"\n +(?=solid|endsolid)", b"\n", text))
-    is_whole = _STRUCTURE.fullmatch(b"".join(_LINE.findall(text)))
+    structure = b"".join(_LINE.findall(text))
+    is_whole = _STRUCTURE.fullmatch(structure)
     if not text.startswith(b"\nsolid") or not (is_whole or b"facet" in text):
         raise MeshError("the file is cut off or not an STL file: it has no facets, nor the size it declares")
     if not is_whole:
         raise MeshError("the file is cut off or damaged: it is not of whole solids of whole facets")
-    numbers = b"".join(numbers + b"\n" for numbers in _VERTEX.findall(text))
-    if not are_number_lines(np.frombuffer(numbers, np.uint8), 3):
+    if not (count := structure.count(b"ve")):
+        return np.empty((0, 3))
+    corners = read_table(b"\n".join(_VERTEX.findall(text)))
+    if corners is None or corners.shape != (count, 3):
         raise MeshError("the file is damaged: a vertex is not three numbers")
-    # Normals that are no numbers would make trimesh print a traceback.
-    return text.replace(b"normal", b""), text.count(b"endfacet")
+    return corners
 
 
 def _read_colours(header: bytes, attributes: NDArray[Any]) -> Appearance | None:

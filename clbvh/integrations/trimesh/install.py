@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Any, ClassVar, Self
-from weakref import WeakSet, WeakValueDictionary
+from typing import Any, Self
+from weakref import WeakSet
 
 import trimesh
-from trimesh import proximity as trimesh_proximity, ray as trimesh_ray
+from trimesh import proximity as trimesh_proximity
 
 from ...device.info import DeviceInfo
 from . import proximity, thickness
@@ -52,10 +51,8 @@ class Installation:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with _Patches.lock:
+    def __exit__(self, *error: object) -> None:
+        with _lock:
             if self._before is None:
                 uninstall()
             else:
@@ -102,11 +99,11 @@ def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto
     False
     """
     options = read_options(device, layout)
-    with _Patches.lock:
+    with _lock:
         before = Installed.options
         Installed.options = options
         if before is None:
-            _Patches.apply()
+            _patch()
         return Installation(before)
 
 
@@ -123,10 +120,10 @@ def uninstall() -> None:
     >>> is_installed()
     False
     """
-    with _Patches.lock:
+    with _lock:
         if Installed.options is not None:
             Installed.options = None
-            _Patches.revert()
+            _restore()
             forget_kept()
 
 
@@ -147,65 +144,41 @@ class _EngineProperty:
     """Stands in front of an attribute that trimesh's constructor sets, and gives our engine instead of trimesh's.
 
     The attribute itself stays in the mesh's own dictionary, as if this were not here.
-
-    Parameters
-    ----------
-    name : str
-    find_defaults : function
-        Returns the classes of trimesh's own engines.
-    make_engine : function
-        Returns our engine for a mesh and options.
     """
 
-    def __init__(
-        self, name: str, find_defaults: Callable[[], tuple[type, ...]], make_engine: Callable[[Any, EngineOptions], Any]
-    ) -> None:
+    def __init__(self, name: str, make_engine: Callable[[Any, EngineOptions], Any]) -> None:
         self.name = name
-        self._find_defaults = find_defaults
         self._make_engine = make_engine
         # Engines of trimesh that were assigned by hand while this stood here.
         self._chosen: WeakSet[Any] = WeakSet()
-        # An engine refers to its mesh, so it must not live as long as the mesh does.
-        self._engines: WeakValueDictionary[tuple[int, EngineOptions], Any] = WeakValueDictionary()
 
     def __get__(self, mesh: Any, owner: type | None = None) -> Any:
         if mesh is None:
             return self
-        try:
-            own = mesh.__dict__[self.name]
-        except KeyError:
-            raise AttributeError(f"'{type(mesh).__name__}' object has no attribute '{self.name}'") from None
-        options = Installed.options
-        if options is None or type(own) not in self._find_defaults() or own in self._chosen:
+        own, options = self._find_own(mesh), Installed.options
+        if options is None or not _is_of_trimesh(own) or own in self._chosen:
             return own
-        with _Patches.lock:
-            engine = self._engines.get((id(mesh), options))
-            if engine is None:
-                engine = self._engines[id(mesh), options] = self._make_engine(mesh, options)
-        return engine
+        return self._make_engine(mesh, options)
 
     def __set__(self, mesh: Any, engine: Any) -> None:
         # The constructor sets it once; later assignments are the user's.
-        if self.name in mesh.__dict__ and type(engine) in self._find_defaults():
+        if self.name in mesh.__dict__ and _is_of_trimesh(engine):
             self._chosen.add(engine)
         mesh.__dict__[self.name] = engine
 
     def __delete__(self, mesh: Any) -> None:
+        self._find_own(mesh)
+        del mesh.__dict__[self.name]
+
+    def _find_own(self, mesh: Any) -> Any:
         try:
-            del mesh.__dict__[self.name]
+            return mesh.__dict__[self.name]
         except KeyError:
             raise AttributeError(f"'{type(mesh).__name__}' object has no attribute '{self.name}'") from None
 
 
-def _find_ray_classes() -> tuple[type, ...]:
-    classes: list[type] = [trimesh_ray.ray_triangle.RayMeshIntersector]
-    if trimesh_ray.has_embree:
-        classes.append(trimesh_ray.ray_pyembree.RayMeshIntersector)
-    return tuple(classes)
-
-
-def _find_proximity_classes() -> tuple[type, ...]:
-    return (trimesh_proximity.ProximityQuery,)
+def _is_of_trimesh(engine: Any) -> bool:
+    return type(engine).__module__.partition(".")[0] == "trimesh"
 
 
 def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
@@ -213,31 +186,30 @@ def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
     return RayMeshIntersector(mesh, device=options.device, layout=options.layout)
 
 
-class _Patches:
-    """The changes in trimesh, and the originals."""
+# Reentrant: a context manager holds it while it installs or uninstalls.
+_lock = threading.RLock()
+_originals: dict[str, Callable[..., Any]] = {}
+_PROPERTIES = (
+    _EngineProperty("ray", _make_ray_engine),
+    # It looks its options up: the ray engine may have been assigned by hand.
+    _EngineProperty("nearest", lambda mesh, _: ProximityQuery(mesh)),
+)
 
-    # Reentrant: a context manager holds it while it installs or uninstalls.
-    lock = threading.RLock()
-    originals: ClassVar[dict[str, Callable[..., Any]]] = {}
 
-    @classmethod
-    def apply(cls) -> None:
-        for name, function in _FUNCTIONS.items():
-            cls.originals[name] = getattr(trimesh_proximity, name)
-            setattr(trimesh_proximity, name, function)
-        for stand_in in (
-            _EngineProperty("ray", _find_ray_classes, _make_ray_engine),
-            # It looks its options up: the ray engine may have been assigned by hand.
-            _EngineProperty("nearest", _find_proximity_classes, lambda mesh, _: ProximityQuery(mesh)),
-        ):
-            setattr(trimesh.Trimesh, stand_in.name, stand_in)
+def _patch() -> None:
+    """Put our functions and properties into trimesh."""
+    for name, function in _FUNCTIONS.items():
+        _originals[name] = getattr(trimesh_proximity, name)
+        setattr(trimesh_proximity, name, function)
+    for stand_in in _PROPERTIES:
+        setattr(trimesh.Trimesh, stand_in.name, stand_in)
 
-    @classmethod
-    def revert(cls) -> None:
-        for name, function in _FUNCTIONS.items():
-            if getattr(trimesh_proximity, name) is function:
-                setattr(trimesh_proximity, name, cls.originals[name])
-        cls.originals.clear()
-        for name in ("ray", "nearest"):
-            if isinstance(trimesh.Trimesh.__dict__.get(name), _EngineProperty):
-                delattr(trimesh.Trimesh, name)
+
+def _restore() -> None:
+    """Take out of trimesh what is still ours."""
+    for name, function in _FUNCTIONS.items():
+        if getattr(trimesh_proximity, name) is function:
+            setattr(trimesh_proximity, name, _originals[name])
+    for stand_in in _PROPERTIES:
+        if trimesh.Trimesh.__dict__.get(stand_in.name) is stand_in:
+            delattr(trimesh.Trimesh, stand_in.name)

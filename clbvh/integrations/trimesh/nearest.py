@@ -165,13 +165,9 @@ def find_nearest_vertices(bvh: Bvh, points: NDArray[np.float64]) -> tuple[NDArra
 
     with HostThreads() as threads:
         threads.for_ranges(len(points), find)
-    return _lengths(mesh.vertices[vertex_id] - points), vertex_id
-
-
-def _lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lengths of vectors, whose squares may overflow or underflow float64."""
-    exponents = np.frexp(np.abs(vectors).max(axis=1, initial=0.0))[1]
-    return np.ldexp(np.linalg.norm(np.ldexp(vectors, -exponents[:, None]), axis=1), exponents)
+    x, y, z = (mesh.vertices[vertex_id] - points).T
+    # Squares may overflow or underflow float64.
+    return np.hypot(np.hypot(x, y), z), vertex_id
 
 
 @compiled(error_model="numpy")

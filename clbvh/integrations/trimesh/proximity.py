@@ -249,9 +249,5 @@ def _nearest_of_few(vertices: NDArray[Any], points: NDArray[np.float64]) -> tupl
     """Return the nearest vertices of a mesh that has no faces, and so no tree."""
     if len(vertices) == 0:
         raise QueryError("a mesh without vertices has no nearest one: give the mesh vertices first")
-    distance, vertex_id = np.empty(len(points)), np.empty(len(points), np.int64)
-    for index, point in enumerate(points):
-        lengths = np.linalg.norm(vertices - point, axis=1)
-        vertex_id[index] = lengths.argmin()
-        distance[index] = lengths[vertex_id[index]]
-    return distance, vertex_id
+    vertex_id = np.array([np.linalg.norm(vertices - point, axis=1).argmin() for point in points], np.int64)
+    return np.linalg.norm(vertices[vertex_id] - points, axis=1), vertex_id

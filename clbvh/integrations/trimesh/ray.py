@@ -64,6 +64,22 @@ class RayEngine(ABC):
         """Give the device's memory back, after the queries of other threads; the next query takes it again."""
         self._tracer.close()
 
+    def _find_hits(
+        self, origins: ArrayLike, directions: ArrayLike, multiple_hits: bool, max_hits: int, with_locations: bool
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Return triangles, rays, nodes and locations: all first hits in the order of the rays, all second hits, ..."""
+        rays = read_rays(origins, directions)
+        if max_hits < 1:
+            rays, max_hits = (rays[0][:0], rays[1][:0]), 1
+        if multiple_hits:
+            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=with_locations)
+            order, index_ray = order_by_depth(hits)
+        else:
+            hits = self._cast("closest_hit", rays)
+            order = index_ray = np.flatnonzero(hits.is_hit)
+        locations = hits.locations[order] if with_locations else np.empty((0, 3))
+        return hits.prim_id[order].astype(np.int64), index_ray, hits.instance_id[order].astype(np.int64), locations
+
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a query of the tracer; rays that it refuses hit nothing."""
         return self._tracer.cast(self._thing, query, rays, **more)
@@ -214,23 +230,10 @@ class RayMeshIntersector(RayEngine):
         >>> index_ray
         array([0, 0])
         """
-        rays = read_rays(ray_origins, ray_directions)
-        if max_hits < 1:
-            nothing = np.empty(0, np.int64)
-            return (nothing, nothing.copy(), np.empty((0, 3))) if return_locations else (nothing, nothing.copy())
-        if multiple_hits:
-            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
-            order, index_ray = order_by_depth(hits)
-            index_tri = hits.prim_id[order].astype(np.int64)
-            return (index_tri, index_ray, hits.locations[order]) if return_locations else (index_tri, index_ray)
-        if return_locations:
-            hits = self._cast("closest_hit", rays)
-            index_ray = np.flatnonzero(hits.is_hit)
-            hits = hits.take(index_ray)
-            return hits.prim_id.astype(np.int64), index_ray, hits.locations
-        prim_id = self._cast("closest_prim", rays)
-        index_ray = np.flatnonzero(prim_id >= 0)
-        return prim_id[index_ray].astype(np.int64), index_ray
+        index_tri, index_ray, _, locations = self._find_hits(
+            ray_origins, ray_directions, multiple_hits, max_hits, return_locations
+        )
+        return (index_tri, index_ray, locations) if return_locations else (index_tri, index_ray)
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
         """Return (n,) int32: the first triangle that each ray hits, -1 if there is none.

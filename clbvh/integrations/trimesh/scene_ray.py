@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...device.info import DeviceInfo
 from ...errors import SceneError
 from ...trace.points.queries import GENERIC_DIRECTIONS
-from .following_tracer import SceneTracer
-from .ray import MAX_HITS, RayEngine, order_by_depth, read_points, read_rays
-from .tracers import make_room
+from .ray import MAX_HITS, RayEngine, read_points, read_rays
+from .scene_tracer import SceneTracer
 
 # Points whose rays are cast at a time; their crossings are on the host.
 _POINTS_AT_ONCE = 2**18
@@ -93,12 +92,14 @@ class SceneRay(RayEngine):
     @property
     def nodes(self) -> NDArray[np.object_]:
         """(n,) object: the names of the nodes that place a triangle mesh, by `index_node`, as the scene is now."""
-        return self._tracer.nodes(self.scene).names
+        nodes = self._tracer.nodes(self.scene)
+        return np.fromiter((node for node, _ in nodes), object, len(nodes))
 
     @property
     def geometries(self) -> NDArray[np.object_]:
         """(n,) object: the name of each node's geometry, a key of ``scene.geometry``, as the scene is now."""
-        return self._tracer.nodes(self.scene).geometries
+        nodes = self._tracer.nodes(self.scene)
+        return np.fromiter((geometry for _, geometry in nodes), object, len(nodes))
 
     def intersects_location(
         self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True
@@ -174,23 +175,7 @@ class SceneRay(RayEngine):
         >>> index_node
         array([1, 0, 0, 1])
         """
-        rays = read_rays(ray_origins, ray_directions)
-        if max_hits < 1:
-            nothing = np.empty(0, np.int64)
-            found: tuple[NDArray[Any], ...] = (nothing, nothing.copy(), nothing.copy(), np.empty((0, 3)))
-        elif multiple_hits:
-            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
-            order, index_ray = order_by_depth(hits)
-            found = hits.prim_id[order].astype(np.int64), index_ray, hits.instance_id[order].astype(np.int64)
-            if return_locations:
-                found = (*found, hits.locations[order])
-        else:
-            hits = self._cast("closest_hit", rays)
-            index_ray = np.flatnonzero(hits.is_hit)
-            hits = hits.take(index_ray)
-            found = hits.prim_id.astype(np.int64), index_ray, hits.instance_id.astype(np.int64)
-            if return_locations:
-                found = (*found, hits.locations)
+        found = self._find_hits(ray_origins, ray_directions, multiple_hits, max_hits, return_locations)
         return found if return_locations else found[:3]
 
     def intersects_first(
@@ -279,4 +264,4 @@ class SceneRay(RayEngine):
         return np.unique((chosen[hits.ray_id] << 32) | hits.instance_id, return_counts=True)
 
     def _find_tracer(self) -> SceneTracer:
-        return SceneTracer(self._options, make_room)
+        return SceneTracer(self._options)

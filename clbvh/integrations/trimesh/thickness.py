@@ -16,9 +16,6 @@ from .proximity import closest_point
 from .ray import read_points
 from .tracers import find_tracer, options_for, read_mesh
 
-# Hits of a ray that are looked at first. The surface that a ray starts from is one, or a few in a corner.
-_FIRST_HITS = 4
-
 # Most numbers in a temporary array with one for each pair of a vertex and a ray.
 _CHUNK = 1 << 22
 
@@ -51,19 +48,11 @@ def longest_ray(mesh: Any, points: ArrayLike, directions: ArrayLike) -> NDArray[
     """
     mesh = read_mesh(mesh)
     origins, ways = read_points(points), _read_vectors(directions, points, "directions")
-    lengths = np.linalg.norm(ways, axis=1)
     distance = np.full(len(origins), np.inf)
-    tracer = find_tracer(mesh, options_for(mesh), keep=True)
-    left = np.arange(len(origins))
-    for limit in (_FIRST_HITS, None):
-        if len(left) == 0:
-            break
-        hits = tracer.cast(mesh, "all_hits", (origins[left], ways[left]), max_hits=limit)
-        far = hits.t * lengths[left][hits.ray_id]
-        counts = np.flatnonzero(far > tol.planar)[::-1]
-        # The nearest one is written last.
-        distance[left[hits.ray_id[counts]]] = far[counts]
-        left = left[(hits.counts == limit) & np.isinf(distance[left])]
+    hits = find_tracer(mesh, options_for(mesh), keep=True).cast(mesh, "all_hits", (origins, ways))
+    lengths = hits.t * np.linalg.norm(ways, axis=1)[hits.ray_id]
+    is_far = lengths > tol.planar
+    np.minimum.at(distance, hits.ray_id[is_far], lengths[is_far])
     return distance
 
 

@@ -1,31 +1,27 @@
-"""The tracers of all meshes: one per mesh and options, shared by its engines, and the bound of what they hold.
+"""The tracers of all meshes: one per mesh and options, shared by its engines.
 
-The device's memory belongs to the mesh: it goes back when the mesh is collected. A mesh of trimesh and its engines
-refer to each other, so that is when Python's garbage collector runs, which counts objects and not their bytes: hence
-the bound.
+The device's memory belongs to the mesh: it goes back when the mesh is collected.
 """
 
 from __future__ import annotations
 
-import gc
 import threading
 import time
 from functools import cached_property, partial
-from typing import Any, ClassVar, TypeAlias
-from weakref import WeakSet, WeakValueDictionary, ref
+from typing import Any, ClassVar
+from weakref import WeakValueDictionary, ref
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...builders.build import build
 from ...bvh import Bvh
 from ...bvh.bvh import sah_cost
 from ...errors import DeviceError, QueryError
 from ...geometry import Mesh
-from ...geometry.as_mesh import MeshLike, as_mesh
+from ...geometry.as_mesh import as_mesh
 from ...geometry.smooth_normals import VertexFaces, find_vertex_faces
 from ...trace.tracer import Tracer
-from .following_tracer import EngineOptions, FollowingTracer, SceneTracer, has_faces
+from .following_tracer import EngineOptions, FollowingTracer, has_faces
 
 # A tree whose SAH cost has grown by more than this factor is built again: rays through a mesh that bends then take
 # about twice as long as through a new tree, see docs/tree.md.
@@ -65,56 +61,48 @@ class FollowedTree:
         return find_vertex_faces(self.mesh)
 
 
-class MeshTracer(FollowingTracer["FollowedTree"]):
+class MeshTracer(FollowingTracer[FollowedTree]):
     """A tree and a tracer of one mesh: built when first needed, updated or built again when the mesh has changed."""
 
-    _tree: FollowedTree | None = None
     # Of the tree that the tracer was opened with, which may have been refitted before.
     _growth_at_open = 1.0
 
     def find_tree(self, mesh: Any) -> Bvh:
         """Return the tree of the mesh as it is now; this needs no device."""
         self.last_use = time.monotonic()
-        return self._follow(mesh).bvh
-
-    def _forget(self) -> None:
-        self._tree = None
+        with self._lock:
+            return self._follow(mesh).bvh
 
     def _follow_open(self, mesh: Any) -> tuple[Tracer, FollowedTree]:
         """Return a tracer of the mesh as it is now, and its tree."""
         tree = self._follow(mesh)
-        if self._tracer is None:
-            self._tracer = self._open_new(tree.bvh)
-            self._growth_at_open = tree.sah_growth
-        return self._tracer, tree
+        tracer = self.open_tracer
+        if tracer is None or tracer.is_closed:
+            tracer, self._growth_at_open = self._open_new(tree.bvh), tree.sah_growth
+        return tracer, tree
 
     def _follow(self, mesh: Any) -> FollowedTree:
         """Return the tree of the mesh as it is now; the tracer, if it is still open, has the same one."""
-        with self._lock:
-            content = hash(mesh)
-            known = self._tree
-            if known is not None and known.content == content:
-                return known
-            vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-            if known is not None and has_faces(known.mesh, vertices, faces):
-                # A move that fails or is interrupted leaves the tracer with either mesh: no tree is known then.
-                self._tree = None
-                self._tree = tree = self._move(content, known.built, vertices)
-                if tree is not None:
-                    return tree
-            self._give_back()
-            self._tree = known = None  # no two trees at once
-            bvh = build(Mesh.from_arrays(vertices, faces, name="trimesh"))
-            tree = self._tree = FollowedTree(content, bvh, bvh.mesh)
-            return tree
+        content, known = hash(mesh), self._known
+        if known is None or known.content != content:
+            # A move that fails or is interrupted leaves the tracer with either mesh: no tree is known then.
+            self._known = None
+            if known is not None:
+                known = self._move(content, known.built, mesh) if has_faces(known.mesh, mesh) else None
+            if known is None:
+                self._give_back()
+                bvh = build(Mesh.from_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), name="trimesh"))
+                known = FollowedTree(content, bvh, bvh.mesh)
+            self._known = known
+        return known
 
-    def _move(self, content: int, built: Bvh, vertices: NDArray[Any]) -> FollowedTree | None:
+    def _move(self, content: int, built: Bvh, mesh: Any) -> FollowedTree | None:
         """Return a tree around vertices that have moved, and update the tracer; None if a new one would be faster.
 
         A tracer that cannot be updated is closed: another thread did so, or the device has no room for a second copy
         of the tree, and perhaps for the first one.
         """
-        tracer = self._tracer
+        vertices, tracer = np.asarray(mesh.vertices), self.open_tracer
         if tracer is not None:
             try:
                 tracer.update(vertices)
@@ -126,23 +114,6 @@ class MeshTracer(FollowingTracer["FollowedTree"]):
         tree = FollowedTree(content, built, built.mesh.with_vertices(vertices))
         return None if tree.sah_growth > _LARGEST_SAH_GROWTH else tree
 
-    def _give_back(self) -> None:
-        with self._lock:
-            tracer = self._take()
-        if tracer is not None:
-            tracer.close()
-
-
-AnyTracer: TypeAlias = MeshTracer | SceneTracer
-
-# After this many trees have gone to a device, meshes that nobody uses are collected: a collection takes about 50 ms
-# with trimesh and what it imports loaded, so it adds less than 1 ms to each tree.
-_TREES_PER_COLLECTION = 64
-
-# Trees take this share of a device's memory at most, as far as those in use allow; then the ones that have not been
-# used for longest leave it, until half of that is free.
-_MEMORY_SHARE = 0.25
-
 
 class _Tracers:
     """Of this process. A callback of the garbage collector takes no lock: it may run while its thread holds one."""
@@ -151,8 +122,6 @@ class _Tracers:
     shared: ClassVar[WeakValueDictionary[tuple[int, EngineOptions], MeshTracer]] = WeakValueDictionary()
     # Those that live as long as a mesh, by its identity. A reference that dies is removed before the identity is free.
     kept: ClassVar[dict[int, tuple[ref[Any], set[MeshTracer]]]] = {}
-    open: ClassVar[WeakSet[AnyTracer]] = WeakSet()
-    opened_count = 0
 
 
 def read_mesh(thing: Any) -> Any:
@@ -167,8 +136,7 @@ def read_mesh(thing: Any) -> Any:
 
     if isinstance(thing, trimesh.Trimesh):
         return thing
-    as_given: MeshLike = thing
-    mesh = as_mesh(as_given)
+    mesh = as_mesh(thing)
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
@@ -186,7 +154,7 @@ def find_tracer(mesh: Any, options: EngineOptions, *, keep: bool) -> MeshTracer:
         key = (id(mesh), options)
         tracer = _Tracers.shared.get(key)
         if tracer is None:
-            tracer = _Tracers.shared[key] = MeshTracer(options, make_room)
+            tracer = _Tracers.shared[key] = MeshTracer(options)
         if keep:
             entry = _Tracers.kept.get(id(mesh))
             if entry is None:
@@ -200,50 +168,9 @@ def forget_kept() -> None:
     _Tracers.kept.clear()
 
 
-def open_tracers() -> list[AnyTracer]:
-    """Return the tracers that hold memory of a device."""
-    with _Tracers.lock:
-        return [tracer for tracer in _Tracers.open if tracer.open_tracer is not None]
-
-
 def _forget(mesh_id: int, mesh: ref[Any]) -> None:
     """Drop the tracers of a mesh that is collected."""
     _Tracers.kept.pop(mesh_id, None)
-
-
-def make_room(newest: AnyTracer) -> None:
-    """Collect unused meshes from time to time, and remove trees from a device that has too many."""
-    tracer = newest.open_tracer
-    if tracer is None:
-        return
-    device, limit = tracer.device, tracer.device.memory_bytes * _MEMORY_SHARE
-    with _Tracers.lock:
-        _Tracers.open.add(newest)
-        _Tracers.opened_count += 1
-        is_time = _Tracers.opened_count >= _TREES_PER_COLLECTION
-        others = _others_on(device, newest)
-        is_full = tracer.memory_bytes + sum(others.values()) > limit
-        if is_time or is_full:
-            _Tracers.opened_count = 0
-    del others
-    if not (is_time or is_full):
-        return
-    gc.collect()
-    others = _others_on(device, newest)
-    held = tracer.memory_bytes + sum(others.values())
-    if held <= limit:
-        return
-    for other, size in sorted(others.items(), key=lambda item: item[0].last_use):
-        if other.give_way():
-            held -= size
-        if held <= limit / 2:
-            return
-
-
-def _others_on(device: Any, newest: AnyTracer) -> dict[AnyTracer, int]:
-    """Return the bytes that each other tracer holds on a device."""
-    pairs = [(other, other.open_tracer) for other in open_tracers() if other is not newest]
-    return {other: held.memory_bytes for other, held in pairs if held is not None and held.device == device}
 
 
 class Installed:

@@ -17,8 +17,8 @@ from ...structs import (
     SCENE_POINT_SPARE,
 )
 from ...support.compiled import compiled
-from ...support.counting_sort import order_by_keys
 from ...support.host_threads import HostThreads
+from ...support.key_order import order_by_keys
 from ..rays.batch import Broadcast, TreeBox, too_far
 
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From

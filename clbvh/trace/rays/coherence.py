@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...support.compiled import compiled
-from ...support.counting_sort import LAST_KEY, order_by_keys
 from ...support.host_threads import HostThreads
+from ...support.key_order import order_by_keys
 from .batch import RayBatch, RayRows, TreeBox, row_step
 
 # Cells along each axis of the box where six numbers make a key, those of the entry and of the exit: 4 bits of it.
@@ -226,7 +226,8 @@ def _are_apart(cells, one, other, first_axis):
     return farthest > 1
 
 
-_LAST_KEY = np.int32(LAST_KEY)
+# Above the 24 bits of the others: these rays come last.
+_LAST_KEY = np.int32(1 << 24)
 
 
 def sort_rays(

@@ -159,20 +159,6 @@ def test_ply_text_may_be_spaced_as_it_likes(tmp_path, text):
     assert load(tmp_path, "a.ply", content).faces.tolist() == [[0, 1, 3], [4, 5, 7], [2, 3, 7]]
 
 
-def test_the_fast_reader_of_ply_text_changes_no_bit(tmp_path, monkeypatch):
-    taken = []
-    fast = ply._read_plain_text
-    monkeypatch.setattr(ply, "_read_plain_text", lambda *words: taken.append(fast(*words)) or taken[-1])
-    data = make_ply([[0, 1, 3], [4, 5, 7]], vertices=CUBE * 0.7 + 0.1)
-    mesh = load(tmp_path, "a.ply", data)
-    assert taken[0] is not None
-    assert mesh.faces.tolist() == [[0, 1, 3], [4, 5, 7]]
-    monkeypatch.setattr(ply, "_read_plain_text", lambda *_: None)
-    general = load(tmp_path, "b.ply", data)
-    assert general.vertices.tobytes() == mesh.vertices.tobytes()
-    assert general.faces.tobytes() == mesh.faces.tobytes()
-
-
 def test_a_signature_above_the_elements_of_a_ply_header_is_skipped(tmp_path):
     signed = TRIANGLE_PLY.replace(b"element vertex", b"Created by a program, source file:\nelement vertex")
     assert load(tmp_path, "a.ply", signed).faces.tolist() == [[0, 1, 2]]
