@@ -83,7 +83,9 @@ class Setting:
             return None
         try:
             return self.kind.read(_as_python(value))
-        except SceneError:
+        except SceneError as error:
+            if isinstance(value, Mapping):  # the settings of a group
+                raise SceneError(f"{self.name}: {error}") from None
             raise
         except (TypeError, ValueError, OverflowError):
             or_none = ", or None" if self.default is None else ""
@@ -284,6 +286,6 @@ def _as_python(value: Any) -> Any:
 def _show(value: Any) -> str:
     """Return the beginning of a wrong value."""
     try:
-        return repr(value)[:_MAX_SHOWN]
+        return " ".join(repr(value).split())[:_MAX_SHOWN]
     except ValueError:  # Python does not print integers of many thousand digits
         return "a number of many digits"

@@ -14,9 +14,8 @@ PLANE = ([[-50, 0, -50], [50, 0, -50], [50, 0, 50], [-50, 0, 50]], [[0, 2, 1], [
 
 def make_scene(shape, **settings):
     scene = clbvh.Scene()
-    view = clbvh.View(**{"shading": "path", "samples": 64, **SIZE, **settings})
     scene.place(scene.add(shape))
-    return scene
+    return scene, clbvh.View(**{"shading": "path", "samples": 64, "up": "y", **SIZE, **settings})
 
 
 def make_ball(material):
@@ -28,8 +27,8 @@ def make_plane(material=MATT):
     return clbvh.Mesh.from_arrays(*PLANE, appearance=appearance)
 
 
-def film_of(scene, **options):
-    with clbvh.Renderer(scene) as renderer:
+def film_of(scene_and_view, **options):
+    with clbvh.Renderer(*scene_and_view) as renderer:
         return renderer.render(keeps_film=True, **options).film[..., :3].astype(np.float64)
 
 
@@ -125,9 +124,9 @@ def test_the_light_with_a_direction_shines_beside_the_environment():
 
 def test_pictures_do_not_depend_on_bands_and_batches(monkeypatch):
     scene = make_scene(make_ball(MATT), environment=quadrants(), samples=5)
-    with clbvh.Renderer(scene) as renderer:
+    with clbvh.Renderer(*scene) as renderer:
         whole = renderer.render(keeps_film=True)
-        renderer._frames._band_pixels = 7 * scene.width
+        renderer._frames._band_pixels = 7 * SIZE["width"]
         parts = renderer.render(keeps_film=True)
         assert whole.film.tobytes() == parts.film.tobytes()
         assert whole.rgb.tobytes() == parts.rgb.tobytes()
@@ -137,13 +136,12 @@ def test_pictures_do_not_depend_on_bands_and_batches(monkeypatch):
 
 def test_an_environment_is_uploaded_once_and_can_change(monkeypatch):
     scene = make_scene(make_ball(MATT), environment=quadrants(), samples=1)
-    with clbvh.Renderer(scene) as renderer:
+    with clbvh.Renderer(*scene) as renderer:
         painters = renderer._painters
         first = renderer.render()
-        renderer.scene = scene.with_changes(environment=np.ones((2, 2, 3)), environment_strength=0.25)
-        second = renderer.render(keeps_film=True)
-        renderer.scene = scene.with_changes(environment_rotation=360.0)
-        renderer.render()
+        white = {"environment": np.ones((2, 2, 3)), "environment_strength": 0.25}
+        second = renderer.render(keeps_film=True, **white)
+        renderer.render(environment_rotation=360.0)
         assert len(painters._environments) == 2
         assert len(painters._shadings) == 1
     assert (first.rgb != second.rgb).any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,9 +31,12 @@ def make_mesh(uvs=None, normal=(0, 0, 1), scale=1.0, texture=None):
 
 def show(mesh, side=1, light=LIGHT, matrix=None, **settings):
     fov = np.degrees(2 * np.arctan(1 / 4))
-    light = light.with_direction(tuple(side * np.array(light.direction)))
+    light = replace(light, direction=tuple(side * np.array(light.direction)))
     scene = Scene(mesh if matrix is None else None)
-    view = clbvh.View(eye=(0, 0, 4 * side), look_at=(0, 0, 0), up=(0, 1, 0), fov=fov, width=12, height=12, ground=False, samples=2, light=light, **settings)  # fmt: skip
+    view = clbvh.View(
+        eye=(0, 0, 4 * side), look_at=(0, 0, 0), up="y", fov=fov, width=12, height=12, ground=False, samples=2,
+        light=light, **settings,
+    )  # fmt: skip
     if matrix is not None:
         scene.place(scene.add(mesh), matrix)
     with clbvh.Renderer(scene, view) as renderer:

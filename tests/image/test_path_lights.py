@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import Light, Material, Spheres
-from clbvh.rendering.view import _LIGHT_SPREAD
+from clbvh.rendering.kernel_view import _LIGHT_SPREAD
 
 from .test_path import BLACK, ERRORS, WHITE, check_mean, floor, make_scene, matte, render_film, view_at
 
@@ -20,7 +20,7 @@ def test_a_sphere_lamp_near_and_far(radius):
     glow = Material(base_colour=BLACK, ior=1.0, emission=(5 / radius**2,) * 3)
     lamp = Spheres([[0, 1.0, 0]], radius, materials=(glow,))
     scene = make_scene(floor(matte(), 30), lamp, max_bounces=1, **view_at(0.001, 5.0))
-    check_mean(render_film(scene.with_changes(eye=(2.0, 0.05, 0.0), fov=0.02), samples=256), 5, 2e-2)
+    check_mean(render_film(scene, eye=(2.0, 0.05, 0.0), look_at=(0, 0, 0), fov=0.02, samples=256), 5, 2e-2)
 
 
 @pytest.mark.parametrize("kind", ["metal", "glass"])
@@ -48,8 +48,8 @@ def test_furnace_with_a_ground():
     film = render_film(scene)
     assert film.max() <= 1 + 1e-5
     assert film.min() > 0.2
-    far = scene.with_changes(eye=(3.4, 20, 0.0), look_at=(3.4, -1, 0.001), fov=0.1, samples=256)
-    assert 0.48 < render_film(far).mean() <= 0.5 + 1e-3
+    far = {"eye": (3.4, 20, 0.0), "look_at": (3.4, -1, 0.001), "fov": 0.1}
+    assert 0.48 < render_film(scene, samples=256, **far).mean() <= 0.5 + 1e-3
 
 
 def test_the_ground_far_from_objects_has_its_albedo():
@@ -64,7 +64,7 @@ def test_the_ground_far_from_objects_has_its_albedo():
 def test_a_limit_never_brightens(limit):
     lamp = Spheres([[0, 1, 0]], 0.2, materials=(Material(base_colour=BLACK, ior=1.0, emission=(30, 20, 10)),))
     scene = make_scene(floor(matte()), lamp, eye=(0, 1, 4), fov=50, samples=16)
-    free, limited = render_film(scene), render_film(scene.with_changes(clamp=limit))
+    free, limited = render_film(scene), render_film(scene, clamp=limit)
     assert (limited <= free + 1e-6).all()
     assert limited.max() <= limit * (1 + 1e-5)
     assert free.max() > ERRORS * 2

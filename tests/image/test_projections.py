@@ -27,7 +27,6 @@ MESH = clbvh.make_shape("knot", triangles=500)
 
 def two_objects():
     scene = clbvh.Scene()
-    view = clbvh.View(width=WIDTH, height=HEIGHT, shading="lambert+shadow")
     knot = scene.add(MESH)
     scene.place(knot)
     scene.place(knot, clbvh.Transform(scale=0.4, translate=(0.5, 0.8, 0.3)))
@@ -36,19 +35,16 @@ def two_objects():
 
 
 LAYOUTS = ("bvh2", "bvh8")
+VIEW = clbvh.View(width=WIDTH, height=HEIGHT, shading="lambert+shadow", up="y")
 
 
 @pytest.fixture(scope="module", params=["mesh", "scene"])
 def pictures(request):
     """The pictures of one mesh or of three objects, by layout and camera."""
-    subject = (
-        clbvh.Scene(MESH, width=WIDTH, height=HEIGHT, shading="lambert+shadow")
-        if request.param == "mesh"
-        else two_objects()
-    )
+    subject = MESH if request.param == "mesh" else two_objects()
     found = {}
     for layout in LAYOUTS:
-        with clbvh.Renderer(subject, options=RenderOptions(layout=layout, validate=True)) as renderer:
+        with clbvh.Renderer(subject, VIEW, RenderOptions(layout=layout, validate=True)) as renderer:
             found |= {(layout, name): renderer.render(camera=camera) for name, camera in CAMERAS.items()}
             for name in ("fisheye", "panorama"):
                 found[layout, name, "depth"] = renderer.render(camera=CAMERAS[name], shading="depth")

@@ -19,10 +19,14 @@ from ..concurrency.threads import run_in_threads
 
 SIZE = (96, 64)
 LAYOUTS = ("bvh2", "bvh4", "bvh8")
+VIEW = clbvh.View(width=SIZE[0], height=SIZE[1], up="y")
 
 KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
 GROUND = clbvh.make_shape("terrain", triangles=2000, seed=7)
 BALL = clbvh.make_shape("icosphere", triangles=1280)
+
+EVEN = Light(colour=(0, 0, 0), sky=(1, 1, 1), ground=(1, 1, 1))
+DOWN = Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0))
 
 RED, GREEN, BLUE = (0.8, 0.1, 0.05), (0.2, 0.5, 0.15), (0.1, 0.2, 0.9)
 
@@ -54,7 +58,6 @@ def still_life():
     """A terrain with knots, one of them mirrored, and spheres above it."""
     generator = np.random.default_rng(11)
     scene = Scene()
-    view = clbvh.View(width=SIZE[0], height=SIZE[1])
     ground, knot = scene.add(GROUND), scene.add(KNOT)
     crowd = scene.add(Spheres(generator.normal(size=(40, 3)), generator.uniform(0.1, 0.5, 40), name="crowd"))
     scene.place(ground, affine(np.eye(3), (0, -3, 0)), colour=GREEN)
@@ -66,7 +69,7 @@ def still_life():
 
 @pytest.fixture(scope="module")
 def renderer():
-    with Renderer(still_life()) as opened:
+    with Renderer(still_life(), VIEW) as opened:
         yield opened
 
 
@@ -111,7 +114,7 @@ class TestPixels:
 
     @pytest.mark.parametrize("layout", LAYOUTS)
     def test_layouts_agree_to_the_byte(self, renderer, layout):
-        with Renderer(still_life(), options=RenderOptions(layout=layout)) as other:
+        with Renderer(still_life(), VIEW, options=RenderOptions(layout=layout)) as other:
             assert other.layout == layout
             for shading in REPORT_SHADINGS:
                 assert same_picture(other.render(shading=shading), renderer.render(shading=shading))
@@ -134,7 +137,7 @@ class TestPixels:
 
     def test_colours_are_those_of_the_instances(self):
         scene = Scene()
-        view = clbvh.View(width=60, height=30, shading="lambert", surface=(0.5, 0.5, 0.5), light=Light(colour=(0, 0, 0), sky=(1, 1, 1), ground=(1, 1, 1)))  # fmt: skip
+        view = clbvh.View(width=60, height=30, shading="lambert", surface=(0.5, 0.5, 0.5), light=EVEN)  # fmt: skip
         ball = scene.add(BALL)
         for number, colour in enumerate([RED, None, BLUE]):
             scene.place(ball, affine(np.eye(3), (3 * number, 0, 0)), colour=colour)
@@ -152,7 +155,7 @@ class TestPixels:
         # A floor at y = 0, and a square lid at y = 1 over x and z from -0.5 to 0.5; light from straight above.
         square = Mesh.from_arrays([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], [(0, 1, 2), (0, 2, 3)])
         scene = Scene()
-        view = clbvh.View(eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90, light=Light(direction=(0, 1, 0), sky=(0, 0, 0), ground=(0, 0, 0)), shading="lambert+shadow")  # fmt: skip
+        view = clbvh.View(eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90, light=DOWN, shading="lambert+shadow")  # fmt: skip
         geometry = scene.add(square)
         scene.place(geometry, affine(2 * np.eye(3)))
         scene.place(geometry, affine(np.diag([0.5, -1, 0.5]) @ [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0, 1, 0)))
@@ -166,7 +169,7 @@ class TestPixels:
 
     def test_bands_do_not_show(self, renderer, monkeypatch):
         monkeypatch.setattr(frame_module, "BAND_PIXELS", SIZE[0] * 7)
-        with Renderer(still_life()) as banded:
+        with Renderer(still_life(), VIEW) as banded:
             assert same_picture(banded.render(), renderer.render())
 
 
@@ -226,7 +229,7 @@ class TestPrecision:
     def test_a_far_instance_looks_the_same_through_a_long_lens(self):
         # From distances of 10^7 and 10^4, with the same view of it.
         scene = Scene()
-        view = clbvh.View(width=SIZE[0], height=SIZE[1], shading="normal", light_direction=(1, 1, 0))
+        view = clbvh.View(width=SIZE[0], height=SIZE[1], shading="normal", light=Light(direction=(1, 1, 0)))
         geometry = scene.add(KNOT)
         scene.place(geometry, affine(MATRICES["mirrored"]))
         scene.place(geometry, affine(np.eye(3), (0, 2e7, 0)))
@@ -261,11 +264,11 @@ class TestRenderer:
 
     def test_a_renderer_has_the_objects_of_its_beginning(self):
         scene = still_life()
-        with Renderer(scene) as renderer:
+        with Renderer(scene, VIEW) as renderer:
             before = renderer.render()
             scene.place(scene.geometries[1], affine(5 * np.eye(3)))
             assert same_picture(renderer.render(), before)
-            assert repr(renderer).startswith("Renderer('scene', device=")
+            assert repr(renderer).startswith("Renderer('4 instances', device=")
 
     def test_a_turntable_shows_all_objects_all_the_way(self, renderer):
         cameras = renderer.turntable(8, width=60, height=40)
@@ -318,7 +321,7 @@ class TestRenderer:
         expected = renderer.render()
         options = RenderOptions(workers=2, cache=tmp_path)
         for from_cache in (False, True):
-            picture = clbvh.render(still_life(), options=options)
+            picture = clbvh.render(still_life(), VIEW, options=options)
             assert same_picture(picture, expected)
             assert picture.tree_from_cache is from_cache
         assert len(list(tmp_path.iterdir())) == 3
@@ -331,27 +334,27 @@ class TestRenderer:
                 Renderer(empty)
 
     def test_without_trees_the_picture_is_the_same(self, renderer):
-        picture = clbvh.render(still_life(), options=RenderOptions(builder="brute", validate=True))
+        picture = clbvh.render(still_life(), VIEW, options=RenderOptions(builder="brute", validate=True))
         assert same_picture(picture, renderer.render())
         assert (picture.layout, picture.workers) == ("brute", 1)
-        top = picture.objects.top
+        top = picture.world.top
         assert (picture.report()["nodes"], picture.report()["depth"]) == (top.node_count, top.depth)
 
     def test_brute_refuses_a_scene_that_would_take_forever(self, monkeypatch):
         # One of the two geometries is placed twice.
         monkeypatch.setattr(brute_limit, "BRUTE_LIMIT", GROUND.face_count + 2 * KNOT.face_count + 39)
         with pytest.raises(ConfigError, match="brute"):
-            Renderer(still_life(), options=RenderOptions(builder="brute"))
+            Renderer(still_life(), VIEW, options=RenderOptions(builder="brute"))
 
     @pytest.mark.parametrize("builder", BUILDERS)
     def test_every_builder_builds_the_trees(self, renderer, builder):
-        assert same_picture(clbvh.render(still_life(), options=RenderOptions(builder=builder)), renderer.render())
+        assert same_picture(clbvh.render(still_life(), VIEW, options=RenderOptions(builder=builder)), renderer.render())
 
 
 class TestValidation:
     def test_every_pixel_of_a_small_picture_is_validated(self, renderer):
         options = RenderOptions(validate=True)
-        with Renderer(still_life(), options=options) as checked:
+        with Renderer(still_life(), VIEW, options=options) as checked:
             picture = checked.render(width=40, height=30)
             assert picture.validated_pixels == 40 * 30
             assert same_picture(picture, renderer.render(width=40, height=30))
@@ -366,4 +369,4 @@ class TestValidation:
         render_rightly = frame_module.FrameRenderer.render
         monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
         with pytest.raises(ValidationError, match=r"1 of 1200 pixels differ .* column 16, row 20"):
-            clbvh.render(still_life(), options=RenderOptions(validate=True), width=40, height=30)
+            clbvh.render(still_life(), VIEW, options=RenderOptions(validate=True), width=40, height=30)

@@ -12,16 +12,17 @@ SIZE = {"width": 96, "height": 54}
 
 @pytest.fixture(scope="module")
 def weekend():
-    return clbvh.open_scene("weekend").with_changes(samples=16, **SIZE)
+    scene, view = clbvh.open_scene("weekend")
+    return scene, view.changed(samples=16, **SIZE)
 
 
 def test_the_weekend_looks_as_it_did(compare_with_reference, weekend):
-    compare_with_reference("weekend", clbvh.render(weekend).rgb)
+    compare_with_reference("weekend", clbvh.render(*weekend).rgb)
 
 
 def test_the_large_spheres_are_metal_glass_and_chalk_from_front_to_back(weekend):
-    spheres = weekend.geometries[0].shape
-    hits = clbvh.render(weekend, samples=1).hits
+    spheres = weekend[0].geometries[0].shape
+    hits = clbvh.render(*weekend, samples=1).hits
     # Of the three large spheres, the nearest one covers the most.
     seen = [int((hits.prim_id == number).sum()) for number in (3, 1, 2)]
     assert seen[0] > seen[1] > seen[2] > 0
