@@ -198,7 +198,7 @@ class TestSources:
     def sources(self, folder):
         path = folder / "sphere.ply"
         trimesh.Trimesh(self.MESH.vertices, self.MESH.faces, process=False).export(path)
-        (folder / "sphere.toml").write_text('[mesh]\npath = "sphere.ply"\n')
+        (folder / "sphere.toml").write_text('[[object]]\npath = "sphere.ply"\n')
         return {
             "mesh": self.MESH,
             "trimesh": trimesh.Trimesh(self.MESH.vertices, self.MESH.faces, process=False),

@@ -127,14 +127,6 @@ def test_a_renderer_takes_views():
     assert top.camera == clbvh.Scene(mesh, view="top", width=40, height=30).camera(mesh)
 
 
-def test_scene_files_and_saved_scenes_keep_the_view(tmp_path):
-    (tmp_path / "a.toml").write_text('[mesh]\nshape = "icosphere"\ntriangles = 80\n[camera]\nview = "iso"\n')
-    scene = clbvh.open_scene(tmp_path / "a.toml")
-    assert scene.view == "iso"
-    scene.save(tmp_path / "a.scene")
-    assert clbvh.Scene.load(tmp_path / "a.scene").view == "iso"
-
-
 def test_sizes_are_those_of_the_box():
     points = cloud()
     across, high, deep = np.ptp(points, axis=0)
