@@ -119,6 +119,25 @@ def test_per_cent_count_from_the_lower_side_of_the_box():
         assert as_cut(text).resolved(lower, upper) == as_cut(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "misses"),
+    [
+        ("z=3.01", True),
+        ("z=2.99", False),
+        ("y<0.01", False),
+        ("y<-0.01", True),
+        ("1,2,3.1;1,1,1", True),
+        ("1,2,2.9;1,1,1", False),
+        ("0,0,-0.1;-1,-1,-1", True),
+        ("box 2,0,0;3,9,9", True),
+        ("box -9,-9,-9;0.1,0.1,0.1", False),
+    ],
+)
+def test_a_cut_beside_everything_is_described(text, misses):
+    note = as_cut(text).describe_miss((0, 0, 0), (1, 2, 3))
+    assert note == ("the cut takes nothing away: all objects are in the box 0,0,0;1,2,3" if misses else None)
+
+
 @pytest.fixture(scope="module", params=["mesh", "scene"])
 def renderer(request):
     source = clbvh.make_shape("knot", triangles=2000) if request.param == "mesh" else ROOM
