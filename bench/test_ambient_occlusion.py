@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.objects import DRAWS_PER_POINT, sample_surface
+from clbvh.scene.copies import DRAWS_PER_POINT, sample_surface
 from clbvh.study.engines import Open3D
 
 from .paired import compare, measure_ms
