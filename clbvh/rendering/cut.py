@@ -132,6 +132,25 @@ class Cut:
         )
         return Cut("plane", (x, y, z), self.second)
 
+    def describe_miss(self, lower: Vector | NDArray[np.float64], upper: Vector | NDArray[np.float64]) -> str | None:
+        """Return a note if a resolved cut takes nothing away from a scene with this box, (3,) float each; or None.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> clbvh.Cut.plane((0, 9, 0), (0, 1, 0)).describe_miss((0, 0, 0), (1, 2, 3))
+        'the cut takes nothing away: all objects are in the box 0,0,0;1,2,3'
+        """
+        rows = list(zip(self.first, self.second, lower, upper, strict=True))
+        if self.kind == "box":
+            is_missed = any(first > high or second < low for first, second, low, high in rows)
+        else:  # by the corner that is farthest on the normal's side
+            is_missed = sum(((high if side > 0 else low) - point) * side for point, side, low, high in rows) <= 0
+        if not is_missed:
+            return None
+        corners = ";".join(",".join(f"{value:g}" for value in corner) for corner in (lower, upper))
+        return f"the cut takes nothing away: all objects are in the box {corners}"
+
     @property
     def normal(self) -> NDArray[np.float64]:
         """(3,) float64: the unit normal of a plane."""

@@ -8,7 +8,7 @@ import pytest
 
 from .command import run_clbvh
 
-SCENE = '[mesh]\nshape = "knot"\ntriangles = 2000\n[image]\nwidth = 32\nheight = 20\n'
+SCENE = '[[object]]\nshape = "knot"\ntriangles = 2000\n[view]\nwidth = 32\nheight = 20\n'
 
 
 @pytest.fixture

@@ -102,7 +102,7 @@ def test_two_pictures_of_one_run_are_the_same(mesh, tmp_path):
 
 def test_options_override_a_scene(tmp_path, mesh):
     scene = tmp_path / "scene.toml"
-    scene.write_text('[mesh]\npath = "tetrahedron.ply"\n[image]\nwidth = 20\nheight = 10\n')
+    scene.write_text('[[object]]\npath = "tetrahedron.ply"\n[view]\nwidth = 20\nheight = 10\n')
     plain = run_clbvh("render", scene, "-o", tmp_path / "a.ppm", "--json")
     assert json.loads(plain.stdout)["width"] == 20
     options = ("--width", 30, "--shading", "normal", "--eye", "3,3,3", "--look-at", "0,0,0", "--up", "0,0,1")
@@ -126,7 +126,7 @@ def test_options_override_a_scene(tmp_path, mesh):
 
 def test_cameras_of_all_kinds_replace_that_of_a_scene(tmp_path, mesh):
     scene = tmp_path / "scene.toml"
-    scene.write_text('[mesh]\npath = "tetrahedron.ply"\n[camera]\nkind = "fisheye"\n[image]\nwidth = 40\nheight = 20\n')
+    scene.write_text('[[object]]\npath = "tetrahedron.ply"\n[view]\nprojection = "fisheye"\nwidth = 40\nheight = 20\n')
     pictures = {}
     for kind in (None, "perspective", "orthographic", "orthographic:9", "fisheye", "fisheye:300", "panorama"):
         options = () if kind is None else ("--camera", kind)
@@ -161,7 +161,7 @@ def test_validation_is_reported(mesh, tmp_path):
 
 def test_workers_build_what_one_process_builds(tmp_path):
     scene = tmp_path / "knot.toml"
-    scene.write_text('[mesh]\nshape = "knot"\ntriangles = 30000\n[image]\nwidth = 64\nheight = 40\n')
+    scene.write_text('[[object]]\nshape = "knot"\ntriangles = 30000\n[view]\nwidth = 64\nheight = 40\n')
     pictures = []
     for workers in (1, 2):
         name = tmp_path / f"{workers}.ppm"
@@ -193,8 +193,13 @@ def test_a_truncated_mesh_is_bad_input_and_writes_nothing(tmp_path, mesh):
 
 
 def test_a_bad_scene_is_bad_input(tmp_path):
-    (tmp_path / "bad.toml").write_text("[mesh]\nname = 3\n")
-    refuses(run_clbvh("render", tmp_path / "bad.toml", "-o", tmp_path / "a.ppm"), 2, "bad.toml", "name must be a text")
+    (tmp_path / "bad.toml").write_text("[[object]]\nname = 3\n")
+    refuses(
+        run_clbvh("render", tmp_path / "bad.toml", "-o", tmp_path / "a.ppm"),
+        2,
+        "bad.toml",
+        "object 1: name: expected str",
+    )
 
 
 @pytest.mark.parametrize(

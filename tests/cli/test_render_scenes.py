@@ -147,9 +147,9 @@ def test_several_sources_must_be_meshes(meshes, scene, tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("colr = 1", ("[object 1]", "'colr'")),
+        ("colr = 1", ("object 1", "'colr'")),
         ("repeat = {grid = [2000, 2000, 1], spacing = [1, 1, 1]}", ("4,000,000 copies are too many",)),
-        ("scale = [1, 0, 1]", ("[object 1]", "scale")),
+        ("scale = [1, 0, 1]", ("object 1", "scale")),
         ("matrix = [[1,0,0,0],[0,0,0,0],[0,0,1,0],[0,0,0,1]]", ("the object 'knot'", "singular")),
     ],
 )

@@ -22,7 +22,7 @@ SIZE = ("--width", 40, "--height", 30)
 @pytest.fixture
 def scene(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text('[mesh]\nshape = "icosphere"\ntriangles = 80\n')
+    path.write_text('[[object]]\nshape = "icosphere"\ntriangles = 80\n')
     return path
 
 

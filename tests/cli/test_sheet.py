@@ -20,7 +20,7 @@ SIZE = ("--width", 40, "--height", 30, "--shading", "lambert")
 @pytest.fixture
 def scene(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text('[mesh]\nshape = "icosphere"\ntriangles = 80\n[camera]\neye = [1, 2, 3]\n')
+    path.write_text('[[object]]\nshape = "icosphere"\ntriangles = 80\n[view]\neye = [1, 2, 3]\n')
     return path
 
 

@@ -15,7 +15,7 @@ from .command import hidden_drivers, refuses, run_clbvh, run_process
 
 TIMING_KEYS = {"load", "build", "measure", "other", "total"}
 
-SCENE = '[mesh]\nshape = "knot"\ntriangles = 2000\n'
+SCENE = '[[object]]\nshape = "knot"\ntriangles = 2000\n'
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ WORDS = ("--frames", 3, "--width", 40, "--height", 30, "--shading", "lambert")
 @pytest.fixture
 def scene(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text('[mesh]\nshape = "icosphere"\ntriangles = 80\n[image]\nwidth = 50\n')
+    path.write_text('[[object]]\nshape = "icosphere"\ntriangles = 80\n[view]\nwidth = 50\n')
     return path
 
 

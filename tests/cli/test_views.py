@@ -93,9 +93,9 @@ def test_the_guess_decides_the_picture(cone, tmp_path):
 
 def test_gltf_and_scene_files_are_not_guessed(cone, tmp_path):
     trimesh.load(cone).export(tmp_path / "cone.glb")
-    (tmp_path / "a.toml").write_text('[mesh]\npath = "cone.ply"\n')
-    (tmp_path / "b.toml").write_text('[mesh]\npath = "cone.ply"\n[camera]\nup = [0, 0, 1]\n')
-    (tmp_path / "c.toml").write_text('[mesh]\npath = "cone.ply"\n[camera]\nup = "auto"\n')
+    (tmp_path / "a.toml").write_text('[[object]]\npath = "cone.ply"\n')
+    (tmp_path / "b.toml").write_text('[[object]]\npath = "cone.ply"\n[view]\nup = [0, 0, 1]\n')
+    (tmp_path / "c.toml").write_text('[[object]]\npath = "cone.ply"\n[view]\nup = "auto"\n')
     expected = {"cone.glb": (0, 1, 0), "a.toml": (0, 1, 0), "b.toml": (0, 0, 1), "c.toml": (0, 0, 1)}
     for name, up in expected.items():
         with clbvh.Renderer(tmp_path / name) as renderer:

@@ -39,7 +39,7 @@ EXAMPLES = {
     "turntable": ["bunny.ply", "--frames", "2", "--sheet", "sheet.png"],
 }
 
-SCENE = '[mesh]\nshape = "knot"\ntriangles = 5000\n[image]\nwidth = 64\nheight = 40\n'
+SCENE = '[[object]]\nshape = "knot"\ntriangles = 5000\n[view]\nwidth = 64\nheight = 40\n'
 
 
 def run_spied(folder, tasks):

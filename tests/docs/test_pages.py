@@ -19,7 +19,7 @@ import trimesh
 import typer.main
 
 from clbvh.cli.app import app
-from clbvh.rendering.scene_file import parse_scene
+from clbvh.rendering.scene_file import parse_scene_file
 from tests.cli.command import run_clbvh
 
 from .snippets import PAGES, REPOSITORY, Snippet, find_inline_commands, find_snippets, list_commands
@@ -81,7 +81,7 @@ def write_scene(snippet, folder):
     """Write a scene file, and check its keys; the files that it names may come later."""
     path = folder / find_scene_name(snippet)
     path.write_text(snippet.text)
-    parse_scene(path)
+    parse_scene_file(path)
 
 
 def find_scene_name(snippet):

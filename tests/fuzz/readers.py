@@ -20,14 +20,14 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from clbvh.rendering.objects import SpheresSource
 
-from clbvh import Bvh, Scene, build, load_mesh, validate_tree
+from clbvh import Bvh, build, load_mesh, validate_tree
 from clbvh.bvh import serialize
 from clbvh.errors import ClbvhError
 from clbvh.geometry import Mesh, Spheres
 from clbvh.geometry.loading.spheres_file import read_spheres
-from clbvh.rendering.scene_file import parse_scene, read_scene
+from clbvh.rendering.scene_file import SceneObject, parse_scene_file, read_scene_file
+from clbvh.scene.scene import Scene
 
 from ..soup import make_soup
 from ..unit.geometry.gltf_files import pack_glb
@@ -130,22 +130,21 @@ def _read_scene(content: bytes, folder: Path) -> bool:
     path.write_bytes(content)
 
     def read() -> None:
-        file = parse_scene(path)
-        assert file.scene.width >= 1
-        assert file.scene.height >= 1
-        if not file.objects and _is_quick(file.scene.only_mesh()):
-            _check_mesh(file.scene.transform.apply(file.scene.only_mesh().load()))
-        elif file.objects and all(_is_quick(found.source) and found.count < _FEW_COPIES for found in file.objects):
-            _check_scene(read_scene(path), sum(found.count for found in file.objects))
+        file = parse_scene_file(path)
+        assert file.view.width >= 1
+        assert file.view.height >= 1
+        copies = [found.count for found in file.objects.values()]
+        if all(map(_is_quick, file.objects.values())) and max(copies) < _FEW_COPIES:
+            _check_scene(read_scene_file(path)[0], sum(copies))
 
     return accepts(read)
 
 
-def _is_quick(source: MeshSource | SpheresSource) -> bool:
+def _is_quick(found: SceneObject) -> bool:
     """Return whether a source loads in a moment, or is refused."""
-    if isinstance(source, SpheresSource):
-        return not _SMALL_SHAPE < source.count < _HUGE_SHAPE
-    return source.shape is not None and not _SMALL_SHAPE < source.triangles < _HUGE_SHAPE
+    source = dict(found.source)
+    size = source.get("triangles", source.get("number", 0 if "centres" in source else _SMALL_SHAPE + 1))
+    return not _SMALL_SHAPE < size < _HUGE_SHAPE
 
 
 def _check_scene(scene: Scene, instance_count: int) -> None:

@@ -124,35 +124,35 @@ def make_gltf_documents() -> list[Gltf]:
 
 
 def _make_scenes() -> list[bytes]:
-    whole = """[mesh]
+    whole = """[[object]]
 shape = "knot"
 triangles = 1000
 seed = 3
 strands = 4
-
-[transform]
 scale = 2
 rotate = [0, 90, 0]
 translate = [1, 2, 3.5]
 
-[camera]
+[view]
 eye = [0, 0, 9]
 look_at = [0, 1, 0]
 up = [0, 1, 0.5]
 fov = 40
-
-[light]
-direction = [1, 1, 0]
-colour = [1, 1, 1]
-sky = [0.1, 0.2, 0.3]
-ground = [0, 0, 0]
-
-[image]
+cut = "z=50%"
 width = 64
 height = 32
 shading = "lambert"
 surface = [1, 0, 0]
 background = [[0, 0, 0], [1, 1, 1]]
+
+[view.light]
+direction = [1, 1, 0]
+colour = [1, 1, 1]
+sky = [0.1, 0.2, 0.3]
+ground = [0, 0, 0]
+
+[view.wireframe]
+width = 2
 """
     objects = """[[object]]
 label = "ground"
@@ -187,14 +187,15 @@ centres = [[0, 0, 0], [1, 2, 3.5]]
 radii = [1, 0.5]
 rotate = [0, 90, 0]
 
-[camera]
-up = [0, 0, 1]
+[view]
+up = "z"
+projection = "fisheye:220"
 """
     shapes = ("terrain", "blobs", "boxes", "icosphere", "palace")
     return [
         whole.encode(),
         objects.encode(),
-        *(f'[mesh]\nshape = "{shape}"\ntriangles = 400\n'.encode() for shape in shapes),
+        *(f'[[object]]\nshape = "{shape}"\ntriangles = 400\n'.encode() for shape in shapes),
     ]
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[2]
-SCENE = '[mesh]\nshape = "icosphere"\ntriangles = 320\n[image]\nwidth = 40\nheight = 30\n'
+SCENE = '[[object]]\nshape = "icosphere"\ntriangles = 320\n[view]\nwidth = 40\nheight = 30\n'
 
 # Imports every module, those that run as a script by another name than `__main__` as well.
 IMPORT_ALL = """

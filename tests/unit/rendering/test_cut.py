@@ -11,7 +11,7 @@ import clbvh
 from clbvh import Cut
 from clbvh.errors import SceneError, ValidationError
 from clbvh.rendering.check_pixels import check_pixels
-from clbvh.rendering.cut import parse_cut
+from clbvh.rendering.cut import as_cut
 
 INF = np.inf
 WIDTH, HEIGHT = 72, 54
@@ -73,8 +73,8 @@ def test_a_ray_beside_a_box_is_not_cut(direction):
         (lambda: Cut.plane((0, 0), (0, 0, 1)), "point of a cut"),
         (lambda: Cut.plane((0, 0, 0), (0, 0, np.inf)), "normal of a cut"),
         (lambda: Cut.box((0, 0, 1), (1, 1, 0)), "lower corner"),
-        (lambda: Cut("ball", (0, 0, 0), (1, 1, 1)), "'plane' or a 'box'"),
-        (lambda: clbvh.Scene(cut=(0, 0, 1)), "clbvh.Cut"),
+        (lambda: Cut("ball", (0, 0, 0), (1, 1, 1)), "a 'plane', a 'share' or a 'box', not 'ball'"),
+        (lambda: clbvh.View(cut=(0, 0, 1)), "clbvh.Cut"),
     ],
 )
 def test_wrong_cuts_are_refused(make, message):
@@ -82,11 +82,60 @@ def test_wrong_cuts_are_refused(make, message):
         make()
 
 
-def test_texts():
-    assert parse_cut("plane", "0,1,2; 3,4,5.5") == Cut.plane((0, 1, 2), (3, 4, 5.5))
-    for text in ("", "1,2,3", "1,2;3,4,5", "1,2,3;4,5,6;7,8,9", "a,b,c;1,2,3", "nan,0,0;1,1,1"):
-        with pytest.raises(SceneError):
-            parse_cut("plane", text)
+@pytest.mark.parametrize(
+    ("text", "cut"),
+    [
+        ("0,1,2; 3,4,5.5", Cut.plane((0, 1, 2), (3, 4, 5.5))),
+        ("box 0,0,0;1,1e-3,1", Cut.box((0, 0, 0), (1, 0.001, 1))),
+        ("z=0.5", Cut.plane((0, 0, 0.5), (0, 0, 1))),
+        ("y > -2", Cut.plane((0, -2, 0), (0, 1, 0))),
+        ("x<1e3", Cut.plane((1000, 0, 0), (-1, 0, 0))),
+        ("y=33.3%", Cut("share", (0, 33.3, 0), (0, 1, 0))),
+        ("z<100 %", Cut("share", (0, 0, 100), (0, 0, -1))),
+    ],
+)
+def test_texts(text, cut):
+    assert as_cut(text) == as_cut(cut.text) == as_cut(cut) == cut
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "1,2,3", "1,2;3,4,5", "1,2,3;4,5,6;7,8,9", "a,b,c;1,2,3", "nan,0,0;1,1,1", "0,0,0;0,0,0", "box 1,1,1;0,0,0",
+        "z", "z=", "z=a", "z=nan", "z=inf%", "z=-1%", "z=101%", "w=5", "zz=5", "z==5", "z=5%%",
+    ],
+)  # fmt: skip
+def test_what_is_no_cut_is_refused(text):
+    with pytest.raises(SceneError, match="cut"):
+        as_cut(text)
+
+
+def test_per_cent_count_from_the_lower_side_of_the_box():
+    lower, upper = np.array([-1.0, -2.0, 10.0]), np.array([1.0, 2.0, 30.0])
+    assert as_cut("z=25%").resolved(lower, upper) == Cut.plane((-1, -2, 15), (0, 0, 1))
+    assert as_cut("y<0%").resolved(lower, upper) == Cut.plane((-1, -2, 10), (0, -1, 0))
+    assert as_cut("x>100%").resolved(-1e308 * np.ones(3), 1e308 * np.ones(3)).first[0] == 1e308
+    for text in ("z=0.5", "box 0,0,0;1,1,1"):
+        assert as_cut(text).resolved(lower, upper) == as_cut(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "misses"),
+    [
+        ("z=3.01", True),
+        ("z=2.99", False),
+        ("y<0.01", False),
+        ("y<-0.01", True),
+        ("1,2,3.1;1,1,1", True),
+        ("1,2,2.9;1,1,1", False),
+        ("0,0,-0.1;-1,-1,-1", True),
+        ("box 2,0,0;3,9,9", True),
+        ("box -9,-9,-9;0.1,0.1,0.1", False),
+    ],
+)
+def test_a_cut_beside_everything_is_described(text, misses):
+    note = as_cut(text).describe_miss((0, 0, 0), (1, 2, 3))
+    assert note == ("the cut takes nothing away: all objects are in the box 0,0,0;1,2,3" if misses else None)
 
 
 @pytest.fixture(scope="module", params=["mesh", "scene"])
@@ -145,14 +194,11 @@ def test_a_cut_opens_a_room(renderer):
 def test_light_comes_as_if_nothing_were_cut(shading):
     # The inside of a closed box, seen through a cut wall, has no light from outside.
     box = clbvh.Mesh.from_arrays(*_cube())
-    scene = clbvh.Scene(box)
     view = clbvh.View(
-        ground=False, background=(0.0, 0.0, 0.0), light=clbvh.Light((0, 0, 1), sky=(0, 0, 0), ground=(0, 0, 0))
-    )
-    camera = clbvh.Camera((0, 0, 9), (0, 0, 0))
-    picture = clbvh.render(
-        scene, view, camera=camera, cut=Cut.plane((0, 0, 0.5), (0, 0, 1)), shading=shading, width=20, height=20
-    )
+        camera=clbvh.Camera((0, 0, 9), (0, 0, 0)), cut="z=0.5", shading=shading, width=20, height=20, ground=False,
+        background=(0, 0, 0), light=clbvh.Light((0, 0, 1), sky=(0, 0, 0), ground=(0, 0, 0)),
+    )  # fmt: skip
+    picture = clbvh.render(box, view)
     wall = picture.rgb[10, 10]
     assert picture.hits.t[10, 10] == pytest.approx(10, rel=1e-3)
     assert wall.max() == 0
@@ -171,13 +217,11 @@ def test_cut_outs_are_cut():
     wall = clbvh.Material()
     appearance = clbvh.Appearance(materials=(clear, wall), material_ids=np.array([1, 0, 0], np.int32))
     mesh = clbvh.Mesh.from_arrays(panes.reshape(-1, 3), np.arange(9).reshape(3, 3), appearance=appearance)
-    scene = clbvh.Scene(mesh)
-    view = clbvh.View(ground=False, transparent=True)
     camera = clbvh.Camera((0, 0, 9), (0, 0, 0))
-    size = {"width": 9, "height": 9, "samples": 4}
-    with clbvh.Renderer(scene, view) as renderer:
-        shown = renderer.render(camera=camera, cut=Cut.plane((0, 0, 1.6), (0, 0, 1)), **size)
-        hidden = renderer.render(camera=camera, cut=Cut.box((-2, -2, -0.5), (2, 3, 0.5)), **size)
+    view = clbvh.View(camera=camera, width=9, height=9, samples=4, ground=False, transparent=True)
+    with clbvh.Renderer(mesh, view) as renderer:
+        shown = renderer.render(cut=Cut.plane((0, 0, 1.6), (0, 0, 1)))
+        hidden = renderer.render(cut=Cut.box((-2, -2, -0.5), (2, 3, 0.5)))
     assert shown.alpha[4, 4] == 255
     assert hidden.alpha[4, 4] == 0
 
@@ -202,22 +246,3 @@ def test_validation_finds_a_pixel_that_ignores_its_cut(renderer):
         shown = renderer.render(camera=camera, cut=cut, width=WIDTH, height=HEIGHT, shading="normal")
         with pytest.raises(ValidationError):
             check_pixels(dataclasses.replace(shown, cut=None))
-
-
-def test_files_keep_cuts(tmp_path):
-    text = '[mesh]\nshape = "icosphere"\ntriangles = 80\n[camera]\n'
-    (tmp_path / "a.toml").write_text(text + "cut_plane = [[0, 0, 1], [0, 1, 0]]\n")
-    scene = clbvh.open_scene(tmp_path / "a.toml")
-    assert scene.cut == Cut.plane((0, 0, 1), (0, 1, 0))
-    scene.save(tmp_path / "a.scene")
-    assert clbvh.Scene.load(tmp_path / "a.scene").cut == scene.cut
-    (tmp_path / "b.toml").write_text(text + "cut_box = [[0, 0, 0], [1, 1, 1]]\n")
-    assert clbvh.open_scene(tmp_path / "b.toml").cut == Cut.box((0, 0, 0), (1, 1, 1))
-    for wrong in (
-        "cut_plane = [0, 1]",
-        "cut_box = [[0,0,0],[1,1,-1]]",
-        "cut_box = [[0,0,0],[1,1,1]]\ncut_plane = [[0,0,0],[1,1,1]]",
-    ):
-        (tmp_path / "c.toml").write_text(text + wrong + "\n")
-        with pytest.raises(SceneError, match=r"c\.toml"):
-            clbvh.open_scene(tmp_path / "c.toml")

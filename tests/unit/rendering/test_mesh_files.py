@@ -119,7 +119,7 @@ def test_a_saved_scene_is_opened(tmp_path):
 )
 def test_files_that_make_no_scene_are_refused(write, tmp_path, names, error, message):
     write("a.obj", ONE)
-    write("b.toml", '[mesh]\nshape = "knot"')
+    write("b.toml", '[[object]]\nshape = "knot"')
     with pytest.raises(error, match=message):
         open_mesh_files([tmp_path / name for name in names])
 

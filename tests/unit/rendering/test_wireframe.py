@@ -198,17 +198,3 @@ def test_scenes_keep_their_lines(tmp_path):
     scene.save(tmp_path / "square.scene")
     loaded = clbvh.Scene.load(tmp_path / "square.scene")
     assert (loaded.wireframe, loaded.frame, loaded.up) == (scene.wireframe, "all", "auto")
-
-
-@pytest.mark.parametrize(
-    ("keys", "expected"),
-    [
-        ("", None),
-        ("wireframe_width = 2", Wireframe(2)),
-        ("wireframe_colour = [1, 0, 0]", Wireframe(colour=(1, 0, 0))),
-        ("wireframe_width = 0.5\nwireframe_colour = [1, 0, 0]", Wireframe(0.5, (1, 0, 0))),
-    ],
-)
-def test_scene_files_may_have_lines(tmp_path, keys, expected):
-    (tmp_path / "a.toml").write_text(f'[mesh]\nshape = "knot"\n[image]\n{keys}\n')
-    assert clbvh.open_scene(tmp_path / "a.toml").wireframe == expected

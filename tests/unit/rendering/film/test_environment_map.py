@@ -128,14 +128,8 @@ def test_rotations_are_checked(value):
 def test_a_scene_file_names_a_map_beside_it(tmp_path):
     write_map(tmp_path / "sky.exr")
     (tmp_path / "a.toml").write_text(
-        '[mesh]\nshape = "icosphere"\n[environment]\npath = "sky.exr"\nrotation = 45\nstrength = 0.5\n'
+        '[[object]]\nshape = "icosphere"\n[view]\nenvironment = "sky.exr"\nenvironment_strength = 0.5\n'
     )
-    scene = clbvh.open_scene(tmp_path / "a.toml")
-    np.testing.assert_array_equal(scene.environment.pixels, PIXELS)
-    assert (scene.environment_rotation, scene.environment_strength) == (45, 0.5)
-
-
-def test_unknown_keys_of_the_environment_are_refused(tmp_path):
-    (tmp_path / "a.toml").write_text('[mesh]\nshape = "icosphere"\n[environment]\nfile = "sky.exr"\n')
-    with pytest.raises(SceneError, match=r"\[environment\].*file"):
-        clbvh.open_scene(tmp_path / "a.toml")
+    _, view = clbvh.open_scene(tmp_path / "a.toml")
+    np.testing.assert_array_equal(view.environment.pixels, PIXELS)
+    assert view.environment_strength == 0.5
