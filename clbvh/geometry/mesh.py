@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
-from ..support.memory import check_memory, free_memory_bytes
+from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
@@ -378,7 +378,5 @@ def check_face_count(face_count: int, vertex_count: int = 0) -> None:
     """Raise `MeshError` if a mesh would be too large; for checks before arrays for it are allocated."""
     if face_count > MAX_FACE_COUNT:
         raise MeshError(f"{face_count:,} triangles are too many: the limit is {MAX_FACE_COUNT:,}")
-    needed, free = max(face_count, vertex_count) * _BYTES_PER_FACE, free_memory_bytes()
-    if needed > free:
-        size = f"{face_count:,} triangles" + (f" and {vertex_count:,} vertices" if vertex_count else "")
-        raise MeshError(f"{size} need about {needed / 1e6:,.0f} MB of memory, but {free / 1e6:,.0f} MB are free")
+    size = f"{face_count:,} triangles" + (f" and {vertex_count:,} vertices" if vertex_count else "")
+    check_memory(size, max(face_count, vertex_count) * _BYTES_PER_FACE, MeshError)

@@ -29,9 +29,9 @@ def test_more_triangles_than_a_mesh_can_have(write, count, shape):
 
 
 def test_more_triangles_than_fit_the_memory(monkeypatch):
-    from clbvh.geometry import make_shape, mesh as face_limit
+    from clbvh.geometry import make_shape
 
-    monkeypatch.setattr(face_limit, "free_memory_bytes", lambda: 10**9)
+    monkeypatch.setattr("clbvh.support.memory.free_memory_bytes", lambda: 10**9)
     with pytest.raises(ConfigError, match="10,000,000 triangles need about 1,500 MB of memory, but 1,000 MB are free"):
         make_shape("knot", triangles=10_000_000)
 
