@@ -27,6 +27,7 @@ from .errors import (
 from .geometry import (
     Mesh as Mesh,
     MeshLike as MeshLike,
+    Part as Part,
     Spheres as Spheres,
     load_mesh as load_mesh,
     make_shape as make_shape,

@@ -7,7 +7,7 @@ look at the other runtimes, with `make conformance`, before the file is committe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,20 +50,18 @@ _EYE_ASIDE, _EYE_AWAY = (0.125, 0.0625), 2.25
 def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:
     """Yield each query about rays and points, and its answer."""
     origins, directions, t_min, t_max = case.rays
-    with Tracer(bvh, device=device, layout=layout) as tracer:
-        queries: dict[str, Callable[[], Answer]] = {
-            "closest_hit": lambda: _describe_hits(tracer.closest_hit(origins, directions, t_min=t_min, t_max=t_max)),
-            "any_hit": lambda: {"is_hit": tracer.any_hit(origins, directions, t_min=t_min, t_max=t_max)},
-            "count_hits": lambda: {"count": tracer.count_hits(origins, directions, t_min=t_min, t_max=t_max)},
-            "all_hits": lambda: _describe_all_hits(tracer.all_hits(origins, directions, t_min=t_min, t_max=t_max)),
-            "closest_point": lambda: dict(tracer.closest_point(case.points)._asdict()),
+    rays: dict[str, Any] = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
+    with Tracer(bvh, device=device, layout=layout) as tracer, device_casts_all():
+        answers: dict[str, Answer] = {
+            "closest_hit": _describe_hits(tracer.closest_hit(**rays)),
+            "any_hit": {"is_hit": tracer.any_hit(**rays)},
+            "count_hits": {"count": tracer.count_hits(**rays)},
+            "all_hits": _describe_all_hits(tracer.all_hits(**rays)),
+            "closest_point": dict(tracer.closest_point(case.points)._asdict()),
         }
         if case.is_closed:
-            queries["contains"] = lambda: {"is_inside": tracer.contains(case.points)}
-        for name, ask in queries.items():
-            with device_casts_all():
-                answer = ask()
-            yield name, answer
+            answers["contains"] = {"is_inside": tracer.contains(case.points)}
+    yield from answers.items()
 
 
 def answer_pictures(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:
@@ -123,9 +121,7 @@ class Difference:
     value: str
 
     def __str__(self) -> str:
-        where = (
-            f"first in row {self.row}, where it is {self.value}" if self.row >= 0 else "in a row that cannot be told"
-        )
+        where = f"first in row {self.row}, where it is {self.value}" if self.value else "in a row that cannot be told"
         return f"{self.layout}, {self.query}, mesh '{self.mesh}': {self.part} differs, {where}"
 
 
@@ -157,17 +153,12 @@ class Conformance:
     def as_dict(self) -> dict[str, Any]:
         """Return the result as JSON has it."""
         compared = [{"layout": key[0], "query": key[1], "parts": count} for key, count in self.compared.items()]
-        differences = [dict(vars(difference)) for difference in self.differences]
-        return {
-            "is_equal": self.is_equal, "compared": compared, "differences": differences, "unusable": [*self.unusable],
-        }  # fmt: skip
+        differences = [vars(difference) for difference in self.differences]
+        return {"is_equal": self.is_equal, "compared": compared, "differences": differences, "unusable": self.unusable}
 
 
 def check_device(
-    device: DeviceInfo,
-    *,
-    layouts: Sequence[str] = ALL_LAYOUTS,
-    meshes: Sequence[str] = (),
+    device: DeviceInfo, *, layouts: Sequence[str] = ALL_LAYOUTS, meshes: Sequence[str] = ()
 ) -> Conformance:
     """Compare all answers of a device with the stored ones.
 

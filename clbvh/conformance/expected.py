@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 import zlib
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..errors import InternalError
@@ -22,16 +21,10 @@ EXPECTED_PATH = Path(__file__).with_name("expected.json")
 _DIGEST_BYTES = 16
 
 # The form of each kind of number in which it is digested, whatever the machine's own is.
-_STORED_DTYPES: dict[str, np.dtype[Any]] = {
-    "b": np.dtype(np.uint8),
-    "i": np.dtype("<i4"),
-    "u": np.dtype(np.uint8),
-    "f": np.dtype("<f8"),
-}
+_STORED_DTYPES = {"b": "u1", "i": "<i4", "u": "u1", "f": "<f8"}
 
 
-@dataclass(frozen=True)
-class Expected:
+class Expected(Struct, frozen=True):
     """What is stored of one part of an answer.
 
     Attributes
@@ -69,6 +62,13 @@ class Expected:
 ExpectedAnswers = dict[str, dict[str, dict[str, Expected]]]
 
 
+class _Stored(Struct):
+    """The stored file: the digests of the cases by name, and the answers."""
+
+    cases: dict[str, str]
+    answers: ExpectedAnswers
+
+
 def digest_of(case: Case) -> str:
     """Return the digest of a case's mesh, rays and points: answers compare only where these are equal."""
     digest = hashlib.blake2b(np.ascontiguousarray(case.faces, "<i8").tobytes(), digest_size=_DIGEST_BYTES)
@@ -86,26 +86,13 @@ def load_expected() -> tuple[dict[str, str], ExpectedAnswers]:
         The stored file is missing or damaged.
     """
     try:
-        stored = json.loads(EXPECTED_PATH.read_text(encoding="utf-8"))
-        answers = {
-            case: {
-                query: {part: Expected(**stored_part) for part, stored_part in parts.items()}
-                for query, parts in queries.items()
-            }
-            for case, queries in stored["answers"].items()
-        }
-        return stored["cases"], answers
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        stored = msgspec.json.decode(EXPECTED_PATH.read_bytes(), type=_Stored)
+    except (OSError, msgspec.DecodeError) as error:
         raise InternalError(f"{EXPECTED_PATH}: the stored answers cannot be read ({error}): reinstall clbvh") from error
+    return stored.cases, stored.answers
 
 
 def store_expected(cases: Iterable[Case], answers: ExpectedAnswers) -> None:
     """Replace the stored answers."""
-    stored = {
-        "cases": {case.name: digest_of(case) for case in cases},
-        "answers": {
-            case: {query: {part: asdict(value) for part, value in parts.items()} for query, parts in queries.items()}
-            for case, queries in answers.items()
-        },
-    }
-    EXPECTED_PATH.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
+    stored = msgspec.json.encode(_Stored({case.name: digest_of(case) for case in cases}, answers))
+    EXPECTED_PATH.write_bytes(msgspec.json.format(stored, indent=1) + b"\n")

@@ -6,14 +6,17 @@ Owns the checks of vertices and faces and the map to local coordinates. Must not
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import index
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
-from ..support.memory import check_memory, free_memory_bytes
+from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
@@ -28,6 +31,25 @@ _CHUNK_FACES = 1 << 14
 
 # Vertices in the file's coordinates and in local ones.
 _BYTES_PER_VERTEX = 36
+
+
+class Part(NamedTuple):
+    """A part of a mesh: the faces from `begin` up to, but without, `end`.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    >>> halves = [clbvh.Part("lower", 0, 1), clbvh.Part("upper", 1, 2)]
+    >>> square = clbvh.Mesh.from_arrays(corners, [[0, 1, 2], [0, 2, 3]], parts=halves)
+    >>> upper = square.parts[1]
+    >>> square.faces[upper.begin : upper.end]
+    array([[0, 2, 3]], dtype=int32)
+    """
+
+    name: str
+    begin: int
+    end: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +77,9 @@ class Mesh:
         The name of the mesh in messages and reports.
     appearance : Appearance, or None
         Normals, colours, texture coordinates and materials, for pictures. No tree depends on it.
+    parts : tuple of Part
+        Named ranges of faces that follow each other and cover all of them; none for a mesh without parts. Names need
+        not be unique. `Hits.part_id` says which of them was hit.
 
     Notes
     -----
@@ -78,10 +103,17 @@ class Mesh:
     scale: float
     name: str = field(default="mesh")
     appearance: Appearance | None = None
+    parts: tuple[Part, ...] = ()
 
     @classmethod
     def from_arrays(
-        cls, vertices: ArrayLike, faces: ArrayLike, *, name: str = "mesh", appearance: Appearance | None = None
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        name: str = "mesh",
+        appearance: Appearance | None = None,
+        parts: Iterable[tuple[str, int, int]] = (),
     ) -> Mesh:
         """Check the arrays, copy them, and find the local coordinates.
 
@@ -95,6 +127,8 @@ class Mesh:
             The name of the mesh in messages and reports.
         appearance : Appearance, optional
             Normals, colours, texture coordinates and materials, for pictures.
+        parts : sequence of Part, optional
+            Each begins where the one before it ends, the first with face 0, and the last ends with the last face.
 
         Returns
         -------
@@ -104,8 +138,9 @@ class Mesh:
         ------
         MeshError
             Wrong shape or dtype, no faces, too many faces, a NaN or infinite coordinate, a vertex index out of range,
-            the appearance of another number of faces, or a box whose sides float64 cannot scale: smaller than 1e-150 or
-            larger than 1e150. The message names the first fault.
+            the appearance of another number of faces, parts that do not cover the faces one after the other, or a box
+            whose sides float64 cannot scale: smaller than 1e-150 or larger than 1e150. The message names the first
+            fault.
 
         Examples
         --------
@@ -120,7 +155,8 @@ class Mesh:
         checked_faces = _check_faces(faces, len(checked_vertices), name)
         local_vertices, origin, scale = _localize(checked_vertices, name)
         check_fit(appearance, len(checked_faces), name, has_corners=True)
-        return cls(checked_vertices, checked_faces, local_vertices, origin, scale, name, appearance)
+        checked_parts = _check_parts(parts, len(checked_faces), name)
+        return cls(checked_vertices, checked_faces, local_vertices, origin, scale, name, appearance, checked_parts)
 
     def with_vertices(self, vertices: ArrayLike) -> Mesh:
         """Return a mesh of the same faces with moved vertices.
@@ -133,8 +169,8 @@ class Mesh:
         Returns
         -------
         Mesh
-            With its own origin and scale; it shares the array of faces, and the appearance except for its normals,
-            which the movement has made wrong.
+            With its own origin and scale; it shares the array of faces, the parts, and the appearance except for its
+            normals, which the movement has made wrong.
 
         Raises
         ------
@@ -155,7 +191,8 @@ class Mesh:
                 f"{self.name}: {len(checked_vertices):,} vertices cannot replace the mesh's {len(self.vertices):,}"
             )
         appearance = None if self.appearance is None else self.appearance.without_normals()
-        moved = Mesh(checked_vertices, self.faces, *_localize(checked_vertices, self.name), self.name, appearance)
+        frame = _localize(checked_vertices, self.name)
+        moved = Mesh(checked_vertices, self.faces, *frame, self.name, appearance, self.parts)
         if "_is_joined" in vars(self):  # cached: it depends on the faces alone
             vars(moved)["_is_joined"] = self._is_joined
         return moved
@@ -267,7 +304,8 @@ class Mesh:
         return int(self.degenerate_faces.sum())
 
     def __repr__(self) -> str:
-        return f"Mesh({self.name!r}, vertices={len(self.vertices):,}, faces={self.face_count:,})"
+        parts = f", parts={len(self.parts):,}" if self.parts else ""
+        return f"Mesh({self.name!r}, vertices={len(self.vertices):,}, faces={self.face_count:,}{parts})"
 
 
 def _check_vertices(vertices: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -308,6 +346,23 @@ def _check_faces(faces: ArrayLike, vertex_count: int, name: str) -> NDArray[np.i
     return np.array(array, np.int32, order="C")
 
 
+def _check_parts(parts: Iterable[tuple[str, int, int]], face_count: int, name: str) -> tuple[Part, ...]:
+    """Return the parts, none of which is empty; between them they have each face once."""
+    try:
+        checked = tuple(Part(str(part), index(begin), index(end)) for part, begin, end in parts)
+    except (TypeError, ValueError):
+        raise MeshError(f"{name}: parts must be a sequence of clbvh.Part(name, begin, end)") from None
+    for part, begin in zip(checked, [0, *(part.end for part in checked)], strict=False):
+        if part.begin != begin or not begin < part.end <= face_count:
+            raise MeshError(
+                f"{name}: the part {part.name!r} has the faces {part.begin:,} to {part.end:,}, but the part before it "
+                f"ends at {begin:,}, and the mesh has {face_count:,} faces"
+            )
+    if checked and checked[-1].end != face_count:
+        raise MeshError(f"{name}: the parts end at face {checked[-1].end:,}, but the mesh has {face_count:,} faces")
+    return checked
+
+
 def _localize(vertices: NDArray[np.float64], name: str) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
     """Return the vertices in local coordinates, the origin and the scale."""
     origin, scale = find_frame(*find_bounds(vertices), name, subject="the mesh is")
@@ -323,7 +378,5 @@ def check_face_count(face_count: int, vertex_count: int = 0) -> None:
     """Raise `MeshError` if a mesh would be too large; for checks before arrays for it are allocated."""
     if face_count > MAX_FACE_COUNT:
         raise MeshError(f"{face_count:,} triangles are too many: the limit is {MAX_FACE_COUNT:,}")
-    needed, free = max(face_count, vertex_count) * _BYTES_PER_FACE, free_memory_bytes()
-    if needed > free:
-        size = f"{face_count:,} triangles" + (f" and {vertex_count:,} vertices" if vertex_count else "")
-        raise MeshError(f"{size} need about {needed / 1e6:,.0f} MB of memory, but {free / 1e6:,.0f} MB are free")
+    size = f"{face_count:,} triangles" + (f" and {vertex_count:,} vertices" if vertex_count else "")
+    check_memory(size, max(face_count, vertex_count) * _BYTES_PER_FACE, MeshError)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
+from ..geometry import Mesh
 from ..support.files import as_path, check_target, write_atomically
 from ..trace.hits.hits import Hits
 
@@ -128,6 +129,8 @@ def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_n
     path : Path
     hits : Hits
         Their t, u, v, prim_id, geometry_id and instance_id become arrays of these names, in the shape of the hits.
+        Where meshes have parts, `part_names` are those of all of them, one mesh after the other, and `part_id` counts
+        through them.
     geometry_names, instance_names : sequence of str
         By the ids; they become arrays of texts.
 
@@ -142,4 +145,10 @@ def write_hits(path: Path, hits: Hits, geometry_names: Sequence[str], instance_n
         "geometry_names": np.array(geometry_names, np.str_),
         "instance_names": np.array(instance_names, np.str_),
     }
+    shapes = (hits.mesh,) if hits.scene_surface is None else hits.scene_surface.shapes
+    parts = [shape.parts if isinstance(shape, Mesh) else () for shape in shapes]
+    if any(parts):
+        part_id, first_parts = hits.part_id, np.cumsum([0, *map(len, parts)], dtype=np.int32)
+        arrays["part_id"] = np.where(part_id < 0, np.int32(-1), part_id + first_parts[hits.geometry_id])
+        arrays["part_names"] = np.array([part.name for own in parts for part in own], np.str_)
     write_atomically(path, lambda file: np.savez(file, **arrays))

@@ -15,9 +15,8 @@ from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, VIEW
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
-from .cameras.lens import window_of
-from .cameras.projection import Fisheye, Panorama, name_of
-from .cameras.rays import FisheyeModel, ParallelModel, PinholeModel, find_ray_model
+from .cameras.projection import Fisheye, Orthographic, Panorama, name_of
+from .cameras.rays import find_ray_model
 from .cut import Cut
 from .view import View, Wireframe
 
@@ -199,21 +198,21 @@ def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width:
     """
     model = find_ray_model(camera.projection, camera.lens, camera.fov, width, height)
     right, up, middle = axes = camera.axes()
-    kind = name_of(camera.projection)
-    match model:
-        case PinholeModel(_, None):
+    window, kind = model.window, name_of(camera.projection)
+    match camera.projection:
+        case None if model.distortion is None:
             middle, right, up = _span_picture(camera, width, height, axes)
-        case PinholeModel(window, distortion):
+        case None:
             kind = "distorted"
             view["centre"] = window.centre_x, window.centre_y
             view["half_size"] = window.half_width, window.half_height
             view["shear"] = window.shear
-            view["distortion"] = distortion
-        case ParallelModel(half_width, half_height):
-            right, up = half_width * scale * right, half_height * scale * up
-        case FisheyeModel(half_width, half_height, half_angle):
-            view["half_size"] = half_width, half_height
-            view["half_angle"] = half_angle / (2 * math.pi)
+            view["distortion"] = model.distortion
+        case Orthographic():
+            right, up = window.half_width * scale * right, window.half_height * scale * up
+        case Fisheye(degrees):
+            view["half_size"] = window.half_width, window.half_height
+            view["half_angle"] = math.radians(degrees) / 2 / (2 * math.pi)
     view["projection"] = PROJECTIONS[kind]
     view["forward"] = middle
     view["forward_low"] = middle - view["forward"]
@@ -242,7 +241,7 @@ def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes
         half_height = math.tan(math.radians(camera.fov) / 2)
         # The order of these products determines the last bits of pictures.
         return forward, right * half_height * width / height, up * half_height
-    window = window_of(camera.lens.resized(width, height))
+    window = camera.lens.resized(width, height).window
     # One unit upwards, which skew also moves to the side.
     upwards = up + window.shear * right
     middle = forward + window.centre_x * right + window.centre_y * upwards

@@ -6,8 +6,9 @@ Vectors and numbers must not need numpy: the help of the command line knows them
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from numbers import Real
+from types import EllipsisType
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from ..errors import SceneError
@@ -61,26 +62,26 @@ def check_choice(name: str, value: object, choices: Iterable[str]) -> None:
         raise SceneError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
 
-def read_points(name: str, values: ArrayLike, count: int) -> NDArray[np.float64]:
-    """Return points as (..., count) float64; raise `SceneError` unless they are finite numbers of that shape."""
-    return _read_array(name, values, f"an array of shape (..., {count})", lambda shape: shape[-1:] == (count,))
+def read_array(name: str, values: ArrayLike, shape: tuple[int | EllipsisType, ...]) -> NDArray[np.float64]:
+    """Return a user's numbers as float64; raise `SceneError` unless they are finite and have this shape.
 
-
-def read_matrix(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return a finite float64 matrix of this shape, or raise a `SceneError` that begins with the name."""
-    return _read_array(name, values, f"{shape[0]} x {shape[1]} numbers", lambda found: found == shape)
-
-
-def _read_array(
-    name: str, values: ArrayLike, expected: str, fits: Callable[[tuple[int, ...]], bool]
-) -> NDArray[np.float64]:
+    Parameters
+    ----------
+    name : str
+        The beginning of the message.
+    values : array-like
+    shape : tuple of int
+        The first may be ``...``: any axes.
+    """
     import numpy as np  # imported here: vectors do not need it
 
+    is_open = shape[0] is ...
+    expected = f"an array of shape (..., {shape[-1]})" if is_open else " x ".join(map(str, shape)) + " numbers"
     try:
         array = np.asarray(values)
     except ValueError:
         raise SceneError(f"{name} must be {expected}, not rows of different lengths") from None
-    if not fits(array.shape) or array.dtype.kind not in "iuf":
+    if (array.shape[-1:] if is_open else array.shape) != shape[is_open:] or array.dtype.kind not in "iuf":
         shown = f"{array.dtype} of shape {array.shape}" if array.ndim else repr(values)[:60]
         raise SceneError(f"{name} must be {expected}, not {shown}")
     array = array.astype(np.float64)

@@ -363,9 +363,9 @@ class View:
         if self.projection is not None and self.fov != DEFAULT_FOV:
             raise SceneError("fov is that of a perspective camera: take it out, or the projection")
         if self.aperture and self.projection is not None:
-            from .cameras.projection import check_focus
+            from .cameras.projection import check_optics
 
-            check_focus(self.projection, self.aperture, self.focus_distance)
+            check_optics(self.fov, self.projection, self.aperture, self.focus_distance)
         if self.samples is not None and self.samples > 1 and self.shading in REPORT_SHADINGS:
             raise SceneError(
                 f"the shading '{self.shading}' has one sample, the centre of each pixel, and not {self.samples:,}: "

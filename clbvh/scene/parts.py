@@ -1,6 +1,7 @@
 """Objects that come with places: the parts of a file, of a `trimesh.Scene`, or of another scene.
 
-Owns the translation of all of them to one list of shapes and placements. Must not know how a scene stores them.
+Owns the translation of all of them to one list of shapes and placements, or to one mesh with parts. Must not know how a
+scene stores them.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,15 @@ from numpy.typing import NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasTriangles, mesh_of_object
-from ..geometry.loading.load import load_parts
+from ..geometry.loading.file_mesh import FileMesh
+from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes, multiplies
+from ..geometry.loading.load import LoadedParts, load_parts, load_placed
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape
-from .handles import ALL_BITS, Colour, colour_of_row
+from .handles import ALL_BITS, Colour, colour_of_row, shorten
 from .names import name_of_file
 from .state import SceneState
+from .transforms import check_transform
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6
@@ -60,12 +64,24 @@ class Parts(NamedTuple):
 
 def parts_of_file(path: str | os.PathLike[str]) -> Parts:
     """Return the parts of a mesh file; raise `MeshError` if it cannot be read."""
-    meshes, placements = load_parts(path)
-    file = Path(path).name
+    return _name_shapes(load_parts(path), path)
+
+
+def whole_of_file(path: str | os.PathLike[str]) -> Parts:
+    """Return a mesh file as a scene of it is best made, see `load_placed`; raise `MeshError` if it cannot be read."""
+    return _name_shapes(load_placed(path), path)
+
+
+def _name_shapes(loaded: LoadedParts, path: str | os.PathLike[str]) -> Parts:
+    """Return the parts of a file; by the end of their names one knows which direction is up."""
+    file = Path(path)
     shapes: list[tuple[Shape, str]] = [
-        (mesh, name_of_file(file) if mesh.name == file else mesh.name) for mesh in meshes
+        (mesh, name_of_file(file.name))
+        if mesh.name == file.name
+        else (dataclasses.replace(mesh, name=f"{mesh.name}{file.suffix}"), mesh.name)
+        for mesh in loaded.meshes
     ]
-    return Parts(shapes, [PlacedPart(*placement) for placement in placements])
+    return Parts(shapes, [PlacedPart(*placement) for placement in loaded.placements])
 
 
 def parts_of_graph(scene: HasGraph) -> Parts:
@@ -78,7 +94,8 @@ def parts_of_graph(scene: HasGraph) -> Parts:
     MeshError
         A mesh cannot be used; the message names it.
     """
-    parts = Parts([], [])
+    shapes: list[tuple[Shape, str]] = []
+    placed: list[PlacedPart] = []
     numbers: dict[str, int] = {}
     # One geometry under two names is converted once.
     meshes: dict[int, Mesh] = {}
@@ -92,11 +109,46 @@ def parts_of_graph(scene: HasGraph) -> Parts:
             mesh = meshes.get(id(geometry))
             if mesh is None:
                 mesh = meshes[id(geometry)] = mesh_of_object(geometry, str(name))
-            parts.shapes.append((dataclasses.replace(mesh, name=str(name)), str(name)))
-        parts.placed.append(PlacedPart(str(node), numbers[name], make_affine(matrix)))
-    if not parts.placed:
+            shapes.append((dataclasses.replace(mesh, name=str(name)), str(name)))
+        placed.append(PlacedPart(str(node), numbers[name], make_affine(matrix)))
+    if not placed:
         raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
-    return parts
+    return Parts(shapes, placed)
+
+
+def mesh_of_graph(scene: HasGraph) -> Mesh:
+    """Return the triangle meshes of a `trimesh.Scene` as one mesh, whose parts are its nodes.
+
+    Raises
+    ------
+    SceneError, MeshError
+        See `parts_of_graph`; or the transform of a node is singular.
+    """
+    return _join_graph(_list_nodes(parts_of_graph(scene)))
+
+
+def whole_of_graph(scene: HasGraph) -> Parts:
+    """Return a `trimesh.Scene` as one of clbvh is best made of it: as `load_placed` does for files."""
+    parts = parts_of_graph(scene)
+    listed = _list_nodes(parts)
+    if multiplies(listed):
+        return parts
+    mesh = _join_graph(listed)
+    return Parts([(mesh, mesh.name)], [PlacedPart(mesh.name, 0, np.eye(4))])
+
+
+def _list_nodes(parts: Parts) -> FileParts:
+    shapes = cast(list[tuple[Mesh, str]], parts.shapes)
+    meshes = [FileMesh(name, mesh.vertices, mesh.faces, mesh.appearance) for mesh, name in shapes]
+    transforms = [check_transform(part.matrix, f"the transform of {shorten(part.name)}") for part in parts.placed]
+    nodes = zip(parts.placed, transforms, strict=True)
+    return FileParts(meshes, [FileNode(part.name, part.shape, transform) for part, transform in nodes])
+
+
+def _join_graph(listed: FileParts) -> Mesh:
+    joined = join_nodes(listed)
+    name, parts = ("Scene", joined.parts) if len(joined.parts) > 1 else (joined.parts[0].name, ())
+    return Mesh.from_arrays(joined.vertices, joined.faces, name=name, appearance=joined.appearance, parts=parts)
 
 
 def parts_of_state(state: SceneState) -> Parts:

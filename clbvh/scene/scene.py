@@ -30,7 +30,16 @@ from .handles import (
     shorten,
 )
 from .names import UniqueNames, name_of_file
-from .parts import HasGraph, Parts, parts_of_file, parts_of_graph, parts_of_state
+from .parts import (
+    HasGraph,
+    Parts,
+    mesh_of_graph,
+    parts_of_file,
+    parts_of_graph,
+    parts_of_state,
+    whole_of_file,
+    whole_of_graph,
+)
 from .serialize import read_scene, write_scene
 from .state import SceneState
 from .transforms import check_transform, check_transforms
@@ -50,7 +59,8 @@ class Scene:
     Parameters
     ----------
     source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces), trimesh.Scene or Scene, optional
-        Placed once, where it is; see `add`. The instances of another `Scene` are copied, see `add_parts`.
+        Placed once, where it is; see `add`. But a GLB or glTF file, or a `trimesh.Scene`, whose nodes place more than
+        twice the triangles that its meshes have, is added part by part, and so is another `Scene`; see `add_parts`.
 
     Raises
     ------
@@ -77,6 +87,10 @@ class Scene:
         self._start()
         if isinstance(source, Scene):
             self.add_parts(source)
+        elif isinstance(source, str | os.PathLike):
+            self._add_placed(whole_of_file(source))
+        elif isinstance(source, HasGraph):
+            self._add_placed(whole_of_graph(source))
         elif source is not None:
             self.place(self.add(source))
 
@@ -185,7 +199,8 @@ class Scene:
         ----------
         source : Mesh, Spheres, trimesh.Trimesh, str, path, (vertices, faces) or trimesh.Scene
             A mesh in any form, or spheres. A file of several parts becomes one mesh with `Mesh.parts`, and so does a
-            `trimesh.Scene`; `add_parts` makes each part a geometry of its own.
+            `trimesh.Scene`: `Hits.part_id` says which was hit. `add_parts` makes each part a geometry of its own, which
+            can be moved.
         name : str, optional
             Unique among the geometries of the scene. By default that of the source, with a number where it is taken:
             ``"bunny"``, ``"bunny 2"``.
@@ -213,7 +228,10 @@ class Scene:
             raise SceneError(f"{source!r} is in a scene already: place it again, or add its shape to another scene")
         if isinstance(source, Scene):
             raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
-        shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")  # type: ignore[arg-type]
+        if isinstance(source, HasGraph):
+            shape: Shape = mesh_of_graph(source)
+        else:
+            shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
         with self._lock:
             if name is not None:
@@ -274,13 +292,17 @@ class Scene:
         >>> scene.add_parts(cart)
         (Instance(0, 'body', of='box'), Instance(1, 'left', of='wheel'), Instance(2, 'right', of='wheel'))
         """
-        outer = check_transform(transform)
+        outer = None if transform is None else check_transform(transform)
         common_mask = None if mask is None else check_mask(mask)
-        parts = _find_parts(source)
+        return self._add_placed(_find_parts(source), outer, common_mask)
+
+    def _add_placed(
+        self, parts: Parts, outer: NDArray[np.float64] | None = None, common_mask: int | None = None
+    ) -> tuple[Instance, ...]:
         with np.errstate(over="ignore", invalid="ignore"):  # refused if it is not finite
             matrices = [
                 check_transform(
-                    part.matrix if transform is None else outer @ part.matrix, f"the transform of {shorten(part.name)}"
+                    part.matrix if outer is None else outer @ part.matrix, f"the transform of {shorten(part.name)}"
                 )
                 for part in parts.placed
             ]

@@ -17,9 +17,10 @@ The text is one object:
 
     geometries   a list of {kind: "mesh", name, shape_name, vertices: V, faces: F}
                         and {kind: "spheres", name, shape_name, count: n}
-                        either with `appearance`, if it has one: see `saved_looks.py`
+                        either with `appearance`, if it has one, see `read_appearance`; a mesh of several parts with
+                        `parts`: a list of [name, begin, end]
     textures     a list of {name, width: w, height: h, is_srgb, wrap}
-    materials    those of instances, if they have any of their own: a list, see `saved_looks.py`
+    materials    those of instances, if they have any of their own: a list, see `read_materials`
     instances    {count: n, names: a list of n texts}
     settings     an object of the caller
 
@@ -285,7 +286,8 @@ def _read_bare_shape(table: object, arrays: _Arrays) -> Shape:
     if kind == _MESH:
         vertices = arrays.take((get_item(table, "vertices", int), 3), "<f8")
         faces = arrays.take((get_item(table, "faces", int), 3), "<i4")
-        return Mesh.from_arrays(vertices, faces, name=name)
+        parts = get_item(table, "parts", list) if isinstance(table, dict) and "parts" in table else ()
+        return Mesh.from_arrays(vertices, faces, name=name, parts=parts)
     if kind == _SPHERES:
         count = get_item(table, "count", int)
         return Spheres(arrays.take((count, 3), "<f8"), arrays.take((count,), "<f8"), name=name)
@@ -296,6 +298,8 @@ def _describe(shape: Shape, name: str, textures: list[Texture]) -> dict[str, Any
     described: dict[str, Any] = {"name": name, "shape_name": str(shape.name)}
     if isinstance(shape, Mesh):
         described |= {"kind": _MESH, "vertices": len(shape.vertices), "faces": shape.face_count}
+        if shape.parts:
+            described["parts"] = shape.parts
     else:
         described |= {"kind": _SPHERES, "count": shape.prim_count}
     if shape.appearance is not None:

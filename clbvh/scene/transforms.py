@@ -78,7 +78,7 @@ class Transform:
             return mesh
         points = mesh.vertices * self.scale @ self._rotation.T + np.asarray(self.translate)
         appearance = None if mesh.appearance is None else mesh.appearance.transformed(self.matrix)
-        return Mesh.from_arrays(points, mesh.faces, name=mesh.name, appearance=appearance)
+        return Mesh.from_arrays(points, mesh.faces, name=mesh.name, appearance=appearance, parts=mesh.parts)
 
     @property
     def matrix(self) -> NDArray[np.float64]:

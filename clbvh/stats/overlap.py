@@ -172,10 +172,7 @@ def _copy(polygon, size, target):
 def _find_owners(node_ints):
     """Return the parent of each node, -1 for the root, and the leaf that owns each slot of `prim_ids`."""
     parents = np.full(len(node_ints), -1, np.int64)
-    prim_count = 0
-    for node in range(len(node_ints)):
-        prim_count += node_ints[node, NODE_COUNT]
-    owners = np.empty(prim_count, np.int64)
+    owners = np.empty(node_ints[:, NODE_COUNT].sum(), np.int64)
     for node in range(len(node_ints)):
         first, count = node_ints[node, NODE_FIRST], node_ints[node, NODE_COUNT]
         if count == 0:

@@ -97,9 +97,6 @@ class TreeStats:
         """
         return {
             **asdict(self),
-            "leaf_sizes": list(self.leaf_sizes),
-            "leaf_depths": list(self.leaf_depths),
-            "device_bytes": dict(self.device_bytes),
             "host_bytes_per_triangle": self.host_bytes_per_triangle,
             "device_bytes_per_triangle": self.device_bytes_per_triangle,
         }

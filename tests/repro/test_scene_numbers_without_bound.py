@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from clbvh import Transform, make_shape
 from clbvh.errors import ConfigError, MeshError, SceneError
-from clbvh.rendering.scene_file import read_scene_file
+from clbvh.rendering.scene_file import read_scene
 
 from ..cli.command import run_clbvh
 
@@ -24,14 +23,15 @@ def write(tmp_path):
 @pytest.mark.parametrize("count", ["9_000_000_000_000_000_000", "9223372036854775807", "1073741824000", "2147483648"])
 @pytest.mark.parametrize("shape", ["knot", "terrain", "blobs", "boxes", "icosphere", "palace"])
 def test_more_triangles_than_a_mesh_can_have(write, count, shape):
-    with pytest.raises(SceneError, match=f"the shape '{shape}' cannot be made: .* triangles are too many"):
-        read_scene_file(write(f'[[object]]\nshape = "{shape}"\ntriangles = {count}\n'))
+    scene = read_scene(write(f'[mesh]\nshape = "{shape}"\ntriangles = {count}\n'))
+    with pytest.raises(ConfigError, match=f"the shape '{shape}' cannot be made: .* triangles are too many"):
+        scene.mesh.load()
 
 
 def test_more_triangles_than_fit_the_memory(monkeypatch):
-    from clbvh.geometry import mesh as face_limit
+    from clbvh.geometry import make_shape
 
-    monkeypatch.setattr(face_limit, "free_memory_bytes", lambda: 10**9)
+    monkeypatch.setattr("clbvh.support.memory.free_memory_bytes", lambda: 10**9)
     with pytest.raises(ConfigError, match="10,000,000 triangles need about 1,500 MB of memory, but 1,000 MB are free"):
         make_shape("knot", triangles=10_000_000)
 
@@ -53,30 +53,30 @@ def test_more_triangles_than_fit_the_memory(monkeypatch):
 )
 def test_a_number_out_of_range(write, line):
     with pytest.raises(SceneError) as caught:
-        read_scene_file(write(f'[[object]]\nshape = "blobs"\n{line}\n'))
+        read_scene(write(f'[mesh]\nshape = "blobs"\n{line}\n'))
     assert len(str(caught.value)) < 1000
 
 
 @pytest.mark.parametrize("option", ["spread", "size"])
 def test_a_shape_beyond_float32(write, option):
     with pytest.raises(MeshError, match=r"not finite|float"):
-        read_scene_file(write(f'[[object]]\nshape = "blobs"\n{option} = 1e308\n'))
+        read_scene(write(f'[mesh]\nshape = "blobs"\n{option} = 1e308\n')).mesh.load()
 
 
 def test_a_transform_beyond_float64(write):
     """Refused as before, but numpy warned of it on the terminal."""
-    boxes = make_shape("boxes", triangles=12, spread=1000)
+    scene = read_scene(write('[mesh]\nshape = "boxes"\ntriangles = 12\nspread = 1000\n[transform]\nscale = 1.7e308\n'))
     with pytest.raises(MeshError, match=r"not finite|float"):
-        Transform(scale=1.7e308).apply(boxes)
+        scene.transform.apply(scene.mesh.load())
 
 
 def test_a_scene_of_many_bytes(write):
     with pytest.raises(SceneError, match="more than the 1,048,576 expected"):
-        read_scene_file(write("#" * (1 << 20) + "\n"))
+        read_scene(write("#" * (1 << 20) + "\n"))
 
 
 def test_the_command_says_so_in_one_line(write, tmp_path):
-    path = write('[[object]]\nshape = "knot"\ntriangles = 9_000_000_000_000_000_000\n')
+    path = write('[mesh]\nshape = "knot"\ntriangles = 9_000_000_000_000_000_000\n')
     answer = run_clbvh("stats", path, "--workers", 1)
     assert (answer.returncode, len(answer.stderr.splitlines())) == (2, 1)
     assert "9,000,000,000,000,000,000 triangles are too many" in answer.stderr

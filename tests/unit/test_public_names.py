@@ -48,6 +48,12 @@ def test_a_signature_names_only_what_can_be_imported_from_clbvh(function):
     assert words <= _OTHERS | set(clbvh.__all__), words - _OTHERS - set(clbvh.__all__)
 
 
+def test_no_default_is_a_function_which_help_would_show_by_its_address():
+    for name, function in public_callables():
+        parameters = inspect.signature(function).parameters.values()
+        assert not [one for one in parameters if inspect.isfunction(one.default)], name
+
+
 def test_every_error_is_public():
     errors = {name for name, thing in vars(clbvh.errors).items() if inspect.isclass(thing)}
     assert errors <= set(clbvh.__all__)

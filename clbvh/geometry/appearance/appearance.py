@@ -216,6 +216,18 @@ def make_unchecked(**values: Any) -> Appearance:
     return appearance
 
 
+def turn_corners(appearance: Appearance) -> Appearance:
+    """Return the looks of triangles whose corners are listed backwards, so that their normals are on the other side."""
+    values = vars(appearance) | {
+        name: np.ascontiguousarray(array[:, ::-1])
+        for name in ("normals", "uvs", "colours")
+        if (array := getattr(appearance, name)) is not None
+    }
+    if appearance.normals is not None:
+        values["normals"] = -values["normals"]
+    return make_unchecked(**values)
+
+
 def turn_normals(normals: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return (..., 3) normals of a surface that a matrix moves, on the same sides of its faces.
 

@@ -24,7 +24,7 @@ from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from ..appearance.material import Material
 from ..appearance.srgb import to_bytes
-from ..mesh import check_face_count
+from ..mesh import Part, check_face_count
 
 # The letters before OFF announce more numbers per vertex, all of them behind the coordinates.
 OFF_KEYWORD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*((?:ST)?C?N?)OFF\b")
@@ -36,7 +36,7 @@ _STL_TRIANGLE_BYTES = 50
 class FileMesh(NamedTuple):
     """A mesh as the file has it, (V, 3) float and (F, 3) int, and its looks. The name may be empty.
 
-    Where the file has no normals and declares faces flat, `flat_faces` is (F,) bool.
+    Where the file has no normals and declares faces flat, `flat_faces` is (F,) bool. The names of parts may be empty.
     """
 
     name: str
@@ -44,31 +44,7 @@ class FileMesh(NamedTuple):
     faces: NDArray[np.integer]
     appearance: Appearance | None = None
     flat_faces: NDArray[np.bool_] | None = None
-
-
-class FileNode(NamedTuple):
-    """A mesh, by its index, at a position that a (4, 4) float64 matrix gives. The name may be empty."""
-
-    name: str
-    mesh: int
-    matrix: NDArray[np.float64]
-
-
-class FileParts(NamedTuple):
-    """The meshes that the nodes place, and the nodes, both in the order of the file."""
-
-    meshes: list[FileMesh]
-    nodes: list[FileNode]
-
-
-def drop_loose_vertices(
-    vertices: NDArray[np.number], faces: NDArray[np.integer]
-) -> tuple[NDArray[np.number], NDArray[np.integer]]:
-    """Return the vertices that faces refer to, in their order, and the faces with the new indices."""
-    used, renumbered = np.unique(faces, return_inverse=True)
-    if len(used) == len(vertices):
-        return vertices, faces
-    return vertices[used], renumbered.reshape(faces.shape)
+    parts: tuple[Part, ...] = ()
 
 
 def read_named(path: Path, *, max_bytes: int | None = None) -> bytes:

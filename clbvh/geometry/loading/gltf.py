@@ -1,4 +1,4 @@
-"""glTF 2.0, as text and as GLB: the triangles of the scene, moved to their positions in it, or part by part.
+"""glTF 2.0, as text and as GLB: the meshes of the scene, and the nodes that place them.
 
 Owns nodes, meshes and primitives. Cameras, lights and animations are skipped; of morph targets and skins the base shape
 is read. No library is used for it: trimesh ignores compression, sparse accessors and normalised
@@ -10,7 +10,8 @@ Khronos Group, "glTF 2.0 Specification", 2021: https://registry.khronos.org/glTF
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,9 +22,10 @@ from ...errors import MeshError
 from ..appearance.appearance import Appearance
 from ..local_frame import rotation_matrix
 from ..mesh import check_face_count
-from .file_mesh import FileMesh, FileNode, FileParts, Problems, cut_fans, drop_loose_vertices
+from .file_mesh import FileMesh, Problems, cut_fans
+from .file_parts import FileNode, FileParts, LooksPiece, drop_loose_vertices, join_looks
 from .gltf_data import GltfData, get_list, get_object, refuse_compression
-from .gltf_looks import GltfLooks, LooksPiece, join_looks
+from .gltf_looks import GltfLooks
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODE_COUNT = 7  # the modes below are points and lines
@@ -45,79 +47,54 @@ class _Primitive(NamedTuple):
 
     positions: int
     faces: NDArray[np.integer]
-    looks: LooksPiece
+    looks: Appearance | None
 
 
-def read_gltf(data: bytes, file: Path, problems: Problems) -> FileMesh:
-    """Return the vertices (V, 3) and faces (F, 3) of all parts of the scene, in the order of the file.
-
-    The vertices of an accessor are listed once for each node that draws it.
-    """
-    gltf, parts = _find_parts(data, file)
-    check_face_count(*_count_faces_and_vertices(gltf, parts))
-    return FileMesh("", *_join(gltf, parts, {}, GltfLooks(gltf, problems)))
-
-
-def read_gltf_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
+def read_gltf(data: bytes, file: Path, problems: Problems) -> FileParts:
     """Return the meshes of the scene, each once, and the nodes that place them, in the order of the nodes.
 
-    The primitives of a mesh follow each other. Vertices that no face refers to are left out, because meshes may share
-    one list of points.
+    The primitives of a mesh follow each other. Of a list of points that meshes share, each has those that its faces
+    refer to.
     """
-    gltf, parts = _find_parts(data, file)
-    first_uses = {part.mesh: part for part in reversed(parts)}
-    face_count, vertex_count = _count_faces_and_vertices(gltf, list(first_uses.values()))
-    check_face_count(face_count, min(vertex_count, 3 * face_count))
-    numbers: dict[int, int] = {}
-    parts_of_file = FileParts([], [])
-    points: dict[int, NDArray[np.float64]] = {}
-    reader = GltfLooks(gltf, problems)
-    for part in parts:
-        mesh_name = _read_name(gltf.item("meshes", part.mesh))
-        if part.mesh not in numbers:
-            numbers[part.mesh] = len(numbers)
-            joined, corners, looks = _join(gltf, [FileNode("", part.mesh, np.eye(4))], points, reader)
-            vertices, faces = drop_loose_vertices(joined, corners)
-            parts_of_file.meshes.append(FileMesh(mesh_name or part.name, vertices, faces, looks))
-        matrix = part.matrix.copy()
-        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # `_read_matrix` has seen that it is almost that
-        parts_of_file.nodes.append(FileNode(part.name or mesh_name, numbers[part.mesh], matrix))
-    return parts_of_file
-
-
-def _find_parts(data: bytes, file: Path) -> tuple[GltfData, list[FileNode]]:
     gltf = GltfData(data, file)
     _check_extensions(gltf)
-    return gltf, list(_walk_nodes(gltf))
+    nodes = list(_walk_nodes(gltf))
+    face_count, users = _count_faces_and_users(gltf, {node.mesh for node in nodes})
+    check_face_count(face_count, sum(map(gltf.count_items, users)))
+    numbers: dict[int, int] = {}
+    parts = FileParts([], [])
+    points: dict[int, NDArray[np.float64]] = {}
+    reader = GltfLooks(gltf, problems)
+    for node in nodes:
+        mesh_name = _read_name(gltf.item("meshes", node.mesh))
+        if node.mesh not in numbers:
+            numbers[node.mesh] = len(numbers)
+            mesh = _read_mesh(gltf, node.mesh, mesh_name or node.name, points, reader)
+            is_shared = any(users[positions] > 1 for _, _, positions, _, _ in _triangle_primitives(gltf, node.mesh))
+            parts.meshes.append(drop_loose_vertices(mesh) if is_shared else mesh)
+        matrix = node.matrix.copy()
+        matrix[3] = (0.0, 0.0, 0.0, 1.0)  # `_read_matrix` has seen that it is almost that
+        parts.nodes.append(FileNode(node.name or mesh_name, numbers[node.mesh], matrix))
+    return parts
 
 
-def _join(
-    gltf: GltfData, parts: list[FileNode], points: dict[int, NDArray[np.float64]], reader: GltfLooks
-) -> tuple[NDArray[np.float64], NDArray[np.integer], Appearance | None]:
-    """Return the vertices (V, 3), faces (F, 3) and looks of parts in their positions."""
-    primitives: dict[int, list[_Primitive]] = {}
+def _read_mesh(
+    gltf: GltfData, mesh: int, name: str, points: dict[int, NDArray[np.float64]], reader: GltfLooks
+) -> FileMesh:
+    """Return the primitives of a mesh as one; the points of an accessor are listed once."""
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
-    looks: list[LooksPiece] = []
+    pieces: list[LooksPiece] = []
+    first_vertices: dict[int, int] = {}
     vertex_count = 0
-    for part in parts:
-        if part.mesh not in primitives:
-            primitives[part.mesh] = list(_read_primitives(gltf, part.mesh, points, reader))
-        first_vertices: dict[int, int] = {}
-        moved: dict[int, NDArray[np.float64]] = {}
-        with np.errstate(invalid="ignore"):
-            mirrors = np.linalg.slogdet(part.matrix[:3, :3])[0] < 0
-        for positions, triangles, piece in primitives[part.mesh]:
-            if positions not in moved:
-                moved[positions] = _move(points[positions], part.matrix)
-                first_vertices[positions] = vertex_count
-                vertices.append(moved[positions])
-                vertex_count += len(vertices[-1])
-            # A mirrored triangle is seen from its other side, unless its corners are turned round.
-            turned = triangles[:, ::-1] if mirrors else triangles
-            faces.append(turned + first_vertices[positions])
-            looks.append(piece.moved(part.matrix, moved[positions], turned, is_turned=bool(mirrors)))
-    return np.concatenate(vertices), np.concatenate(faces), join_looks(looks)
+    for positions, triangles, looks in _read_primitives(gltf, mesh, points, reader):
+        if positions not in first_vertices:
+            first_vertices[positions] = vertex_count
+            vertices.append(points[positions])
+            vertex_count += len(vertices[-1])
+        faces.append(triangles + first_vertices[positions])
+        pieces.append(LooksPiece(looks, points[positions], triangles))
+    return FileMesh(name, np.concatenate(vertices), np.concatenate(faces), join_looks(pieces))
 
 
 def _read_name(item: dict[str, Any]) -> str:
@@ -199,18 +176,17 @@ def _read_vector(node: dict[str, Any], key: str, default: NDArray[np.float64]) -
     return values
 
 
-def _count_faces_and_vertices(gltf: GltfData, parts: list[FileNode]) -> tuple[int, int]:
-    """Return the number of triangles and vertices that the parts will have; nothing is read for it."""
-    totals: dict[int, tuple[int, int]] = {}
-    for mesh in {part.mesh for part in parts}:
-        vertex_counts: dict[int, int] = {}
-        face_count = 0
+def _count_faces_and_users(gltf: GltfData, meshes: Collection[int]) -> tuple[int, Counter[Any]]:
+    """Return the number of triangles of meshes, and how many of them use a list of points; nothing is read for it."""
+    face_count, users = 0, Counter[Any]()
+    for mesh in meshes:
+        lists: dict[Any, int] = {}
         for _, mode, positions, indices, _ in _triangle_primitives(gltf, mesh):
-            vertex_counts[positions] = gltf.count_items(positions)
-            corner_count = vertex_counts[positions] if indices is None else gltf.count_items(indices)
+            lists[positions] = gltf.count_items(positions)
+            corner_count = lists[positions] if indices is None else gltf.count_items(indices)
             face_count += corner_count // 3 if mode == _TRIANGLES else corner_count
-        totals[mesh] = face_count, sum(vertex_counts.values())
-    return sum(totals[part.mesh][0] for part in parts), sum(totals[part.mesh][1] for part in parts)
+        users.update(lists.keys())
+    return face_count, users
 
 
 def _triangle_primitives(gltf: GltfData, mesh: int) -> Iterator[tuple[str, int, Any, Any, dict[str, Any]]]:
@@ -267,10 +243,3 @@ def _cut(corners: NDArray[np.int64], mode: int, where: str) -> NDArray[np.intege
     # Every second triangle of a strip is wound the other way round.
     strip[1::2, 1:] = strip[1::2, :0:-1]
     return strip
-
-
-def _move(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    if (matrix == np.eye(4)).all():
-        return points
-    with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused later
-        return points @ matrix[:3, :3].T + matrix[:3, 3]

@@ -10,21 +10,22 @@ import dataclasses
 import importlib
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ...support.files import read_errors_as, read_regular
-from ..mesh import Mesh
+from ..mesh import Mesh, Part
 from ..smooth_normals import flatten
-from .file_mesh import OFF_KEYWORD, FileMesh, FileNode, FileParts, Problems, is_binary_stl
+from .file_mesh import OFF_KEYWORD, FileMesh, Problems, is_binary_stl
+from .file_parts import FileNode, FileParts, join_few, join_nodes, split_parts
 
 # The module of each format's reader; it is imported by the first file of its kind.
 _READERS = {"ply": "ply", "obj": "obj", "off": "off", "stl": "stl", "glb": "gltf", "gltf": "gltf"}
-_WITH_PARTS = ("obj", "gltf")
 # The first bytes of a file of each format.
 _BEGINNINGS = {
     "ply": re.compile(rb"ply\s"),
@@ -51,8 +52,14 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Mesh
         Faces in the file's order. Polygons are cut into fans around their first corners, so a concave one may not be
         covered exactly. Nothing is merged, except corners of an STL file whose coordinates are equal bit for bit, and
-        degenerate triangles are kept. The parts of a scene follow each other, moved to their positions in the scene.
-        Normals, texture coordinates, colours, materials and textures become its `appearance`.
+        degenerate triangles are kept. Normals, texture coordinates, colours, materials and textures become its
+        `appearance`.
+
+        A file of several parts is one mesh whose `parts` name them. Those of a GLB or glTF file are the nodes with
+        triangles, in the order of the nodes and moved to their positions in the scene, however often they place a mesh;
+        where a node's matrix mirrors, corners are listed backwards, so that fronts stay fronts. Those of an OBJ file
+        are its objects (`o`), or its groups (`g`) if no object is named; one that is continued further below is a part
+        there once more.
 
     Warns
     -----
@@ -84,11 +91,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     (12, 8)
     >>> folder.cleanup()
     """
-    file, source = _check_path(path)
-    read = _read(file, source)
-    if len(read.faces) == 0:
-        raise _no_faces(source, len(read.vertices))
-    return _make_mesh(read, source, file.name)
+    return _load(path, join_nodes).meshes[0]
 
 
 class Placement(NamedTuple):
@@ -127,25 +130,48 @@ def load_parts(path: str | os.PathLike[str]) -> LoadedParts:
     MeshError
         See `load_mesh`.
     """
+    return _load(path, split_parts)
+
+
+def load_placed(path: str | os.PathLike[str]) -> LoadedParts:
+    """Load a file as a scene of it is best made.
+
+    Returns
+    -------
+    LoadedParts
+        The mesh that `load_mesh` reads, in its place; but what `load_parts` reads where the nodes of a GLB or glTF file
+        place more than twice the triangles that its meshes have.
+
+    Raises
+    ------
+    MeshError
+        See `load_mesh`.
+    """
+    return _load(path, join_few)
+
+
+def _load(path: str | os.PathLike[str], arrange: Callable[[FileMesh | FileParts], FileMesh | FileParts]) -> LoadedParts:
+    """Load a file; `arrange` joins or cuts what the reader of its format returns."""
     file, source = _check_path(path)
-    parts = _read(file, source, has_parts=True)
-    if isinstance(parts, FileMesh):
-        parts = FileParts([parts], [FileNode("", 0, np.eye(4))])
+    read = _read(file, source, arrange)
+    parts = FileParts([read], [FileNode("", 0, np.eye(4))]) if isinstance(read, FileMesh) else read
     if not any(len(parts.meshes[node.mesh].faces) for node in parts.nodes):
         raise _no_faces(source, sum(len(mesh.vertices) for mesh in parts.meshes))
 
     loaded = LoadedParts([], [])
     numbers: dict[int, int] = {}
+    stem = file.stem or file.name
     for number, mesh_of_file in enumerate(parts.meshes):
         if len(mesh_of_file.faces):
             numbers[number] = len(numbers)
             part = mesh_of_file.name.strip() or file.name
             where = f"{source}: {part}" if len(parts.meshes) > 1 else source
-            loaded.meshes.append(_make_mesh(mesh_of_file, where, part))
+            loaded.meshes.append(_make_mesh(mesh_of_file, where, part, stem))
     for name, mesh, matrix in parts.nodes:
         if mesh in numbers:
-            part = parts.meshes[mesh].name.strip() or file.stem or file.name
-            loaded.placements.append(Placement(name.strip() or part, numbers[mesh], matrix))
+            loaded.placements.append(
+                Placement(name.strip() or parts.meshes[mesh].name.strip() or stem, numbers[mesh], matrix)
+            )
     return loaded
 
 
@@ -156,8 +182,10 @@ def _check_path(path: str | os.PathLike[str]) -> tuple[Path, str]:
         raise MeshError(f"a mesh file is named by a str or a path, not by {path!r}") from error
 
 
-def _read(file: Path, source: str, *, has_parts: bool = False) -> Any:
-    """Return the result of the reader of the file's format; every error becomes a `MeshError` that names the file.
+def _read(
+    file: Path, source: str, arrange: Callable[[FileMesh | FileParts], FileMesh | FileParts]
+) -> FileMesh | FileParts:
+    """Return what the reader of the file's format has read; every error becomes a `MeshError` that names the file.
 
     Looks that cannot be used become one `AppearanceWarning`.
     """
@@ -168,9 +196,8 @@ def _read(file: Path, source: str, *, has_parts: bool = False) -> Any:
     problems = Problems()
     try:
         name = _READERS[file_format]
-        suffix = "_parts" if has_parts and name in _WITH_PARTS else ""
-        reader = getattr(importlib.import_module(f".{name}", __package__), f"read_{name}{suffix}")
-        result = reader(data, file, problems)
+        reader = getattr(importlib.import_module(f".{name}", __package__), f"read_{name}")
+        result = arrange(reader(data, file, problems))
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
     except MemoryError as error:
@@ -182,13 +209,21 @@ def _read(file: Path, source: str, *, has_parts: bool = False) -> Any:
     return result
 
 
-def _make_mesh(read: FileMesh, source: str, name: str) -> Mesh:
+def _make_mesh(read: FileMesh, source: str, name: str, stem: str) -> Mesh:
+    parts = [Part(_clean(part) or stem, begin, end) for part, begin, end in read.parts]
     try:
-        mesh = Mesh.from_arrays(read.vertices, read.faces, name=source, appearance=read.appearance)
+        mesh = Mesh.from_arrays(
+            read.vertices, read.faces, name=source, appearance=read.appearance, parts=parts if len(parts) > 1 else ()
+        )
         appearance = mesh.appearance if read.flat_faces is None else flatten(mesh, read.flat_faces)
         return dataclasses.replace(mesh, name=name, appearance=appearance)
     except MemoryError as error:
         raise _no_memory(source) from error
+
+
+def _clean(name: str) -> str:
+    """Return a name that can be printed."""
+    return name.strip().encode("utf-8", "replace").decode()
 
 
 def _no_faces(source: str, vertex_count: int) -> MeshError:
@@ -217,35 +252,3 @@ def _find_format(data: bytes, suffix: str) -> str:
     if is_binary_stl(data):
         return "stl"
     return next((name for name, beginning in _BEGINNINGS.items() if beginning.match(data)), suffix)
-
-
-def may_have_parts(path: str | os.PathLike[str]) -> bool:
-    """Return whether `load_parts` may find several parts in a file; False if the file cannot be read.
-
-    A look at the names of an OBJ file and at the nodes of a glTF file: 0.1 s for 100 MB.
-    """
-    file = Path(path)
-    suffix = file.suffix.lower()
-    if suffix not in (".obj", ".glb", ".gltf"):
-        return False
-    try:
-        data = read_regular(file)
-        if suffix == ".obj":
-            return _has_objects(b"\n" + data)
-        from .gltf_data import GltfData, get_list
-
-        document = GltfData(data, file).document
-        nodes = get_list(document, "nodes")
-        placed = [node for node in nodes if isinstance(node, dict) and "mesh" in node]
-        return len(placed if nodes else get_list(document, "meshes")) > 1
-    except (OSError, ValueError, MeshError):
-        return False  # the reader of the mesh says why
-
-
-def _has_objects(text: bytes) -> bool:
-    """Return whether a text has several objects, or several groups if no object is named."""
-    for mark in (b"\no ", b"\ng "):
-        if names := {b" ".join(name.split()) for name in re.findall(mark + rb"([^\n]*)", text)}:
-            # Faces above the first name are a part, too.
-            return len(names) > 1 or text.find(b"\nf ", 0, text.find(mark)) >= 0
-    return False

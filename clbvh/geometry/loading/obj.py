@@ -1,4 +1,4 @@
-"""The OBJ format: vertices and polygons in the file's order, or object by object, with their looks.
+"""The OBJ format: vertices and polygons in the file's order, with their looks and the names of objects.
 
 Lines are found by their first letters, all at once; numpy reads the numbers of all lines of a kind. Points and lines
 are skipped; statements whose surfaces would be missing from the mesh are refused.
@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from ..appearance.material import Material
+from ..mesh import Part
 from .file_mesh import (
     FileMesh,
-    FileNode,
-    FileParts,
     Problems,
     count_triangles,
     cut_fans,
-    drop_loose_vertices,
     finish_looks,
     join_channels,
     read_table,
@@ -50,37 +48,11 @@ _Statements = dict[bytes, tuple[list[bytes], NDArray[np.int64]]]
 
 
 def read_obj(data: bytes, file: Path, problems: Problems) -> FileMesh:
-    """Return the mesh of an OBJ file: vertices (V, 3), faces (F, 3), and its looks.
-
-    A file that was cut off between two lines cannot be told from a complete one.
-    """
-    return _read(data, file, problems)[0]
-
-
-def read_obj_parts(data: bytes, file: Path, problems: Problems) -> FileParts:
-    """Return the objects of an OBJ file, each with the vertices that its faces refer to.
+    """Return the mesh of an OBJ file: vertices (V, 3), faces (F, 3), its looks and its parts.
 
     The parts are those of the `o` statements, or of the `g` statements in a file without any. Faces above the first
-    one are a part without a name; those below a second statement of one name belong to the first one's part.
+    one are a part without a name. A file that was cut off between two lines cannot be told from a complete one.
     """
-    mesh, names, part_of_face = _read(data, file, problems)
-    order = np.argsort(part_of_face, kind="stable")
-    ends = np.searchsorted(part_of_face[order], np.arange(len(names)), side="right")
-    meshes = [
-        FileMesh(
-            name.decode("utf-8", "replace"),
-            *drop_loose_vertices(mesh.vertices, mesh.faces[ids]),
-            None if mesh.appearance is None else mesh.appearance.select(ids),
-            None if mesh.flat_faces is None else mesh.flat_faces[ids],
-        )
-        for name, ids in zip(names, np.split(order, ends[:-1]), strict=True)
-        if len(ids)
-    ]
-    return FileParts(meshes, [FileNode(part.name, number, np.eye(4)) for number, part in enumerate(meshes)])
-
-
-def _read(data: bytes, file: Path, problems: Problems) -> tuple[FileMesh, list[bytes], NDArray[np.int64]]:
-    """Return all triangles, the names of the parts, and the part of each triangle."""
     lines = _Lines(data)
     statements = _find_statements(lines)
     rows = _read_vertices(lines.join(b"v"))
@@ -118,9 +90,17 @@ def _read(data: bytes, file: Path, problems: Problems) -> tuple[FileMesh, list[b
         flat = np.repeat(is_flat[above], triangle_counts)
     words, above = statements[b"o" if statements[b"o"][0] else b"g"]
     numbers: dict[bytes, int] = {b"": 0}
-    parts = np.array([0, *[numbers.setdefault(word, len(numbers)) for word in words]])
-    mesh = FileMesh("", vertices, triangles, finish_looks(looks, materials), flat)
-    return mesh, list(numbers), np.repeat(parts[above], triangle_counts)
+    ids = np.array([0, *[numbers.setdefault(word, len(numbers)) for word in words]])
+    parts = _find_parts([word.decode("utf-8", "replace") for word in numbers], np.repeat(ids[above], triangle_counts))
+    return FileMesh("", vertices, triangles, finish_looks(looks, materials), flat, parts)
+
+
+def _find_parts(names: list[str], part_of_face: NDArray[np.int64]) -> tuple[Part, ...]:
+    """Return the ranges of faces with the same part; a name that comes again begins another range."""
+    begins = np.flatnonzero(np.diff(part_of_face, prepend=-1))
+    ends = [*begins[1:].tolist(), len(part_of_face)]
+    found = zip(part_of_face[begins].tolist(), begins.tolist(), ends, strict=False)
+    return tuple(Part(names[part], begin, end) for part, begin, end in found)
 
 
 class _Lines:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...errors import MeshError
 from ..mesh import check_face_count
 from .file_mesh import FileMesh, Problems, cut_fans, report_edges
-from .ply_looks import PlyColumn, PlyTriangles, has_looks, read_ply_looks
+from .ply_looks import PlyColumn, PlyTriangles, read_ply_looks
 
 # In place of a vertex: the next one begins another strip.
 RESTART = -1
@@ -69,7 +69,7 @@ _TYPES = {
 }
 _EMPTY_LINES = re.compile(rb"\n\s*\n")
 # numpy takes a bare sign with the number behind the next blank. Two patterns are ten times as fast as one of both.
-_BARE_SIGNS = re.compile(rb"-\s"), re.compile(rb"\+\s")
+_BARE_SIGNS = re.compile(rb"-(?![0-9.iInN])"), re.compile(rb"\+(?![0-9.iInN])")
 _STRIPS = "tristrips"
 _FACE_KINDS = ("face", _STRIPS)
 _KEYWORDS = ("format", "element", "property")
@@ -93,11 +93,8 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-class _Column(NamedTuple):
-    """The values of one property, row after row, and the number of them in each row."""
-
-    values: NDArray[np.number]
-    sizes: NDArray[np.int64]
+# The values of each property, row after row, and the number of them in each row.
+_Columns = dict[str, tuple[NDArray[np.number], NDArray[np.int64]]]
 
 
 def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
@@ -108,10 +105,11 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
         lines = data[begin:].replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         data, begin = _EMPTY_LINES.sub(b"\n", lines).strip() + b"\n", 0
         read_rows = _read_text_rows
-    columns: dict[str, dict[str, _Column]] = {}
+    columns: dict[str, dict[str, PlyColumn]] = {}
     for element in elements:
         if element.row_count and element.properties:
-            columns[element.name], begin = read_rows(data, begin, element)
+            found, begin = read_rows(data, begin, element)
+            columns[element.name] = {prop.name: PlyColumn(*found[prop.name], prop.dtype) for prop in element.properties}
     if data[begin:].strip():
         raise MeshError("the file goes on behind the end that its header declares, so one of the two is damaged")
 
@@ -125,7 +123,7 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
     of_faces = columns[kinds[0]]
     if not (names := [name for name in _FACE_LISTS if name in of_faces]):
         raise MeshError(f"the faces have no list '{_FACE_LISTS[0]}'")
-    corners, sizes = of_faces[names[0]]
+    corners, sizes, _ = of_faces[names[0]]
     with np.errstate(invalid="ignore"):
         ids = corners.astype(np.int64)
     if (ids != corners).any():
@@ -133,32 +131,12 @@ def read_ply(data: bytes, file: Path, problems: Problems) -> FileMesh:
         face = int(np.searchsorted(np.cumsum(sizes), corner, side="right"))
         raise MeshError(f"face {face} refers to vertex {corners[corner]}, which is no whole number")
     if kinds[0] == _STRIPS:
-        triangles = PlyTriangles(vertices, cut_strips(ids, sizes), None)
-        return _add_looks(triangles, header, elements, {"vertex": columns["vertex"]}, file, problems)
-    faces = cut_fans(ids, sizes)
-    report_edges(sizes, problems)
-    triangles = PlyTriangles(vertices, faces, None if (sizes == 3).all() else sizes)
-    return _add_looks(triangles, header, elements, columns, file, problems)
-
-
-def _add_looks(
-    triangles: PlyTriangles,
-    header: bytes,
-    elements: list[_Element],
-    columns: dict[str, dict[str, _Column]],
-    file: Path,
-    problems: Problems,
-) -> FileMesh:
-    """Return the mesh of a file, with the looks that its columns describe."""
-    appearance = None
-    if has_looks([prop.name for element in elements for prop in element.properties]):
-        dtypes = {(element.name, prop.name): prop.dtype for element in elements for prop in element.properties}
-        of_vertices, of_faces = (
-            {name: PlyColumn(*column, dtypes[kind, name]) for name, column in columns.get(kind, {}).items()}
-            for kind in ("vertex", "face")
-        )
-        appearance = read_ply_looks(header, of_vertices, of_faces, triangles, file.parent, problems)
-    return FileMesh("", triangles.vertices, triangles.faces, appearance)
+        triangles, of_faces = PlyTriangles(vertices, cut_strips(ids, sizes), None), {}
+    else:
+        triangles = PlyTriangles(vertices, cut_fans(ids, sizes), None if (sizes == 3).all() else sizes)
+        report_edges(sizes, problems)
+    appearance = read_ply_looks(header, columns["vertex"], of_faces, triangles, file.parent, problems)
+    return FileMesh("", vertices, triangles.faces, appearance)
 
 
 def _read_header(data: bytes) -> tuple[bytes, str, list[_Element], int]:
@@ -195,14 +173,14 @@ def _read_header(data: bytes) -> tuple[bytes, str, list[_Element], int]:
     return header[1], byte_order, elements, header.end()
 
 
-def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
+def _read_text_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, int]:
     """Convert the lines of one element to binary rows of int64 or float64, and read those."""
     end = _find_line_end(data, begin, element.row_count)
     if end < begin:
         raise _cut_off(element)
     for bare_sign in _BARE_SIGNS:
         if word := bare_sign.search(data, begin, end):
-            raise MeshError(f"the lines of '{element.name}' have a '{word[0][:1].decode()}' that is no number")
+            raise MeshError(f"the lines of '{element.name}' have a '{word[0].decode()}' that is no number")
     is_whole = all(prop.dtype.kind != "f" for prop in element.properties)
     dtype = np.dtype(np.int64 if is_whole else np.float64)
     rows = np.fromstring(data[begin:end], dtype, sep=" ").tobytes()
@@ -224,7 +202,7 @@ def _find_line_end(data: bytes, begin: int, line_count: int) -> int:
     return begin + int(line_ends[line_count - 1]) + 1
 
 
-def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
+def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, int]:
     """Read the element at offset `begin`; return its columns and the offset of its end."""
     min_width = sum((prop.length_dtype or prop.dtype).itemsize for prop in element.properties)
     if begin + element.row_count * min_width > len(data):
@@ -236,16 +214,16 @@ def _read_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _C
         fields: list[tuple[str, np.dtype, tuple[int, ...]]] = []
         for name, dtype, length_dtype in element.properties:
             fields += [(f"{name} length", length_dtype, ())] if length_dtype else []
-            fields += [(name, dtype, (len(first[name].values),))]
+            fields += [(name, dtype, (len(first[name][0]),))]
         table = np.frombuffer(data, fields, element.row_count, begin)
         lists = [prop.name for prop in element.properties if prop.length_dtype]
-        if all((table[f"{name} length"] == first[name].sizes[0]).all() for name in lists):
-            sizes = {name: column.sizes.repeat(element.row_count) for name, column in first.items()}
-            return {name: _Column(table[name].ravel(), sizes[name]) for name in first}, end
+        if all((table[f"{name} length"] == first[name][1]).all() for name in lists):
+            sizes = {name: length.repeat(element.row_count) for name, (_, length) in first.items()}
+            return {name: (table[name].ravel(), sizes[name]) for name in first}, end
     return _walk_rows(data, begin, element)
 
 
-def _walk_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _Column], int]:
+def _walk_rows(data: bytes, begin: int, element: _Element) -> tuple[_Columns, int]:
     """Read an element row by row."""
     pieces: dict[str, list[NDArray[np.number]]] = {prop.name: [] for prop in element.properties}
     at = begin
@@ -266,7 +244,7 @@ def _walk_rows(data: bytes, begin: int, element: _Element) -> tuple[dict[str, _C
             pieces[name].append(np.frombuffer(data, dtype, size, at))
             at += size * dtype.itemsize
     sizes = {name: np.fromiter(map(len, rows), np.int64) for name, rows in pieces.items()}
-    return {name: _Column(np.concatenate(rows), sizes[name]) for name, rows in pieces.items()}, at
+    return {name: (np.concatenate(rows), sizes[name]) for name, rows in pieces.items()}, at
 
 
 def _cut_off(element: _Element) -> MeshError:

@@ -98,12 +98,6 @@ def read_ply_looks(
     return finish_looks(looks, materials)
 
 
-def has_looks(names: Sequence[str]) -> bool:
-    """Return whether one of the properties of a file may say something of its looks."""
-    known = {*_NORMALS, *_ALPHAS, _CORNER_UVS, _TEXTURE_ID}.union(*_COLOURS, *_UVS)
-    return not known.isdisjoint(names)
-
-
 def _find_names(columns: Mapping[str, PlyColumn], choices: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     return next((names for names in choices if all(name in columns for name in names)), ())
 

@@ -10,25 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
 from ...support.memory import check_memory
-from ..vectors import Vector, as_vector, is_finite_number, read_points, read_vector
+from ..vectors import Vector, as_vector, is_finite_number, read_array, read_vector
 from .lens import Lens, check_size
-from .pose import make_axes, make_pose, read_pose, rotate_about_axis
-from .projection import (
-    DEFAULT_FOV,
-    DEFAULT_UP,
-    Fisheye,
-    Orthographic,
-    Panorama,
-    check_focus,
-    check_fov,
-    name_of,
-    read_projection,
-)
-from .rays import RayModel, find_ray_model, make_rays, pixel_centres_of
+from .pose import find_signs, make_axes, read_pose, rotate_about_axis
+from .projection import DEFAULT_FOV, DEFAULT_UP, Orthographic, Projection, check_optics, name_of, read_projection
+from .rays import RayModel, find_ray_model, pixel_centres_of
 
-# Directions and a copy of them on the way; origins; the coordinates of curved projections and their steps.
+Array = NDArray[np.float64]
+
+# Directions and a copy of them on the way, and as much for origins; the coordinates of curved projections and their
+# steps.
 _BYTES_PER_RAY = 48
-_BYTES_PER_ORIGIN = 48
 _BYTES_PER_CURVED_RAY = 200
 
 
@@ -86,7 +78,7 @@ class Camera:
     up: Vector = DEFAULT_UP
     fov: float = DEFAULT_FOV
     lens: Lens | None = None
-    projection: Orthographic | Fisheye | Panorama | None = None
+    projection: Projection | None = None
     aperture: float = 0.0
     focus_distance: float | None = None
 
@@ -94,6 +86,7 @@ class Camera:
         for name in ("eye", "look_at", "up"):
             # Tuples of Python numbers, so that cameras can be compared and hashed.
             object.__setattr__(self, name, read_vector(f"the camera's {name}", getattr(self, name)))
+        object.__setattr__(self, "projection", read_projection(self.projection))
         if self.lens is not None:
             if not isinstance(self.lens, Lens):
                 raise SceneError(f"the camera's lens must be a Lens or None, not {self.lens!r}")
@@ -101,20 +94,17 @@ class Camera:
                 raise SceneError(
                     f"the camera's fov follows from its lens, {self.lens.fov:.6g} degrees, and cannot be {self.fov}"
                 )
+            if self.projection is not None:
+                raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
             object.__setattr__(self, "fov", self.lens.fov)
-        check_fov(self.fov)
-        object.__setattr__(self, "fov", float(self.fov))
-        object.__setattr__(self, "projection", read_projection(self.projection))
-        if self.projection is not None and self.lens is not None:
-            raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
-        if self.projection == Orthographic():
-            raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
-        check_focus(self.projection, self.aperture, self.focus_distance)
-        object.__setattr__(self, "aperture", float(self.aperture))
-        if self.focus_distance is not None:
-            object.__setattr__(self, "focus_distance", float(self.focus_distance))
+        check_optics(self.fov, self.projection, self.aperture, self.focus_distance)
         if self.aperture and self.lens is not None and self.focus_distance is None:
             raise SceneError("a camera with a lens and an aperture needs a focus_distance: its look_at is arbitrary")
+        for name in ("fov", "aperture", "focus_distance"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, float(getattr(self, name)))
+        if self.projection == Orthographic():
+            raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
         self.axes()
 
     @classmethod
@@ -184,12 +174,10 @@ class Camera:
         exponent = max(0, math.frexp(float(np.abs(eye).max()))[1])
         with np.errstate(over="ignore", invalid="ignore"):  # refused by the constructor
             look_at = eye + np.ldexp(1.0, exponent) * forward
-        return cls(
-            as_vector(eye), as_vector(look_at), as_vector(up), lens.fov, lens,
-            aperture=aperture, focus_distance=focus_distance,
-        )  # fmt: skip
+        place = as_vector(eye), as_vector(look_at), as_vector(up)
+        return cls(*place, lens=lens, aperture=aperture, focus_distance=focus_distance)
 
-    def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def axes(self) -> tuple[Array, Array, Array]:
         """Return the unit vectors right, up and forward of the picture, each (3,) float64.
 
         Examples
@@ -203,9 +191,7 @@ class Camera:
             forward = np.subtract(self.look_at, self.eye)
         return make_axes(forward, np.asarray(self.up, np.float64))
 
-    def intrinsics(
-        self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half"
-    ) -> NDArray[np.float64]:
+    def intrinsics(self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half") -> Array:
         """Return the intrinsic matrix for a picture of this size, (3, 3) float64; see `from_intrinsics`.
 
         Raises
@@ -219,9 +205,15 @@ class Camera:
         >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), fov=90).intrinsics(640, 480).round(6).tolist()
         [[240.0, 0.0, 320.0], [0.0, 240.0, 240.0], [0.0, 0.0, 1.0]]
         """
-        return self._lens_for(*self.size_for(width, height)).matrix(pixel_centres)
+        width, height = self.size_for(width, height)
+        if self.projection is not None:
+            raise SceneError(
+                f"an intrinsic matrix is that of a perspective camera: the {name_of(self.projection)} one has none"
+            )
+        lens = Lens.from_fov(self.fov, width, height) if self.lens is None else self.lens.resized(width, height)
+        return lens.matrix(pixel_centres)
 
-    def camera_to_world(self, convention: str = "opencv") -> NDArray[np.float64]:
+    def camera_to_world(self, convention: str = "opencv") -> Array:
         """Return the pose, (4, 4) float64; see `from_intrinsics`.
 
         Examples
@@ -230,11 +222,14 @@ class Camera:
         >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0)).camera_to_world("opengl").tolist()
         [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]]
         """
-        return make_pose(*self.axes(), np.asarray(self.eye, np.float64), convention)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack(self.axes(), axis=1) * find_signs(convention)
+        pose[:3, 3] = self.eye
+        return pose + 0.0  # no negative zeros
 
     def rays(
         self, width: int | None = None, height: int | None = None, rows: range | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Array, Array]:
         """Return the rays of a picture of this size, one through the centre of each pixel.
 
         Parameters
@@ -274,15 +269,13 @@ class Camera:
         rows = range(height) if rows is None else rows
         if not isinstance(rows, range) or (rows and not (min(rows) >= 0 and max(rows) < height)):
             raise SceneError(f"the rows of a picture of {height} rows must be a range within them, not {rows!r}")
-        per_ray = _BYTES_PER_RAY + (_BYTES_PER_ORIGIN if isinstance(self.projection, Orthographic) else 0)
-        is_curved = isinstance(self.projection, Fisheye | Panorama) or (self.lens is not None and self.lens.distortion)
-        per_ray += _BYTES_PER_CURVED_RAY if is_curved else 0
+        per_ray = _BYTES_PER_RAY * (2 if isinstance(self.projection, Orthographic) else 1)
+        if not isinstance(self.projection, Orthographic | None) or (self.lens is not None and self.lens.distortion):
+            per_ray += _BYTES_PER_CURVED_RAY
         check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * per_ray, SceneError)
         return self._make_rays(width, height, *pixel_centres_of(width, height, rows))
 
-    def rays_at(
-        self, pixels: ArrayLike, width: int | None = None, height: int | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rays_at(self, pixels: ArrayLike, width: int | None = None, height: int | None = None) -> tuple[Array, Array]:
         """Return the rays through points of the picture: the inverse of `project`.
 
         Parameters
@@ -311,7 +304,7 @@ class Camera:
                [ 0.      ,  0.707107, -0.707107]])
         """
         width, height = self.size_for(width, height)
-        points = read_points("the pixels of rays", pixels, 2)
+        points = read_array("the pixels of rays", pixels, (..., 2))
         film_x, film_y = 2 * points[..., 0] / width - 1, 1 - 2 * points[..., 1] / height
         return self._make_rays(width, height, film_x, film_y)
 
@@ -339,9 +332,7 @@ class Camera:
         seen = self._ray_model(width, height).sees(*pixel_centres_of(width, height, range(height)))
         return np.array(np.broadcast_to(seen, (height, width)))
 
-    def project(
-        self, points: ArrayLike, width: int | None = None, height: int | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project(self, points: ArrayLike, width: int | None = None, height: int | None = None) -> tuple[Array, Array]:
         """Return where points appear in a picture of this size.
 
         Parameters
@@ -374,12 +365,12 @@ class Camera:
         ([[320.0, 240.0], [560.0, 240.0]], [5.0, 5.0])
         """
         width, height = self.size_for(width, height)
-        seen = read_points("the points that a camera projects", points, 3) - np.asarray(self.eye, np.float64)
+        seen = read_array("the points that a camera projects", points, (..., 3)) - np.asarray(self.eye, np.float64)
         x, y, z = (seen @ axis for axis in self.axes())
         film_x, film_y = self._ray_model(width, height).film(x, y, z)
         return np.stack(((film_x + 1) * (width / 2), (1 - film_y) * (height / 2)), axis=-1), z
 
-    def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
+    def cosines(self, width: int | None = None, height: int | None = None) -> Array:
         """Return the cosine between each pixel's ray and the optical axis: depth is t times this.
 
         Parameters
@@ -475,21 +466,17 @@ class Camera:
         """Return how points of a picture of this size become rays."""
         return find_ray_model(self.projection, self.lens, self.fov, width, height)
 
-    def _make_rays(
-        self, width: int, height: int, film_x: NDArray[np.float64], film_y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _make_rays(self, width: int, height: int, film_x: Array, film_y: Array) -> tuple[Array, Array]:
+        """Return the rays through points of the picture, which broadcast."""
+        model, (right, up, forward) = self._ray_model(width, height), self.axes()
+        x, y, z = (np.asarray(part, np.float64)[..., None] for part in model.directions(film_x, film_y))
+        directions = z * forward + x * right + y * up
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         eye = np.asarray(self.eye, np.float64)
-        return make_rays(self.axes(), eye, self._ray_model(width, height), film_x, film_y)
-
-    def _lens_for(self, width: int, height: int) -> Lens:
-        """Return the intrinsics of a picture of this size."""
-        if self.projection is not None:
-            raise SceneError(
-                f"an intrinsic matrix is that of a perspective camera: the {name_of(self.projection)} one has none"
-            )
-        if self.lens is not None:
-            return self.lens.resized(width, height)
-        return Lens.from_fov(self.fov, width, height)
+        if not isinstance(self.projection, Orthographic):
+            return np.broadcast_to(eye, directions.shape), directions
+        x, y = (part[..., None] for part in model.window.points(film_x, film_y))
+        return eye + x * right + y * up, directions
 
     @property
     def focus(self) -> float:
@@ -501,6 +488,4 @@ class Camera:
         >>> clbvh.Camera(eye=(0, 0, 5), look_at=(0, 0, 0), aperture=0.1).focus
         5.0
         """
-        if self.focus_distance is not None:
-            return self.focus_distance
-        return math.dist(self.eye, self.look_at)
+        return math.dist(self.eye, self.look_at) if self.focus_distance is None else self.focus_distance

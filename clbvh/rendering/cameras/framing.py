@@ -15,7 +15,7 @@ from ..vectors import Vector, as_vector
 from .bounds import Reaches, SceneBounds
 from .camera import Camera
 from .pose import find_sides, make_axes
-from .projection import DEFAULT_FOV, DEFAULT_UP, Fisheye, Orthographic, Panorama, Projection, check_fov
+from .projection import DEFAULT_FOV, DEFAULT_UP, Fisheye, Orthographic, Panorama, Projection
 
 # Around what is seen, as a share of the picture.
 MARGIN = 0.06
@@ -77,7 +77,6 @@ def frame_scene(
     points give eye_z in closed form, and either eye_x or eye_y. The other one is chosen by `_find_eye`. A turn is as
     exact: the bounds over the circle of a point are linear in its radius and its height.
     """
-    check_fov(fov)
     if eye is not None:
         look_at = as_vector(bounds.origin) if look_at is None else look_at
         if projection == Orthographic():

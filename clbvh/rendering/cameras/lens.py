@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
-from ..vectors import check_choice, is_finite_number, read_matrix, show_matrix
+from ..vectors import check_choice, is_finite_number, read_array, show_matrix
 
-# The fraction in the coordinates of pixel centres: 0.5 if the pixel with index j covers the columns j to j + 1, as in
-# OpenGL, COLMAP and Open3D; 0 if whole numbers are the centres, as in OpenCV's calibration.
-PIXEL_CENTRES = {"half": 0.5, "integer": 0.0}
+# From the coordinates of a matrix to ours, where the pixel with index j covers the columns j to j + 1, as in OpenGL,
+# COLMAP and Open3D. In OpenCV's calibration, whole numbers are the centres of pixels.
+_SHIFTS = {"half": 0.0, "integer": 0.5}
 
 # Largest focal length and largest offset of the principal point, in picture sizes; the inverse is the smallest focal
 # length. Beyond these, float32 cannot tell the field of view from 0 or from 180 degrees.
@@ -76,11 +76,11 @@ class Lens:
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
-        for name, value in (("fx", self.fx), ("fy", self.fy), ("cx", self.cx), ("cy", self.cy), ("skew", self.skew)):
-            if not is_finite_number(value):
-                raise SceneError(f"the camera's {name} must be a finite number of pixels, not {value!r}")
+        for name in ("fx", "fy", "cx", "cy", "skew"):
+            if not is_finite_number(getattr(self, name)):
+                raise SceneError(f"the camera's {name} must be a finite number of pixels, not {getattr(self, name)!r}")
             # Python's numbers, whatever was given: sizes of a short type would overflow in products.
-            object.__setattr__(self, name, float(value))
+            object.__setattr__(self, name, float(getattr(self, name)))
         for name in ("width", "height"):
             object.__setattr__(self, name, int(getattr(self, name)))
         for name, value, side in (("fx", self.fx, self.width), ("fy", self.fy, self.height)):
@@ -91,23 +91,18 @@ class Lens:
                 )
             if not 1 / _MOST <= value / side <= _MOST:
                 raise SceneError(f"the camera's {name} of {value:g} pixels is no focal length for a side of {side}")
-        offset = max(abs(self.cx / self.width), abs(self.cy / self.height), abs(self.skew) / self.fx)
-        if offset > _MOST:
+        if max(abs(self.cx / self.width), abs(self.cy / self.height), abs(self.skew) / self.fx) > _MOST:
             raise SceneError(
                 f"the camera's principal point ({self.cx:g}, {self.cy:g}) and skew {self.skew:g} are too far from a "
                 f"picture of {self.width} x {self.height}"
             )
         object.__setattr__(self, "distortion", read_distortion(self.distortion))
         if self.distortion is not None:
-            check_invertible(window_of(self), self.distortion)
+            check_invertible(self.window, self.distortion)
 
     @classmethod
     def from_matrix(
-        cls,
-        matrix: ArrayLike,
-        size: tuple[int, int],
-        pixel_centres: str = "half",
-        distortion: ArrayLike | None = None,
+        cls, matrix: ArrayLike, size: tuple[int, int], pixel_centres: str = "half", distortion: ArrayLike | None = None
     ) -> Lens:
         """Return the lens of an intrinsic matrix, see `Camera.from_intrinsics`.
 
@@ -121,17 +116,14 @@ class Lens:
             width, height = size
         except (TypeError, ValueError) as error:
             raise SceneError(f"the camera's size must be (width, height) in pixels, not {size!r}") from error
-        centre = _find_centre(pixel_centres)
-        k = read_matrix("the camera's intrinsic matrix", matrix, (3, 3))
+        shift = _find_shift(pixel_centres)
+        k = read_array("the camera's intrinsic matrix", matrix, (3, 3))
         if k[1, 0] or k[2, 0] or k[2, 1] or k[2, 2] != 1:
             raise SceneError(
                 f"the camera's intrinsic matrix must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], not {show_matrix(k)}"
             )
-        shift = 0.5 - centre
-        fx, skew, fy = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
-        return cls(
-            fx, fy, float(k[0, 2]) + shift, float(k[1, 2]) + shift, skew, width, height, read_distortion(distortion)
-        )
+        (fx, skew, cx), (_, fy, cy), _ = k.tolist()
+        return cls(fx, fy, cx + shift, cy + shift, skew, width, height, read_distortion(distortion))
 
     @classmethod
     def from_fov(cls, fov: float, width: int, height: int) -> Lens:
@@ -159,7 +151,7 @@ class Lens:
                [  0., 240., 240.],
                [  0.,   0.,   1.]])
         """
-        shift = 0.5 - _find_centre(pixel_centres)
+        shift = _find_shift(pixel_centres)
         return np.array([[self.fx, self.skew, self.cx - shift], [0.0, self.fy, self.cy - shift], [0.0, 0.0, 1.0]])
 
     def resized(self, width: int, height: int) -> Lens:
@@ -208,14 +200,13 @@ class Lens:
         >>> clbvh.Lens.from_fov(90, 640, 480).complete_size(None, 240)
         (320, 240)
         """
+        check_size(1 if width is None else width, 1 if height is None else height)
         if width is None:
-            check_size(1, height if height is not None else 1)
             width = self.width if height is None else max(1, round(int(height) * self.width / self.height))
-        check_size(width, height if height is not None else 1)
         if height is None:
             height = max(1, round(int(width) * self.height / self.width))
-        self.resized(width, height)
-        return int(width), int(height)
+        resized = self.resized(width, height)
+        return resized.width, resized.height
 
     @property
     def fov(self) -> float:
@@ -227,16 +218,12 @@ class Lens:
         # The sum of both arc tangents, without cancellation where the principal point is far outside the picture.
         return math.degrees(math.atan2(above + below, 1 - above * below))
 
-
-def window_of(lens: Lens) -> Window:
-    """Return the lens's picture in the plane at distance 1."""
-    return Window(
-        centre_x=(lens.width / 2 - lens.cx) / lens.fx,
-        centre_y=(lens.cy - lens.height / 2) / lens.fy,
-        half_width=lens.width / 2 / lens.fx,
-        half_height=lens.height / 2 / lens.fy,
-        shear=lens.skew / lens.fx,
-    )
+    @property
+    def window(self) -> Window:
+        """The picture in the plane at distance 1."""
+        half_width, half_height = self.width / 2, self.height / 2
+        centre_x, centre_y = (half_width - self.cx) / self.fx, (self.cy - half_height) / self.fy
+        return Window(half_width / self.fx, half_height / self.fy, centre_x, centre_y, self.skew / self.fx)
 
 
 def check_size(width: object, height: object) -> None:
@@ -248,9 +235,9 @@ def check_size(width: object, height: object) -> None:
             raise SceneError(f"the {name} of a camera's picture must be at most {_MOST:g} pixels")
 
 
-def _find_centre(pixel_centres: str) -> float:
-    check_choice("pixel_centres", pixel_centres, PIXEL_CENTRES)
-    return PIXEL_CENTRES[pixel_centres]
+def _find_shift(pixel_centres: str) -> float:
+    check_choice("pixel_centres", pixel_centres, _SHIFTS)
+    return _SHIFTS[pixel_centres]
 
 
 class Window(NamedTuple):
@@ -260,19 +247,17 @@ class Window(NamedTuple):
     ``x = centre_x + a * half_width + shear * y``.
     """
 
-    centre_x: float
-    centre_y: float
     half_width: float
     half_height: float
-    shear: float
+    centre_x: float = 0.0
+    centre_y: float = 0.0
+    shear: float = 0.0
 
     def points(self, film_x: Any, film_y: Any) -> tuple[Any, Any]:
         """Return x and y of points of the picture: numbers, or arrays that broadcast."""
         y = self.centre_y + film_y * self.half_height
         x = self.centre_x + film_x * self.half_width
-        if self.shear:
-            x = x + self.shear * y
-        return x, y
+        return (x + self.shear * y if self.shear else x), y
 
     def film(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Return the points of the picture at x and y of the plane."""
@@ -283,8 +268,7 @@ class Window(NamedTuple):
 # k1, k2, p1, p2, k3: OpenCV's order.
 Coefficients = tuple[float, float, float, float, float]
 
-_COUNT = 5
-_COUNT_WITHOUT_K3 = 4
+_COUNTS = (4, 5)
 
 # Steps of Newton's method. From the distorted point, four suffice for mild lenses in float64, ten close to a fold.
 _MOST_STEPS = 30
@@ -295,6 +279,9 @@ _SOLVED = 1e-12
 # Points along each side at which a picture is checked, and steps on the way to each from the principal point.
 _CHECKED_POINTS = 33
 _CHECKED_STEPS = 16
+
+# The way along a line of the picture and the direct one lead to the same point, within this share.
+_SAME = 1e-6
 
 # The determinant of the derivatives is 1 in the middle and 0 at a fold, beyond which the lens would show points again.
 _LEAST_DETERMINANT = 1e-3
@@ -316,17 +303,16 @@ def read_distortion(values: ArrayLike | None) -> Coefficients | None:
     if values is None:
         return None
     try:
-        numbers = np.asarray(values, np.float64).ravel()
+        numbers = np.asarray(values, np.float64).ravel().tolist()
     except (TypeError, ValueError):
-        numbers = np.empty(0)
-    if len(numbers) not in (_COUNT_WITHOUT_K3, _COUNT) or not all(map(is_finite_number, numbers.tolist())):
+        numbers = []
+    if len(numbers) not in _COUNTS or not all(map(math.isfinite, numbers)):
         raise SceneError(
             f"the camera's distortion must be OpenCV's k1, k2, p1, p2 and perhaps k3, four or five finite numbers, not "
             f"{values!r}: the models with more of them are not known here"
         )
-    k1, k2, p1, p2, *rest = numbers.tolist()
-    coefficients = (k1, k2, p1, p2, rest[0] if rest else 0.0)
-    return coefficients if any(coefficients) else None
+    k1, k2, p1, p2, k3 = (*numbers, 0.0)[: max(_COUNTS)]
+    return (k1, k2, p1, p2, k3) if any(numbers) else None
 
 
 def upwards(coefficients: Coefficients) -> Coefficients:
@@ -348,14 +334,16 @@ def distort(x: _Array, y: _Array, coefficients: Coefficients) -> tuple[_Array, _
 
 def undistort(x: _Array, y: _Array, coefficients: Coefficients) -> tuple[_Array, _Array]:
     """Return the points of the plane that the lens shows at (x, y); NaN where Newton's method finds none."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    with np.errstate(all="ignore"):
         u, v = _solve(x, y, x, y, coefficients, _MOST_STEPS)
-        again = distort(u, v, coefficients)
-        slack = _SOLVED * np.maximum(1.0, np.hypot(x, y))
-        is_found = (np.hypot(again[0] - x, again[1] - y) <= slack) & (
-            _determinant(_derivatives(u, v, coefficients)) > 0
-        )
+        is_found = is_near(distort(u, v, coefficients), (x, y), _SOLVED) & (_derive(u, v, coefficients)[3] > 0)
     return np.where(is_found, u, np.nan), np.where(is_found, v, np.nan)
+
+
+def is_near(points: tuple[_Array, _Array], expected: tuple[_Array, _Array], tolerance: float) -> NDArray[np.bool_]:
+    """Return whether points are where they should be, within a share of the distance from the middle, or of 1."""
+    off = np.hypot(points[0] - expected[0], points[1] - expected[1])
+    return off <= tolerance * np.maximum(1.0, np.hypot(*expected))
 
 
 def check_invertible(window: Window, distortion: Coefficients) -> None:
@@ -374,16 +362,14 @@ def check_invertible(window: Window, distortion: Coefficients) -> None:
     coefficients = upwards(distortion)
     side = np.linspace(-1 - _CHECKED_MARGIN, 1 + _CHECKED_MARGIN, _CHECKED_POINTS)
     x, y = window.points(side[None, :], side[:, None])
-    x, y = np.broadcast_arrays(x, y)
-    u, v = np.zeros_like(x), np.zeros_like(y)
-    is_good = np.ones(x.shape, bool)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    u = v = np.zeros((len(side), len(side)))
+    is_good = np.ones(u.shape, bool)
+    with np.errstate(all="ignore"):
         for step in range(1, _CHECKED_STEPS + 1):
             share = step / _CHECKED_STEPS
             u, v = _solve(x * share, y * share, u, v, coefficients, _MOST_STEPS // 2)
-            is_good &= _determinant(_derivatives(u, v, coefficients)) > _LEAST_DETERMINANT
-        again = undistort(x, y, coefficients)
-        is_good &= np.hypot(again[0] - u, again[1] - v) <= 1e-6 * np.maximum(1.0, np.hypot(u, v))
+            is_good &= _derive(u, v, coefficients)[3] > _LEAST_DETERMINANT
+        is_good &= is_near(undistort(x, y, coefficients), (u, v), _SAME)
     if not is_good.all():
         row, column = np.argwhere(~is_good)[0]
         raise SceneError(
@@ -400,8 +386,7 @@ def _solve(
     for _ in range(step_count):
         shown_x, shown_y = distort(u, v, coefficients)
         off_x, off_y = shown_x - x, shown_y - y
-        uu, uv, vv = derivatives = _derivatives(u, v, coefficients)
-        determinant = _determinant(derivatives)
+        uu, uv, vv, determinant = _derive(u, v, coefficients)
         step_u = (vv * off_x - uv * off_y) / determinant
         step_v = (uu * off_y - uv * off_x) / determinant
         u, v = u - step_u, v - step_v
@@ -410,19 +395,13 @@ def _solve(
     return u, v
 
 
-def _derivatives(u: _Array, v: _Array, coefficients: Coefficients) -> tuple[_Array, _Array, _Array]:
-    """Return the derivatives of x by u, of x by v, which is that of y by u, and of y by v."""
+def _derive(u: _Array, v: _Array, coefficients: Coefficients) -> tuple[_Array, _Array, _Array, _Array]:
+    """Return the derivatives of x by u, of x by v, which is that of y by u, and of y by v; and their determinant."""
     k1, k2, p1, p2, k3 = coefficients
     square = u * u + v * v
     radial = 1 + square * (k1 + square * (k2 + square * k3))
     slope = 2 * (k1 + square * (2 * k2 + square * 3 * k3))
-    return (
-        radial + u * u * slope + 2 * p1 * v + 6 * p2 * u,
-        u * v * slope + 2 * p1 * u + 2 * p2 * v,
-        radial + v * v * slope + 6 * p1 * v + 2 * p2 * u,
-    )
-
-
-def _determinant(derivatives: tuple[_Array, _Array, _Array]) -> _Array:
-    uu, uv, vv = derivatives
-    return uu * vv - uv * uv
+    uu = radial + u * u * slope + 2 * p1 * v + 6 * p2 * u
+    uv = u * v * slope + 2 * p1 * u + 2 * p2 * v
+    vv = radial + v * v * slope + 6 * p1 * v + 2 * p2 * u
+    return uu, uv, vv, uu * vv - uv * uv

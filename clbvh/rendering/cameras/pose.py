@@ -8,19 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
-from ..vectors import Vector, check_choice, read_matrix, show_matrix
+from ..vectors import Vector, as_vector, check_choice, read_array, show_matrix
 from .projection import check_view
 
-# The signs of right, up and forward in the first three columns of a pose.
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}
 
 # Largest difference of an entry of R^T R from the identity: poses in text files have four digits or more.
 _RIGID_SLACK = 1e-4
 
-_Vector = NDArray[np.float64]
+# Least sine of the angle between up and the line of sight.
+_LEAST_SINE = 1e-9
+
+_Array = NDArray[np.float64]
 
 
-def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Vector, _Vector]:
+def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Array, _Array, _Array]:
     """Return up, forward and the eye of a pose, each (3,) float64.
 
     Raises
@@ -28,8 +30,8 @@ def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Ve
     SceneError
         The matrix is not a rotation and a translation, or the convention is unknown.
     """
-    signs = _find_signs(convention)
-    pose = read_matrix("the camera's pose (camera_to_world)", camera_to_world, (4, 4))
+    signs = find_signs(convention)
+    pose = read_array("the camera's pose (camera_to_world)", camera_to_world, (4, 4))
     if not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise SceneError(
             f"the camera's pose (camera_to_world) must have the last row [0, 0, 0, 1], not {show_matrix(pose[3:])}"
@@ -53,44 +55,40 @@ def read_pose(camera_to_world: ArrayLike, convention: str) -> tuple[_Vector, _Ve
     return up, forward, pose[:3, 3].copy()
 
 
-def make_pose(right: _Vector, up: _Vector, forward: _Vector, eye: _Vector, convention: str) -> NDArray[np.float64]:
-    """Return the pose of a camera with these axes, (4, 4) float64."""
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack((right, up, forward), axis=1) * _find_signs(convention)
-    pose[:3, 3] = eye
-    return pose + 0.0  # no negative zeros
-
-
-def make_axes(forward: _Vector, up: _Vector) -> tuple[_Vector, _Vector, _Vector]:
+def make_axes(forward: _Array, up: _Array) -> tuple[_Array, _Array, _Array]:
     """Return right, up and forward as unit vectors at right angles; raise `SceneError` if two are parallel."""
-    # Scaled first: the squares of a short or long vector need not be in float64.
     longest = np.abs(forward).max()
     if not np.isfinite(longest):
         raise SceneError("the camera's eye and look_at are farther apart than float64 can hold")
     if not longest > 0:
         raise SceneError("the camera's eye and look_at are the same point")
-    forward = forward / longest
-    forward /= np.linalg.norm(forward)
-    longest = np.abs(up).max()
-    up = up / longest if longest > 0 else up
-    right = np.cross(forward, up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
+    forward = normalise(forward)
+    with np.errstate(invalid="ignore"):  # refused by name
+        right = np.cross(forward, normalise(up))
     length = np.linalg.norm(right)
-    if not length > 1e-9:
+    if not length > _LEAST_SINE:
         raise SceneError("the camera's up is zero or parallel to its line of sight")
     right = right / length
     return right, np.cross(right, forward), forward
 
 
-def rotate_about_axis(axis: _Vector, angle: float) -> NDArray[np.float64]:
+def normalise(vector: _Array) -> _Array:
+    """Return a vector at length 1; NaN for zero."""
+    # Scaled first: the squares of a short or long vector need not be in float64.
+    vector = vector / np.abs(vector).max()
+    return vector / np.linalg.norm(vector)
+
+
+def rotate_about_axis(axis: _Array, angle: float) -> NDArray[np.float64]:
     """Return the right-handed rotation about an axis of any length above 0, (3, 3) float64; the angle in radians."""
-    axis = axis / np.abs(axis).max()
-    x, y, z = axis / np.linalg.norm(axis)
+    x, y, z = normalise(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     # Rodrigues' formula.
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
 
 
-def _find_signs(convention: str) -> NDArray[np.float64]:
+def find_signs(convention: str) -> _Array:
+    """Return the signs of right, up and forward in the first three columns of a pose."""
     check_choice("the convention", convention, CONVENTIONS)
     return np.array(CONVENTIONS[convention])
 
@@ -101,7 +99,7 @@ _AUTOMATIC = 30.0, 18.0
 _ISOMETRIC = 45.0, math.degrees(math.atan(math.sqrt(0.5)))
 
 
-def find_sides(name: str | None, up: Vector) -> tuple[_Vector, Vector]:
+def find_sides(name: str | None, up: Vector) -> tuple[_Array, Vector]:
     """Return the unit vector towards the camera, and the direction that is up in the picture.
 
     Parameters
@@ -127,14 +125,12 @@ def find_sides(name: str | None, up: Vector) -> tuple[_Vector, Vector]:
     front = front - upward * (front @ upward)
     front /= np.linalg.norm(front)
     right = np.cross(upward, front)
-    match name:
-        case "front" | "back":
-            return (front if name == "front" else -front), up
-        case "right" | "left":
-            return (right if name == "right" else -right), up
-        case "top" | "bottom":
-            x, y, z = (-front if name == "top" else front).tolist()
-            return (upward if name == "top" else -upward), (x, y, z)
+    level_sides = {"front": front, "right": right, "back": -front, "left": -right}
+    if name in level_sides:
+        return level_sides[name], up
+    if name in ("top", "bottom"):
+        sign = 1.0 if name == "top" else -1.0
+        return sign * upward, as_vector(-sign * front)
     azimuth, elevation = map(math.radians, _AUTOMATIC if name is None else _ISOMETRIC)
     level = math.cos(azimuth) * front + math.sin(azimuth) * right
     return math.cos(elevation) * level + math.sin(elevation) * upward, up

@@ -44,11 +44,10 @@ class Orthographic:
     height: float | None = None
 
     def __post_init__(self) -> None:
-        if self.height is None:
-            return
-        if not is_finite_number(self.height) or not self.height > 0:
-            raise SceneError(f"the height of an orthographic camera must be a number above 0, not {self.height!r}")
-        object.__setattr__(self, "height", float(self.height))
+        if self.height is not None:
+            if not is_finite_number(self.height) or not self.height > 0:
+                raise SceneError(f"the height of an orthographic camera must be a number above 0, not {self.height!r}")
+            object.__setattr__(self, "height", float(self.height))
 
 
 @dataclass(frozen=True)
@@ -101,12 +100,7 @@ class Panorama:
 
 Projection = Orthographic | Fisheye | Panorama
 
-PROJECTION_KINDS: dict[str, type[Projection] | None] = {
-    "perspective": None,
-    "orthographic": Orthographic,
-    "fisheye": Fisheye,
-    "panorama": Panorama,
-}
+_KINDS: dict[str, Any] = {"perspective": None, "orthographic": Orthographic, "fisheye": Fisheye, "panorama": Panorama}
 
 
 def read_projection(value: object) -> Projection | None:
@@ -131,10 +125,10 @@ def read_projection(value: object) -> Projection | None:
             f"'fisheye:220', not {value!r}"
         )
     name, colon, text = value.partition(":")
-    check_choice("the projection", name, PROJECTION_KINDS)
-    kind = PROJECTION_KINDS[name]
+    check_choice("the projection", name, _KINDS)
+    kind = _KINDS[name]
     if not colon:
-        return None if kind is None else kind()
+        return kind and kind()
     if kind not in (Orthographic, Fisheye):
         raise SceneError(f"the projection {name} has no value: give '{name}' alone")
     try:
@@ -167,14 +161,10 @@ DEFAULT_FOV = 35.0
 _LARGEST_FOV = 180.0
 
 
-def check_fov(fov: float) -> None:
-    """Raise `SceneError` unless the field of view is above 0 and below 180 degrees."""
+def check_optics(fov: float, projection: Projection | None, aperture: float, focus_distance: float | None) -> None:
+    """Raise `SceneError` unless a camera can have these values together."""
     if not is_finite_number(fov) or not 0 < fov < _LARGEST_FOV:
         raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
-
-
-def check_focus(projection: Projection | None, aperture: float, focus_distance: float | None) -> None:
-    """Raise `SceneError` unless these values describe a lens that the projection can have."""
     if not is_finite_number(aperture) or not aperture >= 0:
         raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
     if aperture and isinstance(projection, Fisheye | Panorama):

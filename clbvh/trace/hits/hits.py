@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, QueryError
-from ...geometry import Mesh
+from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
 from ..rays.batch import broadcast_shape, check_room, read_vectors
 from . import surface
@@ -133,6 +133,32 @@ class Hits:
         return self.instance_id if self.scene_surface is None else self.scene_surface.geometry_ids(self._points())
 
     @property
+    def part_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the part that was hit, an index into `Mesh.parts` of the geometry's mesh.
+
+        -1 on a miss, on a mesh without parts and on spheres.
+
+        Raises
+        ------
+        ConfigError
+            These hits do not know their mesh.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> corners = [[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]]
+        >>> halves = [clbvh.Part("lower", 0, 1), clbvh.Part("upper", 1, 2)]
+        >>> square = clbvh.Mesh.from_arrays(corners, [[0, 1, 2], [0, 2, 3]], parts=halves)
+        >>> with clbvh.Tracer(square) as tracer:
+        ...     hits = tracer.closest_hit([[1, 3, 5], [3, 1, 5], [9, 9, 5]], [[0, 0, -1]])
+        >>> hits.part_id
+        array([ 1,  0, -1], dtype=int32)
+        >>> square.parts[hits.part_id[0]].name
+        'upper'
+        """
+        return surface.find_parts(self._known_shapes(), self.prim_id, self.geometry_id)
+
+    @property
     def locations(self) -> NDArray[np.float64]:
         """(..., 3) float64, the file's coordinates, or the world's: where the primitive is hit; NaN on a miss."""
         return self._known_surface().locate(self._points())
@@ -204,11 +230,8 @@ class Hits:
         >>> hits[0].interpolate([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
         array([0.25, 0.25, 0.5 ])
         """
-        if self.scene_surface is not None:
-            shapes, names = self.scene_surface.shapes, self.scene_surface.names
-        else:
-            mesh = self._known_mesh()
-            shapes, names = (mesh,), (mesh.name,)
+        shapes = self._known_shapes()
+        names = [shape.name for shape in shapes] if self.scene_surface is None else self.scene_surface.names
         return interpolate(shapes, names, attribute, self.prim_id, self.geometry_id, self.u, self.v)
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -326,6 +349,9 @@ class Hits:
         if self.mesh is None and self.scene_surface is not None:
             return self.scene_surface
         return surface.MeshSurface(self._known_mesh())
+
+    def _known_shapes(self) -> Sequence[Shape]:
+        return (self._known_mesh(),) if self.scene_surface is None else self.scene_surface.shapes
 
     def _known_mesh(self) -> Mesh:
         if self.mesh is None:

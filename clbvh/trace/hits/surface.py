@@ -126,6 +126,31 @@ Surface: TypeAlias = MeshSurface | SceneSurface
 """What was hit, in the file's coordinates or those of the world."""
 
 
+def find_parts(
+    shapes: Sequence[Shape], prim_id: NDArray[np.int32], geometry_id: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Return (...) int32: the part of each primitive, by its number in its mesh; -1 for none.
+
+    Parameters
+    ----------
+    shapes : sequence of Mesh or Spheres
+        The shape of each geometry.
+    prim_id, geometry_id : (...) int32
+        Both are -1 for no primitive.
+    """
+    # Primitives are counted through all shapes, and a shape without parts is a range without a number.
+    firsts, begins, numbers = [], [-1], [NO_PRIM]
+    first = 0
+    for shape in shapes:
+        parts = shape.parts if isinstance(shape, Mesh) else ()
+        firsts.append(first)
+        begins += [first + part.begin for part in parts] or [first]
+        numbers += range(len(parts)) if parts else [NO_PRIM]
+        first += shape.prim_count
+    prims = np.where(prim_id == NO_PRIM, -1, np.array(firsts, np.int64)[geometry_id] + prim_id)
+    return np.asarray(np.array(numbers, np.int32)[np.searchsorted(begins, prims, side="right") - 1])
+
+
 class Normals(np.ndarray):
     """(..., 3) float64: the normals of hits, and a function that returns others; see `Hits.normals`.
 

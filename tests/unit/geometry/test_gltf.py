@@ -11,7 +11,7 @@ import trimesh
 
 from clbvh import Mesh, load_mesh
 from clbvh.errors import MeshError
-from clbvh.geometry import mesh as face_limit
+from clbvh.support import memory
 
 from .gltf_files import CODES, Gltf, pack_glb
 
@@ -428,7 +428,7 @@ def test_a_mesh_that_many_nodes_draw_must_fit_the_memory(gltf, load, monkeypatch
     gltf.add_part(np.tile(SQUARE[:3], (1000, 1)), node={"is_root": False})
     for _ in range(1000):
         gltf.add_node(mesh=0)
-    monkeypatch.setattr(face_limit, "free_memory_bytes", lambda: 1 << 28)
+    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 1 << 28)
     with pytest.raises(MeshError, match="1,000,000 triangles and 3,000,000 vertices need about 450 MB of memory"):
         load(gltf)
 

@@ -7,9 +7,9 @@ import pytest
 
 from clbvh import load_mesh
 from clbvh.errors import AppearanceWarning, MeshError
-from clbvh.geometry import mesh as face_limit
 from clbvh.geometry.loading.file_mesh import cut_fans
 from clbvh.geometry.loading.load import load_parts
+from clbvh.support import memory
 
 
 def test_polygons_become_fans_where_they_stand():
@@ -35,9 +35,9 @@ def test_a_polygon_with_too_few_corners_has_no_triangles(size):
 
 def test_triangles_that_do_not_fit_the_memory_are_refused_before_they_are_cut(monkeypatch):
     """A corner may be a single byte of a file, a triangle is 24 in memory."""
-    monkeypatch.setattr(face_limit, "free_memory_bytes", lambda: 10_000)
-    with pytest.raises(MeshError, match="98 triangles need about 0 MB of memory"):
-        cut_fans(np.zeros(100, np.int64), np.array([100]))
+    monkeypatch.setattr(memory, "free_memory_bytes", lambda: 1 << 28)
+    with pytest.raises(MeshError, match="1,999,998 triangles need about 300 MB of memory"):
+        cut_fans(np.zeros(2_000_000, np.int64), np.array([2_000_000]))
 
 
 HEADER = (

@@ -6,9 +6,11 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
+from clbvh import Mesh
 from clbvh.errors import ConfigError
 from clbvh.rendering import image_files as files
 from clbvh.trace.hits.hits import Hits
+from clbvh.trace.hits.surface import SceneSurface
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
 HITS = Hits(np.float32([[1.5, np.inf]]), np.float32([[0.25, 0]]), np.float32([[0.5, 0]]), np.int32([[7, -1]]))
@@ -37,6 +39,22 @@ def test_hits_read_back_as_they_were(tmp_path):
         for name in names:
             assert (loaded[name] == getattr(HITS, name)).all()
             assert loaded[name].dtype == getattr(HITS, name).dtype
+
+
+def test_hits_name_the_parts_of_all_meshes(tmp_path):
+    def make(count, names):
+        parts = [(name, face, face + 1) for face, name in enumerate(names)]
+        return Mesh.from_arrays(np.eye(3), [[0, 1, 2]] * count, parts=parts)
+
+    meshes = [make(1, ()), make(2, "ab"), make(3, "cde")]
+    ids = np.array([0, 1, 2, 2, -1], np.int32)
+    surface = SceneSurface.from_shapes(meshes, ("a", "b", "c"), np.arange(3), np.tile(np.eye(4), (3, 1, 1)))
+    t = np.zeros(5)
+    hits = Hits(t, t, t, np.array([0, 1, 0, 2, -1], np.int32), scene_surface=surface, known_instance_id=ids)
+    files.write_hits(tmp_path / "h.npz", hits, ("a", "b", "c"), ("a", "b", "c"))
+    with np.load(tmp_path / "h.npz") as loaded:
+        assert loaded["part_id"].tolist() == [-1, 1, 2, 4, -1]
+        assert loaded["part_names"].tolist() == ["a", "b", "c", "d", "e"]
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):

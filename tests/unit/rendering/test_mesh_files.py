@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 import trimesh
 
-from clbvh import Scene, make_shape
+from clbvh import Scene, View, load_mesh, make_shape, open_scene, save_scene
 from clbvh.errors import MeshError, SceneError
-from clbvh.geometry.loading.load import may_have_parts
 from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.guesses import guess_up
-from clbvh.rendering.open_scene import open_mesh_file, open_mesh_files, open_scene
+from clbvh.rendering.open_scene import as_scene
 
 from ..geometry.gltf_files import Gltf
 
@@ -31,88 +28,67 @@ def write(tmp_path):
     return write_file
 
 
-def make_glb(*nodes: dict) -> str:
+def test_a_file_is_one_mesh_with_parts(write):
+    scene, _ = open_scene(write("a.obj", TWO))
+    assert [instance.name for instance in scene.instances] == ["a"]
+    assert [part.name for part in scene.geometries[0].shape.parts] == ["a", "b"]
+
+
+@pytest.mark.parametrize(("copies", "instances"), [(1, ["glb"]), (2, ["glb"]), (3, ["n", "n 2", "n 3"])])
+def test_nodes_that_multiply_the_triangles_are_instances(tmp_path, copies, instances):
     gltf = Gltf()
-    for node in nodes:
-        gltf.add_part(np.eye(3), [[0, 1, 2]], node=node)
-    return json.dumps(gltf.document)
+    mesh = gltf.add_mesh({"attributes": {"POSITION": gltf.add_accessor(np.eye(3), "f4")}})
+    for number in range(copies):
+        gltf.add_node(mesh=mesh, name="n", translation=[number, 0, 0])
+    path = gltf.write_glb(tmp_path / "glb.glb")
+    for scene in (Scene(path), open_scene(path)[0], as_scene([path, path])[0]):
+        assert [instance.name for instance in scene.instances][: len(instances)] == instances
+    assert [part.name for part in load_mesh(path).parts] == (["n"] * copies if copies > 1 else [])
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "expected"),
-    [
-        ("a.obj", ONE, False),
-        ("a.obj", "o a\n" + ONE, False),
-        ("a.obj", "o a\n" + ONE + "o a\n", False),
-        ("a.obj", TWO, True),
-        ("a.OBJ", TWO.replace("\n", "\r\n"), True),
-        ("a.obj", TWO.replace("o ", "g "), True),
-        ("a.obj", "o a\n" + ONE.replace("v 0 0 0", "g x\nv 0 0 0") + "g y\n", False),  # the objects count
-        ("a.obj", ONE + "o a\nf 1 2 3\n", True),  # faces above the first name
-        ("a.obj", "g a\n" + ONE + "g b", True),
-        ("a.obj", "", False),
-        ("a.ply", TWO, False),
-        ("a.glb", "glTF", False),
-        ("a.gltf", "{}", False),
-        ("a.gltf", "{[", False),
-        ("a.gltf", '{"meshes": [{}, {}]}', True),
-        ("a.gltf", '{"meshes": [{}]}', False),
-        ("a.gltf", make_glb({}), False),
-        ("a.gltf", make_glb({}, {}), True),
-    ],
-)
-def test_a_look_at_a_file_finds_its_parts(write, name, content, expected):
-    assert may_have_parts(write(name, content)) == expected
+@pytest.mark.parametrize(("copies", "geometries"), [(2, ["Scene"]), (3, ["ball"])])
+def test_nodes_of_trimesh_follow_the_same_rule(copies, geometries):
+    source = trimesh.Scene()
+    source.add_geometry(trimesh.creation.icosphere(1), geom_name="ball")
+    for number in range(1, copies):
+        source.graph.update(f"copy {number}", geometry="ball", matrix=np.diag([number + 1, 1, 1, 1]))
+    scene = Scene(source)
+    assert [geometry.name for geometry in scene.geometries] == geometries
+    assert len(scene.instances) == (1 if geometries == ["Scene"] else copies)
 
 
-def test_a_file_that_is_not_there_has_no_parts(tmp_path):
-    assert not may_have_parts(tmp_path / "gone.obj")
-    assert not may_have_parts(tmp_path)
-
-
-def test_a_mesh_is_loaded_later(write):
-    path = write("a.obj", ONE)
-    assert open_mesh_file(path).mesh == str(path)
-    assert open_mesh_file("gone.obj").mesh == "gone.obj"
-
-
-def test_parts_keep_their_names(write):
-    for scene in (open_mesh_file(write("a.obj", TWO)), open_scene(write("a.obj", TWO))):
-        assert scene.mesh is None
-        assert [instance.name for instance in scene.instances] == ["a", "b"]
-
-
-def test_names_without_faces_are_no_parts(write):
-    path = write("a.obj", ONE + "g empty\n")
-    assert may_have_parts(path)
-    assert open_mesh_file(path).mesh == str(path)
+@pytest.mark.parametrize("copies", [1, 3])
+def test_gltf_files_have_y_up(tmp_path, copies):
+    """A plate that lies in x and y, which would lie on the ground otherwise."""
+    gltf = Gltf()
+    corners = [[0, 0, 0], [5, 0, 0], [0, 5, 0.1]]
+    mesh = gltf.add_mesh({"attributes": {"POSITION": gltf.add_accessor(corners, "f4")}})
+    for number in range(copies):
+        gltf.add_node(mesh=mesh, name="n", translation=[5 * number, 0, 0])
+    state = Scene(gltf.write_glb(tmp_path / "plate.glb")).snapshot()
+    assert guess_up(SceneBounds(state.shapes, state.geometry_ids, state.transforms)).vector == (0, 1, 0)
 
 
 def test_several_files_are_placed_as_they_are(write):
-    scene = open_mesh_files([write("one.obj", ONE.replace("v 1", "v 5")), write("two.obj", TWO), write("one.obj", ONE)])
-    assert [instance.name for instance in scene.instances] == ["one", "a", "b", "one 2"]
+    paths = [write("one.obj", ONE.replace("v 1", "v 5")), write("two.obj", TWO), write("one.obj", ONE)]
+    scene, _ = as_scene([str(path) for path in paths])
+    assert [instance.name for instance in scene.instances] == ["one", "two", "one 2"]
     for instance in scene.instances:
         assert (instance.transform == np.eye(4)).all()
-
-
-def test_one_of_several_is_as_one(write):
-    path = write("a.obj", ONE)
-    assert open_mesh_files([path]) == open_mesh_file(path)
+    assert len(scene.find_geometry("two").shape.parts) == 2
 
 
 def test_a_saved_scene_is_opened(tmp_path):
     scene = Scene()
-    view = View(fov=20)
     scene.place(scene.add(make_shape("icosphere", triangles=20)), name="ball")
-    scene.save(tmp_path / "saved")
-    opened = open_scene(tmp_path / "saved")
-    assert ([instance.name for instance in opened.instances], opened.fov) == (["ball"], 20)
+    save_scene(tmp_path / "saved", scene, View(fov=20))
+    opened, view = open_scene(tmp_path / "saved")
+    assert ([instance.name for instance in opened.instances], view.fov) == (["ball"], 20)
 
 
 @pytest.mark.parametrize(
     ("names", "error", "message"),
     [
-        ([], SceneError, "at least one"),
         (["a.obj", "b.toml"], SceneError, r"b\.toml: several files make a scene if all of them are meshes"),
         (["a.obj", "gone.ply"], MeshError, r"gone\.ply: no such file"),
     ],
@@ -121,12 +97,12 @@ def test_files_that_make_no_scene_are_refused(write, tmp_path, names, error, mes
     write("a.obj", ONE)
     write("b.toml", '[[object]]\nshape = "knot"')
     with pytest.raises(error, match=message):
-        open_mesh_files([tmp_path / name for name in names])
+        as_scene([tmp_path / name for name in names])
 
 
 def test_a_shipped_scene_is_no_mesh_among_others(write):
     with pytest.raises(SceneError, match=r"^knot: several files make a scene if all"):
-        open_mesh_files([write("a.obj", ONE), "knot"])
+        as_scene([write("a.obj", ONE), "knot"])
 
 
 @pytest.mark.parametrize(("suffixes", "up"), [(("stl", "STL"), (0, 0, 1)), (("stl", "obj"), (0, 1, 0))], ids=str)
@@ -135,7 +111,7 @@ def test_several_files_of_one_format_have_its_habit(tmp_path, suffixes, up):
     paths = [tmp_path / f"{name}.{suffix}" for name, suffix in zip("ab", suffixes, strict=True)]
     for path in paths:
         ball.export(path)
-    scene = open_mesh_files(paths)
+    scene, _ = as_scene(paths)
     assert [geometry.name for geometry in scene.geometries] == ["a", "b"]
     state = scene.snapshot()
     extent = SceneBounds(state.shapes, state.geometry_ids, state.transforms)

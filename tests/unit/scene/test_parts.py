@@ -69,7 +69,7 @@ class TestGltf:
         assert names(placed) == ["inner", "house", "mirrored", "inner 2"]
         assert [instance.geometry.id for instance in placed] == [0, 1, 0, 0]
         assert placed[0].transform.tolist() == [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 4], [0, 0, 0, 1]]
-        assert scene.geometries[0].shape.name == "wall"
+        assert scene.geometries[0].shape.name == "wall.glb"
         assert scene.geometries[1].shape.face_count == 3
 
     def test_the_parts_are_those_of_the_flattened_file(self, tmp_path):
@@ -216,7 +216,7 @@ class TestTrimesh:
     def test_the_graph_and_its_names_are_kept(self):
         source = self.make()
         scene = clbvh.Scene()
-        placed = scene.add(source)
+        placed = scene.add_parts(source)
         assert placed == scene.instances
         assert set(names(placed)) == {"body", "wheel a", "ball"}
         assert names(scene.geometries) == ["box", "ball"]
@@ -228,12 +228,24 @@ class TestTrimesh:
             assert instance.geometry.name == name
             assert (instance.transform == matrix).all()
 
-    def test_it_has_names_of_its_own(self):
-        with pytest.raises(SceneError, match="has names for its parts"):
-            clbvh.Scene().add(self.make(), name="cart")
+    def test_it_is_added_as_one_mesh_with_parts(self):
+        parts, whole = clbvh.Scene(), clbvh.Scene()
+        parts.add_parts(self.make())
+        cart = whole.add(self.make(), name="cart")
+        whole.place(cart)
+        assert flatten(whole) == pytest.approx(flatten(parts), abs=1e-15)
+        assert [part.name for part in cart.shape.parts] == names(parts.instances)
+        assert [part.end - part.begin for part in cart.shape.parts] == [12, 12, 1280]
+        assert cart.name == "cart"
+
+    def test_one_node_is_a_mesh_without_parts(self):
+        box = clbvh.Scene().add(trimesh.Scene(trimesh.creation.box()))
+        assert (box.shape.face_count, box.shape.parts) == (12, ())
 
     def test_a_scene_without_meshes_is_refused(self):
         for empty in (trimesh.Scene(), trimesh.Scene(trimesh.PointCloud([[0, 0, 0]]))):
+            with pytest.raises(SceneError, match="no node with a triangle mesh"):
+                clbvh.Scene().add_parts(empty)
             with pytest.raises(SceneError, match="no node with a triangle mesh"):
                 clbvh.Scene().add(empty)
 
@@ -253,7 +265,7 @@ class TestTrimesh:
         source.export(tmp_path / "a.glb")
         there, here = clbvh.Scene(), clbvh.Scene()
         there.add_parts(tmp_path / "a.glb")
-        here.add(source)
+        here.add_parts(source)
         assert sorted(names(there.instances)) == sorted(names(here.instances))
         for instance in here.instances:
             assert there.find(instance.name).transform == pytest.approx(instance.transform, abs=1e-6)
@@ -270,11 +282,12 @@ class TestWhole:
         assert {instance.mask for instance in moved.instances} == {6}
 
     def test_a_scene_goes_into_another_one(self):
-        inner = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), transform=clbvh.Transform(scale=2))
+        inner = clbvh.Scene()
+        inner.place(inner.add(clbvh.make_shape("icosphere", triangles=80)), clbvh.Transform(scale=2))
         inner.place(inner.add(clbvh.Spheres([[0, 0, 0]], 1, name="dot")), mask=3)
         outer = clbvh.Scene()
         outer.add_parts(inner, shifted(5, 0, 0))
-        outer.add(inner)
+        outer.add_parts(inner)
         assert names(outer.geometries) == ["icosphere", "dot", "icosphere 2", "dot 2"]
         assert names(outer.instances) == ["icosphere", "dot", "icosphere 2", "dot 2"]
         assert [instance.mask for instance in outer.instances] == [2**32 - 1, 3] * 2
@@ -283,6 +296,10 @@ class TestWhole:
         inner.add_parts(inner)
         assert len(inner.instances) == 4
 
+    def test_a_scene_is_no_geometry(self):
+        with pytest.raises(SceneError, match="add it by `add_parts`"):
+            clbvh.Scene().add(clbvh.Scene())
+
     @pytest.mark.parametrize("source", [5, None, trimesh.creation.box()])
     def test_something_without_parts_is_refused(self, source):
         with pytest.raises(SceneError, match=r"expected the path of a file, a trimesh\.Scene or a clbvh\.Scene, not"):
@@ -290,13 +307,14 @@ class TestWhole:
 
     def test_a_wrong_transform_or_mask_adds_nothing(self):
         inner = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80))
-        outer = clbvh.Scene()
+        outer, far = clbvh.Scene(), clbvh.Scene()
+        far.place(far.add(inner.geometries[0].shape), clbvh.Transform(scale=1e200))
         with pytest.raises(SceneError, match="the transform is singular"):
             outer.add_parts(inner, np.diag([0, 0, 0, 1]))
         with pytest.raises(SceneError, match="a mask must be"):
             outer.add_parts(inner, mask=-1)
         with pytest.raises(SceneError, match="the transform of 'icosphere' must be finite"):
-            outer.add_parts(clbvh.Scene(inner.mesh, transform=clbvh.Transform(scale=1e200)), np.diag([1e200] * 3 + [1]))
+            outer.add_parts(far, np.diag([1e200] * 3 + [1]))
         assert outer.geometries == ()
 
 

@@ -1,0 +1,177 @@
+"""Meshes of several parts, as files have them: joined to one mesh that names its parts, or cut into one mesh for each.
+
+Owns the rule by which a file is better kept as placed meshes. Must not know of formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..appearance.appearance import Appearance, find_flat_normals, turn_corners
+from ..appearance.material import Material
+from ..mesh import Part, check_face_count
+from .file_mesh import FileMesh, finish_looks
+
+# Of corners whose part has none of them: the middle of no texture, and white, which tints nothing.
+_FILLERS = {"uvs": ((3, 2), np.float32, 0), "colours": ((3, 4), np.uint8, 255)}
+
+# Files whose nodes place more triangles than this times those of their meshes are scenes of instances.
+_MOST_PLACED = 2
+
+
+class FileNode(NamedTuple):
+    """A mesh, by its index, at a position that a (4, 4) float64 matrix gives. The name may be empty."""
+
+    name: str
+    mesh: int
+    matrix: NDArray[np.float64]
+
+
+class FileParts(NamedTuple):
+    """The meshes that the nodes place, and the nodes, both in the order of the file."""
+
+    meshes: list[FileMesh]
+    nodes: list[FileNode]
+
+
+class LooksPiece(NamedTuple):
+    """The looks of some triangles, and the triangles: (V, 3) float and (F, 3) int."""
+
+    appearance: Appearance | None
+    points: NDArray[np.number]
+    faces: NDArray[np.integer]
+
+
+def join_nodes(read: FileMesh | FileParts) -> FileMesh:
+    """Return the meshes of all nodes as one mesh, in their places; each node with triangles is a part.
+
+    Raises
+    ------
+    MeshError
+        They are too many, or do not fit the memory.
+    """
+    if isinstance(read, FileMesh):
+        return read
+    placed = [read.meshes[node.mesh] for node in read.nodes]
+    check_face_count(sum(len(mesh.faces) for mesh in placed), sum(len(mesh.vertices) for mesh in placed))
+    pieces: list[LooksPiece] = []
+    parts: list[Part] = []
+    vertices: list[NDArray[np.number]] = [np.empty((0, 3))]
+    faces: list[NDArray[np.integer]] = [np.empty((0, 3), np.int64)]
+    vertex_count, face_count = 0, 0
+    for node, mesh in zip(read.nodes, placed, strict=True):
+        with np.errstate(invalid="ignore"):
+            mirrors = bool(np.linalg.slogdet(node.matrix[:3, :3])[0] < 0)
+        # A mirrored triangle is seen from its other side, unless its corners are turned round.
+        own_faces = mesh.faces[:, ::-1] if mirrors else mesh.faces
+        points = _move(mesh.vertices, node.matrix)
+        pieces.append(LooksPiece(_move_looks(mesh.appearance, node.matrix, mirrors), points, own_faces))
+        vertices.append(points)
+        faces.append(own_faces + vertex_count)
+        vertex_count += len(points)
+        if len(own_faces):
+            parts.append(Part(node.name.strip() or mesh.name, face_count, face_count + len(own_faces)))
+            face_count += len(own_faces)
+    looks = join_looks(pieces)
+    return FileMesh("", np.concatenate(vertices), np.concatenate(faces), looks, parts=tuple(parts))
+
+
+def join_few(read: FileMesh | FileParts) -> FileMesh | FileParts:
+    """Return the meshes of all nodes as one mesh, but in parts if that would multiply the triangles."""
+    return split_parts(read) if isinstance(read, FileParts) and multiplies(read) else join_nodes(read)
+
+
+def multiplies(parts: FileParts) -> bool:
+    """Return whether the nodes place more than twice the triangles that the meshes have."""
+    placed = sum(len(parts.meshes[node.mesh].faces) for node in parts.nodes)
+    return placed > _MOST_PLACED * sum(len(mesh.faces) for mesh in parts.meshes)
+
+
+def split_parts(read: FileMesh | FileParts) -> FileParts:
+    """Return a mesh for each name of the parts, in the order of the file, with the vertices that its faces refer to."""
+    if isinstance(read, FileParts):
+        return FileParts([drop_loose_vertices(mesh) for mesh in read.meshes], read.nodes)
+    if not read.parts:
+        return FileParts([read], [FileNode("", 0, np.eye(4))])
+    ranges: dict[str, list[NDArray[np.int64]]] = {"": []}  # what has no name comes first
+    for name, begin, end in read.parts:
+        ranges.setdefault(name, []).append(np.arange(begin, end))
+    meshes = []
+    for name, own_ranges in ranges.items():
+        if not own_ranges:
+            continue
+        ids = np.concatenate(own_ranges)
+        looks = None if read.appearance is None else read.appearance.select(ids)
+        flat_faces = None if read.flat_faces is None else read.flat_faces[ids]
+        meshes.append(drop_loose_vertices(FileMesh(name, read.vertices, read.faces[ids], looks, flat_faces)))
+    return FileParts(meshes, [FileNode(mesh.name, number, np.eye(4)) for number, mesh in enumerate(meshes)])
+
+
+def drop_loose_vertices(mesh: FileMesh) -> FileMesh:
+    """Return a mesh with the vertices that faces refer to, in their order."""
+    used, renumbered = np.unique(mesh.faces, return_inverse=True)
+    if len(used) == len(mesh.vertices):
+        return mesh
+    return mesh._replace(vertices=mesh.vertices[used], faces=renumbered.reshape(mesh.faces.shape))
+
+
+def join_looks(pieces: Sequence[LooksPiece]) -> Appearance | None:
+    """Return the looks of triangles that follow each other; None if none of them has any.
+
+    Where some pieces have normals, the others have those of their faces.
+    """
+    looks = [piece.appearance or Appearance() for piece in pieces]
+    counts = [len(piece.faces) for piece in pieces]
+    arrays: dict[str, NDArray] = {}
+    if any(each.normals is not None for each in looks):
+        arrays["normals"] = _concatenate([_find_normals(piece) for piece in pieces])
+    for name, (shape, dtype, filler) in _FILLERS.items():
+        given = [getattr(each, name) for each in looks]
+        if any(values is not None for values in given):
+            fillers = [np.broadcast_to(np.array(filler, dtype), (count, *shape)) for count in counts]
+            arrays[name] = _concatenate(
+                [filled if values is None else values for values, filled in zip(given, fillers, strict=True)]
+            )
+    if not any(each.materials for each in looks):
+        return finish_looks(arrays, [])
+    # A piece without a material in the midst of others is like a mesh without one; its colours are not tinted.
+    plain = Material(base_colour=(1.0, 1.0, 1.0)) if "colours" in arrays else Material()
+    used = [each.materials or (plain,) for each in looks]
+    numbers = {material: number for number, material in enumerate(dict.fromkeys(chain.from_iterable(used)))}
+    if len(numbers) > 1:
+        ids = []
+        for each, materials, count in zip(looks, used, counts, strict=True):
+            own_ids = np.array([numbers[material] for material in materials], np.int32)
+            ids.append(np.repeat(own_ids[:1], count) if each.material_ids is None else own_ids[each.material_ids])
+        arrays["material_ids"] = _concatenate(ids)
+    return finish_looks(arrays, list(numbers))
+
+
+def _move(points: NDArray[np.number], matrix: NDArray[np.float64]) -> NDArray[np.number]:
+    if (matrix == np.eye(4)).all():
+        return points
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates that are not finite are refused later
+        return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def _move_looks(looks: Appearance | None, matrix: NDArray[np.float64], mirrors: bool) -> Appearance | None:
+    if looks is None or (matrix == np.eye(4)).all():
+        return looks
+    with np.errstate(all="ignore"):
+        moved = looks.transformed(matrix)
+    return turn_corners(moved) if mirrors else moved
+
+
+def _find_normals(piece: LooksPiece) -> NDArray[np.float32]:
+    if piece.appearance is not None and piece.appearance.normals is not None:
+        return piece.appearance.normals
+    return np.repeat(find_flat_normals(piece.points[piece.faces])[:, None], 3, axis=1)
+
+
+def _concatenate(arrays: list[NDArray]) -> NDArray:
+    return np.ascontiguousarray(arrays[0]) if len(arrays) == 1 else np.concatenate(arrays)
