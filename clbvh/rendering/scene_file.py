@@ -190,20 +190,18 @@ def _add_options(kind: type[SceneObject], names: tuple[str, ...]) -> type[SceneO
     return msgspec.defstruct(kind.__name__, fields, bases=(kind,), kw_only=True, frozen=True)  # type: ignore[return-value]
 
 
-# Whether the pixels of textures are colours, which are sRGB, or numbers.
-_TEXTURES = {
-    "base_colour_texture": True,
-    "metallic_roughness_texture": False,
-    "emission_texture": True,
-    "normal_texture": False,
-}
+# Their pixels are colours, which are sRGB; those of the other textures are numbers.
+_TEXTURES_OF_COLOURS = ("base_colour_texture", "emission_texture")
 
 
 @cache
 def _material_table() -> Any:
     """Return the class of `[[material]]` tables: a label, and the fields of `Material`, with paths for textures."""
-    types = get_type_hints(Material) | dict.fromkeys(_TEXTURES, str | None)
-    fields = [(each.name, types[each.name], each.default) for each in dataclasses.fields(Material)[1:]]
+    types = get_type_hints(Material)
+    fields = [
+        (each.name, str | None if each.name.endswith("_texture") else types[each.name], each.default)
+        for each in dataclasses.fields(Material)[1:]
+    ]
     return msgspec.defstruct("Material", [("label", str), *fields], forbid_unknown_fields=True)
 
 
@@ -371,10 +369,10 @@ def _read_materials(tables: list[dict[str, Any]], folder: Path) -> dict[str, Mat
         with _naming(f"material {number}"):
             table = msgspec.structs.asdict(_convert(values, _material_table()))
             names.check(label := table.pop("label"))
-            for name, is_srgb in _TEXTURES.items():
-                if table[name] is not None:
+            for name, value in table.items():
+                if name.endswith("_texture") and value is not None:
                     with _naming(name):
-                        key = folder / table[name], is_srgb
+                        key = folder / value, name in _TEXTURES_OF_COLOURS
                         if key not in textures:
                             textures[key] = _read_texture(*key)
                         table[name] = textures[key]

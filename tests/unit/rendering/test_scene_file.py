@@ -100,6 +100,7 @@ base_colour_texture = "tiles.png"
 """
 
 A = '[[object]]\nname = "a"\n'
+OAK = A + "[[material]]\nlabel = 'oak'\n"
 GROUND = '[[object]]\nlabel = "ground"\nname = "a"\n[[object]]\nname = "b"\n'
 BALL = '[[object]]\nshape = "icosphere"\ntriangles = 80\n'
 
@@ -255,14 +256,14 @@ def test_objects_without_a_label_are_numbered(parse):
         # Materials.
         (A + "[[material]]\nmetallic = 1\n", "material 1: needs 'label'"),
         (A + "[[material]]\nlabel = ' '\n", "material 1: the name of a material must be a text that is not empty"),
-        (A + "[[material]]\nlabel = 'a'\n[[material]]\nlabel = 'a'\n", "material 2: the scene has a material with the"),
-        (A + "[[material]]\nlabel = 'a'\nmetalic = 1\n", "material 1: there is no key 'metalic': did you mean 'metallic"),
-        (A + "[[material]]\nlabel = 'a'\nroughness = 'x'\n", "material 1: roughness: expected float, got str"),
-        (A + "[[material]]\nlabel = 'a'\nroughness = 2\n", "material 1: the material's roughness must be a number from 0"),
-        (A + "[[material]]\nlabel = 'a'\nbase_colour = [1, 1]\n", "base_colour: expected array of length 3, got 2"),
-        (A + "[[material]]\nlabel = 'a'\nbase_colour_texture = 'b.png'\n", r"base_colour_texture: .*b\.png: no such file"),
-        (A + "[[material]]\nlabel = 'a'\nemission_texture = 'scene.toml'\n", "scene.toml: the file cannot be used as a"),
-        (A + "[[material]]\nlabel = 'a'\nemission_texture = '.'\n", "emission_texture: .*: the file cannot be read"),
+        (OAK + "[[material]]\nlabel = 'oak'\n", "material 2: the scene has a material with the"),
+        (OAK + "metalic = 1\n", "material 1: there is no key 'metalic': did you mean 'metallic"),
+        (OAK + "roughness = 'x'\n", "material 1: roughness: expected float, got str"),
+        (OAK + "roughness = 2\n", "material 1: the material's roughness must be a number from 0"),
+        (OAK + "base_colour = [1, 1]\n", "base_colour: expected array of length 3, got 2"),
+        (OAK + "base_colour_texture = 'b.png'\n", r"base_colour_texture: .*b\.png: no such file"),
+        (OAK + "emission_texture = 'scene.toml'\n", "scene.toml: the file cannot be used as a"),
+        (OAK + "emission_texture = '.'\n", "emission_texture: .*: the file cannot be read"),
         # The view: `test_view.py` has the limits of its settings.
         (A + "[view]\nsample = 1", "view: there is no setting 'sample': did you mean 'samples'?"),
         (A + "[view.light]\nup = 1", "view: there is no setting 'up'"),
