@@ -46,7 +46,7 @@ def make_scene(*shapes, **settings):
     scene = Scene()
     for shape in shapes:
         scene.place(scene.add(shape))
-    return scene, clbvh.View(up="y", **defaults | settings)
+    return scene, clbvh.View(up="y").changed(**defaults | settings)
 
 
 def render_film(scene_and_view, **changes):
