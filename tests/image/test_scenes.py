@@ -155,11 +155,11 @@ class TestPixels:
         # A floor at y = 0, and a square lid at y = 1 over x and z from -0.5 to 0.5; light from straight above.
         square = Mesh.from_arrays([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], [(0, 1, 2), (0, 2, 3)])
         scene = Scene()
-        view = clbvh.View(eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90, light=DOWN, shading="lambert+shadow")  # fmt: skip
+        view = clbvh.View(eye=(0, 0.5, 5), look_at=(0, 0, 0), fov=40, width=160, height=90, up="y", light=DOWN)
         geometry = scene.add(square)
         scene.place(geometry, affine(2 * np.eye(3)))
         scene.place(geometry, affine(np.diag([0.5, -1, 0.5]) @ [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0, 1, 0)))
-        picture = clbvh.render(scene, view)
+        picture = clbvh.render(scene, view, shading="lambert+shadow")
         points, on_floor = picture.hits.locations, picture.hits.instance_id == 0
         inside = (np.abs(points[..., [0, 2]]) < 0.499).all(axis=-1) & on_floor
         outside = (np.abs(points[..., [0, 2]]) > 0.501).any(axis=-1) & on_floor

@@ -43,12 +43,12 @@ def test_each_shading_looks_as_it_did(shading, compare_with_reference):
 
 @pytest.mark.parametrize("shading", ["studio", "ao"])
 def test_bands_and_batches_do_not_show(shading, monkeypatch):
-    scene = KNOT.with_changes(shading=shading, samples=7)
-    whole = clbvh.render(scene).rgb
+    view = VIEW.changed(shading=shading, samples=7)
+    whole = clbvh.render(KNOT, view).rgb
     # Two samples in each launch, and 7 rows in each band.
     monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
     monkeypatch.setattr(frame_module, "BAND_PIXELS", VIEW.width * 7)
-    assert np.array_equal(clbvh.render(scene).rgb, whole)
+    assert np.array_equal(clbvh.render(KNOT, view).rgb, whole)
 
 
 def test_a_picture_that_is_stopped_has_the_samples_that_were_taken():
@@ -195,9 +195,9 @@ def test_the_filmic_curve_is_that_of_its_source(exposure):
 def test_a_coarse_ball_has_no_facets_in_its_shadow():
     films = []
     for triangles in (320, 81920):
-        ball = Scene(clbvh.make_shape("icosphere", triangles=triangles))
-        view = clbvh.View(width=64, height=64, ground=False)
-        ball = ball.with_changes(light=Light(direction=(1, 0.2, 0.1), sky=(0, 0, 0), ground=(0, 0, 0)))
+        ball = clbvh.make_shape("icosphere", triangles=triangles)
+        light = Light(direction=(1, 0.2, 0.1), sky=(0, 0, 0), ground=(0, 0, 0))
+        view = clbvh.View(width=64, height=64, ground=False, light=light)
         with clbvh.Renderer(ball, view, eye=(0, 0, 5), look_at=(0, 0, 0), samples=16) as renderer:
             films.append(renderer.render(keeps_film=True).film[20:44, 20:44, 0])
     assert np.abs(films[0] - films[1]).max() < 0.03
