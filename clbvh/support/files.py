@@ -37,15 +37,11 @@ def open_regular(path: Path) -> BufferedReader:
         The file cannot be opened, or is not a regular one: a named pipe would wait for a writer, and a device may have
         no end. `strerror` says so in one phrase.
     """
-    _refuse_special(path, path.stat().st_mode)
-    # Not blocking: the name may have become a pipe's since.
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    try:
-        _refuse_special(path, os.fstat(descriptor).st_mode)
-        return os.fdopen(descriptor, "rb")
-    except BaseException:
-        os.close(descriptor)
-        raise
+    mode = path.stat().st_mode
+    if not stat.S_ISREG(mode):
+        code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(code, f"this is a {_KINDS.get(stat.S_IFMT(mode), 'special file')}, not a file", str(path))
+    return path.open("rb")
 
 
 @contextmanager
@@ -84,13 +80,6 @@ def read_regular(path: Path, *, max_bytes: int | None = None) -> bytes:
         if size > (free := free_memory_bytes()):
             raise OSError(errno.EFBIG, f"it has {size:,} bytes, but there are {free:,} bytes of free memory", str(path))
         return file.read(size)
-
-
-def _refuse_special(path: Path, mode: int) -> None:
-    kind = stat.S_IFMT(mode)
-    if kind != stat.S_IFREG:
-        code = errno.EISDIR if kind == stat.S_IFDIR else errno.EINVAL
-        raise OSError(code, f"this is a {_KINDS.get(kind, 'special file')}, not a file", str(path))
 
 
 # Random bytes in a name.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import os
 import warnings
 from pathlib import Path, PurePosixPath
 
@@ -71,7 +72,7 @@ def find_file(folder: Path, name: str) -> Path:
     words = PurePosixPath(name.strip().strip('"').replace("\\", "/"))
     path = folder / words
     for candidate in (path, folder / words.name):
-        if _exists(candidate):
+        if os.path.exists(candidate):  # noqa: PTH110 - also of a name that no file can have
             return candidate
         try:
             matches = [one for one in candidate.parent.iterdir() if one.name.lower() == candidate.name.lower()]
@@ -80,13 +81,6 @@ def find_file(folder: Path, name: str) -> Path:
         if matches:
             return matches[0]
     return path
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # a name that no file can have
-        return False
 
 
 def decode_image(data: bytes) -> NDArray[np.uint8]:

@@ -111,27 +111,17 @@ def make_icosphere(triangles: int, generator: np.random.Generator) -> Solid:
     sides[inward] = sides[inward][:, ::-1]
 
     # Each side gets a triangular lattice; the weights of its three tips are whole numbers that add up to `frequency`.
-    weight_a, weight_b = np.divmod(np.arange((frequency + 1) ** 2), frequency + 1)
-    kept = weight_a + weight_b <= frequency
-    weights = np.column_stack((weight_a, weight_b, frequency - weight_a - weight_b))[kept]
-    position_of = np.cumsum(kept) - 1
-    at = position_of[np.flatnonzero(kept & (weight_a + weight_b < frequency))]
-    a, b = weights[at, 0], weights[at, 1]
-    up = np.column_stack(
-        (
-            position_of[a * (frequency + 1) + b],
-            position_of[(a + 1) * (frequency + 1) + b],
-            position_of[a * (frequency + 1) + b + 1],
-        )
-    )
-    has_down = a + b < frequency - 1
-    corner = position_of[((a + 1) * (frequency + 1) + b + 1)[has_down]]
-    down = np.column_stack((up[has_down, 2], up[has_down, 1], corner))
-    cells = np.concatenate((up, down))
+    # They fill half of a square grid: `number` counts them, and the neighbours of slot i are i + 1 and i + `row`.
+    row = frequency + 1
+    a, b = np.divmod(np.arange(row**2), row)
+    weights = np.column_stack((a, b, frequency - a - b))[a + b <= frequency]
+    number = np.cumsum(a + b <= frequency) - 1
+    up, down = np.flatnonzero(a + b < frequency)[:, None], np.flatnonzero(a + b < frequency - 1)[:, None]
+    cells = number[np.concatenate((up + np.array([0, row, 1]), down + np.array([1, row, row + 1])))]
 
     # Points on a common edge have equal tips with equal weights, so whole numbers identify them.
-    marks = np.sort(np.where(weights > 0, sides[:, None, :] * (frequency + 1) + weights, 0), axis=2)
-    base = 12 * (frequency + 1)
+    marks = np.sort(np.where(weights > 0, sides[:, None, :] * row + weights, 0), axis=2)
+    base = 12 * row
     keys = (marks[..., 0] * base + marks[..., 1]) * base + marks[..., 2]
     _, first, vertex_of = np.unique(keys, return_index=True, return_inverse=True)
     points = np.einsum("nw,swx->snx", weights.astype(np.float64), tips[sides]).reshape(-1, 3)[first]

@@ -36,15 +36,6 @@ def test_a_special_file_is_refused_by_its_kind(special):
         read_regular(path)
 
 
-def test_a_name_that_becomes_a_pipe_s_meanwhile(special, monkeypatch):
-    path, kind = special
-    file = path.with_name("regular")
-    file.touch()
-    monkeypatch.setattr(type(path), "stat", lambda _: os.stat(file))  # noqa: PTH116 - the method that is replaced
-    with pytest.raises(OSError, match=f"this is a {kind}|No such device"):
-        open_regular(path)
-
-
 def test_a_link_to_a_file_is_a_file(tmp_path):
     (tmp_path / "a").write_bytes(b"content")
     (tmp_path / "b").symlink_to(tmp_path / "a")
