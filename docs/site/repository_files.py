@@ -2,7 +2,7 @@
 
 Pages link to README, CHANGELOG, CONTRIBUTING and the examples by their paths in the repository, so that the links work
 there. Here these files become pages, and the links lead to them. A paragraph that is nothing but the link to a script
-becomes the script.
+becomes the script, and `<!-- settings of View -->` the tables of all settings.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File, Files
+
+from clbvh.rendering.settings import list_settings
+from clbvh.rendering.view import View
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = "docs/"
@@ -29,6 +32,7 @@ _FILES = {page: file for file, page in _PAGES.items() if "." in file}
 
 _FENCED = re.compile(r"^(```|~~~).*?^\1[ ]*$", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(\]\()([^)\s#:]+)((?:#[^)\s]*)?\))")
+_SETTINGS = "<!-- settings of View -->"
 _LONE_SCRIPT = re.compile(r"^\[`?(examples/\w+\.py)`?\]\([./]*examples/\w+\.py\)$", re.MULTILINE)
 
 
@@ -44,6 +48,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Show scripts, and lead links to pages of the site."""
     source = page.file.src_uri
     markdown = _LONE_SCRIPT.sub(lambda match: _fence_script(match[1]), markdown)
+    markdown = markdown.replace(_SETTINGS, _tabulate_settings())
     folder = posixpath.dirname(_FILES.get(source, _DOCS + source))
     pieces, end = [], 0
     for fenced in _FENCED.finditer(markdown):
@@ -71,3 +76,15 @@ def _show_script(file: str) -> str:
 
 def _fence_script(file: str) -> str:
     return f'```python title="{file}"\n{(_REPOSITORY / file).read_text(encoding="utf-8")}```'
+
+
+def _tabulate_settings() -> str:
+    """Return one table of settings for each panel of the command line's help, from the fields of `View`."""
+    tables: dict[str, list[str]] = {}
+    for each in list_settings(View):
+        option = f"`--{each.name.replace('_', '-')}`" if each.is_option else ""
+        cells = (f"`{each.name}`", option, each.kind.text, each.shown or f"`{each.default}`", each.help)
+        row = " | ".join(cell.replace("|", r"\|") for cell in cells)
+        tables.setdefault(each.panel, []).append(f"| {row} |")
+    head = "| setting | option | must be | default | |\n|---|---|---|---|---|\n"
+    return "\n\n".join(f"## {panel}\n\n{head}" + "\n".join(rows) for panel, rows in tables.items())
