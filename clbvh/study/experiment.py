@@ -28,7 +28,6 @@ class Experiment:
 
     Attributes
     ----------
-    name : str
     group : tuple of str
         Keys of the cases that are measured in turn, because their figures are compared: those that agree in these.
     weight : float
@@ -37,10 +36,14 @@ class Experiment:
         The samples are counts that are the same each time: one of each is enough, and no warm-up is needed.
     """
 
-    name: str
     group: tuple[str, ...] = ("mesh",)
     weight = 1.0
     counts = False
+
+    @property
+    def name(self) -> str:
+        """The class's name in small letters, by which the command line and the samples call it."""
+        return type(self).__name__.lower()
 
     def cases(self, scale: Scale) -> list[Case]:
         """Return the table of cases."""

@@ -11,9 +11,11 @@ from .experiments.devices import Devices, Divergence, Layouts
 from .experiments.frames import Breakdown, Frontier, Gallery, Resolution, Scenes
 from .experiments.peers import Peers
 
-_KINDS = (Ladder, Scaling, Threshold, Scenes, Resolution, Breakdown, Frontier, Layouts, Divergence, Counters, Peers,
-          Devices, Gallery)  # fmt: skip
-EXPERIMENTS: dict[str, Experiment] = {kind.name: kind() for kind in _KINDS}
+EXPERIMENTS: dict[str, Experiment] = {
+    experiment.name: experiment
+    for experiment in (Ladder(), Scaling(), Threshold(), Scenes(), Resolution(), Breakdown(), Frontier(), Layouts(),
+                       Divergence(), Counters(), Peers(), Devices(), Gallery())
+}  # fmt: skip
 
 
 def find_experiments(names: Sequence[str]) -> list[Experiment]:

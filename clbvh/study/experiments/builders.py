@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from ...builders.ladder.variants import VARIANTS
 from ...support.host_threads import usable_cores
 from ..bench import PHASE, Bench
-from ..drawing import REPORT, Axis, Point
 from ..experiment import Experiment, curve, published
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
-from ..page import Figure, Part, Rows, Table
+from ..page import REPORT, Axis, Figure, Part, Point, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import Scale
 from ..statistics import amdahl_speedup, fit_amdahl
@@ -56,7 +55,6 @@ class Ladder(Experiment):
     in the layout bvh2. All variants take turns.
     """
 
-    name = "ladder"
     weight = 4
 
     def cases(self, scale: Scale) -> list[Case]:
@@ -101,7 +99,6 @@ class Scaling(Experiment):
     (boxes and centroids), top (until there are enough subtrees), subtrees, and compaction.
     """
 
-    name = "scaling"
     weight = 2
 
     def cases(self, scale: Scale) -> list[Case]:
@@ -159,7 +156,6 @@ class Threshold(Experiment):
     worker process's.
     """
 
-    name = "threshold"
     weight = 2
 
     def cases(self, scale: Scale) -> list[Case]:
@@ -199,7 +195,6 @@ class Counters(Experiment):
     difference. Counted work: the variants' own compiled steps, run on arrays that count.
     """
 
-    name = "counters"
     weight = 2
     counts = True
 

@@ -14,9 +14,8 @@ from ...structs import LAYOUT_WIDTHS
 from ...trace.oracle.visits import HostTraversal, count_wide_visits
 from ...trace.tracer import Tracer
 from ..bench import Bench
-from ..drawing import REPORT, Axis, Point
 from ..experiment import Experiment, published
-from ..page import Figure, Part, Picture, Rows, Table
+from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import Scale
 from ..statistics import lane_use
@@ -53,7 +52,6 @@ class Layouts(Experiment):
     children, one leaf visit a block of up to 4 or 8 triangles.
     """
 
-    name = "layouts"
     group = ("part", "mesh")
     weight = 2
 
@@ -116,7 +114,6 @@ class Divergence(Experiment):
     every machine.
     """
 
-    name = "divergence"
     counts = True
 
     def cases(self, scale: Scale) -> list[Case]:
@@ -174,7 +171,6 @@ class Devices(Experiment):
     Event time of the kernels. Two drivers for one processor are two devices.
     """
 
-    name = "devices"
     weight = 2
 
     def cases(self, scale: Scale) -> list[Case]:

@@ -9,9 +9,8 @@ from ...rendering.heat_map import draw_heat_map_of
 from ...support.host_threads import HostThreads, usable_cores
 from ...trace.oracle.visits import HostTraversal
 from ..bench import Bench
-from ..drawing import REPORT, Axis, Point
 from ..experiment import Experiment, curve, published
-from ..page import Figure, Part, Picture, Rows, Table
+from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
 from ..samples import Case, Results, Sample
 from ..scale import SCANS, Scale, load_named_mesh, scan_of
 from ..statistics import Summary, growth_exponent
@@ -48,7 +47,6 @@ class Scenes(Experiment):
     Wall time of builds; event time of the kernel for one picture.
     """
 
-    name = "scenes"
     group = ("part", "mesh")
     weight = 4
 
@@ -115,7 +113,6 @@ class Resolution(Experiment):
     Host traversal: wall time, rays made before. Device: event times. Opening the device and compiling are not counted.
     """
 
-    name = "resolution"
     group = ("mesh", "picture")
     weight = 5
 
@@ -176,7 +173,6 @@ class Breakdown(Experiment):
     Load and build: wall time. Upload, kernel and download: event times. The file is in the system's cache.
     """
 
-    name = "breakdown"
     weight = 3
 
     def cases(self, scale: Scale) -> list[Case]:
@@ -217,7 +213,6 @@ class Frontier(Experiment):
     Build: wall time. Kernel: event time.
     """
 
-    name = "frontier"
     weight = 8
 
     def cases(self, scale: Scale) -> list[Case]:
@@ -253,8 +248,6 @@ class Gallery(Experiment):
 
     More heat maps stand under Divergence.
     """
-
-    name = "gallery"
 
     def cases(self, scale: Scale) -> list[Case]:
         meshes = {scale.mesh(name): shading for name, shading in _SHADINGS.items()}

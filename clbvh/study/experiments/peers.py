@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ...support.files import temporary_folder
 from ..bench import Bench
-from ..drawing import Axis
 from ..engines import ENGINES, Rival, Trimesh, open_engine
 from ..experiment import Experiment
 from ..machine import list_missing
-from ..page import Figure, Part, Rows, Table
+from ..page import Axis, Figure, Part, Rows, Table
 from ..samples import Case, NotMeasuredError, Results, Sample
 from ..scale import Scale
 from ..statistics import Summary
@@ -57,7 +56,6 @@ class Peers(Experiment):
     take turns.
     """
 
-    name = "peers"
     weight = 10
 
     def cases(self, scale: Scale) -> list[Case]:

@@ -23,8 +23,6 @@ def make_experiment(measure: Callable[[dict], dict] = lambda case: {"wall_ms": 1
         By hand.
         """
 
-        name = "madeup"
-
         def cases(self, scale):
             return [{"mesh": "a", "name": "one"}, {"mesh": "a", "name": "two"}, {"mesh": "b", "name": "x"}]
 

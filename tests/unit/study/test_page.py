@@ -8,14 +8,16 @@ from html.parser import HTMLParser
 
 import pytest
 
-from clbvh.study.drawing import REPORT, Axis, draw_figure
 from clbvh.study.page import (
     HTML,
+    REPORT,
     RESULTS,
+    Axis,
     Figure,
     Picture,
     Section,
     Table,
+    draw_figure,
     format_cell,
     format_number,
     render,
