@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ..rendering.cut import Cut
     from ..rendering.scene import Scene
     from ..rendering.settings import Wireframe
-    from ..rendering.vectors import Vector
+    from ..rendering.settings import Vector
 
 scene_option, samples_option = make_option("Scene"), make_option("Samples and colours")
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..errors import SceneError
-from .vectors import Vector, read_vector
+from .settings import Vector, vector
 
 if TYPE_CHECKING:
     import numpy as np
@@ -90,7 +90,7 @@ class Cut:
         if self.kind not in _PARTS:
             raise SceneError(f"a cut is a 'plane', a 'share' or a 'box', not {self.kind!r}")
         for name, attribute in zip(_PARTS[self.kind], ("first", "second"), strict=True):
-            value = read_vector(f"the {name} of a cut", getattr(self, attribute))
+            value = vector().take(f"the {name} of a cut", getattr(self, attribute))
             object.__setattr__(self, attribute, value)
         if self.kind != "box":
             if not any(self.second):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SceneError
 from ..geometry import Mesh, Shape, Spheres
 from .cameras.bounds import SceneBounds
-from .vectors import Vector
+from .settings import Vector
 
 Y_UP: Vector = (0.0, 1.0, 0.0)
 Z_UP: Vector = (0.0, 0.0, 1.0)

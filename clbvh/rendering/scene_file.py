@@ -40,8 +40,7 @@ from .cameras.camera import Camera
 from .cameras.lens import Lens
 from .cameras.projection import DEFAULT_UP, read_projection, text_of
 from .film.environment_map import EnvironmentMap
-from .settings import as_plain, change_settings, say_unknown
-from .vectors import Vector
+from .settings import Vector, as_plain, change_settings, say_unknown
 from .view import View
 
 _MAX_FILE_BYTES = 1 << 20  # a scene has a few hundred

@@ -46,6 +46,17 @@ class Kind:
     metavar: str = ""
     members: type | None = None
 
+    def take(self, name: str, value: Any, or_none: str = "") -> Any:
+        """Return the value that is kept; raise a `SceneError` that begins with the name for any other one."""
+        try:
+            return self.read(_as_python(value))
+        except SceneError as error:
+            if isinstance(value, Mapping):  # the settings of a group
+                raise SceneError(f"{name}: {error}") from None
+            raise
+        except (TypeError, ValueError, OverflowError):
+            raise SceneError(f"{name} must be {self.text}{or_none}, not {_show(value)}") from None
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -81,15 +92,7 @@ class Setting:
             value = None
         if value is None and self.default is None:
             return None
-        try:
-            return self.kind.read(_as_python(value))
-        except SceneError as error:
-            if isinstance(value, Mapping):  # the settings of a group
-                raise SceneError(f"{self.name}: {error}") from None
-            raise
-        except (TypeError, ValueError, OverflowError):
-            or_none = ", or None" if self.default is None else ""
-            raise SceneError(f"{self.name} must be {self.kind.text}{or_none}, not {_show(value)}") from None
+        return self.kind.take(self.name, value, ", or None" if self.default is None else "")
 
 
 def setting(default: Any, help: str, kind: Kind, panel: str = "", *, shown: str = "", is_option: bool = True) -> Any:

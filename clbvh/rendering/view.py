@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..choices import REPORT_SHADINGS, SHADINGS, STANDARD_VIEWS, TONE_CURVES
 from ..errors import SceneError
+from .cameras.projection import DEFAULT_FOV, PROJECTION, UP, Projection, check_focus
 from .settings import (
     Kind,
     Vector,
@@ -26,7 +27,6 @@ from .settings import (
 
 if TYPE_CHECKING:
     from .cameras.camera import Camera
-    from .cameras.projection import Projection
     from .cut import Cut
     from .film.environment_map import EnvironmentMap
 
@@ -34,7 +34,6 @@ CAMERA, LIGHT, SHADING, FILM = "Camera", "Light", "Shading", "Picture"
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 800, 450
 MAX_SIDE = 65_535
-DEFAULT_FOV = 35.0
 
 # Enough for edges without steps and for soft shadows with little noise: 0.6 s for 800 x 450 on a 2-core x86-64 server.
 _DEFAULT_SAMPLES = {"studio": 16, "ao": 16, "path": 64}
@@ -159,21 +158,7 @@ def _read_environment(value: Any) -> EnvironmentMap | None:
     return as_environment(value)
 
 
-def _read_projection(value: Any) -> Projection | None:
-    from .cameras.projection import read_projection
-
-    return read_projection(value)
-
-
-def _read_up(value: Any) -> Vector | str:
-    from .cameras.projection import read_up
-
-    return read_up(value)
-
-
-_UP_TEXT = 'a direction, an axis such as "z" or "-z", or "auto"'
 _CUT_TEXT = 'a clbvh.Cut, or a text such as "z=50%", "0,1,0;0,1,0" or "box 0,0,0;1,1,1"'
-_PROJECTION_TEXT = 'a clbvh.Orthographic, Fisheye or Panorama, or a text such as "fisheye:220"'
 
 
 @dataclass(frozen=True)
@@ -276,10 +261,7 @@ class View:
     )
     eye: Vector | None = setting(None, "Position of the camera.", vector(), CAMERA, shown="sees the whole scene")
     look_at: Vector | None = setting(None, "Point that the camera looks at.", vector(), CAMERA, shown="the middle")
-    up: Vector | str = setting(
-        "auto", "Direction that is up.", Kind(_UP_TEXT, _read_up, metavar="X,Y,Z|y|-z|auto"), CAMERA,
-        shown="auto: y or z, by the shape",
-    )  # fmt: skip
+    up: Vector | str = setting("auto", "Direction that is up.", UP, CAMERA, shown="auto: y or z, by the shape")
     frame: str = setting(
         "auto", "What the whole is; auto leaves out a few small parts far away from the rest.",
         one_of(("auto", "all")), CAMERA,
@@ -289,7 +271,7 @@ class View:
         None,
         "perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the degrees of "
         "a fisheye as in fisheye:220.",
-        Kind(_PROJECTION_TEXT, _read_projection, metavar="KIND"), CAMERA, shown="perspective",
+        PROJECTION, CAMERA, shown="perspective",
     )  # fmt: skip
     aperture: float = setting(0.0, "Diameter of the lens: depth of field.", number(0), CAMERA)
     focus_distance: float | None = setting(
@@ -362,10 +344,7 @@ class View:
             raise SceneError(f"the side '{self.side}' and {other} were given: take one of them out")
         if self.projection is not None and self.fov != DEFAULT_FOV:
             raise SceneError("fov is that of a perspective camera: take it out, or the projection")
-        if self.aperture and self.projection is not None:
-            from .cameras.projection import check_optics
-
-            check_optics(self.fov, self.projection, self.aperture, self.focus_distance)
+        check_focus(self.projection, self.aperture)
         if self.samples is not None and self.samples > 1 and self.shading in REPORT_SHADINGS:
             raise SceneError(
                 f"the shading '{self.shading}' has one sample, the centre of each pixel, and not {self.samples:,}: "

@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
 from ...support.memory import check_memory
-from ..vectors import Vector, as_vector, is_finite_number, read_array, read_vector
+from ..settings import Vector, check_settings, number, setting, vector
+from .arrays import as_vector, read_array
 from .lens import Lens, check_size
 from .pose import find_signs, make_axes, read_pose, rotate_about_axis
-from .projection import DEFAULT_FOV, DEFAULT_UP, Orthographic, Projection, check_optics, name_of, read_projection
+from .projection import DEFAULT_FOV, DEFAULT_UP, PROJECTION, Orthographic, Projection, check_focus, name_of
 from .rays import RayModel, find_ray_model, pixel_centres_of
 
 Array = NDArray[np.float64]
@@ -75,18 +76,18 @@ class Camera:
 
     eye: Vector
     look_at: Vector
-    up: Vector = DEFAULT_UP
-    fov: float = DEFAULT_FOV
+    up: Vector = setting(DEFAULT_UP, "Up in the picture.", vector())
+    fov: float = setting(DEFAULT_FOV, "Vertical field of view in degrees.", number(above=0, below=180))
     lens: Lens | None = None
-    projection: Projection | None = None
-    aperture: float = 0.0
-    focus_distance: float | None = None
+    projection: Projection | None = setting(None, "None: perspective.", PROJECTION)
+    aperture: float = setting(0.0, "Diameter of the lens's opening.", number(0))
+    focus_distance: float | None = setting(None, "Depth that is sharp.", number(above=0))
 
     def __post_init__(self) -> None:
-        for name in ("eye", "look_at", "up"):
-            # Tuples of Python numbers, so that cameras can be compared and hashed.
-            object.__setattr__(self, name, read_vector(f"the camera's {name}", getattr(self, name)))
-        object.__setattr__(self, "projection", read_projection(self.projection))
+        # Tuples of Python numbers, so that cameras can be compared and hashed.
+        for name in ("eye", "look_at"):
+            object.__setattr__(self, name, vector().take(f"the camera's {name}", getattr(self, name)))
+        check_settings(self, "the camera's ")
         if self.lens is not None:
             if not isinstance(self.lens, Lens):
                 raise SceneError(f"the camera's lens must be a Lens or None, not {self.lens!r}")
@@ -96,13 +97,10 @@ class Camera:
                 )
             if self.projection is not None:
                 raise SceneError(f"a lens is that of a perspective camera: the {name_of(self.projection)} one has none")
+            if self.aperture and self.focus_distance is None:
+                raise SceneError("a camera with a lens and an aperture needs a focus_distance, as look_at is arbitrary")
             object.__setattr__(self, "fov", self.lens.fov)
-        check_optics(self.fov, self.projection, self.aperture, self.focus_distance)
-        if self.aperture and self.lens is not None and self.focus_distance is None:
-            raise SceneError("a camera with a lens and an aperture needs a focus_distance: its look_at is arbitrary")
-        for name in ("fov", "aperture", "focus_distance"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, float(getattr(self, name)))
+        check_focus(self.projection, self.aperture)
         if self.projection == Orthographic():
             raise SceneError("an orthographic camera needs a height, as in clbvh.Orthographic(height=2)")
         self.axes()
@@ -421,12 +419,11 @@ class Camera:
         >>> [round(part, 6) for part in camera.orbit(90).eye]
         [5.0, 0.0, 0.0]
         """
-        if not is_finite_number(degrees):
-            raise SceneError(f"a camera orbits by a finite number of degrees, not {degrees!r}")
+        degrees = number().take("the degrees by which a camera orbits", degrees)
         if about is None and self.lens is not None:
             raise SceneError("a camera with a lens has no point to orbit: give one as `about`")
-        centre = read_vector("the point that a camera orbits", self.look_at if about is None else about)
-        direction = read_vector("the axis that a camera orbits around", self.up if axis is None else axis)
+        centre = vector().take("the point that a camera orbits", self.look_at if about is None else about)
+        direction = vector().take("the axis that a camera orbits around", self.up if axis is None else axis)
         if not any(direction):
             raise SceneError("the axis that a camera orbits around must not be zero")
         # Whole turns are left out in degrees, where they are exact.
@@ -459,8 +456,7 @@ class Camera:
             return self.lens.complete_size(width, height)
         if width is None or height is None:
             raise SceneError("a camera without a lens has no size: give the width and the height of the picture")
-        check_size(width, height)
-        return int(width), int(height)
+        return check_size(width, height)
 
     def _ray_model(self, width: int, height: int) -> RayModel:
         """Return how points of a picture of this size become rays."""

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ...errors import SceneError
 from ...geometry import Mesh
-from ..vectors import Vector, as_vector
+from ..settings import Vector
+from .arrays import as_vector
 from .bounds import Reaches, SceneBounds
 from .camera import Camera
 from .pose import find_sides, make_axes

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import SceneError
-from ..vectors import check_choice, is_finite_number, read_array, show_matrix
+from ..settings import number, one_of, whole
+from .arrays import read_array, show_matrix
 
 # From the coordinates of a matrix to ours, where the pixel with index j covers the columns j to j + 1, as in OpenGL,
 # COLMAP and Open3D. In OpenCV's calibration, whole numbers are the centres of pixels.
@@ -27,7 +27,7 @@ _SHIFTS = {"half": 0.0, "integer": 0.5}
 
 # Largest focal length and largest offset of the principal point, in picture sizes; the inverse is the smallest focal
 # length. Beyond these, float32 cannot tell the field of view from 0 or from 180 degrees.
-_MOST = 1e9
+_MOST = 10**9
 
 # Tolerance of the aspect ratio, in pixels of either side: half of an odd side is no whole number.
 _SHAPE_SLACK_PIXELS = 1.0
@@ -75,14 +75,10 @@ class Lens:
     distortion: tuple[float, float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        for name, side in zip(("width", "height"), check_size(self.width, self.height), strict=True):
+            object.__setattr__(self, name, side)
         for name in ("fx", "fy", "cx", "cy", "skew"):
-            if not is_finite_number(getattr(self, name)):
-                raise SceneError(f"the camera's {name} must be a finite number of pixels, not {getattr(self, name)!r}")
-            # Python's numbers, whatever was given: sizes of a short type would overflow in products.
-            object.__setattr__(self, name, float(getattr(self, name)))
-        for name in ("width", "height"):
-            object.__setattr__(self, name, int(getattr(self, name)))
+            object.__setattr__(self, name, number().take(f"the camera's {name}", getattr(self, name)))
         for name, value, side in (("fx", self.fx, self.width), ("fy", self.fy, self.height)):
             if not value > 0:
                 raise SceneError(
@@ -136,7 +132,7 @@ class Lens:
         >>> round(lens.fx, 6), lens.cx, lens.cy
         (240.0, 320.0, 240.0)
         """
-        check_size(width, height)
+        width, height = check_size(width, height)
         focal = height / 2 / math.tan(math.radians(fov) / 2)
         return cls(focal, focal, width / 2, height / 2, 0.0, width, height)
 
@@ -171,8 +167,7 @@ class Lens:
         """
         if (width, height) == (self.width, self.height):
             return self
-        check_size(width, height)
-        width, height = int(width), int(height)
+        width, height = check_size(width, height)
         off_width = abs(width - height * self.width / self.height)
         off_height = abs(height - width * self.height / self.width)
         if min(off_width, off_height) > _SHAPE_SLACK_PIXELS:
@@ -200,11 +195,10 @@ class Lens:
         >>> clbvh.Lens.from_fov(90, 640, 480).complete_size(None, 240)
         (320, 240)
         """
-        check_size(1 if width is None else width, 1 if height is None else height)
         if width is None:
-            width = self.width if height is None else max(1, round(int(height) * self.width / self.height))
+            width = self.width if height is None else max(1, round(check_size(1, height)[1] * self.width / self.height))
         if height is None:
-            height = max(1, round(int(width) * self.height / self.width))
+            height = max(1, round(check_size(width, 1)[0] * self.height / self.width))
         resized = self.resized(width, height)
         return resized.width, resized.height
 
@@ -226,18 +220,14 @@ class Lens:
         return Window(half_width / self.fx, half_height / self.fy, centre_x, centre_y, self.skew / self.fx)
 
 
-def check_size(width: object, height: object) -> None:
-    """Raise `SceneError` unless these are the sides of a picture in pixels."""
-    for name, side in (("width", width), ("height", height)):
-        if isinstance(side, bool) or not isinstance(side, Integral) or side < 1:
-            raise SceneError(f"the {name} of a camera's picture must be a whole number of pixels, not {side!r}")
-        if int(side) > _MOST:
-            raise SceneError(f"the {name} of a camera's picture must be at most {_MOST:g} pixels")
+def check_size(width: Any, height: Any) -> tuple[int, int]:
+    """Return the sides of a picture in pixels; raise `SceneError` for anything else."""
+    sides = whole(1, _MOST)
+    return sides.take("the width of a camera's picture", width), sides.take("the height of a camera's picture", height)
 
 
 def _find_shift(pixel_centres: str) -> float:
-    check_choice("pixel_centres", pixel_centres, _SHIFTS)
-    return _SHIFTS[pixel_centres]
+    return _SHIFTS[one_of(_SHIFTS).take("pixel_centres", pixel_centres)]
 
 
 class Window(NamedTuple):

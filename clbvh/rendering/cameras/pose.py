@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...choices import STANDARD_VIEWS
 from ...errors import SceneError
-from ..vectors import Vector, as_vector, check_choice, read_array, show_matrix
-from .projection import check_view
+from ..settings import Vector, one_of
+from .arrays import as_vector, read_array, show_matrix
 
 CONVENTIONS = {"opencv": (1.0, -1.0, 1.0), "opengl": (1.0, 1.0, -1.0)}
 
@@ -89,8 +90,7 @@ def rotate_about_axis(axis: _Array, angle: float) -> NDArray[np.float64]:
 
 def find_signs(convention: str) -> _Array:
     """Return the signs of right, up and forward in the first three columns of a pose."""
-    check_choice("the convention", convention, CONVENTIONS)
-    return np.array(CONVENTIONS[convention])
+    return np.array(CONVENTIONS[one_of(CONVENTIONS).take("the convention", convention)])
 
 
 # Degrees to the right of the front, and above the level. The automatic view is from the front, a little from the right
@@ -116,7 +116,7 @@ def find_sides(name: str | None, up: Vector) -> tuple[_Array, Vector]:
         Another name, or no direction.
     """
     if name is not None:
-        check_view(name)
+        one_of(STANDARD_VIEWS).take("the side", name)
     upward = np.asarray(up, np.float64)
     if not np.isfinite(upward).all() or not np.linalg.norm(upward) > 0:
         raise SceneError(f"the camera's up must be a finite direction of length above 0, not {up}")

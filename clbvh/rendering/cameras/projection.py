@@ -10,9 +10,7 @@ from dataclasses import astuple, dataclass
 from typing import Any, Literal
 
 from ...errors import SceneError
-from ..vectors import Vector, as_vector, check_choice, is_finite_number, is_vector
-
-_FULL_TURN = 360.0
+from ..settings import Kind, Vector, check_settings, number, one_of, setting, vector
 
 
 @dataclass(frozen=True)
@@ -41,13 +39,10 @@ class Orthographic:
     ([[-0.5, 0.5, 5.0], [0.5, 0.5, 5.0]], [0.0, 0.0, -1.0])
     """
 
-    height: float | None = None
+    height: float | None = setting(None, "From the lower to the upper side of the picture.", number(above=0))
 
     def __post_init__(self) -> None:
-        if self.height is not None:
-            if not is_finite_number(self.height) or not self.height > 0:
-                raise SceneError(f"the height of an orthographic camera must be a number above 0, not {self.height!r}")
-            object.__setattr__(self, "height", float(self.height))
+        check_settings(self, "the orthographic ")
 
 
 @dataclass(frozen=True)
@@ -74,12 +69,10 @@ class Fisheye:
     np.int64(21)
     """
 
-    angle: float = 180.0
+    angle: float = setting(180.0, "Across the circle, in degrees.", number(above=0, most=360))
 
     def __post_init__(self) -> None:
-        if not is_finite_number(self.angle) or not 0 < self.angle <= _FULL_TURN:
-            raise SceneError(f"the angle of a fisheye must be above 0 and up to 360 degrees, not {self.angle!r}")
-        object.__setattr__(self, "angle", float(self.angle))
+        check_settings(self, "the fisheye's ")
 
 
 @dataclass(frozen=True)
@@ -110,6 +103,8 @@ def read_projection(value: object) -> Projection | None:
     ------
     SceneError
         The kind is unknown, or it has no value, or not this one.
+    TypeError
+        This is neither a projection nor a text.
 
     Examples
     --------
@@ -120,22 +115,23 @@ def read_projection(value: object) -> Projection | None:
     if value is None or isinstance(value, Projection):
         return value
     if not isinstance(value, str):
-        raise SceneError(
-            f"the camera's projection must be a clbvh.Orthographic, Fisheye or Panorama, None, or a text such as "
-            f"'fisheye:220', not {value!r}"
-        )
+        raise TypeError
     name, colon, text = value.partition(":")
-    check_choice("the projection", name, _KINDS)
-    kind = _KINDS[name]
+    kind = _KINDS[one_of(_KINDS).take("the projection", name)]
     if not colon:
         return kind and kind()
     if kind not in (Orthographic, Fisheye):
         raise SceneError(f"the projection {name} has no value: give '{name}' alone")
     try:
-        number = float(text)
-    except ValueError as error:
-        raise SceneError(f"the value of a projection must be a number, as in {name}:2, not '{text}'") from error
-    return kind(number)
+        size = float(text)
+    except ValueError:
+        raise SceneError(f"the value of a projection must be a number, as in {name}:2, not '{text}'") from None
+    return kind(size)
+
+
+PROJECTION = Kind(
+    'a clbvh.Orthographic, Fisheye or Panorama, or a text such as "fisheye:220"', read_projection, metavar="KIND"
+)
 
 
 def name_of(projection: Projection | None) -> str:
@@ -158,31 +154,24 @@ def text_of(projection: Projection | None) -> str:
 
 
 DEFAULT_FOV = 35.0
-_LARGEST_FOV = 180.0
 
 
-def check_optics(fov: float, projection: Projection | None, aperture: float, focus_distance: float | None) -> None:
-    """Raise `SceneError` unless a camera can have these values together."""
-    if not is_finite_number(fov) or not 0 < fov < _LARGEST_FOV:
-        raise SceneError(f"the camera's fov must be above 0 and below 180 degrees, not {fov}")
-    if not is_finite_number(aperture) or not aperture >= 0:
-        raise SceneError(f"the camera's aperture must be a finite number from 0, not {aperture!r}")
+def check_focus(projection: Projection | None, aperture: float) -> None:
+    """Raise `SceneError` for an aperture of a projection without a plane of focus."""
     if aperture and isinstance(projection, Fisheye | Panorama):
         raise SceneError(f"a {name_of(projection)} camera has no plane of focus: its aperture must be 0")
-    if focus_distance is not None and not (is_finite_number(focus_distance) and focus_distance > 0):
-        raise SceneError(f"the camera's focus_distance must be a finite number above 0, not {focus_distance!r}")
 
 
 AUTO: Literal["auto"] = "auto"
 DEFAULT_UP: Vector = (0.0, 1.0, 0.0)
 _AXES = {
-    sign + axis: as_vector([length if each == axis else 0.0 for each in "xyz"])
+    sign + axis: tuple(length if each == axis else 0.0 for each in "xyz")
     for sign, length in (("", 1.0), ("+", 1.0), ("-", -1.0))
     for axis in "xyz"
 }
 
 
-def read_up(value: Any) -> Vector | Literal["auto"]:
+def read_up(value: Any) -> Any:
     """Return the direction that a user calls up; ``"auto"`` stays.
 
     Parameters
@@ -192,7 +181,7 @@ def read_up(value: Any) -> Vector | Literal["auto"]:
 
     Raises
     ------
-    SceneError
+    ValueError, TypeError
         For anything else.
 
     Examples
@@ -201,23 +190,9 @@ def read_up(value: Any) -> Vector | Literal["auto"]:
     >>> read_up("z"), read_up("-Z"), read_up("0,0,1")
     ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
     """
-    parts = value
-    if isinstance(value, str):
-        if value == AUTO:
-            return AUTO
-        try:
-            parts = _AXES.get(value.lower()) or [float(part) for part in value.split(",")]
-        except ValueError:
-            parts = None
-    if not is_vector(parts):
-        raise SceneError(f"up must be x, y or z, three numbers such as 0,0,1, or auto, not {value!r}")
-    return as_vector(parts)
+    if not isinstance(value, str):
+        return vector().read(value)
+    return AUTO if value == AUTO else _AXES.get(value.lower()) or vector().read(value)
 
 
-# The sides from which a scene is seen, in the order of a contact sheet.
-STANDARD_VIEWS = ("front", "right", "back", "left", "top", "bottom", "iso")
-
-
-def check_view(name: object) -> None:
-    """Raise `SceneError` unless this is one of `STANDARD_VIEWS`."""
-    check_choice("the view", name, STANDARD_VIEWS)
+UP = Kind('a direction, an axis such as "z" or "-z", or "auto"', read_up, metavar="X,Y,Z|y|-z|auto")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.cameras.projection import STANDARD_VIEWS
+from clbvh.choices import STANDARD_VIEWS
 from clbvh.rendering.contact_sheet import _join, _round_down
 from clbvh.rendering.image_files import GROUND, draw_text, width_of
 

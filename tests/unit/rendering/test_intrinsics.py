@@ -297,9 +297,9 @@ class TestOrbit:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            ({"degrees": float("nan")}, "finite number of degrees"),
-            ({"degrees": "90"}, "finite number of degrees"),
-            ({"degrees": True}, "finite number of degrees"),
+            ({"degrees": float("nan")}, "degrees .* must be a finite number"),
+            ({"degrees": "90"}, "degrees .* must be a finite number"),
+            ({"degrees": True}, "degrees .* must be a finite number"),
             ({"degrees": 90, "axis": (0, 0, 0)}, "must not be zero"),
             ({"degrees": 90, "about": (0, 0)}, "three finite numbers"),
         ],

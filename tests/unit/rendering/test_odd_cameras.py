@@ -40,7 +40,7 @@ class TestOrbit:
         "degrees", [pytest.param(TOO_LONG, id="10**400"), math.inf, np.float32(np.inf), math.nan, True, "90", None]
     )
     def test_no_number_of_degrees(self, degrees):
-        with pytest.raises(SceneError, match="finite number of degrees"):
+        with pytest.raises(SceneError, match="degrees .* must be a finite number"):
             CAMERA.orbit(degrees)
 
 
@@ -87,11 +87,11 @@ class TestNumbers:
 
     @pytest.mark.parametrize("fov", [True, pytest.param(TOO_LONG, id="10**400")])
     def test_no_field_of_view(self, fov):
-        with pytest.raises(SceneError, match="fov must be above 0"):
+        with pytest.raises(SceneError, match="fov must be a number above 0 and below 180"):
             Camera((0, 0, 1), (0, 0, 0), fov=fov)
 
     def test_sides_beyond_all_pictures(self):
-        with pytest.raises(SceneError, match="width of a camera's picture must be at most"):
+        with pytest.raises(SceneError, match="width of a camera's picture must be a whole number from 1"):
             Camera.from_intrinsics(K, np.eye(4), (TOO_LONG, 480))
         with pytest.raises(SceneError, match="fx must be a finite number"):
             Lens(TOO_LONG, 1, 0, 0, 0, 640, 480)

@@ -258,11 +258,11 @@ def test_texts_of_projections(text, projection):
         ("perspective:", "perspective has no value"),
         ("fisheye:wide", "must be a number, as in fisheye:2, not 'wide'"),
         ("fisheye:", "must be a number"),
-        ("fisheye:400", "up to 360 degrees"),
+        ("fisheye:400", "above 0 and up to 360"),
         ("orthographic:nan", "above 0"),
-        (220, "must be a clbvh.Orthographic"),
+        (220, "must be a clbvh.Orthographic, Fisheye or Panorama, or a text such as"),
     ],
 )
 def test_other_values_are_no_projection(value, message):
     with pytest.raises(SceneError, match=message):
-        read_projection(value)
+        Camera(**FRAME, projection=value)

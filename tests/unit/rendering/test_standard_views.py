@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import clbvh
+from clbvh.choices import STANDARD_VIEWS
 from clbvh.errors import SceneError
 from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.cameras.framing import frame_mesh, frame_scene, measure_side
 from clbvh.rendering.cameras.pose import find_sides
-from clbvh.rendering.cameras.projection import STANDARD_VIEWS, Fisheye, Orthographic, Panorama
+from clbvh.rendering.cameras.projection import Fisheye, Orthographic, Panorama
 from clbvh.rendering.kernel_view import sky_direction
 
 # Towards the camera, and up in the picture, where y is up and where z is.
