@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
@@ -34,6 +35,9 @@ _OTHER_SOURCES = ("EXT_texture_webp", "MSFT_texture_dds")
 _MOST_LIGHT, _MOST_SCALE = 1e12, 100.0
 
 
+_Made = TypeVar("_Made")
+
+
 class Placement(NamedTuple):
     """How textures lie on a surface: the set of coordinates, and a (2, 3) matrix of them, None for none."""
 
@@ -42,14 +46,12 @@ class Placement(NamedTuple):
 
 
 class GltfLooks:
-    """Reads the looks of primitives; see `read`. Materials and images are read once."""
+    """Reads the looks of primitives; see `read`. Materials, textures and images are read once."""
 
     def __init__(self, gltf: GltfData, problems: Problems) -> None:
         self._gltf = gltf
         self._problems = problems
-        self._materials: dict[int, Material] = {}
-        self._pixels: dict[int, NDArray[np.uint8] | None] = {}
-        self._textures: dict[tuple[Any, ...], Texture | None] = {}
+        self._made: dict[Any, Any] = {}
 
     def read(
         self, primitive: dict[str, Any], points: NDArray[np.float64], faces: NDArray[np.integer]
@@ -68,7 +70,7 @@ class GltfLooks:
         material, placement = None, None
         if (index := primitive.get("material")) is not None:
             with self._problems.drop("a material"):
-                material = self._read_material(index)
+                material = self._once(GltfLooks._make_material, index)
                 placement = self._find_placement(index)
         if "NORMAL" in attributes:
             with self._problems.drop("the normals"):
@@ -109,11 +111,12 @@ class GltfLooks:
             raise MeshError(f"there are {len(values):,} for {len(points):,} vertices")
         return values
 
-    def _read_material(self, index: Any) -> Material:
-        table = self._gltf.item("materials", index)
-        if index not in self._materials:
-            self._materials[index] = self._make(table)
-        return self._materials[index]
+    def _once(self, make: Callable[..., _Made], *arguments: Any) -> _Made:
+        """Return what a method makes of arguments; it is called once for them."""
+        if (make, arguments) not in self._made:
+            self._made[make, arguments] = make(self, *arguments)
+        made: _Made = self._made[make, arguments]
+        return made
 
     def _find_placement(self, index: Any) -> Placement:
         """Return how the textures of a material lie."""
@@ -125,7 +128,8 @@ class GltfLooks:
             self._problems.add(f"the textures of materials[{index}] lie differently: all are placed as the first one")
         return placements[0]
 
-    def _make(self, table: dict[str, Any]) -> Material:
+    def _make_material(self, index: Any) -> Material:
+        table = self._gltf.item("materials", index)
         pbr, extensions = get_object(table, "pbrMetallicRoughness"), get_object(table, "extensions")
         factor = _read_numbers(pbr, "baseColorFactor", (1.0, 1.0, 1.0, 1.0))
         metallic, roughness = _read_number(pbr, "metallicFactor", 1.0), _read_number(pbr, "roughnessFactor", 1.0)
@@ -167,17 +171,12 @@ class GltfLooks:
             if not isinstance(info, dict):
                 raise MeshError("its place in the material is no object")
             table = self._gltf.item("textures", info.get("index"))
-            image = _find_source(table)
-            wrap = self._read_wrap(table)
-            key = image, is_srgb, is_opaque, wrap
-            if key not in self._textures:
-                self._textures[key] = None
-                pixels = self._read_pixels(image)
-                if pixels is not None:
-                    texture = Texture(self._name_of(image), pixels, is_srgb, wrap)
-                    self._textures[key] = with_alpha(texture, OPAQUE) if is_opaque else texture
-            return self._textures[key]
+            return self._once(GltfLooks._make_texture, _find_source(table), self._read_wrap(table), is_srgb, is_opaque)
         return None
+
+    def _make_texture(self, image: Any, wrap: tuple[str, str], is_srgb: bool, is_opaque: bool) -> Texture:
+        texture = Texture(self._name_of(image), self._once(GltfLooks._decode_image, image), is_srgb, wrap)
+        return with_alpha(texture, OPAQUE) if is_opaque else texture
 
     def _read_wrap(self, texture: dict[str, Any]) -> tuple[str, str]:
         sampler: dict[str, Any] = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
@@ -189,12 +188,8 @@ class GltfLooks:
         uri = str(table.get("uri", ""))
         return str(table.get("name") or (uri if uri and not uri.startswith("data:") else f"images[{image}]"))
 
-    def _read_pixels(self, image: int) -> NDArray[np.uint8] | None:
-        """Return the pixels of an image, decoded once; None if that has failed before."""
-        if image not in self._pixels:
-            self._pixels[image] = None
-            self._pixels[image] = decode_image(self._read_bytes(image))
-        return self._pixels[image]
+    def _decode_image(self, image: Any) -> NDArray[np.uint8]:
+        return decode_image(self._read_bytes(image))
 
     def _read_bytes(self, image: int) -> bytes:
         table = self._gltf.item("images", image)
