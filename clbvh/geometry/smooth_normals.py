@@ -23,7 +23,7 @@ from ..support.compiled import compiled
 from ..support.host_threads import HostThreads
 from .appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from .mesh import Mesh
-from .topology import EqualPoints, find_points, measure_corner
+from .topology import EqualPoints, find_points, measure_faces
 
 
 class VertexFaces(NamedTuple):
@@ -119,23 +119,12 @@ def smooth_normals_by_angle(mesh: Mesh, angle_degrees: float = DEFAULT_CREASE_AN
     with HostThreads() as threads:
         threads.for_ranges(
             mesh.face_count,
-            lambda first, end: _find_faces(mesh.vertices, mesh.faces, mesh.scale, first, end, normals, angles),
+            lambda first, end: measure_faces(mesh.vertices, mesh.faces, mesh.scale, first, end, normals, angles),
         )
         threads.for_ranges(
             len(begin) - 1, lambda first, end: _smooth(*tables, least_cosine, half_cosine, first, end, smooth)
         )
     return smooth
-
-
-@compiled(error_model="numpy")
-def _find_faces(vertices, faces, scale, begin, end, normals, angles):
-    """Write the unit normals of some faces, zero without an area, and the angles at their corners."""
-    for face in range(begin, end):
-        for corner in range(3):
-            nx, ny, nz, length, angles[face, corner] = measure_corner(vertices, faces, scale, face, corner)
-            if corner == 0:
-                unit = 1.0 if length == 0.0 else length
-                normals[face, 0], normals[face, 1], normals[face, 2] = nx / unit, ny / unit, nz / unit
 
 
 @compiled(error_model="numpy")
@@ -283,7 +272,7 @@ def find_tangents(mesh: Mesh, normals: NDArray[np.float32], uvs: NDArray[np.floa
     unit_normals = normals.astype(np.float64)
     flat, has_direction = _flatten(np.broadcast_to(along_u[:, None], points.shape), unit_normals)
     angles = np.empty((mesh.face_count, 3))
-    _find_faces(mesh.vertices, mesh.faces, mesh.scale, 0, mesh.face_count, np.empty_like(angles), angles)
+    measure_faces(mesh.vertices, mesh.faces, mesh.scale, 0, mesh.face_count, np.empty_like(angles), angles)
     weighted = (np.where(has_direction, angles, 0.0)[..., None] * flat).reshape(-1, 3)
     groups = _find_groups(mesh, normals, uvs, signs)
     sums = np.stack([np.bincount(groups.ids, axis) for axis in weighted.T], axis=-1)

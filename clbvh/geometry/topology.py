@@ -99,6 +99,17 @@ def measure_corner(vertices, faces, scale, face, corner):
     return nx, ny, nz, length, math.atan2(length * largest, ux * vx + uy * vy + uz * vz)
 
 
+@compiled(error_model="numpy")
+def measure_faces(vertices, faces, scale, begin, end, normals, angles):
+    """Write the unit normals of some faces, zero without an area, and the angles at their corners."""
+    for face in range(begin, end):
+        for corner in range(3):
+            nx, ny, nz, length, angles[face, corner] = measure_corner(vertices, faces, scale, face, corner)
+            if corner == 0:
+                unit = 1.0 if length == 0.0 else length
+                normals[face, 0], normals[face, 1], normals[face, 2] = nx / unit, ny / unit, nz / unit
+
+
 # The sum of unit vectors is no direction if it is shorter than this share of their weights: they cancel each other.
 _LEAST_SHARE = 2.0**-40
 
@@ -117,53 +128,23 @@ def find_vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32],
         A power of two that brings the mesh to a size of about 1.
     """
     first, point_ids = find_points(vertices)
-    sums = np.zeros((len(first), 4))
-    _add_normals(vertices, faces, scale, point_ids, sums)
-    _normalize(sums)
-    has_none = np.isnan(sums[:, 0])
-    if has_none.any():
-        _take_widest(vertices, faces, scale, point_ids, has_none, sums)
-        corners = point_ids[faces]
-        _take_neighbours(corners[np.isnan(sums[corners, 0]).any(axis=1)], sums)
-    return sums[point_ids, :3]
-
-
-@compiled(error_model="numpy")
-def _add_normals(vertices, faces, scale, point_ids, sums):
-    """Add each face's unit normal, times its angle, and the angle, to the points of its corners."""
-    for face in range(len(faces)):
-        for corner in range(3):
-            nx, ny, nz, length, angle = measure_corner(vertices, faces, scale, face, corner)
-            if length > 0.0:
-                point = point_ids[faces[face, corner]]
-                sums[point, 0] += angle * nx / length
-                sums[point, 1] += angle * ny / length
-                sums[point, 2] += angle * nz / length
-                sums[point, 3] += angle
-
-
-@compiled(error_model="numpy")
-def _normalize(sums):
-    for point in range(len(sums)):
-        x, y, z = sums[point, 0], sums[point, 1], sums[point, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        if not length > _LEAST_SHARE * sums[point, 3]:
-            length = np.nan
-        sums[point, 0], sums[point, 1], sums[point, 2] = x / length, y / length, z / length
-
-
-@compiled(error_model="numpy")
-def _take_widest(vertices, faces, scale, point_ids, has_none, normals):
-    """Give the points whose normals cancel that of the face with the widest angle there, the first of equal ones."""
-    normals[has_none, 3] = 0.0
-    for face in range(len(faces)):
-        for corner in range(3):
-            point = point_ids[faces[face, corner]]
-            if has_none[point]:
-                nx, ny, nz, length, angle = measure_corner(vertices, faces, scale, face, corner)
-                if angle > normals[point, 3]:
-                    normals[point, 0], normals[point, 1], normals[point, 2] = nx / length, ny / length, nz / length
-                    normals[point, 3] = angle
+    face_normals, angles = np.empty((len(faces), 3)), np.empty((len(faces), 3))
+    measure_faces(vertices, faces, scale, 0, len(faces), face_normals, angles)
+    corners, flat_angles = point_ids[faces], angles.ravel()
+    weighted = (angles[..., None] * face_normals[:, None]).reshape(-1, 3)
+    sums = np.stack([np.bincount(corners.ravel(), weights, len(first)) for weights in weighted.T], axis=1)
+    lengths = np.sqrt(np.einsum("ij,ij->i", sums, sums))
+    cancels = ~(lengths > _LEAST_SHARE * np.bincount(corners.ravel(), flat_angles, len(first)))
+    lengths[cancels] = np.nan
+    normals = sums / lengths[:, None]
+    if cancels.any():
+        # Of the face with the widest angle there, the first of equal ones.
+        slots = np.flatnonzero(cancels[corners].ravel() & (flat_angles > 0))
+        slots = slots[np.argsort(-flat_angles[slots], kind="stable")]
+        points, widest = np.unique(corners.ravel()[slots], return_index=True)
+        normals[points] = face_normals[slots[widest] // 3]
+        _take_neighbours(corners[np.isnan(normals[corners, 0]).any(axis=1)], normals)
+    return normals[point_ids]
 
 
 def _take_neighbours(corners: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
