@@ -85,7 +85,10 @@ def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:
         from .scene_file import view_of_plain
 
         state, settings = read_scene(text)
-        return Scene.from_state(state), view_of_plain(settings)
+        try:
+            return Scene.from_state(state), view_of_plain(settings)
+        except SceneError as error:
+            raise SceneError(f"{text}: {error}") from error
     if not Path(text).exists() and Path(text).name == text and not Path(text).suffix:
         names = sorted(path.stem for path in find_folder("scenes").glob(f"*{SCENE_SUFFIX}"))
         raise SceneError(f"{text}: no such file, and no shipped scene: these are {', '.join(names)}")
