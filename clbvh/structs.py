@@ -253,6 +253,8 @@ VIEW = np.dtype(
         ("sun_width", "f4"),
         # Whether the directed light of `studio` comes from the eye, without shadows: objects are all around it.
         ("is_headlight", "i4"),
+        # Whether `path` is lit as `studio`: by the light of sky and ground, and not by the background.
+        ("is_studio_lit", "i4"),
         # Occlusion is searched for up to here, in local units.
         ("occlusion_reach", "f4"),
         # Light is multiplied by it before it becomes a colour.

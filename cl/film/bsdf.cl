@@ -24,6 +24,7 @@ typedef struct {
     float diffuse_share;
     float specular_share;  // probabilities of the lobes; transmission has the rest
     float eye_reflectance; // of the boundary, towards the eye
+    float coat_share;      // by which the reflectance of the coat of a facet is reduced
     bool is_matte;         // the diffuse base alone: no coat, no metal, no glass
 } bsdf_t;
 
@@ -64,7 +65,7 @@ INLINED float3 blend_reflectance(const bsdf_t *bsdf, const float cosine, const f
 
 INLINED float3 find_reflectance(const bsdf_t *bsdf, const float cosine)
 {
-    return blend_reflectance(bsdf, cosine, dielectric_reflectance(cosine, bsdf->ior_ratio));
+    return blend_reflectance(bsdf, cosine, bsdf->coat_share * dielectric_reflectance(cosine, bsdf->ior_ratio));
 }
 
 INLINED bool is_mirror(const bsdf_t *bsdf)
@@ -79,6 +80,7 @@ INLINED bsdf_t make_bsdf(const appearance_t *look, const bool is_back, const flo
     bsdf.metallic = look->metallic;
     bsdf.transmission = look->transmission;
     bsdf.alpha = look->roughness * look->roughness;
+    bsdf.coat_share = 1.0f;
     bsdf.ior_ratio = is_back && look->transmission > 0.0f ? 1.0f / look->ior : look->ior;
     bsdf.is_matte = look->metallic == 0.0f && look->transmission == 0.0f && look->ior == 1.0f;
     if (bsdf.is_matte) {
@@ -87,6 +89,17 @@ INLINED bsdf_t make_bsdf(const appearance_t *look, const bool is_back, const flo
         return bsdf;
     }
     bsdf.eye_reflectance = dielectric_reflectance(to_eye.z, bsdf.ior_ratio);
+    if (look->transmission == 0.0f && look->coat_cosine > to_eye.z) {
+        // A facet at the silhouette of a round surface shows normals at right angles to the eye over all its width,
+        // where a coat would leave it dark. It reflects as where the facet's normals are turned most to the eye.
+        const float grazing = 1.0f - to_eye.z;
+        const float cosine = to_eye.z + grazing * grazing * grazing * grazing * (look->coat_cosine - to_eye.z);
+        const float reflectance = dielectric_reflectance(cosine, bsdf.ior_ratio);
+        if (reflectance < bsdf.eye_reflectance) {
+            bsdf.coat_share = reflectance / bsdf.eye_reflectance;
+            bsdf.eye_reflectance = reflectance;
+        }
+    }
     const float specular = luminance(blend_reflectance(&bsdf, to_eye.z, bsdf.eye_reflectance));
     const float rest = (1.0f - bsdf.metallic) * (1.0f - bsdf.eye_reflectance);
     const float diffuse = rest * (1.0f - bsdf.transmission) * luminance(bsdf.base_colour);

@@ -8,6 +8,16 @@
 // The share of the radius within which shadows are shown in full.
 #define GROUND_CORE 0.5f
 
+// The ambient light is stronger than in the shading `lambert`, because nearby surfaces keep off much of it.
+#define AMBIENT_FACTOR 1.6f
+
+// The light from the sky or from the ground along a direction.
+INLINED float3 find_ambient_light(const global view_t *view, const float3 direction)
+{
+    const float up = 0.5f + 0.5f * dot_product(direction, load3(view->to_sky));
+    return AMBIENT_FACTOR * blend(load3(view->ground_colour), load3(view->sky_colour), up);
+}
+
 typedef struct {
     position_t above;
     float distance_squared;  // from the middle of the ground

@@ -10,6 +10,9 @@
 // The share of light that it reflects: that of a middle grey card would be 0.18, and that of paper 0.8.
 #define GROUND_ALBEDO 0.5f
 
+// The same where the light is that of `studio`, whose surfaces have little light from below.
+#define STUDIO_ALBEDO 0.2f
+
 // The share of light that the ground stops where a ray meets it.
 INLINED float ground_share(const global view_t *view, const ground_t *ground)
 {
@@ -47,10 +50,21 @@ INLINED bool find_shown_ground(
     surface->is_back = false;
     appearance_t *look = &shown->appearance;
     look->normal = look->smooth_normal = normal;
-    look->base_colour = (float3)(GROUND_ALBEDO);
-    look->emission = (float3)(0.0f);
+    look->base_colour = (float3)(view->is_studio_lit ? STUDIO_ALBEDO : GROUND_ALBEDO);
+    look->lift = look->emission = (float3)(0.0f);
     look->is_light = false;
     look->metallic = look->transmission = 0.0f;
+    look->coat_cosine = 0.0f;
     look->alpha = look->roughness = look->ior = 1.0f;
     return true;
+}
+
+// The factor of the light of the ground with which it shows the background where nothing is near: that stays as it is
+// in `studio`, and has the shadows and the reflected light of paths.
+INLINED float3 show_background_on_ground(const global view_t *view, const int row)
+{
+    // The mean of the cosines to a sky that is weighted by them is 2 / 3.
+    const float3 sky = find_ambient_light(view, 2.0f / 3.0f * load3(view->ground_normal));
+    const float cosine = larger(dot_product(load3(view->ground_normal), load3(view->to_light)), 0.0f);
+    return find_background(view, row) / (STUDIO_ALBEDO * (sky + cosine * load3(view->light_colour)));
 }

@@ -9,6 +9,7 @@
 
 #include "film/bsdf.cl"
 #include "film/choice.cl"
+#include "film/ground.cl"
 #include "film/sphere_lamps.cl"
 #include "film/stage.cl"
 #include "film/sun.cl"
@@ -83,6 +84,9 @@ INLINED float3 environment_light(const lights_t *lights, const global view_t *vi
 {
     const int width = view->environment_width;
     const int height = view->environment_height;
+    if (view->is_studio_lit) {
+        return find_ambient_light(view, direction);
+    }
     if (width == 0) {
         const float up = 0.5f + 0.5f * dot_product(direction, load3(view->to_sky));
         return blend(load3(view->background_bottom), load3(view->background_top), up);

@@ -30,27 +30,23 @@ INLINED float weigh(const float density, const float other_density)
 
 // The light that comes straight from a source to a surface and is scattered to the eye.
 INLINED float3 find_direct_light(
-    const stage_t *stage, const lights_t *lights, const shown_t *shown, const bsdf_t *bsdf, const frame_t *frame,
+    const stage_t *stage, const lights_t *lights, const position_t from, const bsdf_t *bsdf, const frame_t *frame,
     const float3 to_eye, sobol_sampler_t *sampler)
 {
     light_sample_t light;
-    // Where the next ray begins: what that finds has the density of the same position.
-    const float3 from = shown->surface.above.high;
-    if (!sample_light(lights, stage->view, from, sampler, &light)) {
+    if (!sample_light(lights, stage->view, from.high, sampler, &light)) {
         return (float3)(0.0f);
     }
     float density;
     const float3 scattered = evaluate_bsdf(bsdf, to_eye, to_frame(frame, light.direction), &density);
-    if (!(luminance(scattered) > 0.0f) || !(dot_product(shown->surface.normal, light.direction) > 0.0f)) {
-        return (float3)(0.0f);
-    }
-    if (is_shaded(stage, shown->surface.above, light.direction, LIGHT_SHARE * light.distance, sampler)) {
+    if (!(luminance(scattered) > 0.0f)
+        || is_shaded(stage, from, light.direction, LIGHT_SHARE * light.distance, sampler)) {
         return (float3)(0.0f);
     }
     float weight = light.density > 0.0f ? weigh(light.density, density) : 1.0f;
 #if HAS_GROUND
     if (light.distance == INFINITY) {
-        weight *= 1.0f - ground_cover(stage, shown->surface.above, light.direction);
+        weight *= 1.0f - ground_cover(stage, from, light.direction);
     }
 #endif
     return weight * scattered * light.radiance;
@@ -79,7 +75,7 @@ INLINED float3 limit_sample(const global view_t *view, const float3 light)
 }
 
 INLINED float4 find_path_sample(
-    const stage_t *stage, const lights_t *lights, const world_ray_t *primary, sobol_sampler_t *sampler,
+    const stage_t *stage, const lights_t *lights, const world_ray_t *primary, const int row, sobol_sampler_t *sampler,
     ray_hits_t *hits)
 {
     const global view_t *view = stage->view;
@@ -95,7 +91,12 @@ INLINED float4 find_path_sample(
         const float3 direction = ray.direction;
         bool is_hit = find_shown(stage, &ray, bounce == 0, sampler, &shown, &found);
 #if HAS_GROUND
-        is_hit = is_hit || find_shown_ground(stage, &ray, sampler, &shown);
+        if (!is_hit && find_shown_ground(stage, &ray, sampler, &shown)) {
+            is_hit = true;
+            if (bounce == 0 && view->is_studio_lit) {
+                throughput = show_background_on_ground(view, row);
+            }
+        }
 #endif
         if (bounce == 0) {
             *hits = found;
@@ -103,6 +104,9 @@ INLINED float4 find_path_sample(
         if (!is_hit) {
             if (bounce == 0) {
                 covered = 0.0f;
+            }
+            if (bounce == 0 && view->is_studio_lit) {
+                return sample_of_background(view, row, 0.0f);
             }
             if (bounce > 0 || !view->is_transparent) {
                 light += throughput * find_distant_light(lights, view, direction, density, bounce == 0);
@@ -126,7 +130,12 @@ INLINED float4 find_path_sample(
         const frame_t frame = frame_around(shown.appearance.normal);
         const float3 to_eye = to_frame(&frame, -direction);
         const bsdf_t bsdf = make_bsdf(&shown.appearance, shown.surface.is_back, to_eye);
-        light += throughput * find_direct_light(stage, lights, &shown, &bsdf, &frame, to_eye, sampler);
+        // As in `studio`, rays begin on the round surface that the facets stand for (Hanika, "Hacking the shadow
+        // terminator", Ray Tracing Gems II, 2021): those to the light, and the next one, whose density is that of the
+        // same position. A direction into the facet is not refused: the facet stops it, and reflects it once more.
+        position_t above = shown.surface.above;
+        above.high += shown.appearance.lift;
+        light += throughput * find_direct_light(stage, lights, above, &bsdf, &frame, to_eye, sampler);
 
         scattered_t scattered;
         const float lobe = bsdf.is_matte ? skip_1d(sampler) : sample_1d(sampler);
@@ -135,8 +144,8 @@ INLINED float4 find_path_sample(
             break;
         }
         const float3 next = from_frame(&frame, scattered.direction);
-        // A direction that the shading normal allows, but not the surface, would leak light through it.
-        if ((dot_product(shown.surface.normal, next) > 0.0f) == scattered.is_below) {
+        // Refraction that the shading normal allows, but not the surface, would stay on this side of it.
+        if (scattered.is_below && dot_product(shown.surface.normal, next) > 0.0f) {
             break;
         }
         throughput *= scattered.weight;
@@ -148,7 +157,7 @@ INLINED float4 find_path_sample(
             }
             throughput /= survival;
         }
-        const position_t origin = scattered.is_below ? shown.surface.below : shown.surface.above;
+        const position_t origin = scattered.is_below ? shown.surface.below : above;
         ray = make_world_ray(origin, short_unit_vector(next), (float3)(0.0f), INFINITY);
     }
     return (float4)(limit_sample(view, light), covered);

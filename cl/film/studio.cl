@@ -13,9 +13,6 @@
 // The share of the ambient light that still reaches surfaces whose hemisphere is full of others: what those reflect.
 #define REFLECTED_SHARE 0.35f
 
-// The ambient light is stronger than in the shading `lambert`, because nearby surfaces keep off much of it.
-#define AMBIENT_FACTOR 1.6f
-
 // The directed light is weaker than in the shading `lambert`: with the stronger ambient light and the highlights,
 // bright surfaces that face it would be white without shape.
 #define KEY_FACTOR 0.9f
@@ -34,13 +31,6 @@
 
 // Sample dimensions: cut-outs may take any number of the ones before.
 #define KEY_LIGHT_DIMENSION 1024
-
-// The light from the sky or from the ground along a direction.
-INLINED float3 find_ambient_light(const global view_t *view, const float3 direction)
-{
-    const float up = 0.5f + 0.5f * dot_product(direction, load3(view->to_sky));
-    return AMBIENT_FACTOR * blend(load3(view->ground_colour), load3(view->sky_colour), up);
-}
 
 // A direction to the key light, which has a disk's size.
 INLINED float3 sample_key_light(const global view_t *view, sobol_sampler_t *sampler)

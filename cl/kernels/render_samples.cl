@@ -101,7 +101,7 @@ kernel void render_samples(
         ray_hits_t ray_hits = make_ray_hits();
         sobol_sampler_t sampler = make_sampler(row * width + column, sample, view->seed);
         if (sample_cell(view, column, row, offset, sample, &ray)) {
-            float4 value = find_path_sample(&stage, &light_tables, &ray, &sampler, &ray_hits);
+            float4 value = find_path_sample(&stage, &light_tables, &ray, row - 1, &sampler, &ray_hits);
 #if HAS_WIREFRAME
             const float2 point = film_point(view, column - 1, row - 1, offset);
             value.xyz = draw_lines(&stage, &ray, point, &ray_hits.shown, value.xyz);

@@ -38,6 +38,7 @@ typedef struct {
     float3 normal;         // shading normal: unit vector on the side of the ray's origin
     float3 smooth_normal;  // the same before a texture bends it: rays to light start around it
     float3 lift;           // from the triangle to the smooth surface that it stands for, see world_lift
+    float coat_cosine;     // of the corners' normals to the eye, the largest one; 0 without them: see make_bsdf
     float3 base_colour;    // linear
     float alpha;           // the share of light that the surface stops, after the cut-off
     float metallic;
@@ -114,6 +115,7 @@ INLINED void find_normals(
     found->normal = surface->normal;
     found->smooth_normal = surface->normal;
     found->lift = (float3)(0.0f);
+    found->coat_cosine = 0.0f;
     if (look->first_normal < 0) {
         return;
     }
@@ -126,6 +128,10 @@ INLINED void find_normals(
         + surface->v * at_corner[2];
     found->smooth_normal = turn_to_eye(unit_vector(place_normal(world, search, own)), surface, direction);
     found->normal = found->smooth_normal;
+    for (int corner = 0; corner < 3; corner++) {
+        const float3 placed = unit_vector(place_normal(world, search, at_corner[corner]));
+        found->coat_cosine = larger(found->coat_cosine, -dot_product(placed, direction));
+    }
 #if HAS_NORMAL_MAPS
     if (look->first_tangent >= 0 && material->normal_texture >= 0) {
         const float3 bent = bend_normal(looks, look, material, surface, own);

@@ -20,7 +20,7 @@ from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
 from .local_frame import find_bounds, find_frame, shift_and_scale
-from .topology import find_vertex_normals, is_closed, is_joined
+from .topology import find_points, find_vertex_normals, is_closed
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
 MAX_FACE_COUNT = 2**30
@@ -253,11 +253,11 @@ class Mesh:
         of triangles does not matter. About 0.1 s for 871,306 triangles, once; and not again for the meshes of
         `with_vertices` if the faces share vertices along all edges, which no movement can open.
         """
-        return self._is_joined or is_closed(self.local_vertices, self.faces)
+        return self._is_joined or is_closed(find_points(self.local_vertices).ids[self.faces])
 
     @cached_property
     def _is_joined(self) -> bool:
-        return is_joined(len(self.vertices), self.faces)
+        return is_closed(self.faces)
 
     @cached_property
     def loose_vertices(self) -> NDArray[np.int64]:

@@ -14,6 +14,10 @@ from ..support.compiled import compiled
 _FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 
 
+# An edge is two indices in 64 bits; this many bits are the larger one.
+_INDEX_BITS = 32
+
+
 class EqualPoints(NamedTuple):
     """Groups of points whose coordinates have the same bits.
 
@@ -71,7 +75,7 @@ def _differ_from_before(rows: NDArray[np.unsignedinteger]) -> NDArray[np.bool_]:
     return is_new
 
 
-def find_points(vertices: NDArray[np.float64]) -> EqualPoints:
+def find_points(vertices: NDArray[np.floating]) -> EqualPoints:
     """Find the vertices with equal coordinates among (V, 3), whatever the sign of their zeros."""
     return find_equal_points(vertices + 0.0)
 
@@ -160,71 +164,16 @@ def _take_neighbours(corners: NDArray[np.int64], normals: NDArray[np.float64]) -
         corners = corners[has_none.any(axis=1)]
 
 
-# Faces processed at a time, so that the temporary arrays stay in the processor's cache.
-_CHUNK_FACES = 1 << 14
-
-# One start value for each half of the 128 bits, from the binary digits of pi and of e.
-_SEEDS = (0x243F6A8885A308D3, 0xADF85458A2BB4A9A)
-
-
-def is_closed(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> bool:
-    """Return whether every edge belongs to an even number of triangles.
-
-    Each edge is hashed to 128 bits, and the exclusive or of all hashes is taken: edges that occur an even number of
-    times cancel, in one pass and without sorting; the chance of two edges with equal hashes is negligible.
+def is_closed(faces: NDArray[np.integer]) -> bool:
+    """Return whether every edge between two indices belongs to an even number of triangles, in O(F log F).
 
     Parameters
     ----------
-    vertices : (V, 3) float32
-        Vertices at one point count as one: a file may list them once for each triangle.
-    faces : (F, 3) int32
+    faces : (F, 3) int
+        Indices of vertices, or of points. An edge between equal ones counts for nothing.
     """
-    return all(_do_edges_cancel(_hash_points(vertices, np.uint64(seed)), faces) for seed in _SEEDS)
-
-
-def is_joined(vertex_count: int, faces: NDArray[np.int32]) -> bool:
-    """Return whether every edge between two vertex indices belongs to an even number of triangles.
-
-    A mesh of such faces is closed wherever its vertices are.
-
-    Parameters
-    ----------
-    vertex_count : int
-    faces : (F, 3) int32
-    """
-    indices = np.arange(vertex_count, dtype=np.uint64)
-    return all(_do_edges_cancel(_mix(_mix(indices) ^ np.uint64(seed)), faces) for seed in _SEEDS)
-
-
-def _do_edges_cancel(point_hashes: NDArray[np.uint64], faces: NDArray[np.int32]) -> bool:
-    """Return whether the exclusive or of the hashes of all edges is zero."""
-    total = np.uint64(0)
-    for begin in range(0, len(faces), _CHUNK_FACES):
-        total ^= _hash_edges(point_hashes[faces[begin : begin + _CHUNK_FACES]])
-    return bool(total == 0)
-
-
-def _hash_points(points: NDArray[np.float32], seed: np.uint64) -> NDArray[np.uint64]:
-    """Return (V,) hashes, equal for points with equal coordinates."""
-    bits = (points + np.float32(0)).view(np.uint32).astype(np.uint64)  # the sum turns -0 into 0
-    hashes = np.full(len(points), seed)
-    for axis in range(3):
-        hashes = _mix(hashes ^ bits[:, axis])
-    return hashes
-
-
-def _hash_edges(corners: NDArray[np.uint64]) -> np.uint64:
-    """Return the exclusive or of the hashes of the triangles' edges, which have no direction and no zero length."""
-    total = np.uint64(0)
-    for corner in range(3):
-        one, other = corners[:, corner], corners[:, (corner + 1) % 3]
-        hashes = _mix(one + other)
-        total ^= np.bitwise_xor.reduce(hashes[one != other], initial=0)
-    return total
-
-
-def _mix(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return a bijective hash of 64-bit values (finalizer of SplitMix64; Steele, Lea and Flood, 2014)."""
-    values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return values ^ (values >> np.uint64(31))
+    begins = faces.astype(np.int64)
+    ends = np.roll(begins, -1, axis=1)
+    edges = np.sort((np.minimum(begins, ends) << _INDEX_BITS | np.maximum(begins, ends))[begins != ends])
+    # Equal edges are neighbours now, and are pairs if there is an even number of each.
+    return len(edges) % 2 == 0 and bool((edges[::2] == edges[1::2]).all())

@@ -47,6 +47,7 @@ def make_kernel_view(
     local_box: NDArray[np.floating] | None = None,
     ground: Ground | None = None,
     framed_box: NDArray[np.floating] | None = None,
+    is_studio_lit: bool = False,
 ) -> NDArray[np.void]:
     """Return the view of a mesh, (1,) `structs.VIEW`.
 
@@ -64,6 +65,8 @@ def make_kernel_view(
     framed_box : (2, 3) float, local coordinates, optional
         The box around what counts, see `View.frame`; by default `local_box`. A depth picture shows its depths, which
         are distances from the eye for a fisheye and a panorama.
+    is_studio_lit : bool
+        See `is_lit_as_studio`.
 
     Raises
     ------
@@ -78,7 +81,8 @@ def make_kernel_view(
     view["optical_axis"] = forward
     _set_projection(view, camera, mesh.scale, settings.width, settings.height)
 
-    view["to_light"] = _light_direction(settings, right, up, forward)
+    view["is_studio_lit"] = is_studio_lit
+    view["to_light"] = _light_direction(settings, is_studio_lit or settings.shading == "studio", right, up, forward)
     view["light_colour"] = settings.light.colour
     view["to_sky"] = sky_direction(settings, camera)
     view["sky_colour"] = settings.light.sky
@@ -143,11 +147,10 @@ def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
 
 
 def _light_direction(
-    settings: View, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
+    settings: View, is_studio: bool, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the unit vector towards the light."""
     if settings.light.direction is None:
-        is_studio = settings.shading == "studio"
         left, above, near = (
             (_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS) if is_studio else (_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS)
         )
@@ -248,9 +251,6 @@ def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes
     return middle, window.half_width * right, window.half_height * upwards
 
 
-# By the shading, whether there is a ground unless the scene says so.
-_HAS_GROUND = {"studio": True, "path": False}
-
 # The radius up to which shadows are shown, in half diagonals of the box around all objects: a soft shadow of something
 # as high as wide ends well within it.
 _RADIUS = 4.0
@@ -278,11 +278,25 @@ class Ground(NamedTuple):
     radius: float
 
 
+def is_lit_as_studio(settings: View, camera: Camera, bounds: SceneBounds) -> bool:
+    """Return whether `path` lights a scene without lamps as `studio` does.
+
+    So it does where nobody has chosen a light, and the eye is outside the box around what counts: not in a room.
+    """
+    is_chosen = (settings.light, settings.background) != (View.light, View.background)
+    if settings.shading != "path" or settings.environment is not None or is_chosen:
+        return False
+    eye = (np.asarray(camera.eye) - bounds.origin) * bounds.scale
+    return not ((bounds.local_box[0] < eye) & (eye < bounds.local_box[1])).all()
+
+
 def shows_ground(settings: View) -> bool:
     """Return whether a picture of a scene has a ground."""
-    if settings.shading not in _HAS_GROUND:
-        return False
-    return _HAS_GROUND[settings.shading] if settings.ground is None else settings.ground
+    return (
+        bool(settings.ground)
+        if settings.shading == "path"
+        else settings.shading == "studio" and settings.ground is not False
+    )
 
 
 def find_ground(bounds: SceneBounds, up: NDArray[np.float64]) -> Ground:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ from ..support.stopwatch import Stopwatch
 from .band_painters import Progress
 from .cameras.camera import Camera
 from .frame import FrameRenderer
-from .kernel_view import make_kernel_view
+from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
 from .painters import Painters, open_session
@@ -226,13 +227,18 @@ class Renderer(ContextManager):
         given = self._find_view(view, changes)
         view = self._finder.complete(given)
         camera = self._finder.camera(view)
+        is_studio_lit = is_lit_as_studio(view, camera, self._finder.bounds(view)) and not self._world.has_lamps
+        if is_studio_lit:
+            # A ground would hide what is behind a transparent picture.
+            has_ground = not view.transparent if view.ground is None else view.ground
+            view = replace(view, ground=has_ground, tone_curve=view.tone_curve or "linear")
         progress = _make_progress(view, time_limit_s, on_samples, is_stopped)
         if keeps_film and view.shading not in REPORT_SHADINGS:
             progress.film = _make_film(view)
         times = EventTimes()
         world, space, ground = self._world, self._world.space, self._finder.ground(view, camera)
         boxes = world.bounds.box_in(space), ground, self._finder.bounds(view).box_in(space)
-        described = make_kernel_view(view, camera, space, *boxes)
+        described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
         painter = self._painters.painter(view, described, progress)
         colours, found = self._frames.render(described, painter, times)
         made = world.made

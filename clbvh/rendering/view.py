@@ -195,14 +195,16 @@ class View:
     environment : EnvironmentMap, path, (h, w, 3) array, or None
         Light from all around, in ``path``: a panorama as an ``.hdr`` or ``.exr`` file, or as linear colours with the
         zenith's row first. Its middle column is along +x, and up is up. The directed light then shines only if it has
-        a direction. None: the `background`, from below to above.
+        a direction. None: the `background`, from below to above, or the sky of ``studio``, see `shading`.
     environment_rotation : float
         Degrees by which it is turned about the direction upwards, counter-clockwise seen from above.
     environment_strength : float
         Factor of its light.
     shading : str
         ``studio``, ``ao`` and ``path`` take samples; ``lambert``, ``lambert+shadow``, ``normal`` and ``depth`` cast one
-        ray through the centre of each pixel.
+        ray through the centre of each pixel. ``path`` begins with the light, the ground and the tone curve of
+        ``studio`` unless a `light`, a `background`, an `environment` or a material that emits light is given, or the
+        eye is among the objects.
     samples : int, or None
         Of each pixel, for the shadings with samples. None: 16, for ``path`` 64.
     seed : int
@@ -213,7 +215,8 @@ class View:
         Crease angle in degrees, of meshes without normals of their own; 0: flat shading.
     ground : bool, or None
         A ground below all objects: in ``studio`` it shows their shadows alone, in ``path`` it is a matte surface of
-        middle grey, without an end but for a soft transition to the background. The other shadings have none.
+        middle grey, without an end but for a soft transition to the background. The other shadings have none. None: in
+        ``studio``, and in ``path`` where nobody has chosen a light, see `shading`, and the picture is not transparent.
     surface : (3,) float
         Linear colour of objects without one of their own.
     cut : Cut, or None
@@ -227,7 +230,8 @@ class View:
     exposure : float
         Stops by which the light of the shadings with samples is made brighter, or darker where negative.
     tone_curve : str, or None
-        ``"linear"``, or ``"filmic"``, which keeps bright light from becoming white. None: filmic for ``path``.
+        ``"linear"``, or ``"filmic"``, which keeps bright light from becoming white. None: filmic for ``path``
+        where a light was chosen.
     clamp : float, or None
         Of ``path``: a sample with more light than that, in any channel, is made as much darker. That takes bright dots
         away, and with them light: the mean is no longer the right one. None: no limit.
@@ -308,7 +312,7 @@ class View:
         40.0, "Crease angle in degrees, for meshes without normals; 0: flat.", number(0, 180), SHADING
     )
     ground: bool | None = setting(
-        None, "A ground below all objects, in studio and path.", flag(), SHADING, shown="in studio alone"
+        None, "A ground below all objects, in studio and path.", flag(), SHADING, shown="unless path has a light"
     )
     surface: Vector = setting(
         (0.80, 0.72, 0.60), "Linear colour of objects without one.", vector(metavar="R,G,B"), SHADING
@@ -323,8 +327,9 @@ class View:
         0.0, "Stops by which studio, ao and path are brighter.", number(-_MAX_EXPOSURE, _MAX_EXPOSURE), FILM
     )
     tone_curve: str | None = setting(
-        None, "filmic: bright light does not become white at once.", one_of(TONE_CURVES), FILM, shown="filmic for path"
-    )
+        None, "filmic: bright light does not become white at once.", one_of(TONE_CURVES), FILM,
+        shown="filmic for path with a light",
+    )  # fmt: skip
     clamp: float | None = setting(
         None, "Limit the light of a sample (path): no bright dots, but a picture that is a little too dark.",
         number(above=0, most=_MAX_CLAMP), FILM, shown="no limit",

@@ -157,6 +157,12 @@ class World:
         """What `make_look_tables` has to know."""
         return Looks(*dress_shapes(self.state), self.state.colours)
 
+    @cached_property
+    def has_lamps(self) -> bool:
+        """Whether a material emits light."""
+        looks = (shape.appearance for shape in self.looks.shapes if shape.appearance is not None)
+        return any(any(material.emission) for each in looks for material in each.materials)
+
     def to_local(self) -> NDArray[np.float64]:
         """Return (n, 4, 4) float64: the map from each instance's coordinates to the local ones of pictures."""
         return local_maps(self.state.transforms, self.space.origin, self.space.scale)
