@@ -11,8 +11,7 @@ from .options import make_option
 if TYPE_CHECKING:
     from ..rendering.cut import Cut
     from ..rendering.scene import Scene
-    from ..rendering.settings import Wireframe
-    from ..rendering.settings import Vector
+    from ..rendering.settings import Vector, Wireframe
 
 scene_option, samples_option = make_option("Scene"), make_option("Samples and colours")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -281,9 +282,10 @@ class Ground(NamedTuple):
 def is_lit_as_studio(settings: View, camera: Camera, bounds: SceneBounds) -> bool:
     """Return whether `path` lights a scene without lamps as `studio` does.
 
-    So it does where nobody has chosen a light, and the eye is outside the box around what counts: not in a room.
+    So it does where nobody has chosen a light, other than its direction, and the eye is outside the box around what
+    counts: not in a room.
     """
-    is_chosen = (settings.light, settings.background) != (View.light, View.background)
+    is_chosen = (replace(settings.light, direction=None), settings.background) != (View.light, View.background)
     if settings.shading != "path" or settings.environment is not None or is_chosen:
         return False
     eye = (np.asarray(camera.eye) - bounds.origin) * bounds.scale

@@ -292,7 +292,7 @@ class Renderer(ContextManager):
         from .images.images import make_images  # most pictures need none of it
 
         wanted = self._find_view(view, changes)
-        return make_images(self, wanted, channels, next_camera, next_transforms, on_phase)
+        return make_images(self.scene, self.render, wanted, channels, next_camera, next_transforms, on_phase)
 
     @property
     def mesh(self) -> Mesh | None:

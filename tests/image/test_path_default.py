@@ -61,17 +61,22 @@ class TestLight:
     @pytest.mark.parametrize(
         "chosen",
         [
-            {"light": Light(direction=(1, 2, 3))}, {"light_colour": WHITE}, {"background": (0.2, 0.3, 0.4)},
+            {"light_colour": WHITE}, {"background": (0.2, 0.3, 0.4)},
             {"environment": np.ones((4, 8, 3))}, {"shape": ball(emission=(0.1, 0.1, 0.1))},
             {"eye": (0, 0, 0.9), "look_at": (0, 0, 2)},
         ],
-        ids=["direction", "colour", "background", "environment", "emission", "inside"],
+        ids=["colour", "background", "environment", "emission", "inside"],
     )  # fmt: skip
     def test_a_choice_brings_neither_ground_nor_linear_curve(self, chosen):
         picture = draw(**chosen)
         explicit = draw(**chosen, ground=False, tone_curve="filmic")
         np.testing.assert_array_equal(picture.rgb, explicit.rgb)
         np.testing.assert_array_equal(picture.alpha, explicit.alpha)
+
+    def test_a_light_from_elsewhere_keeps_the_ground(self):
+        picture = draw(light_direction=(1, 2, 3))
+        assert picture.alpha[-1].any()
+        assert (picture.rgb != draw().rgb).any()
 
 
 class TestFewTriangles:

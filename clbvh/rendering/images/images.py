@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ConfigError, SceneError
+from ...scene.scene import Scene
 from ...support.files import write_atomically
 from ...support.memory import check_memory
 from ..cameras.camera import Camera
-from ..renderer import Renderer
+from ..picture import Picture
 from ..view import View
 from .channels import CHANNELS, NextPose, Subject, check_channels
 from .files import (
@@ -184,23 +185,24 @@ _PIXEL_BYTES = 100
 
 
 def make_images(
-    renderer: Renderer,
+    scene: Scene,
+    render: Callable[..., Picture],
     view: View,
     channels: Iterable[str],
     next_camera: Camera | None,
     next_transforms: Mapping[Any, ArrayLike] | None,
     on_phase: Callable[[str], None] | None,
 ) -> Images:
-    """Return the images of `Renderer.images`."""
+    """Return the images of `Renderer.images`, of a picture that `render` makes of a view."""
     names = check_channels(channels)
-    next_pose = NextPose(renderer.scene, next_camera, next_transforms)
+    next_pose = NextPose(scene, next_camera, next_transforms)
     if "motion" in names:
         next_pose.check()
     keeps_film = "colour" in names or "alpha" in names
     if not any(CHANNELS[name].needs_shading for name in names):
         # One ray for each pixel, and none to the light.
         view = view.changed(shading="normal", samples=None)
-    picture = renderer.render(view, keeps_film=keeps_film, on_phase=on_phase)
+    picture = render(view, keeps_film=keeps_film, on_phase=on_phase)
     pixel_bytes = _PIXEL_BYTES + sum(CHANNELS[name].pixel_bytes for name in names)
     check_memory("the images", picture.found.size * pixel_bytes, SceneError)
     state = picture.world.state
