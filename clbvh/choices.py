@@ -1,4 +1,7 @@
-"""Names that users choose by, and their numbers on the device. Imports nothing: the command line's help reads them."""
+"""Names that users choose by, their numbers on the device, and defaults that are no settings.
+
+Imports nothing: the command line's help reads them.
+"""
 
 # Values of `view.shading`.
 SHADINGS = {"lambert": 0, "lambert+shadow": 1, "normal": 2, "depth": 3, "studio": 4, "ao": 5, "path": 6}
@@ -11,3 +14,13 @@ TONE_CURVES = {"linear": 0, "filmic": 1}
 
 # The sides from which a picture shows the whole, in the order of a contact sheet.
 STANDARD_VIEWS = ("front", "right", "back", "left", "top", "bottom", "iso")
+
+# Of `render_images`.
+DEFAULT_CHANNELS = ("rgb", "alpha", "depth", "normal", "instance_id")
+
+# Of `render_turntable`.
+DEFAULT_FRAMES = 72
+DEFAULT_FRAME_RATE = 25.0
+
+# Pixels of each view of `contact_sheet`.
+SHEET_WIDTH, SHEET_HEIGHT = 400, 300

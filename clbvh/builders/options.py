@@ -32,14 +32,14 @@ class BuildOptions:
     ----------
     bins : int or None
         Bins per axis among which a split is looked for, 2 to 64. More find slightly better splits and take longer.
-        None: the builder's own number, 16 for `sah` and the report's 8 for the ladder.
+        By default the builder's own number, 16 for `sah` and the report's 8 for the ladder.
     leaf_size : int
         Largest number of primitives in a leaf, 1 to 255. Smaller leaves mean more nodes and fewer triangle tests.
     traversal_cost : float
         Cost of one node step in units of one triangle test, above 0. Higher values make fuller leaves.
     task_threshold : int or None
         Ranges of at most this many primitives become one worker's task; larger ones are split by all workers
-        together. None chooses from the mesh size and the worker count. The tree does not depend on it.
+        together. By default it is chosen from the mesh size and the worker count. The tree does not depend on it.
     frontier : int
         Largest number of primitives in a leaf of the builder `frontier`, in place of `leaf_size`, 4 to 8192.
     quality : str

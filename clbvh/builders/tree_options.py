@@ -20,9 +20,10 @@ class TreeOptions:
     ----------
     builder : str
         ``"sah"``, or a variant of the report's ladder: ``"sequential"``, ``"naive"``, ``"range"``, ``"cached"``,
-        ``"median"``, ``"bin"``, ``"atomic"``, ``"flatten"``, ``"flat"`` or ``"frontier"``.
+        ``"median"``, ``"bin"``, ``"atomic"``, ``"flatten"``, ``"flat"`` or ``"frontier"``; for pictures also
+        ``"brute"``: no tree.
     workers : int or None
-        Threads that build, at most; None: one per usable processor.
+        Threads that build, at most; by default one per usable processor.
     build : BuildOptions
     cache : Path or None
         Folder in which trees are looked up and kept; None for no cache.
@@ -36,13 +37,13 @@ class TreeOptions:
     def __post_init__(self) -> None:
         from .build import check_builder
 
-        check_builder(self.builder, self.build, self.list_builders())
+        check_builder(self.builder, self.build, self._list_builders())
         check_workers(self.workers)
         if self.cache is not None and not isinstance(self.cache, Path):
             raise ConfigError(f"cache must be a pathlib.Path or None, not {self.cache!r}")
 
     @staticmethod
-    def list_builders() -> tuple[str, ...]:
+    def _list_builders() -> tuple[str, ...]:
         """Return the names of all builders."""
         from .build import BUILDERS
 

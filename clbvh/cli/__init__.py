@@ -10,10 +10,12 @@ import sys
 
 def main() -> None:
     """Run the `clbvh` command."""
-    from .signals import end_on_signals
+    from .signals import clean_up_on_signals, end_on_signals
 
     # Everything that follows can be interrupted.
     end_on_signals()
+    if not {"--help", "-h", "--version"}.intersection(sys.argv):  # texts, which come quickly and leave nothing behind
+        clean_up_on_signals()
     if sys.stdout is not None:
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr] # an ASCII terminal shows any name
     from .app import run

@@ -1,4 +1,4 @@
-"""The command `clbvh`: joins the verbs, and turns exceptions into one line and an exit code."""
+"""The command `clbvh`: finds the verb, and turns exceptions into one line and an exit code."""
 
 from __future__ import annotations
 
@@ -6,62 +6,57 @@ import os
 import sys
 import traceback
 import warnings
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+from cyclopts import App, CycloptsError, Group, Parameter, UnusedCliTokensError
 
 from ..errors import ClbvhError, ClbvhWarning, DeviceError
-from . import devices, doctor, fetch, images, render, sheet, stats, study, tune, turntable, warmup
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_NO_DEVICE = 3
 
-app = typer.Typer(
-    name="clbvh",
-    help="Cast rays at triangle meshes: a parallel BVH build on the host, OpenCL traversal on any device.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command(name="render")(render.render)
-app.command(name="images")(images.images)
-app.command(name="turntable")(turntable.turntable)
-app.command(name="sheet")(sheet.sheet)
-app.command(name="stats")(stats.stats)
-app.command(name="fetch")(fetch.fetch)
-app.command(name="devices")(devices.devices)
-app.command(name="doctor")(doctor.doctor)
-app.command(name="tune")(tune.tune)
-app.command(name="study")(study.study)
-app.command(name="warmup")(warmup.warmup)
+# Each is a function in a module of its name, which is imported when the verb is needed.
+VERBS = (
+    "render", "images", "turntable", "sheet", "stats", "fetch", "devices", "doctor", "tune", "study", "warmup",
+)  # fmt: skip
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        from ..support.folders import __version__
+def make_app() -> App:
+    """Return the command line, with all verbs."""
+    app = App(
+        name="clbvh",
+        help="Cast rays at triangle meshes: a parallel BVH build on the host, OpenCL traversal on any device.",
+        help_epilogue="With --debug, anywhere, an error shows its traceback.",
+        help_flags=("--help", "-h"),
+        help_format="plaintext",  # Markdown would take 0.04 s of every help
+        version=_make_version,
+        group_commands=Group("Commands", sort_key=0),
+        group_arguments=Group("Arguments", sort_key=1),
+        group_parameters=Group("Options", sort_key=2),
+        # A flag has no other form unless it names one, and of an option that is given twice the last one counts.
+        default_parameter=Parameter(negative=(), allow_repeating=True, show_default=False),
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+        suppress_keyboard_interrupt=False,
+    )
+    for verb in VERBS:
+        app.command(f"{__package__}.{verb}:{verb}", name=verb)
+    return app
 
-        print(f"clbvh {__version__}")
-        raise typer.Exit
 
+def _make_version() -> str:
+    from ..support.folders import __version__
 
-@app.callback()
-def _options(
-    context: typer.Context,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
-    version: Annotated[
-        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
-    ] = False,
-) -> None:
-    context.obj = {"debug": debug}
+    return f"clbvh {__version__}"
 
 
 def exit_code_of(error: BaseException) -> int:
     """Return the exit code for an exception: 2 for bad input, 3 for no usable device, 1 for any other failure."""
     if isinstance(error, DeviceError):
         return EXIT_NO_DEVICE
-    if isinstance(error, ClbvhError) and isinstance(error, ValueError):
+    if isinstance(error, CycloptsError) or (isinstance(error, ClbvhError) and isinstance(error, ValueError)):
         return EXIT_USAGE
     return EXIT_FAILED
 
@@ -78,20 +73,18 @@ def run(arguments: list[str] | None = None) -> None:
     # `--debug` is allowed anywhere: users add it to the end of the command that failed.
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
-    code: Any = EXIT_FAILED
+    code = EXIT_FAILED
     try:
-        try:
-            with warnings.catch_warnings():
-                warnings.showwarning = _show_warning
-                warnings.simplefilter("always", ClbvhWarning)
-                app(words)
-        except SystemExit as ended:
-            code = ended.code
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            warnings.simplefilter("always", ClbvhWarning)
+            make_app()(words)
         print(end="", flush=True)
+        code = 0 if words else EXIT_USAGE
     except BrokenPipeError:
         # The reader has had enough, as `head` has: nobody is left to tell.
-        code = code or EXIT_FAILED
-    except (ClbvhError, OSError, MemoryError, ImportError) as error:
+        pass
+    except (ClbvhError, CycloptsError, OSError, MemoryError, ImportError) as error:
         if debug:
             traceback.print_exc()
         print(f"clbvh: {_describe(error)}", file=sys.stderr)
@@ -118,6 +111,11 @@ def _describe(error: Exception) -> str:
     """Return one sentence about an error."""
     if isinstance(error, MemoryError):
         return f"there is not enough memory{f': {error}' if str(error) else ''}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected argument '{' '.join(error.unused_tokens or ())}'"
+    if isinstance(error, CycloptsError):
+        text = " ".join(str(error).split()).removesuffix(".")
+        return text[:1].lower() + text[1:]
     if isinstance(error, OSError) and error.strerror and not isinstance(error, ClbvhError):
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)

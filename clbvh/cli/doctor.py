@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import shlex
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from cyclopts import Parameter
 
+from . import options
 from .devices import describe_device
+from .tables import print_json
+
+if TYPE_CHECKING:
+    from ..device.doctor import Finding
 
 _COLOURS = {"ok": "green", "note": "yellow", "problem": "red"}
 _INDENT = " " * 8
 
 # A first compilation takes about a second with PoCL; the first use of a GPU after boot can take ten.
 _TIMEOUT_S = 60.0
+_LEAST_TIMEOUT_S = 1
 
-_TIMEOUT_HELP = "Time limit for each answer of a driver."
+_TIMEOUT_HELP = "Time limit for each answer of a driver, at least 1."
 _CONFORMANCE_HELP = "Compare one device's answers with the stored ones, byte by byte, instead."
 _FIX_HELP = "Try the drivers that no driver file names, and register those that work, in your own folder."
 _DRY_RUN_HELP = "With --fix: say what would be written, only."
@@ -25,18 +30,23 @@ _MESH_HELP = "With --conformance: only this mesh; may be given several times."
 
 
 def doctor(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of the text.")] = False,
-    timeout_s: Annotated[float, typer.Option("--timeout", min=1, metavar="SECONDS", help=_TIMEOUT_HELP)] = _TIMEOUT_S,
-    conformance: Annotated[bool, typer.Option("--conformance", help=_CONFORMANCE_HELP)] = False,
-    fix: Annotated[bool, typer.Option("--fix", help=_FIX_HELP)] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help=_DRY_RUN_HELP)] = False,
-    device: Annotated[str | None, typer.Option(help=_DEVICE_HELP)] = None,
-    mesh: Annotated[list[str] | None, typer.Option(metavar="NAME", help=_MESH_HELP)] = None,
+    *,
+    as_json: options.AsJson = False,
+    timeout_s: Annotated[
+        float, Parameter(name="--timeout", metavar="SECONDS", help=_TIMEOUT_HELP, show_default=True)
+    ] = _TIMEOUT_S,
+    conformance: Annotated[bool, Parameter(help=_CONFORMANCE_HELP)] = False,
+    fix: Annotated[bool, Parameter(help=_FIX_HELP)] = False,
+    dry_run: Annotated[bool, Parameter(help=_DRY_RUN_HELP)] = False,
+    device: Annotated[str | None, Parameter(metavar="DEVICE", help=_DEVICE_HELP)] = None,
+    mesh: Annotated[list[str] | None, Parameter(metavar="NAME", help=_MESH_HELP)] = None,
 ) -> None:
     """Check OpenCL from the loader to a kernel on each device; print faults and remedies."""
     from ..device.doctor import diagnose, register_drivers
     from ..errors import ConfigError, DeviceError
 
+    if not timeout_s >= _LEAST_TIMEOUT_S:
+        raise ConfigError(f"--timeout must be at least {_LEAST_TIMEOUT_S} second, not {timeout_s:g}")
     if dry_run and not fix:
         raise ConfigError("--dry-run needs --fix: without it `clbvh doctor` writes nothing")
     if conformance and fix:
@@ -52,25 +62,31 @@ def doctor(
     if as_json:
         devices = [describe_device(info) | {"works": not error, "error": error} for info, error, _ in trials]
         report = {"works": working_count > 0, "findings": [vars(finding) for finding in findings], "devices": devices}
-        if fix:
-            report |= {"dry_run": dry_run, "steps": [vars(step) for step in steps]}
-        print(json.dumps(report, indent=2, default=str))
+        print_json(report | ({"dry_run": dry_run, "steps": [vars(step) for step in steps]} if fix else {}))
     else:
         for step in steps:
             if step.action == "leave":
-                typer.echo(f"left alone: {step.library} ({step.reason})")
+                print(f"left alone: {step.library} ({step.reason})")
             else:
-                typer.echo(f"{'would write' if dry_run else 'wrote'} {step.path} ({step.library}: {step.reason})")
-                typer.echo(f"{_INDENT}to undo it: rm {shlex.quote(str(step.path))}")
+                print(f"{'would write' if dry_run else 'wrote'} {step.path} ({step.library}: {step.reason})")
+                print(f"{_INDENT}to undo it: rm {shlex.quote(str(step.path))}")
         if fix and not steps:
-            typer.echo("nothing to fix: every driver that was found is registered")
-        for finding in findings:
-            typer.echo(f"{typer.style(f'{finding.severity:7}', fg=_COLOURS[finding.severity])} {finding.message}")
-            for line in finding.advice:
-                typer.secho(f"{_INDENT}{line}", bold=line.startswith("$"))
-        typer.echo(f"\n{working_count} of {len(trials)} devices work")
+            print("nothing to fix: every driver that was found is registered")
+        _print_findings(findings)
+        print(f"\n{working_count} of {len(trials)} devices work")
     if not working_count:
         raise DeviceError("no OpenCL device works: the findings of `clbvh doctor` say what to do")
+
+
+def _print_findings(findings: list[Finding]) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(soft_wrap=True, highlight=False)
+    for finding in findings:
+        console.print(Text.assemble((f"{finding.severity:7}", _COLOURS[finding.severity]), f" {finding.message}"))
+        for line in finding.advice:
+            console.print(Text(f"{_INDENT}{line}", style="bold" if line.startswith("$") else ""))
 
 
 def _check_conformance(spec: str | None, meshes: list[str], as_json: bool) -> None:
@@ -80,7 +96,7 @@ def _check_conformance(spec: str | None, meshes: list[str], as_json: bool) -> No
 
     result = check_device(choose_device(spec), meshes=meshes)
     if as_json:
-        print(json.dumps({"device": describe_device(result.device), **result.as_dict()}, indent=2))
+        print_json({"device": describe_device(result.device), **result.as_dict()})
     else:
         total = sum(result.compared.values())
         print(f"{result.device}: {total - len(result.differences)} of {total} parts of the stored answers are equal")

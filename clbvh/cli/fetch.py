@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
+from cyclopts import Parameter
+
+_URL_HELP = "Download from a mirror of Stanford's repository."
 
 
 def fetch(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME", help="bunny, dragon, drill.", show_default=False)
-    ] = None,
-    list_all: Annotated[bool, typer.Option("--list", help="List the known meshes and their paths.")] = False,
-    base_url: Annotated[
-        str | None, typer.Option(metavar="URL", help="Download from a mirror of Stanford's repository.")
-    ] = None,
+    *names: Annotated[str, Parameter(name="NAME", help="bunny, dragon, drill.")],
+    show_list: Annotated[bool, Parameter(name="--list", help="List the known meshes and their paths.")] = False,
+    base_url: Annotated[str | None, Parameter(metavar="URL", help=_URL_HELP)] = None,
 ) -> None:
-    """Download known meshes into the cache; without a name, list them."""
+    """Download known meshes into the cache unless they are on this machine; without a name, list them."""
     from ..geometry.fetch import KNOWN_MESHES, STANFORD, get_known_mesh
 
-    if list_all or not names:
+    if show_list or not names:
         for name in KNOWN_MESHES:
             print(f"{name:8} {_describe_path(name)}")
         return
@@ -48,15 +46,8 @@ def _fetch_with_bar(name: str, base_url: str) -> str:
     from ..geometry.fetch import fetch_mesh
 
     console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as progress:
+    columns = TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         return str(fetch_mesh(name, base_url=base_url, progress=_Bar(progress, name)))
 
 

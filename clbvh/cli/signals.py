@@ -48,7 +48,13 @@ def end_on_signals() -> None:
     threading.Thread(target=_wait, args=(read_end,), name="clbvh-signals", daemon=True).start()
     # The first function registered runs last: from then on nothing is left to clean up, and the thread is gone.
     atexit.register(lambda: [signal.signal(number, signal.SIG_IGN) for number in _WORDS])
-    # Not in the thread: the main thread may stand still inside an import. Before it, there is nothing to clean up.
+
+
+def clean_up_on_signals() -> None:
+    """Let the end by a signal also kill the processes that this one has started, and remove unfinished files.
+
+    The imports are not left to the thread: the main thread may stand still inside one of its own.
+    """
     import psutil
 
     from ..support.files import remove_unfinished

@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from cyclopts import Parameter
 
 from . import options
 
 # The remaining time is estimated from the pace of these seconds.
 _PACE_S = 600.0
 
+_OUTPUT_HELP = "Folder of the page and the samples."
+_QUICK_HELP = "Fewer and smaller cases: about four minutes on two cores."
+_PAGE_HELP = "Measure nothing: write the page again from the samples that are there."
+
 
 def study(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[EXPERIMENT]...", help="Only these experiments; see --list.", show_default=False),
-    ] = None,
+    *names: Annotated[str, Parameter(name="EXPERIMENT", help="Only these experiments; see --list.")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the page and the samples.")
+        Path, Parameter(name=("--output", "-o"), metavar="DIR", help=_OUTPUT_HELP, show_default=True)
     ] = Path("out/study"),
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer and smaller cases: about four minutes on two cores.")
-    ] = False,
-    only_page: Annotated[
-        bool, typer.Option("--page", help="Measure nothing: write the page again from the samples that are there.")
-    ] = False,
-    device: options.OnlyDevice = None,
-    show_list: Annotated[bool, typer.Option("--list", help="List the experiments and end.")] = False,
+    quick: Annotated[bool, Parameter(help=_QUICK_HELP)] = False,
+    only_page: Annotated[bool, Parameter(name="--page", help=_PAGE_HELP)] = False,
+    device: options.Device = None,
+    show_list: Annotated[bool, Parameter(name="--list", help="List the experiments and end.")] = False,
 ) -> None:
     """Repeat the report's experiments on this machine, and write one page with all figures.
 
     Every sample is kept at once: after Ctrl-C the same command goes on where it was.
     """
     if show_list:
-        _print_list()
+        from ..study.registry import EXPERIMENTS
+
+        longest = max(map(len, EXPERIMENTS))
+        for experiment in EXPERIMENTS.values():
+            print(f"{experiment.name:{longest}}  {experiment.texts[1]}")
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -63,18 +63,7 @@ def study(
             shown.console.print(f"clbvh: {text}", markup=False, highlight=False, soft_wrap=True)
 
         done = run_study(
-            output, names or (), scale=QUICK if quick else FULL, device=device, only_page=only_page,
-            on_progress=follow, on_note=note,
+            output, names, scale=QUICK if quick else FULL, device=device, only_page=only_page, on_progress=follow,
+            on_note=note,
         )  # fmt: skip
-    print(done.page)
-    print(done.samples)
-    print(done.table)
-    sys.stdout.flush()
-
-
-def _print_list() -> None:
-    from ..study.registry import EXPERIMENTS
-
-    longest = max(map(len, EXPERIMENTS))
-    for experiment in EXPERIMENTS.values():
-        print(f"{experiment.name:{longest}}  {experiment.texts[1]}")
+    print(done.page, done.samples, done.table, sep="\n")

@@ -1,24 +1,38 @@
-"""The tables that the verbs print, in one style."""
+"""The reports of the verbs, as tables of one style or as JSON."""
 
 from __future__ import annotations
 
+import json
 import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from ..builders.tree_cache import TreeOptions
+    from collections.abc import Collection, Iterable, Mapping
 
 
-def make_facts() -> Any:
-    """Return an empty table of names and facts."""
+def print_json(report: dict[str, Any]) -> None:
+    """Print a report as one JSON object; what JSON does not know is written as text."""
+    print(json.dumps(report, indent=2, default=str))
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Print sentences for the user on stderr, each as one line."""
+    for note in notes:
+        print(f"clbvh: {note}", file=sys.stderr)
+
+
+def make_facts(facts: Mapping[str, str]) -> Any:
+    """Return a table of names and facts, without those that are empty; brackets in them are no markup."""
+    from rich.markup import escape
     from rich.table import Table
 
-    facts = Table(box=None, show_header=False, pad_edge=False)
-    facts.add_column(style="dim")
-    facts.add_column()
-    return facts
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="dim")
+    table.add_column()
+    for name, fact in facts.items():
+        if fact:
+            table.add_row(name, escape(fact))
+    return table
 
 
 def make_table(*headings: str, numbers: Collection[str] = ()) -> Any:
@@ -31,21 +45,17 @@ def make_table(*headings: str, numbers: Collection[str] = ()) -> Any:
     return table
 
 
-def make_times() -> Any:
-    """Return an empty table of phases, their milliseconds, and their descriptions."""
-    return make_table("phase", "ms", "", numbers=["ms"])
+def make_times(rows: Iterable[tuple[str, float, str]]) -> Any:
+    """Return a table of phases, their milliseconds, and their descriptions; the total is bold."""
+    times = make_table("phase", "ms", "", numbers=["ms"])
+    for phase, ms, description in rows:
+        times.add_row(phase, f"{ms:,.1f}", f"[dim]{description}[/dim]", style="bold" if phase == "total" else "")
+    return times
 
 
-def add_time(times: Any, phase: str, ms: float, description: str, style: str = "") -> None:
-    """Add a row to a table of `make_times`."""
-    times.add_row(phase, f"{ms:,.1f}", f"[dim]{description}[/dim]", style=style)
-
-
-def describe_mesh(name: str, *facts: str) -> str:
-    """Return a line about a mesh; brackets in its name are no markup."""
-    from rich.markup import escape
-
-    return ", ".join([escape(name), *(fact for fact in facts if fact)])
+def join_facts(*facts: str) -> str:
+    """Return a line of facts, without those that are empty."""
+    return ", ".join(filter(None, facts))
 
 
 def describe_count(count: int, noun: str) -> str:
@@ -59,18 +69,6 @@ def describe_scene(instances: int, geometries: int, prims: int) -> str:
         f"{describe_count(instances, 'instance')} of {geometries:,} geometr{'ies' if geometries > 1 else 'y'}, "
         f"{prims:,} primitives placed"
     )
-
-
-def describe_workers(count: int) -> str:
-    """Return ``1 worker``, or ``2 workers``."""
-    return describe_count(count, "worker")
-
-
-def describe_options(wanted: TreeOptions) -> dict[str, Any]:
-    """Return the builder and its options for JSON."""
-    import dataclasses
-
-    return {"builder": wanted.builder, **dataclasses.asdict(wanted.build)}
 
 
 def print_tables(*tables: Any) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from cyclopts import Parameter
 
 from . import options
+from .tables import make_facts, make_table, print_json, print_tables
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from ..device.settings import Settings
     from ..rendering.tune import Trial
 
+_ALL_HELP = "All devices, so that the fastest driver of a processor is taken from then on."
+
 
 def tune(
-    device: options.OnlyDevice = None,
-    every: Annotated[
-        bool,
-        typer.Option("--all", help="All devices, so that the fastest driver of a processor is taken from then on."),
-    ] = False,
+    *,
+    device: options.Device = None,
+    every: Annotated[bool, Parameter(name="--all", help=_ALL_HELP)] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Measure layouts, work-group sizes and tiles on a device, and keep the fastest for later runs."""
@@ -49,27 +49,17 @@ def tune(
         measured = [asdict(trial) for trial in trials]
         reports.append(facts | {"settings": asdict(settings), "trials": measured})
     if as_json:
-        print(json.dumps({"devices": reports} if every else reports[0], indent=2))
+        print_json({"devices": reports} if every else reports[0])
     elif every:
         print("the devices from now on: " + "; ".join(map(str, list_devices())))
 
 
 def _print_trials(info: DeviceInfo, settings: Settings, trials: list[Trial], path: Path) -> None:
-    from rich.markup import escape
-
-    from .tables import make_facts, make_table, print_tables
-
-    facts = make_facts()
-    facts.add_row("device", escape(str(info)))
-    facts.add_row("driver", escape(info.driver_version))
-    facts.add_row("kept", escape(str(path)))
     table = make_table("", "", "ms", "", numbers=["ms"])
     for trial in trials:
         mark = "taken" if trial.is_best else ""
         table.add_row(trial.what, trial.choice, f"{trial.ms:,.1f}", mark, style="bold" if trial.is_best else "")
     columns, rows = settings.tile
-    facts.add_row(
-        "taken",
-        f"{settings.layout}, work-groups of {settings.work_group_size} rays, tiles of {columns} x {rows} pixels",
-    )
-    print_tables(table, facts)
+    taken = f"{settings.layout}, work-groups of {settings.work_group_size} rays, tiles of {columns} x {rows} pixels"
+    facts = {"device": str(info), "driver": info.driver_version, "kept": str(path), "taken": taken}
+    print_tables(table, make_facts(facts))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from cyclopts import Parameter
 
 from . import options
+from .tables import make_times, print_json, print_tables
 
 if TYPE_CHECKING:
     from ..device.info import DeviceInfo
@@ -17,13 +17,8 @@ _ALL = "all"
 
 
 def warmup(
-    device: Annotated[
-        str | None,
-        typer.Option(
-            help="A number, a part of a name, gpu or cpu, see `clbvh devices`; or all.",
-            show_default="a GPU, if there is one",
-        ),
-    ] = None,
+    *,
+    device: Annotated[options.Device, Parameter(help=f"{options.DEVICE_HELP} Or all.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compile functions and kernels ahead, by doing each kind of work once; for container images, too."""
@@ -42,21 +37,12 @@ def warmup(
                 begin = time.perf_counter()
                 work()
                 steps.append({"device": info.name, "what": what, "ms": (time.perf_counter() - begin) * 1e3})
-    report = {
-        "devices": [info.name for info in devices],
-        "steps": steps,
-        "total_ms": sum(step["ms"] for step in steps),
-    }
+    total_ms = sum(step["ms"] for step in steps)
     if as_json:
-        print(json.dumps(report, indent=2))
-        return
-    from .tables import add_time, make_times, print_tables
-
-    times = make_times()
-    for step in steps:
-        add_time(times, step["what"], step["ms"], step["device"])
-    add_time(times, "total", report["total_ms"], "", style="bold")
-    print_tables(times)
+        print_json({"devices": [info.name for info in devices], "steps": steps, "total_ms": total_ms})
+    else:
+        rows = [(step["what"], step["ms"], step["device"]) for step in steps]
+        print_tables(make_times([*rows, ("total", total_ms, "")]))
 
 
 def _choose_devices(device: str | None) -> list[DeviceInfo]:

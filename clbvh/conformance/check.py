@@ -7,6 +7,7 @@ look at the other runtimes, with `make conformance`, before the file is committe
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -183,7 +184,7 @@ def check_device(
     unknown = sorted(set(meshes) - set(digests))
     if unknown:
         raise ConfigError(f"'{unknown[0]}' is no mesh of the conformance check: there are {', '.join(digests)}")
-    compared: dict[tuple[str, str], int] = {}
+    compared: Counter[tuple[str, str]] = Counter()
     differences: list[Difference] = []
     unusable: list[str] = []
     for case in make_cases():
@@ -193,10 +194,8 @@ def check_device(
             unusable.append(case.name)
             continue
         for layout, query, answer in answer_case(case, device, layouts):
-            stored = expected[case.name][query]
-            key = layout, query
-            compared[key] = compared.get(key, 0) + len(answer)
-            differences += compare_answer(layout, query, case.name, answer, stored)
+            compared[layout, query] += len(answer)
+            differences += compare_answer(layout, query, case.name, answer, expected[case.name][query])
     return Conformance(device, compared, tuple(differences), tuple(unusable))
 
 

@@ -7,7 +7,6 @@ line.
 
 from __future__ import annotations
 
-import ctypes
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -21,7 +20,7 @@ from ..errors import InternalError, KernelBuildError
 from ..structs import c_declarations
 from ..support.folders import find_folder
 from ..support.say_once import saying_compiling_if_slow
-from .context import Kernel, check_process
+from .context import Kernel, check_process, keep_for_ever
 from .session import DeviceSession
 
 # The include that stands for the text made from `clbvh/structs.py`.
@@ -133,13 +132,8 @@ def build_kernels(
     check_process()
     path = f"kernels/{name}.cl"
     source = _expand_shipped(path) if folder is None else expand_source(path, folder)
-    options = make_options(defines or {})
+    options = (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items())))
     return session.shared.kernels((source, options), lambda: _compile(session, source, options))
-
-
-def make_options(defines: Mapping[str, int]) -> tuple[str, ...]:
-    """Return the compiler's options on every device."""
-    return (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted(defines.items())))
 
 
 def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dict[str, Kernel]:
@@ -159,7 +153,9 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
             with saying_compiling_if_slow():
                 program.build(list(options), devices=[session.info.cl_device])
     except cl.Error as error:
-        _never_release(program)
+        # PoCL 3.0 on the CPU may leave a program locked when it fails to build for want of memory; releasing it then
+        # waits for ever, with Python's lock held, so that not even Ctrl-C is heard.
+        keep_for_ever(program)
         raise KernelBuildError(session.info.name, " ".join(options), str(error)) from error
     arguments, kernels = find_arguments(source), {}
     for kernel in program.all_kernels():
@@ -168,15 +164,6 @@ def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dic
         kernel.set_scalar_arg_dtypes(list(arguments[name].values()))
         kernels[name] = Kernel(kernel, arguments[name])
     return kernels
-
-
-def _never_release(program: Any) -> None:
-    """Keep a program until the process ends.
-
-    PoCL 3.0 on the CPU may leave a program locked when it fails to build for want of memory; releasing it then waits
-    for ever, with Python's lock held, so that not even Ctrl-C is heard.
-    """
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(program))
 
 
 def find_arguments(source: str) -> dict[str, dict[str, type[Any] | None]]:

@@ -13,6 +13,7 @@ import hashlib
 import os
 import tarfile
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -132,7 +133,7 @@ def find_known_mesh(name: str) -> Path:
 
 
 def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> Path:
-    """Download a known mesh into the cache, unless it is there already.
+    """Return the file of a known mesh, which is downloaded into the cache unless `find_known_mesh` finds it.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
     Returns
     -------
     Path
-        The mesh in the cache, where it appears complete or not at all.
+        A download appears in the cache complete or not at all.
 
     Raises
     ------
@@ -156,10 +157,10 @@ def fetch_mesh(name: str, *, base_url: str = STANFORD, progress: Any = None) -> 
         The download failed or was cut off, a checksum is wrong, or the archive lacks the mesh. No file is left behind.
     """
     mesh = get_known_mesh(name)
+    with suppress(MeshError):
+        return find_known_mesh(name)
     cache = find_cache()
     target = cache / mesh.file_name
-    if target.is_file():
-        return target
     url = f"{base_url.rstrip('/')}/{mesh.archive}"
     try:
         cache.mkdir(parents=True, exist_ok=True)

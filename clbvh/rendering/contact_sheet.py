@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import STANDARD_VIEWS
+from ..choices import SHEET_HEIGHT, SHEET_WIDTH, STANDARD_VIEWS
 from .cameras.projection import Orthographic
 from .image_files import GAP, GROUND, INK, TEXT_ROWS, draw_text, encode_picture, width_of, write_picture
 from .open_scene import SceneLike
@@ -19,8 +19,6 @@ from .options import RenderOptions
 from .picture import Picture
 from .renderer import Renderer
 from .view import View
-
-DEFAULT_WIDTH, DEFAULT_HEIGHT = 400, 300
 
 _COLUMNS = 4
 
@@ -56,7 +54,7 @@ class ContactSheet:
     pixel_size: float
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the sheet to a file, ``.ppm`` or ``.png`` by its name: completely or not at all.
+        """Write the sheet to a file, ``.png``, ``.jpg`` or ``.ppm`` by its name: completely or not at all.
 
         Raises
         ------
@@ -125,7 +123,7 @@ def contact_sheet(
     >>> list(sheet.pictures)
     ['front', 'right', 'back', 'left', 'top', 'bottom', 'iso']
     """
-    settings = {"width": DEFAULT_WIDTH, "height": DEFAULT_HEIGHT, "ground": False} | changes
+    settings = {"width": SHEET_WIDTH, "height": SHEET_HEIGHT, "ground": False} | changes
     with Renderer(source, view, options, on_phase=on_phase, **settings) as renderer:
         front = renderer.view.changed(side=STANDARD_VIEWS[0], transparent=False)
         sizes = renderer.measure_views(STANDARD_VIEWS, up=front.up, frame=front.frame)

@@ -11,17 +11,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import SceneError
 from ..geometry import Mesh, Shape, Spheres
 from .cameras.bounds import SceneBounds
 from .settings import Vector
 
 Y_UP: Vector = (0.0, 1.0, 0.0)
 Z_UP: Vector = (0.0, 0.0, 1.0)
-_NAMES = "xyz"
+_Y, _Z = 1, 2
+_UPS, _NAMES = {_Y: Y_UP, _Z: Z_UP}, "xyz"
+
+_Array = NDArray[np.float64]
 
 # Formats whose rule is to have y up, and those that mostly have z up: STL comes from CAD and goes to printers.
-RULED_SUFFIXES = (".gltf", ".glb")
+_RULED_SUFFIXES = (".gltf", ".glb")
 _Z_SUFFIXES = (".stl", ".off")
 
 # Instances and points that a guess of up looks at, spread evenly; the result is the same for 1,000 to 100,000 points of
@@ -49,9 +51,6 @@ _MOST_SHARE, LEAST_GAP = 0.01, 2.0
 # that may be some: three times as many as there can be, so that chance hides none.
 _SAMPLE, _SAMPLE_ENDS = 2000, 0.03
 
-# Steps in which the box around all that is no outlier grows; a dozen are usual.
-_MOST_STEPS = 100
-
 
 class Up(NamedTuple):
     """The direction that is up, and a note for the user; None where nothing was guessed."""
@@ -65,13 +64,6 @@ class Framed(NamedTuple):
 
     bounds: SceneBounds
     note: str | None
-
-
-def known_up(up: Vector | str) -> Vector:
-    """Return an up direction; raise `SceneError` where it is still to be guessed."""
-    if isinstance(up, str):
-        raise SceneError('up is "auto" here, where a direction is needed: give three numbers')
-    return up
 
 
 def guess_up(bounds: SceneBounds, eye: Vector | None = None, look_at: Vector | None = None) -> Up:
@@ -92,13 +84,17 @@ def guess_up(bounds: SceneBounds, eye: Vector | None = None, look_at: Vector | N
     >>> guess_up(SceneBounds.of_mesh(clbvh.make_shape("terrain", triangles=2000))).note
     'y is up: the mesh is flat along y, like a landscape; --up 0,0,1 turns it'
     """
-    axis, reason = _choose_axis(_sample_points(bounds), _find_suffix(bounds))
+    meshes = [shape for shape in bounds.shapes if isinstance(shape, Mesh)]
+    suffixes = {PurePath(mesh.name).suffix.lower() for mesh in meshes}
+    suffix = suffixes.pop() if len(suffixes) == 1 else ""
+    axis, reason = _choose_axis(_sample_points(bounds), suffix, can_stand=bool(meshes))
+    other = _Y + _Z - axis
     if eye is not None:
         target = bounds.origin if look_at is None else np.asarray(look_at, np.float64)
-        if not np.cross(target - np.asarray(eye, np.float64), _vector_of(axis)).any():
-            return Up(_vector_of(3 - axis), None)
-    other = ",".join(f"{part:g}" for part in _vector_of(3 - axis))
-    return Up(_vector_of(axis), reason and f"{_NAMES[axis]} is up: {reason}; --up {other} turns it")
+        if not np.cross(target - np.asarray(eye, np.float64), _UPS[axis]).any():
+            return Up(_UPS[other], None)
+    turned = ",".join(f"{part:g}" for part in _UPS[other])
+    return Up(_UPS[axis], reason and f"{_NAMES[axis]} is up: {reason}; --up {turned} turns it")
 
 
 def frame_without_outliers(bounds: SceneBounds) -> Framed:
@@ -157,7 +153,8 @@ def find_outliers(lower: NDArray[np.floating], upper: NDArray[np.floating], coun
     middles = begins / 2 + ends / 2
     box_lower, box_upper = _find_end(middles, counts), -_find_end(-middles, counts)
     rest = np.arange(len(begins))
-    for _ in range(_MOST_STEPS):
+    # A dozen steps are usual, and the box triples in every two: what a step adds was out of reach of the box before.
+    while True:
         reach = LEAST_GAP * np.linalg.norm(box_upper - box_lower)
         gaps = np.maximum(np.maximum(begins[rest] - box_upper, box_lower - ends[rest]), 0.0)
         is_near = np.linalg.norm(gaps, axis=1) <= reach
@@ -166,16 +163,12 @@ def find_outliers(lower: NDArray[np.floating], upper: NDArray[np.floating], coun
         near, rest = rest[is_near], rest[~is_near]
         box_lower = np.minimum(box_lower, begins[near].min(axis=0))
         box_upper = np.maximum(box_upper, ends[near].max(axis=0))
-    else:
-        rest = rest[:0]
     x, y, z = ((ends - begins) / max(float((box_upper - box_lower).max()), np.finfo(float).tiny)).T
     is_few = all(each[rest].sum() <= _MOST_SHARE * each.sum() for each in (counts, x * y + y * z + z * x))
-    is_far = np.zeros(len(begins), bool)
-    is_far[rest] = is_few and bool((box_upper > box_lower).any())
-    return is_far
+    return np.isin(np.arange(len(begins)), rest) & (is_few and bool((box_upper > box_lower).any()))
 
 
-def _find_end(points: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_end(points: _Array, counts: _Array) -> _Array:
     """Return (3,) float64: along each axis the first point with more than the share of outliers up to it."""
     order = np.argsort(points, axis=0, kind="stable")
     so_far = np.cumsum(counts[order], axis=0)
@@ -196,13 +189,12 @@ def _find_far_prims(shape: Shape) -> NDArray[np.bool_] | None:
     return is_far if is_far.any() or whole >= LEAST_GAP * np.linalg.norm(rest) else None
 
 
-def _bound_prims(shape: Shape, chosen: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bound_prims(shape: Shape, chosen: slice) -> tuple[_Array, _Array]:
     """Return the lower and the upper corners of boxes around primitives, (n, 3), in local units."""
     if isinstance(shape, Mesh):
         corners = shape.local_vertices[shape.faces[chosen]].astype(np.float64)
         return corners.min(axis=1), corners.max(axis=1)
-    centres = (shape.centres[chosen] - shape.origin) * shape.scale
-    radii = shape.radii[chosen].astype(np.float64)[:, None] * shape.scale
+    centres, radii = (shape.centres[chosen] - shape.origin) * shape.scale, shape.radii[chosen, None] * shape.scale
     return centres - radii, centres + radii
 
 
@@ -214,17 +206,7 @@ def _without(shape: Shape, is_far: NDArray[np.bool_]) -> Shape:
     return Mesh.from_arrays(shape.vertices[vertices], faces.reshape(-1, 3), name=shape.name)
 
 
-def _vector_of(axis: int) -> Vector:
-    return Z_UP if axis == 2 else Y_UP
-
-
-def _find_suffix(bounds: SceneBounds) -> str:
-    """Return the suffix of the names of all meshes; empty if they differ."""
-    suffixes = {PurePath(shape.name).suffix.lower() for shape in bounds.shapes if isinstance(shape, Mesh)}
-    return suffixes.pop() if len(suffixes) == 1 else ""
-
-
-def _sample_points(bounds: SceneBounds) -> NDArray[np.float64]:
+def _sample_points(bounds: SceneBounds) -> _Array:
     """Return corners of triangles and centres of spheres, (n, 3), spread evenly over a scene, in local units."""
     chosen = range(0, len(bounds.geometry_ids), -(-len(bounds.geometry_ids) // _INSTANCES))
     points = []
@@ -235,30 +217,30 @@ def _sample_points(bounds: SceneBounds) -> NDArray[np.float64]:
     return np.concatenate(points)
 
 
-def _choose_axis(points: NDArray[np.float64], suffix: str) -> tuple[int, str | None]:
-    """Return the axis that is up, and the reason; None for the rule of a format, and for y for lack of a reason."""
-    y, z = 1, 2
-    if suffix in RULED_SUFFIXES:
-        return y, None
+def _choose_axis(points: _Array, suffix: str, can_stand: bool) -> tuple[int, str | None]:
+    """Return the axis that is up, and the reason; None for the rule of a format, and for y for lack of a reason.
+
+    Spheres cannot stand: the lowest ones of a cloud are where chance has put them.
+    """
+    if suffix in _RULED_SUFFIXES:
+        return _Y, None
     lower, upper = np.quantile(points, [_ENDS, 1 - _ENDS], axis=0)
     sides = upper - lower
-    for axis in (z, y):
+    for axis in (_Z, _Y):
         if 0 < sides[axis] < _FLAT * np.delete(sides, axis).min():
             return axis, f"the mesh is flat along {_NAMES[axis]}, like a landscape"
-    bases = {axis: _measure_base(points, lower, sides, axis) for axis in (y, z)}
-    for axis, other in ((y, z), (z, y)):
+    bases = {axis: _measure_base(points, lower, sides, axis) if can_stand else 0.0 for axis in (_Y, _Z)}
+    for axis, other in ((_Y, _Z), (_Z, _Y)):
         if bases[axis] >= max(_LEAST_BASE, _MARGIN * bases[other]):
             return axis, f"the mesh stands on a wide base along {_NAMES[axis]}, but not along {_NAMES[other]}"
     if suffix not in _Z_SUFFIXES:
-        return y, None
-    if bases[z] == 0 and sides[z] > _TOPPLING * sides[:2].max():
-        return y, "the mesh is long along z, and would not stand on its end"
-    return z, f"most {suffix[1:].upper()} files have it so, and nothing in its shape says otherwise"
+        return _Y, None
+    if bases[_Z] == 0 and sides[_Z] > _TOPPLING * sides[:2].max():
+        return _Y, "the mesh is long along z, and would not stand on its end"
+    return _Z, f"most {suffix[1:].upper()} files have it so, and nothing in its shape says otherwise"
 
 
-def _measure_base(
-    points: NDArray[np.float64], lower: NDArray[np.float64], sides: NDArray[np.float64], axis: int
-) -> float:
+def _measure_base(points: _Array, lower: _Array, sides: _Array, axis: int) -> float:
     """Return the share of the sides that the lowest points span, both ways; 0 if the mesh would fall over."""
     if not (sides > 0).all():
         return 0.0
@@ -266,6 +248,5 @@ def _measure_base(
     across = [other for other in range(3) if other != axis]
     begin, end = np.quantile(low[:, across], [_CONTACT, 1 - _CONTACT], axis=0)
     centre = points[:, across].mean(axis=0)
-    is_wide = (end - begin >= _LEAST_WIDTH * sides[axis]).all()
-    is_standing = is_wide and ((begin < centre) & (centre < end)).all()
-    return float(np.min((end - begin) / sides[across])) if is_standing else 0.0
+    is_standing = (end - begin >= _LEAST_WIDTH * sides[axis]) & (begin < centre) & (centre < end)
+    return float(np.min((end - begin) / sides[across])) if is_standing.all() else 0.0

@@ -17,13 +17,14 @@ from ..geometry import Mesh
 from ..support.files import as_path, check_target, write_atomically
 from ..trace.hits.hits import Hits
 
-PICTURE_SUFFIXES = (".ppm", ".png")
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
 HITS_SUFFIX = ".npz"
 
 _CHANNELS_WITH_ALPHA = 4
 
-# Of zlib. For 3840 x 2160 pixels, level 6 takes five times as long and saves a tenth of the bytes.
-_PNG_LEVEL = 1
+# How Pillow writes files of each kind. PNG: of zlib, where level 6 takes five times as long for 3840 x 2160 pixels and
+# saves a tenth of the bytes. JPEG: with the colours of each pixel, and a quality at which steps are hard to see.
+_PILLOW_OPTIONS: dict[str, dict[str, Any]] = {".png": {"compress_level": 1}, ".jpg": {"quality": 95, "subsampling": 0}}
 
 # Rows of a capital letter, and of the gaps around it, at the scale 1; the size of such a font.
 TEXT_ROWS, GAP = 7, 1
@@ -37,14 +38,14 @@ GROUND = (20, 24, 29)
 def check_picture_path(path: Path) -> None:
     """Raise `ConfigError` unless a picture can be written there; for checks before the work begins."""
     if path.suffix.lower() not in PICTURE_SUFFIXES:
-        raise ConfigError(f"{path}: a picture's name must end in {' or '.join(PICTURE_SUFFIXES)}")
+        raise ConfigError(f"{path}: a picture's name must end in {', '.join(PICTURE_SUFFIXES)}")
     check_target(path)
 
 
 def check_has_alpha(path: Path) -> None:
     """Raise `ConfigError` unless a file of this name can have a transparent background."""
-    if path.suffix.lower() == ".ppm":
-        raise ConfigError(f"{path}: a PPM file has no transparency; write a PNG")
+    if path.suffix.lower() != ".png":
+        raise ConfigError(f"{path}: a {path.suffix} file has no transparency; write a .png file")
 
 
 def check_hits_path(path: Path) -> None:
@@ -55,7 +56,7 @@ def check_hits_path(path: Path) -> None:
 
 
 def write_picture(path: str | os.PathLike[str], rgb: NDArray[np.uint8]) -> None:
-    """Write a picture as PPM (P6) or PNG, by the suffix of the name.
+    """Write a picture as PNG, JPEG or PPM (P6), by the suffix of the name.
 
     Parameters
     ----------
@@ -88,7 +89,8 @@ def encode_picture(rgb: NDArray[np.uint8], suffix: str) -> bytes:
         return encode_ppm(rgb)
     import imageio.v3  # here, because it takes 60 ms and pictures need not be files
 
-    return imageio.v3.imwrite("<bytes>", rgb, plugin="pillow", extension=".png", compress_level=_PNG_LEVEL)
+    kind = suffix.replace("jpeg", "jpg")
+    return imageio.v3.imwrite("<bytes>", rgb, plugin="pillow", extension=kind, **_PILLOW_OPTIONS[kind])
 
 
 def encode_ppm(pixels: NDArray[Any]) -> bytes:

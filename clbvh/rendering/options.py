@@ -20,12 +20,10 @@ class RenderOptions(TreeOptions):
 
     Attributes
     ----------
-    builder : str
-        As in `TreeOptions`, or ``"brute"``: no tree.
-    workers, build, cache
+    builder, workers, build, cache
         See `TreeOptions`.
     device : DeviceInfo, str, int or None
-        A number, a part of a name, ``"gpu"`` or ``"cpu"``, see `choose_device`. None: a GPU, if there is one.
+        A number, a part of a name, ``"gpu"`` or ``"cpu"``, see `choose_device`. By default a GPU, if there is one.
     layout : str
         Layout of the tree on the device: ``"bvh2"``, ``"bvh4"``, ``"bvh8"``, or ``"auto"``: the one that suits the
         device, but ``"bvh2"`` for the builder ``"frontier"``, because a wide layout would split its large leaves.
@@ -50,11 +48,11 @@ class RenderOptions(TreeOptions):
         check_layout(self.layout)
 
     @staticmethod
-    def list_builders() -> tuple[str, ...]:
+    def _list_builders() -> tuple[str, ...]:
         """Return the names of all builders, and that of none."""
         from ..trace.device_tree import BRUTE
 
-        return (*TreeOptions.list_builders(), BRUTE)
+        return (*TreeOptions._list_builders(), BRUTE)
 
     @property
     def chosen_layout(self) -> str:

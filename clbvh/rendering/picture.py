@@ -104,7 +104,7 @@ class Picture:
     cut: Cut | None = None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the picture to a file, ``.ppm`` or ``.png`` by its name: completely or not at all.
+        """Write the picture to a file, ``.png``, ``.jpg`` or ``.ppm`` by its name: completely or not at all.
 
         Raises
         ------

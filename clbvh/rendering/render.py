@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from ..choices import DEFAULT_CHANNELS
 from .cameras.camera import Camera
 from .open_scene import SceneLike
 from .options import RenderOptions
 from .picture import Picture
-from .renderer import DEFAULT_CHANNELS, Renderer
+from .renderer import Renderer
 from .view import View
 
 if TYPE_CHECKING:

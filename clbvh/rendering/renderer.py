@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bvh import Bvh
-from ..choices import REPORT_SHADINGS, STANDARD_VIEWS
+from ..choices import DEFAULT_CHANNELS, REPORT_SHADINGS, STANDARD_VIEWS
 from ..device.context import EventTimes
 from ..device.info import DeviceInfo
 from ..errors import ConfigError, SceneError
@@ -40,9 +40,6 @@ from .world import World
 
 if TYPE_CHECKING:
     from .images.images import Images
-
-# Of `Renderer.images`.
-DEFAULT_CHANNELS = ("rgb", "alpha", "depth", "normal", "instance_id")
 
 # Four channels of float32.
 _FILM_BYTES = 16

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import STANDARD_VIEWS
+from ..choices import DEFAULT_FRAME_RATE, DEFAULT_FRAMES, STANDARD_VIEWS
 from ..errors import ConfigError
 from ..support.files import as_path, check_target, temporary_folder, write_atomically
 from .open_scene import SceneLike
@@ -24,8 +24,6 @@ from .renderer import Renderer
 from .view import View
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
-
-DEFAULT_FRAME_RATE = 25.0
 
 _MOST_FRAME_RATE = 1000.0
 
@@ -44,8 +42,6 @@ _VIDEO_OPTIONS = [
 ]
 
 _Frame = NDArray[np.uint8]
-
-DEFAULT_FRAMES = 72
 
 # An hour at 25 frames per second.
 _MOST_FRAMES = 90_000

@@ -20,7 +20,6 @@ from ..builders.options import MAX_BINS, BuildOptions
 from ..bvh.bvh import find_depths
 from ..geometry import Mesh
 from ..structs import NODE, NODE_LANES
-from ..support.compiled import compiled
 
 _DEFAULT_BINS = 8
 
@@ -144,7 +143,7 @@ def count_ladder_work(mesh: Mesh, name: str, options: BuildOptions | None = None
         np.empty(MAX_BINS, np.int64),
     )
     rows = np.empty((2 * count, NODE_LANES), np.float32)
-    node_count = int(_build(_CountedPrims(source, accesses), Task(0, count, 0), rule, ids, scratch, rows))
+    node_count = int(build_rows(_CountedPrims(source, accesses), Task(0, count, 0), rule, ids, scratch, rows))
     nodes = rows[:node_count].view(NODE).reshape(-1)
     # Each primitive lies in the ranges of its leaf and of all nodes above.
     range_sizes = int((nodes["count"] * (find_depths(nodes["first"], nodes["count"]) + 1)).sum())
@@ -160,8 +159,3 @@ def count_ladder_work(mesh: Mesh, name: str, options: BuildOptions | None = None
         moves=int(writes[0]) + copied,
         allocations=lists + (node_count if variant.nodes is Nodes.HEAP else 0),
     )
-
-
-@compiled
-def _build(prims, task, rule, ids, scratch, rows):
-    return build_rows(prims, task, rule, ids, scratch, rows)

@@ -8,7 +8,7 @@ import pytest
 
 from .command import run_clbvh
 
-SCENE = '[[object]]\nshape = "knot"\ntriangles = 2000\n[view]\nwidth = 32\nheight = 20\n'
+SCENE = '[[object]]\nshape = "knot"\ntriangles = 2000\n[view]\nup = "y"\nwidth = 32\nheight = 20\n'
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""`--cut` and `--cut-box`: pictures, messages, exit codes."""
+"""`--cut`: pictures, messages, exit codes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from .command import refuses, run_clbvh
 SIZE = ("--width", 40, "--height", 30, "--shading", "lambert")
 CUTS = {
     ("--cut", "0,0,0;0,1,1"): clbvh.Cut.plane((0, 0, 0), (0, 1, 1)),
-    ("--cut-box", "-1,-1,0;1,1,2"): clbvh.Cut.box((-1, -1, 0), (1, 1, 2)),
+    ("--cut", "box -1,-1,0;1,1,2"): clbvh.Cut.box((-1, -1, 0), (1, 1, 2)),
+    ("--cut", "z=50%"): "z=50%",
 }
 
 
@@ -52,10 +53,10 @@ def test_sheets_and_turntables_are_cut(scene, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--cut", "0,0,0"), "two vectors"),
+        (("--cut", "0,0,0"), "a cut is a text such as"),
         (("--cut", "0,0,0;0,0,0"), "length above 0"),
-        (("--cut-box", "0,0,1;1,1,0"), "lower corner"),
-        (("--cut", "0,0,0;0,0,1", "--cut-box", "0,0,0;1,1,1"), "one cut"),
+        (("--cut", "box 0,0,1;1,1,0"), "lower corner"),
+        (("--cut", "z=101%"), "0 to 100 %"),
     ],
 )
 def test_wrong_cuts_are_refused(scene, tmp_path, words, said):

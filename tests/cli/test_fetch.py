@@ -119,6 +119,15 @@ def test_fetch_puts_the_mesh_into_the_cache(site, cache, monkeypatch, capsys, na
     assert site.asked == [f"/pub/{known.archive}"]
 
 
+def test_a_mesh_of_the_user_s_folder_is_not_fetched(site, cache, monkeypatch, capsys, tmp_path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "dragon_871k.ply").touch()
+    monkeypatch.setenv("CLBVH_MESHES", str(tmp_path / "meshes"))
+    assert clbvh("fetch", "dragon", "--base-url", site.url) == 0
+    assert capsys.readouterr().out.split() == ["dragon", str(tmp_path / "meshes" / "dragon_871k.ply")]
+    assert (site.asked, names_below(cache)) == ([], [])
+
+
 def test_fetch_several(site, cache, monkeypatch):
     for name in ("bunny", "drill"):
         offer(site, monkeypatch, name, make_archive({KNOWN_MESHES[name].member: MESH}))
@@ -200,6 +209,7 @@ def test_no_server(site, cache, capsys):
 def test_a_cache_that_cannot_be_made(site, tmp_path, monkeypatch, capsys):
     (tmp_path / "file").touch()
     monkeypatch.setenv("CLBVH_CACHE", str(tmp_path / "file"))
+    monkeypatch.delenv("CLBVH_MESHES", raising=False)
     assert clbvh("fetch", "bunny", "--base-url", site.url) == 1
     assert f"cannot be stored in {tmp_path / 'file'}" in capsys.readouterr().err
 

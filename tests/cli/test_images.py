@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.cli.images import DEFAULT_CHANNELS
-from clbvh.rendering import settings
+from clbvh.choices import DEFAULT_CHANNELS
 from clbvh.rendering.images import channels
 from clbvh.rendering.images.images import Images
 
@@ -43,10 +42,10 @@ def test_png_files_and_json(mesh, tmp_path):
     answer = run_clbvh("images", mesh, "-o", tmp_path / "a.png", "--depth-scale", 1000, "--json", *SIZE)
     assert answer.returncode == 0, answer.stderr
     report = json.loads(answer.stdout)
-    assert list(report["channels"]) == DEFAULT_CHANNELS.split(",")
+    assert tuple(report["channels"]) == DEFAULT_CHANNELS
     facts = json.loads((tmp_path / "a.json").read_text())
     assert facts["channels"]["depth"]["scale"] == 1000
-    for name in DEFAULT_CHANNELS.split(","):
+    for name in DEFAULT_CHANNELS:
         assert (tmp_path / f"a-{name}.png").is_file()
 
 
@@ -71,7 +70,7 @@ def test_a_camera_comes_back_from_its_file_and_shows_the_same(mesh, tmp_path):
 
 
 def test_a_panorama(mesh, tmp_path):
-    wanted = ("--channels", "range", "--camera", "panorama", "--eye", "0.1,0,0", "--look-at", "1,0,0")
+    wanted = ("--channels", "range", "--projection", "panorama", "--eye", "0.1,0,0", "--look-at", "1,0,0")
     assert run_clbvh("images", mesh, "-o", tmp_path / "a.npz", *wanted, *SIZE).returncode == 0
     with np.load(tmp_path / "a.npz") as loaded:
         assert (loaded["range"] < 1.11).all()  # from inside the ball, in all directions
@@ -99,9 +98,9 @@ def test_an_empty_view_is_said(mesh, tmp_path):
         (("--channels", ","), "at least one channel"),
         (("--channels", "motion"), "--next-camera-file"),
         (("--camera-file", "gone.json", "--fov", "30"), "--camera-file says all of the view"),
-        (("--camera", "fisheye", "--fov", "30"), "--fov is that of a perspective camera"),
+        (("--projection", "fisheye", "--fov", "30"), "fov is that of a perspective camera"),
         (("--camera-file", "gone.json"), "gone.json: no such file"),
-        (("--eye", "1,2"), "--eye needs three numbers"),
+        (("--eye", "1,2"), "eye must be three"),
         (("--depth-scale", "0"), "depth_scale must be"),
     ],
 )
@@ -115,8 +114,7 @@ def test_a_wrong_file_is_found_before_the_work(mesh, tmp_path):
     refuses(run_clbvh("images", "gone.ply", "-o", tmp_path / "a.npz"), 2, "gone.ply")
 
 
-def test_the_defaults_and_the_channels_of_the_help_are_those_of_the_package():
-    assert tuple(DEFAULT_CHANNELS.split(",")) == settings.DEFAULT_CHANNELS
+def test_the_channels_of_the_help_are_those_of_the_package():
     help_text = " ".join(run_clbvh("images", "--help").stdout.replace("\u2502", " ").split())
     for name in channels.CHANNELS:
         assert name in help_text

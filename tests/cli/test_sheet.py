@@ -1,4 +1,4 @@
-"""`clbvh sheet`, and `--view` of `clbvh render`: files written, messages, exit codes."""
+"""`clbvh sheet`, and `--side` of `clbvh render`: files written, messages, exit codes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import pytest
 from PIL import Image
 
 import clbvh
-from clbvh.cli import sheet
-from clbvh.rendering import contact_sheet
 
 from .command import refuses, run_clbvh
 
@@ -49,7 +47,7 @@ def test_json(scene, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("-o", "a.gif"), ".ppm or .png"),
+        (("-o", "a.gif"), ".png, .jpg, .jpeg, .ppm"),
         (("-o", "a.png", "--width", 0), "width"),
         (("-o", "a.png", "--up", "0,0,0"), "up"),
         (("-o", "a.png", "--shading", "nice"), "shading"),
@@ -61,20 +59,16 @@ def test_wrong_input_is_refused(scene, tmp_path, monkeypatch, words, said):
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
-def test_the_defaults_are_those_of_the_function():
-    assert (sheet.DEFAULT_WIDTH, sheet.DEFAULT_HEIGHT) == (contact_sheet.DEFAULT_WIDTH, contact_sheet.DEFAULT_HEIGHT)
-
-
 def test_a_view_takes_the_place_of_the_file_s_eye(scene, tmp_path):
-    answer = run_clbvh("render", scene, "-o", tmp_path / "a.png", "--view", "top", *SIZE)
+    answer = run_clbvh("render", scene, "-o", tmp_path / "a.png", "--side", "top", *SIZE)
     assert answer.returncode == 0, answer.stderr
     with clbvh.Renderer(scene) as renderer:
-        expected = renderer.render(view="top", width=40, height=30, shading="lambert").rgb
+        expected = renderer.render(side="top", width=40, height=30, shading="lambert").rgb
     np.testing.assert_array_equal(read(tmp_path / "a.png"), expected)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"), [(("--view", "above"), "view"), (("--view", "top", "--eye", "1,2,3"), "'top'")]
+    ("words", "said"), [(("--side", "above"), "side"), (("--side", "top", "--eye", "1,2,3"), "'top'")]
 )
 def test_wrong_views_are_refused(scene, tmp_path, words, said):
     refuses(run_clbvh("render", scene, "-o", tmp_path / "a.png", *words), 2, said)

@@ -75,7 +75,7 @@ def list_modules(folder, program, words=(), runs=1):
 def test_the_package_alone_imports_no_library(tmp_path):
     modules = list_modules(tmp_path, "import clbvh")
     assert "clbvh" in modules
-    assert modules & {"numpy", "numba", "pyopencl", "typer", "rich", "multiprocessing", *OTHER_LIBRARIES} == set()
+    assert modules & {"numpy", "numba", "pyopencl", "cyclopts", "rich", "multiprocessing", *OTHER_LIBRARIES} == set()
 
 
 # The second run loads what the first one may have to compile.
@@ -83,7 +83,7 @@ def test_the_package_alone_imports_no_library(tmp_path):
 def test_a_first_hit_needs_no_picture_and_no_compiler(tmp_path):
     modules = list_modules(tmp_path, HIT, runs=2)
     assert "clbvh.trace.tracer" in modules
-    unwanted = {"clbvh.rendering", "clbvh.cli", "typer", "rich", *TO_COMPILE, *OTHER_LIBRARIES, *OTHER_PARTS}
+    unwanted = {"clbvh.rendering", "clbvh.cli", "cyclopts", "rich", *TO_COMPILE, *OTHER_LIBRARIES, *OTHER_PARTS}
     assert modules & unwanted == set()
 
 

@@ -7,10 +7,6 @@ import json
 import pytest
 from PIL import Image
 
-from clbvh.cli import turntable
-from clbvh.rendering import turntable as animation
-from clbvh.rendering.turntable import DEFAULT_FRAMES
-
 from .command import refuses, run_clbvh
 
 WORDS = ("--frames", 3, "--width", 40, "--height", 30, "--shading", "lambert")
@@ -52,16 +48,11 @@ def test_the_scene_s_own_settings_hold(scene, tmp_path):
         (("-o", "a.gif", "--frames", 0), "from 1 to"),
         (("-o", "a.gif", "--fps", 0), "frames_per_s"),
         (("-o", "a.gif", "--fps", "nan"), "frames_per_s"),
-        (("-o", "a.gif", "--camera", "panorama"), "panorama"),
-        (("-o", "a.gif", "--up", "0,1"), "--up"),
+        (("-o", "a.gif", "--projection", "panorama"), "panorama"),
+        (("-o", "a.gif", "--up", "0,1"), "up must be"),
     ],
 )
 def test_wrong_input_is_refused(scene, tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
     refuses(run_clbvh("turntable", scene, *words), 2, said)
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
-
-
-def test_the_defaults_are_those_of_the_function():
-    assert turntable.DEFAULT_FRAMES == DEFAULT_FRAMES
-    assert turntable.DEFAULT_FRAME_RATE == animation.DEFAULT_FRAME_RATE

@@ -13,7 +13,6 @@ from clbvh.errors import ConfigError, MeshError
 from clbvh.integrations.trimesh import (
     ProximityQuery,
     RayMeshIntersector,
-    following_tracer,
     install,
     is_installed,
     tracers as mesh_tracer,
@@ -248,13 +247,6 @@ class TestContains:
 class TestTheRestOfTrimesh:
     """Functions of trimesh that cast rays use the engine."""
 
-    def test_voxels(self, session):
-        mesh = trimesh.creation.icosphere()
-        mesh.ray = RayMeshIntersector(mesh)
-        grid = trimesh.voxel.creation.voxelize(mesh, pitch=0.2, method="ray")
-        assert grid.filled_count > 100
-        assert np.abs(np.linalg.norm(grid.points, axis=1) - 1).max() < 0.25
-
     def test_longest_rays(self, torus):
         length = trimesh.proximity.longest_ray(torus, [[1.0, 0, 0]], [[0, 0, 1.0]])
         assert length[0] == pytest.approx(0.3, rel=1e-2)
@@ -278,13 +270,6 @@ class TestChanges:
         assert len(box.ray.intersects_id(*rays)[0]) == 1
         box.faces = box.faces[:, ::-1]
         assert len(box.ray.intersects_id(*rays)[0]) == 1
-
-    def test_nothing_is_done_twice(self, box, monkeypatch):
-        opened, tracer_class = [], following_tracer.Tracer
-        monkeypatch.setattr(following_tracer, "Tracer", lambda *a, **k: opened.append(a) or tracer_class(*a, **k))
-        for _ in range(3):
-            box.ray.intersects_any([[0, 0, 5]], [[0, 0, -1]])
-        assert len(opened) == 1
 
     def test_a_mesh_without_faces_is_an_error(self, session):
         with pytest.raises(MeshError):

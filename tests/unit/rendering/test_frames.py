@@ -132,7 +132,7 @@ def test_scattered_scenes_are_framed_as_a_whole(seed):
 
 @pytest.mark.parametrize("name", ["cornell", "demo", "galaxy", "meadow", "palace", "still-life", "weekend"])
 def test_shipped_scenes_are_framed_as_a_whole(name):
-    extent = extent_of(clbvh.open_scene(name))
+    extent = extent_of(clbvh.open_scene(name)[0])
     assert frame_without_outliers(extent) == (extent, None)
 
 
@@ -161,4 +161,4 @@ def test_the_picture_is_that_of_the_mesh_without_outliers(shading):
 
 def test_other_frames_are_refused():
     with pytest.raises(clbvh.SceneError, match="frame must be one of auto, all"):
-        clbvh.Scene(frame="middle")
+        clbvh.View(frame="middle")

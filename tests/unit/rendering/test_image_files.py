@@ -29,6 +29,24 @@ def test_a_picture_reads_back_as_it_was(tmp_path, name):
     assert (imageio.imread(tmp_path / name) == RGB).all()
 
 
+@pytest.mark.parametrize("name", ["a.jpg", "a.JPEG"])
+def test_a_jpeg_is_close_to_the_picture_and_smaller(tmp_path, name):
+    rows, columns = np.indices((64, 96), np.float32)
+    smooth = np.stack((2 * columns, 3 * rows, columns + rows), axis=2).astype(np.uint8)
+    smooth[20:40, 30:60] = 250, 10, 30  # edges, also of colours
+    files.write_picture(tmp_path / name, smooth)
+    assert (tmp_path / name).read_bytes()[:3] == b"\xff\xd8\xff"
+    assert np.abs(imageio.imread(tmp_path / name).astype(int) - smooth).max() <= 12
+    assert (tmp_path / name).stat().st_size < smooth.size / 3
+
+
+@pytest.mark.parametrize("name", ["a.ppm", "a.jpg", "a.jpeg"])
+def test_only_a_png_can_be_transparent(tmp_path, name):
+    with pytest.raises(ConfigError, match=rf"a \{name[1:]} file has no transparency; write a \.png"):
+        files.write_picture(tmp_path / name, np.dstack((RGB, RGB[..., 0])))
+    assert not (tmp_path / name).exists()
+
+
 def test_hits_read_back_as_they_were(tmp_path):
     files.write_hits(tmp_path / "h.npz", HITS, ("a", "b"), ("a", "b 2", "\u00e9"))
     with np.load(tmp_path / "h.npz") as loaded:
@@ -77,9 +95,9 @@ def test_a_new_file_has_the_rights_of_any_other(tmp_path):
     assert (tmp_path / "a.ppm").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a", "a.npz"])
+@pytest.mark.parametrize("name", ["a.gif", "a", "a.npz"])
 def test_other_kinds_of_pictures_are_refused(tmp_path, name):
-    with pytest.raises(ConfigError, match=r"must end in \.ppm or \.png"):
+    with pytest.raises(ConfigError, match=r"must end in \.png, \.jpg, \.jpeg, \.ppm"):
         files.check_picture_path(tmp_path / name)
 
 

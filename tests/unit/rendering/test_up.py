@@ -126,6 +126,12 @@ def test_nothing_stands_on_an_edge(thickness, up):
     assert guess(as_mesh(CREATE.box((thickness, 0.4, 1))), "stl").vector == up
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_clouds_of_spheres_have_y_up(seed):
+    spheres = clbvh.Spheres(np.random.default_rng([86, seed]).random((30, 3)), 0.05)
+    assert guess_up(SceneBounds((spheres,), np.zeros(1, int), np.eye(4)[None])) == (Y_UP, None)
+
+
 UPS = {
     "z": (0, 0, 1), "+Z": (0, 0, 1), "-y": (0, -1, 0), "X": (1, 0, 0), "0,2,1": (0, 2, 1), "auto": "auto",
     (0, 2, 1): (0, 2, 1),

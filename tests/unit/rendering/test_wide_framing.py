@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import Fisheye, Mesh, Orthographic, Panorama, Scene, SceneError, Spheres
+from clbvh import Fisheye, Mesh, Orthographic, Panorama, SceneError, Spheres, View
 from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.cameras.framing import frame_mesh, frame_scene
+from clbvh.rendering.view_finder import ViewFinder
 
 HEIGHT = 100
 MARGIN = 0.06
@@ -20,6 +21,12 @@ def mesh_of(points):
 
 def cloud(seed, scale=1.0):
     return (np.random.default_rng([9, seed]).normal(size=(300, 3)) * [3, 1, 0.4] + [7, 8, 9]) * scale
+
+
+def camera_of(mesh, **settings):
+    """The camera that a view of a mesh chooses."""
+    finder = ViewFinder(SceneBounds.of_mesh(mesh))
+    return finder.camera(finder.complete(View(**settings)))
 
 
 def places(camera, points, aspect):
@@ -116,9 +123,7 @@ def test_a_scene_of_several_objects_is_framed():
 def test_an_eye_of_ones_own_gets_the_height_that_shows_everything():
     points = cloud(5)
     for given in ({"eye": (20, 30, 40)}, {"eye": (20, 30, 40), "look_at": (6, 8, 9)}):
-        camera = Scene(mesh_of(points), projection=Orthographic(), width=150, height=100, **given).camera(
-            mesh_of(points)
-        )
+        camera = camera_of(mesh_of(points), projection=Orthographic(), width=150, height=100, **given)
         assert camera.eye == (20, 30, 40)
         found, _ = places(camera, points, 1.5)
         assert np.abs(found).max() == pytest.approx(1 - MARGIN, abs=1e-5)
@@ -126,9 +131,9 @@ def test_an_eye_of_ones_own_gets_the_height_that_shows_everything():
 
 @pytest.mark.parametrize("given", [{}, {"eye": (20, 30, 40)}, {"eye": (20, 30, 40), "look_at": (6, 8, 9)}])
 @pytest.mark.parametrize("projection", [None, Orthographic(3), Fisheye(), Panorama()])
-def test_a_scene_gives_its_camera_the_projection_and_the_lens(projection, given):
+def test_a_view_gives_its_camera_the_projection_and_the_lens(projection, given):
     mesh = mesh_of(cloud(6))
-    assert Scene(mesh, projection=projection, **given).camera(mesh).projection == projection
+    assert camera_of(mesh, projection=projection, **given).projection == projection
     if projection is None or isinstance(projection, Orthographic):
-        camera = Scene(mesh, projection=projection, aperture=0.5, focus_distance=4, **given).camera(mesh)
+        camera = camera_of(mesh, projection=projection, aperture=0.5, focus_distance=4, **given)
         assert (camera.aperture, camera.focus_distance, camera.projection) == (0.5, 4, projection)

@@ -86,7 +86,7 @@ class TestAdd:
     def test_anything_else_is_refused(self, source):
         scene = clbvh.Scene()
         with pytest.raises(
-            MeshError, match=r"expected clbvh\.Spheres, a trimesh\.Scene, a clbvh\.Scene, a clbvh\.Mesh"
+            MeshError, match=r"expected clbvh\.Spheres, a trimesh\.Scene, a clbvh\.Mesh"
         ):
             scene.add(source)
         assert scene.geometries == ()
