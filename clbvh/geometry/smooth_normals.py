@@ -190,33 +190,6 @@ def _angle_at(faces, angles, point_ids, face, point):
     return 0.0
 
 
-def find_corner_normals(mesh: Mesh, angle_degrees: float | None = None) -> NDArray[np.float32]:
-    """Return the normals at the corners of a mesh's faces, (F, 3, 3) float32 unit vectors.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    angle_degrees : float, optional
-        Smooth normals by this angle, also where the mesh has normals of its own. None: those of the mesh, or smooth
-        ones by 40 degrees if it has none.
-
-    Raises
-    ------
-    ConfigError
-        See `smooth_normals_by_angle`.
-
-    Examples
-    --------
-    >>> import clbvh
-    >>> from clbvh.geometry.smooth_normals import find_corner_normals
-    >>> find_corner_normals(clbvh.make_shape("icosphere", triangles=320)).shape
-    (320, 3, 3)
-    """
-    if angle_degrees is None and mesh.appearance is not None and mesh.appearance.normals is not None:
-        return mesh.appearance.normals
-    return smooth_normals_by_angle(mesh, DEFAULT_CREASE_ANGLE if angle_degrees is None else angle_degrees)
-
-
 def flatten(mesh: Mesh, faces: NDArray[np.bool_]) -> Appearance:
     """Return the appearance of a mesh with flat normals on some faces, and smooth ones on the rest.
 

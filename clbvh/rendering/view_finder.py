@@ -14,7 +14,6 @@ from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.framing import frame_scene, measure_side
 from .cameras.projection import Panorama
-from .cut import Cut
 from .guesses import Framed, Up, frame_without_outliers, guess_up
 from .kernel_view import Ground, find_ground, shows_ground, sky_direction
 from .view import View
@@ -131,21 +130,5 @@ class ViewFinder:
             if is_framed and view.frame == "auto" and (left_out := self._without_outliers.note) is not None:
                 notes.append(f"{left_out}; --frame all shows everything")
         if view.cut is not None:
-            notes.append(self._describe_miss(view.cut.resolved(*self._box)))
+            notes.append(view.cut.resolved(*self._box).describe_miss(*self._box))
         return tuple(note for note in notes if note is not None)
-
-    def _describe_miss(self, cut: Cut) -> str | None:
-        """Return the note about a cut, in the scene's coordinates, that leaves everything or nothing."""
-        lower, upper = self._box
-        if cut.kind == "box":
-            is_beside = bool((np.less(cut.second, lower) | np.greater(cut.first, upper)).any())
-            has_all = bool((np.less_equal(cut.first, lower) & np.greater_equal(cut.second, upper)).all())
-        else:
-            # Heights of the box's lowest and highest corner above the plane.
-            normal, point = cut.normal, np.asarray(cut.first)
-            is_beside = bool((np.where(normal > 0, upper, lower) - point) @ normal <= 0)
-            has_all = bool((np.where(normal > 0, lower, upper) - point) @ normal >= 0)
-        if not (is_beside or has_all):
-            return None
-        corners = " to ".join(",".join(f"{value:.4g}" for value in corner) for corner in self._box)
-        return f"the cut takes {'nothing' if is_beside else 'everything'} away: the scene reaches from {corners}"

@@ -325,7 +325,7 @@ class TestClosing:
 
         run_in_threads(draw, draw, close)
         assert sum(isinstance(picture, QueryError) for picture in pictures) == 2
-        assert opened._session.buffer_count == 0
+        assert opened._session._buffers == set()
 
 
 def test_a_fault_of_the_mesh_is_said_before_one_of_the_device(tmp_path):

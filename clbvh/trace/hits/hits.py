@@ -91,20 +91,6 @@ class Hits:
     scene_surface: surface.SceneSurface | None = field(default=None, kw_only=True)
     known_instance_id: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
-    @classmethod
-    def from_device(cls, hits: NDArray[np.void], mesh: Mesh | None = None) -> Hits:
-        """Take an array of `structs.HIT` apart; the fields are views of it.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> import numpy as np
-        >>> from clbvh.structs import HIT
-        >>> clbvh.Hits.from_device(np.zeros(3, HIT)).prim_id
-        array([0, 0, 0], dtype=int32)
-        """
-        return cls(hits["t"], hits["u"], hits["v"], hits["prim_id"], mesh)
-
     @property
     def shape(self) -> tuple[int, ...]:
         """Leading shape of the rays."""

@@ -5,26 +5,17 @@ import trimesh
 
 import clbvh
 from clbvh.geometry.appearance.appearance import find_flat_normals
-from clbvh.geometry.smooth_normals import find_corner_normals, flatten
+from clbvh.geometry.smooth_normals import flatten
 
 KNOT = clbvh.make_shape("knot", triangles=500)
 
 
-def test_normals_of_the_file_come_before_smooth_ones_unless_an_angle_is_asked_for():
-    up = np.tile(np.float32([0, 0, 1]), (KNOT.face_count, 3, 1))
-    looks = clbvh.Appearance(normals=up)
-    mesh = clbvh.Mesh.from_arrays(KNOT.vertices, KNOT.faces, appearance=looks)
-    assert find_corner_normals(mesh) is looks.normals
-    np.testing.assert_array_equal(find_corner_normals(mesh, 30), clbvh.smooth_normals_by_angle(KNOT, 30))
-    np.testing.assert_array_equal(find_corner_normals(KNOT), clbvh.smooth_normals_by_angle(KNOT, 40))
-
-
 def test_solids_stay_flat_and_balls_become_smooth_by_the_default_angle():
     box = trimesh.creation.box()
-    flat = find_corner_normals(clbvh.Mesh.from_arrays(box.vertices, box.faces))
+    flat = clbvh.smooth_normals_by_angle(clbvh.Mesh.from_arrays(box.vertices, box.faces))
     np.testing.assert_allclose(flat, np.repeat(box.face_normals[:, None], 3, axis=1), atol=1e-6)
     ball = trimesh.creation.icosphere(subdivisions=3)
-    smooth = find_corner_normals(clbvh.Mesh.from_arrays(ball.vertices, ball.faces))
+    smooth = clbvh.smooth_normals_by_angle(clbvh.Mesh.from_arrays(ball.vertices, ball.faces))
     np.testing.assert_allclose(smooth, ball.vertices[ball.faces], atol=0.01)
 
 

@@ -8,7 +8,7 @@ from clbvh.builders.build import build
 from clbvh.errors import ConfigError, QueryError
 from clbvh.geometry import Mesh
 from clbvh.geometry.shapes.make_shape import make_shape
-from clbvh.structs import HIT, NO_PRIM
+from clbvh.structs import NO_PRIM
 from clbvh.trace.hits.hits import Hits
 from clbvh.trace.tracer import Tracer
 
@@ -185,12 +185,12 @@ class TestSides:
 
     def test_hits_of_unknown_side_ask_for_directions(self):
         mesh = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-        hits = Hits.from_device(np.array([(1.0, 0.2, 0.2, 0), (np.inf, 0, 0, NO_PRIM)], HIT), mesh)
+        hits = Hits(*np.array([[1.0, np.inf], [0.2, 0], [0.2, 0]]), np.array([0, NO_PRIM], np.int32), mesh)
         with pytest.raises(ConfigError, match=r"call offset_origins\(towards=directions\)$"):
             hits.offset_origins()
         assert hits.offset_origins(towards=[0, 0, 1])[0, 2] > 0
         with pytest.raises(ConfigError, match="do not know their mesh"):
-            Hits.from_device(np.zeros(2, HIT)).offset_origins(towards=[0, 0, 1])
+            Hits(*np.zeros((3, 2)), np.zeros(2, np.int32)).offset_origins(towards=[0, 0, 1])
 
     def test_wrong_directions(self, tracer):
         hits = tracer.closest_hit(np.ones((4, 3)), [0, 0, -1])
