@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import Camera, Mesh, View
+from clbvh.rendering.kernel_view import make_kernel_view
 from clbvh.structs import VIEW
 
 WIDTH, HEIGHT = 203, 117
