@@ -6,7 +6,6 @@ a test's study is a tiny one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar
@@ -85,10 +84,6 @@ class Scale:
     def shape(self, shape: str, triangles: int) -> str:
         """Return the name of a procedural mesh, no larger than this scale has them."""
         return f"{shape}-{min(triangles, self.most_triangles)}"
-
-    def sizes(self, sizes: Sequence[int]) -> list[int]:
-        """Return those numbers of triangles that this scale has; at least the two smallest, for a curve."""
-        return [size for index, size in enumerate(sizes) if index < 2 or size <= self.most_triangles]
 
 
 def scan_of(mesh: str) -> str:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh import Camera, Mesh, Scene
-from clbvh.rendering.kernel_view import make_kernel_view as clbvh_view
+from clbvh import Camera, Mesh, View
+from clbvh.rendering.kernel_view import make_kernel_view
 from clbvh.structs import VIEW
 
 WIDTH, HEIGHT = 203, 117
@@ -87,9 +87,7 @@ def test_rays_of_a_lens_are_those_of_the_host_camera(take, seed):
     camera = Camera.from_intrinsics(k, pose, (WIDTH, HEIGHT))
     mesh = Mesh.from_arrays([[-1, -1, -1], [1, 1, 1], [1, -1, 0]], [[0, 1, 2]])
     assert mesh.scale == 0.5
-    scene = Scene(mesh)
-    view = View(width=WIDTH, height=HEIGHT)
-    view = clbvh_view(scene, camera, mesh)
+    view = make_kernel_view(View(up="y", width=WIDTH, height=HEIGHT), camera, mesh)
     _, origins, directions = take(view, all_pixels())
     expected_origins, expected = camera.rays()
     np.testing.assert_array_equal(origins, 0.5 * expected_origins.reshape(-1, 3))

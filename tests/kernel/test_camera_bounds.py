@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh import Camera, Fisheye, Mesh, Orthographic, Panorama, Scene
+from clbvh import Camera, Fisheye, Mesh, Orthographic, Panorama, View
+from clbvh.rendering.kernel_view import make_kernel_view
 
 WIDTH, HEIGHT = 64, 48
 FLOAT3 = (np.float32, (3,))
@@ -31,7 +32,7 @@ UNBOUNDED = {
 
 
 def view_of(camera):
-    return make_view(Scene(MESH, width=WIDTH, height=HEIGHT), camera, MESH)
+    return make_kernel_view(View(up="y", width=WIDTH, height=HEIGHT), camera, MESH)
 
 
 def random_rectangles(seed):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from clbvh import Camera, Fisheye, Mesh, Orthographic, Panorama, Scene
+from clbvh import Camera, Fisheye, Mesh, Orthographic, Panorama, View
+from clbvh.rendering.kernel_view import make_kernel_view
 
 WIDTH, HEIGHT = 90, 60
 FLOAT3 = (np.float32, (3,))
@@ -44,7 +45,7 @@ def take(run_shell):
     """A function from a camera and points of picture and lens to rays in the scene's coordinates, by name."""
 
     def run(camera, film, lens):
-        view = make_view(Scene(MESH, width=WIDTH, height=HEIGHT), camera, MESH)
+        view = make_kernel_view(View(up="y", width=WIDTH, height=HEIGHT), camera, MESH)
         written = [*[FLOAT3] * 6, (np.int32, ())]
         arrays = [np.ascontiguousarray(points, np.float32) for points in (film, lens)]
         origin, origin_low, direction, direction_low, single_origin, single_direction, seen = run_shell(

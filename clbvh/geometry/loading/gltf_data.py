@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ...errors import MeshError
 from .file_mesh import read_named
+from .texture_files import find_file
 
 _GLB_MAGIC = b"glTF"
 _GLB_HEADER = struct.Struct("<4sII")  # magic, version, length of the file
@@ -56,7 +57,7 @@ class GltfData:
 
     def __init__(self, data: bytes, file: Path) -> None:
         text, self._chunk = _split_glb(data) if data.startswith(_GLB_MAGIC) else (data, None)
-        self.folder = file.parent  # where other files are found
+        self._folder = file.parent
         self._buffers: dict[int, bytes] = {}
         # An accessor without a buffer view is all zeros, of which the file holds none.
         self._max_zeros = len(data)
@@ -117,16 +118,19 @@ class GltfData:
         length = get_whole(self.item("bufferViews", index), "byteLength")
         return self._read_view(index, 0, np.dtype(np.uint8), length, 1, f"bufferViews[{index}]").tobytes()
 
-    def decode_uri(self, uri: str, where: str) -> bytes | None:
-        """Return the bytes that a data URI holds; None if it is a name."""
-        found = _DATA_URI.match(uri)
-        if found is None:
-            return None
-        try:
-            content = unquote_to_bytes(uri[found.end() :])
-            return base64.b64decode(content, validate=True) if found[1] else content
-        except binascii.Error as error:
-            raise MeshError(f"{where} has a uri that is not base64: {error}") from error
+    def read_uri(self, uri: str, where: str, *, may_be_above: bool = False) -> bytes:
+        """Return the bytes that a URI holds or names: those of a file in the folder of the glTF file, or below it."""
+        if found := _DATA_URI.match(uri):
+            try:
+                content = unquote_to_bytes(uri[found.end() :])
+                return base64.b64decode(content, validate=True) if found[1] else content
+            except binascii.Error as error:
+                raise MeshError(f"{where} has a uri that is not base64: {error}") from error
+        path = PurePosixPath(unquote(uri).replace("\\", "/"))
+        if _SCHEME.match(uri) or (not may_be_above and (path.is_absolute() or ".." in path.parts)):
+            below = "" if may_be_above else "in the folder of the glTF file or below it "
+            raise MeshError(f"{where} is '{uri[:80]}', but only files {below}are read")
+        return read_named(find_file(self._folder, unquote(uri)) if may_be_above else self._folder / path)
 
     def _find_numbers(self, index: Any) -> NDArray[Any]:
         """Return the numbers of an accessor as they lie in the buffer, (n, width), without those of `sparse`."""
@@ -212,19 +216,7 @@ class GltfData:
             raise MeshError(f"buffers[{index}] has no uri, so its bytes are missing")
         if not isinstance(uri, str):
             raise MeshError(f"buffers[{index}] has a uri that is no text")
-        if (content := self.decode_uri(uri, f"buffers[{index}]")) is not None:
-            return content
-        path = PurePosixPath(unquote(uri).replace("\\", "/"))
-        if is_scheme(uri) or path.is_absolute() or ".." in path.parts:
-            raise MeshError(
-                f"buffers[{index}] is '{uri[:80]}', but only files in the folder of the glTF file or below it are read"
-            )
-        return read_named(self.folder / path)
-
-
-def is_scheme(uri: str) -> bool:
-    """Return whether a URI begins with a scheme, such as ``https:``."""
-    return _SCHEME.match(uri) is not None
+        return self.read_uri(uri, f"buffers[{index}]")
 
 
 _DECODE = "write the file without compression (for example: gltf-transform copy IN OUT)"

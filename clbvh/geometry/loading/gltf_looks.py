@@ -12,7 +12,6 @@ import math
 import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +20,9 @@ from ...errors import MeshError
 from ..appearance.appearance import Appearance, make_unchecked
 from ..appearance.material import OPAQUE, Material, Texture
 from ..appearance.srgb import linear_to_srgb_bytes, to_bytes
-from .file_mesh import Problems, read_named, spread_colours, spread_normals, spread_uvs
-from .gltf_data import GltfData, get_list, get_object, get_whole, is_scheme
-from .texture_files import decode_image, find_file, with_alpha
+from .file_mesh import Problems, spread_colours, spread_normals, spread_uvs
+from .gltf_data import GltfData, get_list, get_object, get_whole
+from .texture_files import decode_image, with_alpha
 
 _REPEAT = 10497
 _WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -198,11 +197,7 @@ class GltfLooks:
         uri = table.get("uri")
         if not isinstance(uri, str):
             raise MeshError(f"images[{image}] has neither a buffer view nor a uri")
-        if (content := self._gltf.decode_uri(uri, f"images[{image}]")) is not None:
-            return content
-        if is_scheme(uri):
-            raise MeshError(f"images[{image}] is '{uri[:80]}', but only files are read")
-        return read_named(find_file(self._gltf.folder, unquote(uri)))
+        return self._gltf.read_uri(uri, f"images[{image}]", may_be_above=True)
 
 
 _OLD = "KHR_materials_pbrSpecularGlossiness"

@@ -75,7 +75,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     Notes
     -----
     On two x86-64 cores, 871,306 triangles take 0.4 s from an ASCII PLY file, 0.05 s from a binary one, 0.5 s from
-    binary STL, 1 s from OFF and 1.3 s from OBJ. Looks add up to 0.1 s, but 1.1 s for OBJ.
+    binary STL, 1 s from OFF and 1.7 s from OBJ. Looks add up to 0.1 s, but 1.1 s for OBJ.
 
     Examples
     --------

@@ -53,10 +53,10 @@ def read_obj(data: bytes, file: Path, problems: Problems) -> FileMesh:
     The parts are those of the `o` statements, or of the `g` statements in a file without any. Faces above the first
     one are a part without a name. A file that was cut off between two lines cannot be told from a complete one.
     """
-    lines = _Lines(data)
-    statements = _find_statements(lines)
-    rows = _read_vertices(lines.join(b"v"))
-    sizes, (vertex_ids, uv_ids, normal_ids) = _read_faces(lines, len(rows), problems)
+    text = _clean(data)
+    statements = _find_statements(text)
+    rows = _read_vertices(_join(b"v", text))
+    sizes, (vertex_ids, uv_ids, normal_ids) = _read_faces(text, len(rows), problems)
     if len(sizes) and sizes[-1] < 3 and not data.endswith((b"\n", b"\r")):
         raise MeshError(f"the file is cut off in a face: face {len(sizes) - 1} has {sizes[-1]} corners")
     report_edges(sizes, problems)
@@ -67,11 +67,11 @@ def read_obj(data: bytes, file: Path, problems: Problems) -> FileMesh:
     looks: dict[str, NDArray] = {}
     if (normal_ids != -1).any():
         with problems.drop("the normals"):
-            normals = _read_values(lines.join(b"vn"), 3)
+            normals = _read_values(_join(b"vn", text), 3)
             looks["normals"] = spread_normals(normals, normal_ids[corners], vertices, triangles)
     if (uv_ids != -1).any():
         with problems.drop("the texture coordinates"):
-            looks["uvs"] = spread_uvs(_read_values(lines.join(b"vt"), 2), uv_ids[corners])
+            looks["uvs"] = spread_uvs(_read_values(_join(b"vt", text), 2), uv_ids[corners])
     if rows.shape[1] in _COLOURED:
         with problems.drop("the colours"):
             looks["colours"] = spread_colours(join_channels(list(rows[:, -3:].T), rows.dtype), triangles)
@@ -103,61 +103,48 @@ def _find_parts(names: list[str], part_of_face: NDArray[np.int64]) -> tuple[Part
     return tuple(Part(names[part], begin, end) for part, begin, end in found)
 
 
-class _Lines:
-    """A text without comments, whose lines hold words with one blank between them, and its lines by keyword."""
-
-    def __init__(self, data: bytes) -> None:
-        text = _COMMENT.sub(b"", data.replace(b"\r\n", b"\n").translate(_BLANKS))
-        text = _CONTINUATION.sub(b" ", text)
-        if b"  " in text:
-            text = re.sub(rb"  +", b" ", text)
-        self.text = (b"\n" + text + b"\n").replace(b"\n ", b"\n").replace(b" \n", b"\n")
-        self._characters = np.frombuffer(self.text, np.uint8)
-        self._newlines = np.flatnonzero(self._characters == ord("\n"))
-
-    def find(self, keyword: bytes) -> NDArray[np.int64]:
-        """Return the offsets of the newlines before the lines that begin with a keyword."""
-        return self._newlines[:-1][self._have(keyword)]
-
-    def join(self, keyword: bytes) -> bytes:
-        """Return what follows a keyword on its lines: a newline, and a blank before each word; and a last newline."""
-        is_kept = np.repeat(self._have(keyword), np.diff(self._newlines))
-        for at in range(len(keyword)):
-            is_kept[self.find(keyword) + 1 + at] = False
-        return self._characters[:-1][is_kept].tobytes() + b"\n"
-
-    def _have(self, keyword: bytes) -> NDArray[np.bool_]:
-        have = np.diff(self._newlines) > len(keyword)
-        begins = self._newlines[:-1] + 1
-        for at, letter in enumerate(keyword):
-            have[have] = self._characters[begins[have] + at] == letter
-        have[have] = self._characters[begins[have] + len(keyword)] <= ord(" ")
-        return have
+def _clean(data: bytes) -> bytes:
+    """Return a text without comments, whose lines hold words with one blank between them; the first line is empty."""
+    text = _COMMENT.sub(b"", data.replace(b"\r\n", b"\n").translate(_BLANKS))
+    text = _CONTINUATION.sub(b" ", text)
+    if b"  " in text:
+        text = re.sub(rb"  +", b" ", text)
+    return (b"\n" + text + b"\n").replace(b"\n ", b"\n").replace(b" \n", b"\n")
 
 
-def _find_statements(lines: _Lines) -> _Statements:
+def _find(keyword: bytes, text: bytes) -> NDArray[np.int64]:
+    """Return the offsets of the newlines before the lines that begin with a keyword."""
+    return np.array([line.start() for line in re.finditer(rb"\n%s(?=[ \n])" % keyword, text)], np.int64)
+
+
+def _join(keyword: bytes, text: bytes) -> bytes:
+    """Return what follows a keyword on its lines: a newline, and a blank before each word; and a last newline."""
+    return b"\n".join([b"", *re.findall(rb"\n%s( [^\n]*)?(?=\n)" % keyword, text), b""])
+
+
+def _find_statements(text: bytes) -> _Statements:
     """Return the words behind each keyword, statement by statement, and the number of statements above each face."""
     found: dict[bytes, list[re.Match[bytes]]] = {key: [] for key in (b"o", b"g", b"s", b"usemtl", b"mtllib")}
-    for statement in _STATEMENT.finditer(lines.text):
+    for statement in _STATEMENT.finditer(text):
         if statement[1] not in found:
             raise MeshError(
                 f"the statement '{statement[1].decode()}' is not read: a mesh is made of 'v' and 'f' statements"
             )
         found[statement[1]].append(statement)
-    faces = lines.find(b"f")
+    faces = _find(b"f", text)
     return {
         key: ([one[2].strip() for one in those], np.searchsorted([one.start() for one in those], faces))
         for key, those in found.items()
     }
 
 
-def _read_faces(lines: _Lines, vertex_count: int, problems: Problems) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _read_faces(whole: bytes, vertex_count: int, problems: Problems) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the number of corners of each polygon, and the vertices, texture coordinates and normals of all corners.
 
     The last are (3, corners); -1 where a corner has none.
     """
     # An index between two slashes, or behind the last, may be left out.
-    text = lines.join(b"f").replace(b"//", b"/0/").replace(b"/ ", b"/0 ").replace(b"/\n", b"/0\n")
+    text = _join(b"f", whole).replace(b"//", b"/0/").replace(b"/ ", b"/0 ").replace(b"/\n", b"/0\n")
     sizes, slashes = _count(text, b" ", b"\n")[:-1], _count(text, b"/", b" ")
     if len(empty := np.flatnonzero(sizes == 0)):
         raise MeshError(f"face {empty[0]} has no corners")
@@ -179,7 +166,7 @@ def _read_faces(lines: _Lines, vertex_count: int, problems: Problems) -> tuple[N
         ids[at, has] = values - 1
         if len(back := np.flatnonzero(values < 0)):
             # These count back from the lines above.
-            above = np.repeat(np.searchsorted(lines.find(keyword), lines.find(b"f")), sizes)
+            above = np.repeat(np.searchsorted(_find(keyword, whole), _find(b"f", whole)), sizes)
             counted = above[has[back]] + values[back]
             ids[at, has[back]] = np.where(counted >= 0, counted, _BEFORE_FIRST)
     wrong = np.flatnonzero((ids[0] < 0) | (ids[0] >= vertex_count))

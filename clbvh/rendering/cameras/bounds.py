@@ -9,15 +9,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
+from ...geometry import Mesh, Shape
 
-if TYPE_CHECKING:
-    from ...geometry.spheres import Shape
+_Array = NDArray[np.float64]
 
 
 class Reaches(NamedTuple):
@@ -36,13 +35,11 @@ class Reaches(NamedTuple):
         Unit vector; needed with `around`.
     """
 
-    slopes: NDArray[np.float64]
-    around: NDArray[np.float64] | None = None
-    axis: NDArray[np.float64] = np.array([0.0, 0.0, 1.0])
+    slopes: _Array
+    around: _Array | None = None
+    axis: _Array = np.array([0.0, 0.0, 1.0])
 
-    def of_points(
-        self, points: NDArray[np.float64], linear: NDArray[np.float64], offset: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def of_points(self, points: _Array, linear: _Array, offset: _Array) -> _Array:
         """Return (k, n) float64: the values for (n, 3) points, after a linear map, (3, 3), and a shift, (3,)."""
         values = (self.slopes @ linear) @ points.T
         values += (self.slopes @ offset)[:, None]
@@ -53,7 +50,7 @@ class Reaches(NamedTuple):
             values += self.around[:, None] * np.sqrt(np.einsum("in,in->n", aside, aside))
         return values
 
-    def of_ball(self, linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    def of_ball(self, linear: _Array) -> _Array:
         """Return (k,) float64: at least the values for the unit ball after a linear map, (3, 3).
 
         Equal to the largest ones unless the map stretches the ball and `around` is not 0.
@@ -113,9 +110,7 @@ class SceneBounds:
     One mesh in its own place has its own local coordinates, and float32 vertices: those that are drawn.
     """
 
-    def __init__(
-        self, shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], transforms: NDArray[np.float64]
-    ) -> None:
+    def __init__(self, shapes: Sequence[Shape], geometry_ids: NDArray[np.integer], transforms: _Array) -> None:
         self.shapes = shapes
         self.geometry_ids = np.asarray(geometry_ids)
         self.transforms = np.asarray(transforms, np.float64)
@@ -140,37 +135,37 @@ class SceneBounds:
         """Return the bounds of one mesh in its own place."""
         return cls((mesh,), np.zeros(1, np.int64), np.eye(4)[None])
 
-    def instance_boxes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def instance_boxes(self) -> tuple[_Array, _Array]:
         """Return the lower and upper corners, (n, 3), of boxes around the instances, in the scene's coordinates."""
         reach = np.einsum("nij,nj->ni", np.abs(self.transforms[:, :3, :3]), self._half_sizes / self._scales)
         return self._centres - reach, self._centres + reach
 
-    def _use_box(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> None:
+    def _use_box(self, lower: _Array, upper: _Array) -> None:
         """Make this the box, and its centre the origin."""
         half = upper / 2 - lower / 2
         self._use_frame(lower + (upper - lower) / 2, math.ldexp(1.0, -math.frexp(float(half.max()))[1]))
         self.local_box = np.stack(((lower - self.origin) * self.scale, (upper - self.origin) * self.scale))
 
-    def _use_frame(self, origin: NDArray[np.float64], scale: float) -> None:
+    def _use_frame(self, origin: _Array, scale: float) -> None:
         """Make these the local coordinates; keep the maps from the local ones of each instance's shape."""
         self.origin, self.scale = origin, scale
         self._offsets = (self._centres - origin) * scale
         self._linear = self.transforms[:, :3, :3] * (scale / self._scales)[:, :, None]
 
-    def box_in(self, space: Any) -> NDArray[np.float64]:
+    def box_in(self, space: Any) -> _Array:
         """Return (2, 3) float64: the box in the local coordinates of a mesh or of other bounds."""
         return ((self.origin - space.origin) + self.local_box / np.float64(self.scale)) * space.scale
 
-    def points(self, instance: int, chosen: Any) -> NDArray[np.float64]:
+    def points(self, instance: int, chosen: Any) -> _Array:
         """Return (n, 3) float64, local units: some vertices or centres of an instance, by a slice or indices."""
         points = self._shape_points(self.shapes[self.geometry_ids[instance]], chosen)
         return points @ self._linear[instance].T + self._offsets[instance]
 
-    def lowest(self, normal: NDArray[np.float64]) -> float:
+    def lowest(self, normal: _Array) -> float:
         """Return the least height along a unit vector, in local units."""
         return -float(self.largest(Reaches(-normal[None]))[0])
 
-    def largest(self, reaches: Reaches) -> NDArray[np.float64]:
+    def largest(self, reaches: Reaches) -> _Array:
         """Return (k,) float64: the largest value of each function over all vertices and spheres, or a little more."""
         bounds = self._bound_boxes(reaches)
         best = np.full(bounds.shape[1], -np.inf)
@@ -189,7 +184,7 @@ class SceneBounds:
                 budget -= _count_points(self.shapes[self.geometry_ids[instance]]) + _POINTS_PER_VISIT + len(bounds)
         return best
 
-    def _bound_boxes(self, reaches: Reaches) -> NDArray[np.float64]:
+    def _bound_boxes(self, reaches: Reaches) -> _Array:
         """Return (n, k) float64: at least the values that each instance reaches, from the corners of its box."""
         bounds = np.empty((len(self._offsets), len(reaches.slopes)))
         step = _CHUNK_POINTS // len(_CORNERS)
@@ -201,7 +196,7 @@ class SceneBounds:
             bounds[part] = values.reshape(len(values), -1, len(_CORNERS)).max(axis=2).T
         return bounds
 
-    def _reach_of(self, instance: int, reaches: Reaches) -> NDArray[np.float64]:
+    def _reach_of(self, instance: int, reaches: Reaches) -> _Array:
         """Return (k,) float64: the largest value of each function over one instance."""
         shape, linear = self.shapes[self.geometry_ids[instance]], self._linear[instance]
         largest = np.full(len(reaches.slopes), -np.inf)
@@ -213,7 +208,7 @@ class SceneBounds:
             largest = np.maximum(largest, values.max(axis=1))
         return largest
 
-    def _shape_points(self, shape: Shape, chosen: Any) -> NDArray[np.float64]:
+    def _shape_points(self, shape: Shape, chosen: Any) -> _Array:
         """Return (n, 3) float64: some vertices or centres in the local coordinates of their shape."""
         if self._is_one_mesh:
             return shape.local_vertices[chosen].astype(np.float64)  # type: ignore[union-attr]
@@ -221,7 +216,7 @@ class SceneBounds:
         return (points[chosen] - shape.origin) * shape.scale
 
 
-def _half_size(shape: Shape) -> NDArray[np.float64]:
+def _half_size(shape: Shape) -> _Array:
     """Return (3,) float64: half the sides of a box around zero that contains a shape, in its local coordinates."""
     local = np.abs(shape.local_box.astype(np.float64)).max(axis=0)
     return local + _BOX_ERROR * local.max()

@@ -81,7 +81,7 @@ def frame_scene(
     if eye is not None:
         look_at = as_vector(bounds.origin) if look_at is None else look_at
         if projection == Orthographic():
-            view = _View.along(np.subtract(look_at, eye), up)
+            view = _ViewAxes.along(np.subtract(look_at, eye), up)
             (planes,) = view.touch(bounds)
             centre = ((np.asarray(eye, np.float64) - bounds.origin) * bounds.scale) @ view.across
             half = np.maximum(planes.highest - centre, centre - planes.lowest)
@@ -92,7 +92,7 @@ def frame_scene(
         raise SceneError(f"a panorama sees all sides at once and {remedy}")
     towards, picture_up = find_sides(side, up)
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
-    view = _View.along(-towards, picture_up, axis if turns else None)
+    view = _ViewAxes.along(-towards, picture_up, axis if turns else None)
     match projection:
         case None:
             tangents = np.array([aspect, 1.0]) * math.tan(math.radians(fov) / 2) * (1 - MARGIN)
@@ -127,7 +127,7 @@ def frame_mesh(mesh: Mesh, *, aspect: float, **view: Any) -> Camera:
 def measure_side(bounds: SceneBounds, side: str | None, up: Vector = DEFAULT_UP) -> tuple[float, float]:
     """Return the width and the height of a scene as an orthographic picture from a side shows it, in its units."""
     towards, picture_up = find_sides(side, up)
-    (planes,) = _View.along(-towards, picture_up).touch(bounds)
+    (planes,) = _ViewAxes.along(-towards, picture_up).touch(bounds)
     width, height = (planes.sides / bounds.scale).tolist()
     return width, height
 
@@ -160,7 +160,7 @@ class _Planes(NamedTuple):
         return self.highest - self.lowest
 
 
-class _View(NamedTuple):
+class _ViewAxes(NamedTuple):
     """A direction of view.
 
     Attributes
@@ -177,7 +177,7 @@ class _View(NamedTuple):
     axis: _Array | None
 
     @classmethod
-    def along(cls, forward: _Array, up: Vector, axis: _Array | None = None) -> _View:
+    def along(cls, forward: _Array, up: Vector, axis: _Array | None = None) -> _ViewAxes:
         """Return a view by its line of sight, of any length, and the direction that is up in the picture."""
         right, upward, forward = make_axes(forward, np.asarray(up, np.float64))
         return cls(np.stack([right, upward], axis=1), forward, axis)
@@ -211,12 +211,12 @@ class _View(NamedTuple):
 _SHARES = (0.0, 1 / 3, 2 / 3, 1.0)
 
 
-def _find_eye(view: _View, tangents: _Array, bounds: SceneBounds) -> tuple[_Array, _Planes]:
+def _find_eye(view: _ViewAxes, tangents: _Array, bounds: SceneBounds) -> tuple[_Array, _Planes]:
     """Return the eye of a picture that shows a whole scene, (3,) float64 in local coordinates, and its planes.
 
     Parameters
     ----------
-    view : _View
+    view : _ViewAxes
     tangents : (2,) float64
         Of half the field of view, horizontal and vertical, reduced by the margin.
     bounds : SceneBounds

@@ -22,6 +22,8 @@ _BUILDERS = ("sah", "flat")
 _SHAPES = ("knot", "terrain")
 _SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 _QUICK_SIZES = (1_000, 10_000, 100_000)
+# A curve needs two.
+_LEAST_SIZES = 2
 _SCAN, _GROWTH = "scan", "growth"
 
 _PICTURES = {"800 x 450": _PICTURE, "1080p": (1920, 1080), "4K": _LARGE_PICTURE}
@@ -59,7 +61,8 @@ class Scenes(Experiment):
         growing = [
             {"part": _GROWTH, "mesh": f"{shape}-{size}", "builder": "sah"}
             for shape in scale.pick(_SHAPES, _SHAPES[:1])
-            for size in scale.sizes(scale.pick(_SIZES, _QUICK_SIZES))
+            for number, size in enumerate(scale.pick(_SIZES, _QUICK_SIZES))
+            if number < _LEAST_SIZES or size <= scale.most_triangles
         ]
         return [*scans, *growing]
 
