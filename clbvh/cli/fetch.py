@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from types import SimpleNamespace
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -48,32 +49,12 @@ def _fetch_with_bar(name: str, base_url: str) -> str:
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn()
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        return str(fetch_mesh(name, base_url=base_url, progress=_Bar(progress, name)))
-
-
-class _Bar:
-    """A rich progress bar with the methods that pooch expects."""
-
-    def __init__(self, progress, name: str) -> None:
-        self._progress = progress
-        self._task = progress.add_task(name, total=None)
-
-    @property
-    def total(self) -> float | None:
-        """Total number of bytes."""
-        return self._progress.tasks[0].total
-
-    @total.setter
-    def total(self, total: float) -> None:
-        self._progress.update(self._task, total=total)
-
-    def update(self, byte_count: int) -> None:
-        """Advance by a number of bytes."""
-        self._progress.update(self._task, advance=byte_count)
-
-    def reset(self) -> None:
-        """Go back to zero."""
-        self._progress.update(self._task, completed=0)
-
-    def close(self) -> None:
-        """Keep the bar: its owner removes it."""
+        task = progress.add_task(name, total=None)
+        # What pooch calls; it sets the total.
+        bar: Any = SimpleNamespace(
+            total=None,
+            update=lambda count: progress.update(task, advance=count, total=bar.total),
+            reset=lambda: progress.reset(task),
+            close=lambda: None,
+        )
+        return str(fetch_mesh(name, base_url=base_url, progress=bar))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -11,12 +11,8 @@ from ..choices import DEFAULT_CHANNELS
 from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
-from .tables import make_table, print_json, print_notes, print_tables
+from .tables import make_table, print_notes, print_report
 
-if TYPE_CHECKING:
-    from ..rendering.images.images import Images
-
-# Of colours that are shown, and of lenses.
 _WITHOUT = "aperture", "focus_distance", "transparent"
 
 _OUTPUT_HELP = (
@@ -27,75 +23,64 @@ _CHANNELS_HELP = (
     "rgb, colour, alpha, depth (along the optical axis), range (from the eye), normal, normal_camera, shading_normal, "
     "shading_normal_camera, position, instance_id, geometry_id, primitive_id, barycentric, uv, motion."
 )
-_CHANNELS = ",".join(DEFAULT_CHANNELS)
-_SCALE_HELP = "Pixel values for a unit of length in PNG files, such as 1000."
 _CAMERA_HELP = "Camera: intrinsics, camera_to_world and size, as in the .json file beside PNG files."
 _NEXT_HELP = "Camera of the second pose, for motion."
 
-_POSE = "projection", "eye", "look_at", "up", "fov", "side", "frame"
+_CHANNELS = Parameter(metavar="A,B,...", help=_CHANNELS_HELP, show_default=",".join(DEFAULT_CHANNELS))
+_SCALE = Parameter(
+    help="Pixel values for a unit of length in PNG files, such as 1000.", show_default="a round one that fits"
+)
 
 
-@options.with_options(changes=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
+@options.with_options(view=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
 def images(
     *sources: options.Sources,
-    output: Annotated[list[Path], Parameter(name=("--output", "-o"), metavar="FILE", help=_OUTPUT_HELP)],
-    channels: Annotated[str, Parameter(metavar="A,B,...", help=_CHANNELS_HELP, show_default=True)] = ",".join(
-        DEFAULT_CHANNELS
-    ),
-    depth_scale: Annotated[float | None, Parameter(help=_SCALE_HELP, show_default="a round one that fits")] = None,
+    output: Annotated[list[Path], options.OUTPUT, Parameter(help=_OUTPUT_HELP)],
+    channels: Annotated[str | None, _CHANNELS] = None,
+    depth_scale: Annotated[float | None, _SCALE] = None,
     camera_file: Annotated[Path | None, Parameter(metavar="FILE.json", help=_CAMERA_HELP)] = None,
     next_camera_file: Annotated[Path | None, Parameter(metavar="FILE.json", help=_NEXT_HELP)] = None,
-    changes: options.Given = options.NOTHING,
+    view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
 ) -> None:
     """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
     from ..errors import ConfigError
-    from ..rendering.images.channels import check_channels
+    from ..rendering.images.channels import check_channels, find_limits
     from ..rendering.images.files import FILES_SUFFIXES, check_images_path, read_camera
     from ..rendering.render import render_images
 
     # All input is checked before any work.
-    names = check_channels([name.strip() for name in channels.split(",") if name.strip()])
+    words = DEFAULT_CHANNELS if channels is None else channels.split(",")
+    names = check_channels([name.strip() for name in words if name.strip()])
     for path in output:
         check_images_path(path, names)
-    if camera_file is not None and changes.keys() & set(_POSE):
-        raise ConfigError(
-            "--camera-file says all of the view: give it without --projection, --eye, --look-at, --up, --fov, --side "
-            "and --frame"
-        )
+    pose = [f"--{name.replace('_', '-')}" for name in (*options.POSE, *options.LENS, "up", "frame") if name in view]
+    if camera_file is not None and pose:
+        raise ConfigError(f"--camera-file says all of the view: give it without {' and '.join(pose)}")
     if "motion" in names and next_camera_file is None:
         raise ConfigError("the channel motion needs a second pose: give --next-camera-file")
     first, second = (None if path is None else read_camera(path) for path in (camera_file, next_camera_file))
     wanted = options.make_options(RenderOptions, tree)
-    settings = options.read_changes(changes) | ({} if first is None else {"camera": first})
+    changes = options.read_changes(view) | ({} if first is None else {"camera": first})
     with Progress() as progress:
-        made = render_images(
-            list(sources), names, None, wanted, next_camera=second, on_phase=progress.enter,
-            on_note=progress.notes.append, **settings,
-        )  # fmt: skip
+        made = render_images(list(sources), names, None, wanted, next_camera=second, **progress.callbacks, **changes)
     made_s = progress.spent_s
     for path in output:
         made.save(path, depth_scale=depth_scale if path.suffix.lower() in FILES_SUFFIXES else None)
-    _report(made, output, made_s, progress.spent_s - made_s, as_json)
-    print_notes(progress.notes)
-
-
-def _report(made: Images, output: list[Path], made_s: float, write_s: float, as_json: bool) -> None:
-    """Print what was written: each channel with the least and the greatest value of its hits."""
-    from ..rendering.images.channels import find_limits
-
-    limits: dict[str, Any] = {name: find_limits(name, array) for name, array in made.items()}
-    if as_json:
-        print_json({
-            "width": made.width,
-            "height": made.height,
-            "channels": limits,
-            "files": [str(path) for path in output],
-            "timings_ms": {"images": made_s * 1e3, "write": write_s * 1e3},
-        })  # fmt: skip
-        return
+    write_s = progress.spent_s - made_s
+    # The least and the greatest value of the hits.
+    limits = {name: find_limits(name, array) for name, array in made.items()}
     table = make_table("channel", "least", "greatest", numbers=("least", "greatest"))
     for name, pair in limits.items():
         table.add_row(name, *(("no values",) if pair is None else (f"{value:,.6g}" for value in pair)))
-    print_tables(table, f"{made.width} x {made.height}, {made_s:.2f} s, written in {write_s:.2f} s")
+    report = {
+        "width": made.width,
+        "height": made.height,
+        "channels": limits,
+        "files": output,
+        "timings_ms": {"images": made_s * 1e3, "write": write_s * 1e3},
+    }
+    line = f"{made.width} x {made.height}, {made_s:.2f} s, written in {write_s:.2f} s"
+    print_report(report, table, line, as_json=as_json)
+    print_notes(progress.notes)

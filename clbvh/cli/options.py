@@ -32,40 +32,29 @@ _SOURCE_HELP = (
     "A mesh file (PLY, OBJ, STL, OFF, GLB, glTF), a scene file (.toml), or a shipped scene: "
     "demo, bunny, cornell, dragon, drill, galaxy, hall, knot, meadow, palace, still-life, terrain, weekend."
 )
+_CACHE_HELP = "Keep the tree for later runs, and use one that was kept."
+_FOLDER_HELP, _FOLDER_DEFAULT = "Like --cache, in this folder.", "CLBVH_CACHE, or the user's cache"
 DEVICE_HELP = "A number, a part of a name, gpu or cpu; see `clbvh devices`."
 
 Source = Annotated[str, Parameter(name="MESH|SCENE", help=_SOURCE_HELP)]
 Sources = Annotated[
     str, Parameter(name="MESH|SCENE", help=f"{_SOURCE_HELP} Several mesh files are drawn together.", required=True)
 ]
+OUTPUT = Parameter(name=("--output", "-o"), metavar="FILE")
 Outputs = Annotated[
-    list[Path],
-    Parameter(
-        name=("--output", "-o"),
-        metavar="FILE",
-        help="File of the picture, .png, .jpg or .ppm; may be given several times.",
-    ),
+    list[Path], OUTPUT, Parameter(help="File of the picture, .png, .jpg or .ppm; may be given several times.")
 ]
 Device = Annotated[str | None, Parameter(metavar="DEVICE", help=DEVICE_HELP, show_default="a GPU, if there is one")]
 AsJson = Annotated[bool, Parameter(name="--json", help="Print one JSON object instead of tables.")]
+
+# Settings of a view of which a verb with its own cameras leaves out some.
+POSE = "eye", "look_at", "side"
+LENS = "fov", "projection", "aperture", "focus_distance"
 
 Given = Mapping[str, Any]
 """The options that were given, by the names of their fields."""
 
 NOTHING: Given = MappingProxyType({})
-
-_UseCache = Annotated[
-    bool, Parameter(help="Keep the tree for later runs, and use one that was kept.", group=_TREE_PANEL)
-]
-_CacheFolder = Annotated[
-    Path,
-    Parameter(
-        metavar="DIR",
-        help="Like --cache, in this folder.",
-        show_default="CLBVH_CACHE, or the user's cache",
-        group=_TREE_PANEL,
-    ),
-]
 
 
 def read_whole(kind: type, tokens: Sequence[Token]) -> int:
@@ -88,38 +77,39 @@ def with_options(**parameters: dict[str, Any]) -> Callable[[_Verb], _Verb]:
     return annotate
 
 
+def _make_option(kind: type, text: str | None, default: Any, group: Group, **more: Any) -> Any:
+    """Return the type of an option with its text, and its default where the help has something to say."""
+    is_said = default is not None and not isinstance(default, bool | tuple)
+    return Annotated[
+        kind,
+        Parameter(
+            help=text,
+            converter=read_whole if kind is int else None,
+            show_default=(f"{default:g}" if isinstance(default, float) else str(default)) if is_said else None,
+            group=group,
+            **more,
+        ),
+    ]
+
+
 def list_view_options(*, without: tuple[str, ...] = (), shown: Mapping[str, str] = NOTHING) -> dict[str, Any]:
     """Return the options of the settings of a view, without some, and some with another default in the help."""
-    options: dict[str, Any] = {}
     panels: dict[str, Group] = {}
+    options = {}
     for setting in list_settings(View):
         if not setting.is_option or setting.name in without:
             continue
-        kind, help_text, metavar = setting.kind, setting.help, setting.kind.metavar
+        kind, text, metavar = setting.kind, setting.help, setting.kind.metavar
         if len(metavar) > _LONGEST_METAVAR:
-            help_text, metavar = f"{help_text.removesuffix('.')}: {kind.text}.", ""
-        group = panels.setdefault(setting.panel, Group(setting.panel, sort_key=_FIRST_PANEL + len(panels)))
-        options[setting.name] = Annotated[
-            kind.option,
-            Parameter(
-                help=help_text,
-                metavar=metavar or None,
-                # A scene file may have switched it on.
-                negative=f"--no-{setting.name}" if kind.option is bool else (),
-                allow_leading_hyphen=True,
-                converter=read_whole if kind.option is int else None,
-                show_default=shown.get(setting.name) or setting.shown or _describe_default(setting.default),
-                group=group,
-            ),
-        ]
+            text, metavar = f"{text.removesuffix('.')}: {kind.text}.", ""
+        options[setting.name] = _make_option(
+            kind.option, text, shown.get(setting.name) or setting.shown or setting.default,
+            panels.setdefault(setting.panel, Group(setting.panel, sort_key=_FIRST_PANEL + len(panels))),
+            # A scene file may have switched a flag on.
+            metavar=metavar or None, negative=f"--no-{setting.name}" if kind.option is bool else (),
+            allow_leading_hyphen=True,
+        )  # fmt: skip
     return options
-
-
-def _describe_default(value: Any) -> str | None:
-    """Return the default of an option for the help; None where there is nothing to say."""
-    if value is None or isinstance(value, bool | tuple):
-        return None
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def read_changes(given: Given) -> dict[str, Any]:
@@ -135,33 +125,21 @@ def list_tree_options(kind: type = RenderOptions, *, without: tuple[str, ...] = 
         if field.name == "build":
             options |= list_tree_options(BuildOptions)
         elif field.name == "cache":
-            options |= {"cache": _UseCache, "cache_dir": _CacheFolder}
+            options["cache"] = _make_option(bool, _CACHE_HELP, None, _TREE_PANEL)
+            options["cache_dir"] = _make_option(Path, _FOLDER_HELP, _FOLDER_DEFAULT, _TREE_PANEL, metavar="DIR")
         else:
             # The first of these types that the annotation names.
             words = re.findall(r"\w+", str(field.type))
             value_type = next(found for found in (str, bool, int, float) if found.__name__ in words)
-            default = _describe_default(field.default)
-            options[field.name] = Annotated[
-                value_type,
-                Parameter(
-                    help=texts.get(field.name),
-                    converter=read_whole if value_type is int else None,
-                    show_default=default,
-                    group=_TREE_PANEL,
-                ),
-            ]
+            options[field.name] = _make_option(value_type, texts.get(field.name), field.default, _TREE_PANEL)
     return {name: option for name, option in options.items() if name not in without}
 
 
 def _read_attributes(kind: type) -> dict[str, str]:
     """Return the texts about the attributes in the docstrings of a dataclass and of those that it extends."""
-    texts: dict[str, str] = {}
-    for owner in reversed(kind.__mro__):
-        for name, text in re.findall(
-            r"^(\w+) : .*((?:\n    .+)+)", inspect.cleandoc(owner.__doc__ or ""), re.MULTILINE
-        ):
-            texts[name] = " ".join(re.sub('`|"', "", text).split())
-    return texts
+    docstrings = "\n".join(inspect.cleandoc(owner.__doc__ or "") for owner in reversed(kind.__mro__))
+    entries = re.findall(r"^(\w+) : .*((?:\n    .+)+)", docstrings, re.MULTILINE)
+    return {name: " ".join(re.sub('`|"', "", text).split()) for name, text in entries}
 
 
 def make_options(kind: type[_Options], given: Given) -> _Options:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from types import TracebackType
+from typing import Any
 
 # No estimate of the time that is left before this many seconds: the first samples say little.
 _LEAST_S = 0.5
@@ -34,10 +31,13 @@ class Progress:
         self._status.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._status.stop()
+
+    @property
+    def callbacks(self) -> dict[str, Any]:
+        """The functions that those who draw call with phases and notes."""
+        return {"on_phase": self.enter, "on_note": self.notes.append}
 
     @property
     def spent_s(self) -> float:

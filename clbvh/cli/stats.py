@@ -13,21 +13,9 @@ from cyclopts import Parameter
 
 from ..builders.tree_options import TreeOptions
 from . import options
-from .tables import (
-    choose_sign,
-    describe_count,
-    describe_scene,
-    join_facts,
-    make_facts,
-    make_table,
-    make_times,
-    print_json,
-    print_tables,
-)
+from .tables import describe_count, describe_scene, join_facts, make_facts, make_table, make_times, print_report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from ..bvh import Bvh
     from ..geometry import Mesh
     from ..rendering.scene_stats import SceneStats
@@ -49,7 +37,7 @@ _EXACT_HELP = "Measure the end-point overlap on all triangles, not on at most 20
 _PLOT_HELP = "Draw the histograms of leaf sizes and depths."
 
 
-@options.with_options(tree=options.list_tree_options(TreeOptions, without=("cache",)))
+@options.with_options(tree=options.list_tree_options(TreeOptions, without=("cache", "cache_dir")))
 def stats(
     source: options.Source,
     /,
@@ -61,9 +49,13 @@ def stats(
     as_json: options.AsJson = False,
 ) -> None:
     """Build a tree and measure it."""
+    from ..builders.tree_cache import get_tree
     from ..errors import ConfigError
+    from ..geometry import Mesh
     from ..rendering.open_scene import open_scene
-    from ..stats.tree_plot import check_plot_path
+    from ..stats import measure_tree
+    from ..stats.tree_plot import check_plot_path, write_tree_plot
+    from ..stats.tree_stats import OVERLAP_SAMPLE
     from ..support.stopwatch import Stopwatch
 
     # All input is checked before any work.
@@ -74,34 +66,20 @@ def stats(
     scene, view = open_scene(source)
     state = scene.snapshot()
     watch.lap("load")
-    if state.is_one_mesh:
-        _show_mesh_stats(state, view, wanted, watch, exact=exact, rays=rays, plot=plot, as_json=as_json)
+    mesh = state.shapes[0] if state.is_one_mesh else None
+    if not isinstance(mesh, Mesh):
+        for option, is_given in {"--exact": exact, "--rays": rays, "--plot": plot is not None}.items():
+            if is_given:
+                raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
+        _show_scene_stats(state, wanted, watch, as_json=as_json)
         return
-    for option, is_given in {"--exact": exact, "--rays": rays, "--plot": plot is not None}.items():
-        if is_given:
-            raise ConfigError(f"{option} measures the tree of one mesh, and {source} has several objects")
-    _show_scene_stats(state, wanted, watch, as_json=as_json)
 
-
-def _show_mesh_stats(
-    state: SceneState, view: View, wanted: TreeOptions, watch: Stopwatch, *, exact: bool, rays: bool, plot: Path | None,
-    as_json: bool,
-) -> None:  # fmt: skip
-    """Build the tree of a mesh, and print its measures; the watch has measured the load."""
-    from ..builders.tree_cache import get_tree
-    from ..geometry import Mesh
-    from ..stats import measure_tree
-    from ..stats.tree_plot import write_tree_plot
-    from ..stats.tree_stats import OVERLAP_SAMPLE
-
-    (mesh,) = state.shapes
-    assert isinstance(mesh, Mesh)
     made = get_tree(mesh, wanted)
     watch.lap("build")
     sample = None if exact else OVERLAP_SAMPLE
     measured = measure_tree(made.bvh, traversal_cost=wanted.build.traversal_cost, overlap_sample=sample)
     watch.lap("measure")
-    ray_costs = _measure_rays(made.bvh, view) if rays else {}
+    costs = _measure_rays(made.bvh, view) if rays else {}
     if rays:
         watch.lap("rays")
     build = _report_build(wanted, made.workers, watch) | {"phases_ms": dict(made.bvh.timings_ms)}
@@ -116,15 +94,13 @@ def _show_mesh_stats(
         "centre": mesh.origin.tolist(),
         "bytes": mesh.vertices.nbytes + mesh.local_vertices.nbytes + mesh.faces.nbytes,
     }
-    if as_json:
-        print_json({"mesh": facts, "build": build, "tree": measured.as_dict(), **({"rays": ray_costs} if rays else {})})
-        return
-    print_tables(
-        make_facts({**_describe_mesh(facts), **_describe_tree(measured), **_describe_rays(ray_costs)}),
-        _make_histogram("triangles", measured.leaf_sizes, measured.leaf_count),
-        _make_histogram("depth", measured.leaf_depths, measured.leaf_count),
-        _make_times(build, load="load the mesh, find its local coordinates"),
+    report = {"mesh": facts, "build": build, "tree": measured.as_dict(), **({"rays": costs} if rays else {})}
+    histograms = (
+        _make_histogram(heading, counts, measured.leaf_count)
+        for heading, counts in (("triangles", measured.leaf_sizes), ("depth", measured.leaf_depths))
     )
+    shown = make_facts(_describe_mesh(facts, build) | _describe_tree(measured) | _describe_rays(costs))
+    print_report(report, shown, *histograms, _make_times(build), as_json=as_json)
 
 
 def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
@@ -148,34 +124,30 @@ def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
     }
 
 
-def _describe_mesh(mesh: dict[str, Any]) -> dict[str, str]:
-    degenerate = mesh["degenerate_triangles"]
+def _describe_mesh(mesh: dict[str, Any], build: dict[str, Any]) -> dict[str, str]:
+    degenerate = f"{mesh['degenerate_triangles']:,} degenerate" if mesh["degenerate_triangles"] else ""
+    triangles, vertices = describe_count(mesh["triangles"], "triangle"), f"{mesh['vertices']:,} vertices"
     return {
-        "mesh": join_facts(
-            mesh["name"],
-            describe_count(mesh["triangles"], "triangle"),
-            f"{mesh['vertices']:,} vertices",
-            f"{degenerate:,} degenerate" if degenerate else "",
-        ),
+        "mesh": join_facts(mesh["name"], triangles, vertices, degenerate),
         "size": _format_size(mesh["size"]),
         "centre": ", ".join(f"{coordinate:.9g}" for coordinate in mesh["centre"]),
+        "built by": _describe_builder(build),
     }
 
 
 def _describe_tree(measured: TreeStats) -> dict[str, str]:
     is_sampled = measured.epo_triangles < measured.triangle_count
     sample = f"on a sample of {measured.epo_triangles:,} triangles" if is_sampled else ""
+    per_triangle = "bytes per triangle"
     return {
         "nodes": f"{measured.node_count:,}: {measured.interior_count:,} interior, {measured.leaf_count:,} leaves",
         "depth": f"{measured.depth}; mean depth of a leaf {measured.mean_leaf_depth:.2f}",
         "SAH cost": f"{measured.sah_cost:.3f}, with a traversal cost of {measured.traversal_cost:g}",
         "EPO": join_facts(f"{measured.epo:.3f}", sample),
-        "on the host": f"{_format_mib(measured.host_bytes)}, {measured.host_bytes_per_triangle:.1f} bytes per triangle",
-        **{
-            f"as {layout}": f"{_format_mib(measured.device_bytes[layout])}, {size:.1f} bytes per triangle, triangles "
-            "included"
-            for layout, size in measured.device_bytes_per_triangle.items()
-        },
+        "on the host": f"{_format_mib(measured.host_bytes)}, {measured.host_bytes_per_triangle:.1f} {per_triangle}",
+    } | {
+        f"as {layout}": f"{_format_mib(measured.device_bytes[layout])}, {size:.1f} {per_triangle}, triangles included"
+        for layout, size in measured.device_bytes_per_triangle.items()
     }
 
 
@@ -189,16 +161,18 @@ def _describe_rays(costs: dict[str, dict[str, float]]) -> dict[str, str]:
 
 def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
     """Return a table of bars."""
+    from rich.console import Console
+
     from ..stats.tree_stats import gather_bars
 
     table = make_table(heading, "leaves", "", "", numbers=(heading, "leaves"))
     bars = gather_bars(counts, _MOST_ROWS)
     highest = max(bar.count for bar in bars)
-    full = choose_sign("█", "#")
+    sign = "█" if Console().encoding.startswith("utf") else "#"
     for bar in bars:
         # A bar that is not empty has at least one cell.
         cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
-        table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", full * cells)
+        table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", sign * cells)
     return table
 
 
@@ -210,29 +184,21 @@ def _report_build(wanted: TreeOptions, workers: int, watch: Stopwatch) -> dict[s
     return {"builder": wanted.builder, **asdict(wanted.build), "workers": workers, "timings_ms": timings_ms}
 
 
-def _make_times(build: dict[str, Any], load: str) -> Any:
+def _describe_builder(build: dict[str, Any]) -> str:
+    return f"{build['builder']}, {describe_count(build['workers'], 'worker')}"
+
+
+def _make_times(build: dict[str, Any]) -> Any:
     """Return the table of all phases; those of the build of one tree are indented, and add up to it."""
     from ..support.stopwatch import add_total
 
-    parts_ms = build.get("phases_ms", {})
-    descriptions = {
-        "load": load,
-        "build": f"builder {build['builder']}, {describe_count(build['workers'], 'worker')}"
-        f"{'; of this:' if parts_ms else ''}",
-        "measure": "the measures above",
-        "rays": "cast on the host, step for step as layout bvh2",
-        "other": "between the phases",
-        "total": "wall time",
-    }
-
-    def list_rows() -> Iterator[tuple[str, float, str]]:
-        for phase, ms in build["timings_ms"].items():
-            yield phase, ms, descriptions[phase]
-            if phase == "build" and parts_ms:
-                *parts, _total = add_total(parts_ms, ms).items()
-                yield from ((f"  {part}", part_ms, "") for part, part_ms in parts)
-
-    return make_times(list_rows())
+    rows: dict[str, float] = {}
+    for phase, ms in build["timings_ms"].items():
+        rows[phase] = ms
+        if phase == "build" and "phases_ms" in build:
+            parts_ms = add_total(build["phases_ms"], ms)
+            rows |= {f"  {part}": part_ms for part, part_ms in parts_ms.items() if part != "total"}
+    return make_times(rows.items())
 
 
 def _format_mib(size: int) -> str:
@@ -261,14 +227,12 @@ def _show_scene_stats(state: SceneState, wanted: TreeOptions, watch: Stopwatch, 
     measured = measure_scene(state, build_tree, traversal_cost=wanted.build.traversal_cost)
     watch.lap("measure")
     build = _report_build(wanted, workers, watch)
-    if as_json:
-        print_json({"scene": measured.as_dict(), "build": build})
-        return
     top = measured.top
     has_more = len(measured.geometries) > _MOST_GEOMETRIES
     facts = {
         "scene": describe_scene(top.instance_count, len(measured.geometries), measured.prim_count),
         "size": _format_size([upper - lower for lower, upper in zip(measured.lower, measured.upper, strict=True)]),
+        "built by": _describe_builder(build),
         **{f"as {layout}": f"{_format_mib(size)}, both levels" for layout, size in measured.device_bytes.items()},
         "below": f"the {_MOST_GEOMETRIES} largest geometries; --json has all of them" if has_more else "",
     }
@@ -278,8 +242,9 @@ def _show_scene_stats(state: SceneState, wanted: TreeOptions, watch: Stopwatch, 
         "SAH cost": f"{top.sah_cost:.3f}, where entering an instance costs 1",
         "on the device": f"{top.device_bytes / _MIB:,.2f} MiB, {top.device_bytes_per_instance:.1f} bytes an instance",
     }
-    times = _make_times(build, load="load and place the objects")
-    print_tables(make_facts(facts), _make_geometry_table(measured), make_facts(of_top), times)
+    report = {"scene": measured.as_dict(), "build": build}
+    tables = make_facts(facts), _make_geometry_table(measured), make_facts(of_top), _make_times(build)
+    print_report(report, *tables, as_json=as_json)
 
 
 def _make_geometry_table(measured: SceneStats) -> Any:

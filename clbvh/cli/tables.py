@@ -1,4 +1,4 @@
-"""The reports of the verbs, as tables of one style or as JSON."""
+"""The reports of the verbs: as JSON, or as tables of one style."""
 
 from __future__ import annotations
 
@@ -9,10 +9,45 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
+# Of the rows in tables of times, whatever the verb.
+_PHASES = {
+    "load": "load and place the objects",
+    "cache": "look the tree up in the cache, or keep it there",
+    "build": "build the tree",
+    "measure": "the measures above",
+    "rays": "cast on the host, step for step as layout bvh2",
+    "open": "open the device",
+    "layout": "arrange the tree for the device",
+    "compile": "compile kernels in a first run, or load them",
+    "upload": "host to device, by the device's clock",
+    "kernel": "trace and shade, by the device's clock",
+    "download": "device to host, by the device's clock",
+    "other": "whatever lies between the phases",
+    "total": "wall time",
+    "write": "write the picture or heat map, not in the total",
+}
+
 
 def print_json(report: dict[str, Any]) -> None:
     """Print a report as one JSON object; what JSON does not know is written as text."""
     print(json.dumps(report, indent=2, default=str))
+
+
+def print_report(report: dict[str, Any], *shown: Any, as_json: bool) -> None:
+    """Print a report: as one JSON object, or as the tables and lines that are shown to readers."""
+    if as_json:
+        print_json(report)
+    else:
+        print_tables(*shown)
+
+
+def print_tables(*shown: Any) -> None:
+    """Print tables and lines to stdout, separated by empty lines: at once, so that Ctrl-C leaves all or none."""
+    from rich.console import Console, Group
+    from rich.text import Text
+
+    parts = (part for each in shown for part in ("", Text(each) if isinstance(each, str) else each))
+    Console(highlight=False, soft_wrap=True, file=sys.stdout).print(Group(*[*parts][1:]))
 
 
 def print_notes(notes: Iterable[str]) -> None:
@@ -45,11 +80,12 @@ def make_table(*headings: str, numbers: Collection[str] = ()) -> Any:
     return table
 
 
-def make_times(rows: Iterable[tuple[str, float, str]]) -> Any:
+def make_times(phases_ms: Iterable[tuple[str, float]]) -> Any:
     """Return a table of phases, their milliseconds, and their descriptions; the total is bold."""
     times = make_table("phase", "ms", "", numbers=["ms"])
-    for phase, ms, description in rows:
-        times.add_row(phase, f"{ms:,.1f}", f"[dim]{description}[/dim]", style="bold" if phase == "total" else "")
+    for phase, ms in phases_ms:
+        text = f"[dim]{_PHASES.get(phase, '')}[/dim]"
+        times.add_row(phase, f"{ms:,.1f}", text, style="bold" if phase == "total" else "")
     return times
 
 
@@ -65,24 +101,5 @@ def describe_count(count: int, noun: str) -> str:
 
 def describe_scene(instances: int, geometries: int, prims: int) -> str:
     """Return ``2 instances of 1 geometry, 8,000 primitives placed``."""
-    return (
-        f"{describe_count(instances, 'instance')} of {geometries:,} geometr{'ies' if geometries > 1 else 'y'}, "
-        f"{prims:,} primitives placed"
-    )
-
-
-def print_tables(*tables: Any) -> None:
-    """Print tables to stdout, separated by empty lines: all at once, so that Ctrl-C leaves all of them or none."""
-    from rich.console import Console, Group
-
-    separated = [part for table in tables for part in ("", table)][1:]
-    Console(highlight=False, soft_wrap=True, file=sys.stdout).print(Group(*separated))
-
-
-def choose_sign(sign: str, plain: str) -> str:
-    """Return `sign` if stdout can show it, else `plain`."""
-    try:
-        sign.encode(sys.stdout.encoding or "ascii")
-    except UnicodeEncodeError:
-        return plain
-    return sign
+    kinds = f"{geometries:,} geometr{'ies' if geometries > 1 else 'y'}"
+    return f"{describe_count(instances, 'instance')} of {kinds}, {prims:,} primitives placed"

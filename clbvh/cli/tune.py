@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from . import options
-from .tables import make_facts, make_table, print_json, print_tables
+from .tables import make_facts, make_table, print_report, print_tables
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,10 +48,9 @@ def tune(
         facts = {"device": info.name, "driver": info.driver_version, "kept_in": str(path)}
         measured = [asdict(trial) for trial in trials]
         reports.append(facts | {"settings": asdict(settings), "trials": measured})
-    if as_json:
-        print_json({"devices": reports} if every else reports[0])
-    elif every:
-        print("the devices from now on: " + "; ".join(map(str, list_devices())))
+    if as_json or every:
+        line = "the devices from now on: " + "; ".join(map(str, list_devices()))
+        print_report({"devices": reports} if every else reports[0], line, as_json=as_json)
 
 
 def _print_trials(info: DeviceInfo, settings: Settings, trials: list[Trial], path: Path) -> None:

@@ -11,24 +11,23 @@ from ..choices import DEFAULT_FRAME_RATE, DEFAULT_FRAMES
 from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
-from .tables import print_json, print_notes
+from .tables import print_notes, print_report
 
-# Of one camera.
-_WITHOUT = "eye", "look_at", "side", "fov", "aperture", "focus_distance", "transparent"
+_WITHOUT = (*options.POSE, "transparent")
 
-_RATE_HELP = "Pictures shown in a second."
 _OUTPUT_HELP = "File of the animation, .mp4 (needs imageio-ffmpeg) or .gif."
 
+_FRAMES = Parameter(help="Pictures of a full turn.", converter=options.read_whole, show_default=True)
+_FRAME_RATE = Parameter(name="--fps", help="Pictures shown in a second.", show_default=True)
 
-@options.with_options(changes=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
+
+@options.with_options(view=options.list_view_options(without=_WITHOUT), tree=options.list_tree_options())
 def turntable(
     *sources: options.Sources,
-    output: Annotated[Path, Parameter(name=("--output", "-o"), metavar="FILE", help=_OUTPUT_HELP)],
-    frames: Annotated[
-        int, Parameter(help="Pictures of a full turn.", converter=options.read_whole, show_default=True)
-    ] = DEFAULT_FRAMES,
-    frame_rate: Annotated[float, Parameter(name="--fps", help=_RATE_HELP, show_default=True)] = DEFAULT_FRAME_RATE,
-    changes: options.Given = options.NOTHING,
+    output: Annotated[Path, options.OUTPUT, Parameter(help=_OUTPUT_HELP)],
+    frames: Annotated[int, _FRAMES] = DEFAULT_FRAMES,
+    frame_rate: Annotated[float, _FRAME_RATE] = DEFAULT_FRAME_RATE,
+    view: options.Given = options.NOTHING,
     tree: options.Given = options.NOTHING,
     as_json: options.AsJson = False,
 ) -> None:
@@ -39,26 +38,24 @@ def turntable(
     check_animation(output, frame_rate)
     check_frame_count(frames)
     wanted = options.make_options(RenderOptions, tree)
+    changes = options.read_changes(view) | {"frames": frames, "frames_per_s": frame_rate}
     with Progress() as progress:
-        view = render_turntable(
-            list(sources), output, None, wanted, frames=frames, frames_per_s=frame_rate, on_frame=progress.show_share,
-            on_phase=progress.enter, on_note=progress.notes.append, **options.read_changes(changes),
-        )  # fmt: skip
-    size = output.stat().st_size
+        seen = render_turntable(
+            list(sources), output, None, wanted, on_frame=progress.show_share, **progress.callbacks, **changes
+        )
+    size, spent_s = output.stat().st_size, progress.spent_s
     report = {
-        "width": view.width,
-        "height": view.height,
+        "width": seen.width,
+        "height": seen.height,
         "frames": frames,
         "frames_per_s": frame_rate,
         "bytes": size,
-        "files": [str(output)],
-        "timings_ms": {"total": progress.spent_s * 1e3},
+        "files": [output],
+        "timings_ms": {"total": spent_s * 1e3},
     }
-    if as_json:
-        print_json(report)
-    else:
-        print(
-            f"{output}: {frames:,} frames of {view.width} x {view.height}, {frames / frame_rate:,.1f} s, "
-            f"{size / 1e6:,.1f} MB, made in {progress.spent_s:,.1f} s"
-        )
+    line = (
+        f"{output}: {frames:,} frames of {seen.width} x {seen.height}, {frames / frame_rate:,.1f} s, "
+        f"{size / 1e6:,.1f} MB, made in {spent_s:,.1f} s"
+    )
+    print_report(report, line, as_json=as_json)
     print_notes(progress.notes)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from . import options
-from .tables import make_times, print_json, print_tables
+from .tables import make_table, print_report
 
 if TYPE_CHECKING:
     from ..device.info import DeviceInfo
@@ -38,11 +38,11 @@ def warmup(
                 work()
                 steps.append({"device": info.name, "what": what, "ms": (time.perf_counter() - begin) * 1e3})
     total_ms = sum(step["ms"] for step in steps)
-    if as_json:
-        print_json({"devices": [info.name for info in devices], "steps": steps, "total_ms": total_ms})
-    else:
-        rows = [(step["what"], step["ms"], step["device"]) for step in steps]
-        print_tables(make_times([*rows, ("total", total_ms, "")]))
+    report = {"devices": [info.name for info in devices], "steps": steps, "total_ms": total_ms}
+    table = make_table("work", "ms", "device", numbers=["ms"])
+    for step in [*steps, {"what": "total", "ms": total_ms, "device": ""}]:
+        table.add_row(step["what"], f"{step['ms']:,.1f}", step["device"])
+    print_report(report, table, as_json=as_json)
 
 
 def _choose_devices(device: str | None) -> list[DeviceInfo]:

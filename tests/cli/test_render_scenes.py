@@ -16,6 +16,9 @@ from .command import refuses, run_clbvh
 SIZE = ("--width", 48, "--height", 36)
 
 SCENE = """
+[view]
+up = "y"
+
 [[object]]
 label = "floor"
 shape = "terrain"
@@ -73,12 +76,11 @@ def render(*arguments, folder):
 
 def test_several_meshes_are_drawn_together(meshes, tmp_path):
     report, hits = render(*meshes, folder=tmp_path)
-    names = hits["instance_names"].tolist()
-    assert names == ["ball", "body", "left", "right", "low", "high"]
-    assert report["instances"] == len(names)
-    assert report["geometries"] == len(hits["geometry_names"])
-    seen = np.unique(hits["instance_id"])
-    assert {"ball", "body", "right", "low", "high"} - {"ball"} <= {names[index] for index in seen if index >= 0}
+    assert hits["instance_names"].tolist() == ["ball", "cart", "steps"]
+    assert (report["instances"], report["geometries"]) == (3, 3)
+    parts = hits["part_names"].tolist()
+    assert parts == ["body", "left", "right", "low", "high"]
+    assert {"body", "right", "low", "high"} <= {parts[index] for index in np.unique(hits["part_id"]) if index >= 0}
     is_hit = hits["prim_id"] >= 0
     assert is_hit.sum() == report["hits"] > 0
     assert ((hits["instance_id"] >= 0) == is_hit).all()
@@ -86,18 +88,19 @@ def test_several_meshes_are_drawn_together(meshes, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "instances"), [("cart.glb", ["body", "left", "right"]), ("steps.obj", ["low", "high"])]
+    ("name", "parts"), [("cart.glb", ["body", "left", "right"]), ("steps.obj", ["low", "high"])]
 )
-def test_a_file_of_parts_keeps_them(meshes, tmp_path, name, instances):
+def test_a_file_of_parts_is_one_mesh_that_names_them(meshes, tmp_path, name, parts):
     report, hits = render(tmp_path / name, folder=tmp_path)
-    assert hits["instance_names"].tolist() == instances
-    assert report["instances"] == len(instances)
+    assert hits["part_names"].tolist() == parts
+    assert ((hits["part_id"] >= 0) == (hits["prim_id"] >= 0)).all()
+    assert "instances" not in report
 
 
 def test_the_hits_of_one_mesh_have_ids_and_names_too(meshes, tmp_path):
     report, hits = render(meshes[0], folder=tmp_path)
     assert "instances" not in report
-    assert hits["geometry_names"].tolist() == hits["instance_names"].tolist() == ["ball.ply"]
+    assert hits["geometry_names"].tolist() == hits["instance_names"].tolist() == ["ball"]
     assert (hits["instance_id"] == np.minimum(hits["prim_id"], 0)).all()
     assert (hits["geometry_id"] == hits["instance_id"]).all()
 
@@ -119,7 +122,7 @@ def test_the_hits_of_a_scene_name_its_objects(scene, tmp_path):
 def test_the_table_counts_the_objects(scene, tmp_path):
     result = run_clbvh("render", scene, "-o", tmp_path / "out.ppm", *SIZE)
     assert (result.returncode, result.stderr) == (0, "")
-    floor = open_scene(scene).geometries[0].shape.face_count
+    floor = open_scene(scene)[0].geometries[0].shape.face_count
     for words in (
         f"10 instances of 3 geometries, {floor + 8 * 20 + 2:,} primitives placed",
         f"{floor + 20:,} triangles, 2 spheres",

@@ -56,7 +56,7 @@ def test_json_has_both_levels(scene):
     )
     assert knots["sah_cost"] == sah_cost(bvh)
     assert knots["device_bytes"] == {layout: measure_device_bytes(bvh, layout) for layout in knots["device_bytes"]}
-    shape = open_scene(scene).geometries[1].shape
+    shape = open_scene(scene)[0].geometries[1].shape
     spheres = build_over(shape, "sah", None, BuildOptions())
     assert (stars["name"], stars["kind"], stars["instance_count"]) == ("stars", "spheres", 1)
     assert (stars["prim_count"], stars["node_count"]) == (300, spheres.node_count)
