@@ -195,6 +195,8 @@ def number(
     """Return finite numbers with these limits."""
     limits = (("from", least), ("above", above), ("up to", most), ("below", below))
     text = " and ".join(f"{word} {limit:,.15g}" for word, limit in limits if limit is not None)
+    if least is not None:
+        text = text.replace(" and up to", " to")
 
     def read(value: Any) -> float:
         value = _read_number(value)
