@@ -122,18 +122,16 @@ class Spheres:
         local_radii = np.maximum((checked_radii * scale).astype(np.float32), _LEAST_LOCAL_RADIUS)
         appearance: Any = Appearance(None, None, colours, materials, material_ids)  # type: ignore[arg-type]
         check_fit(appearance, len(checked_centres), name, has_corners=False)
-        attributes = {
-            "appearance": None if appearance.is_empty else appearance,
-            "centres": checked_centres,
-            "radii": checked_radii,
-            "name": name,
-            "origin": origin,
-            "scale": scale,
-            "local_centres": shift_and_scale(checked_centres, origin, scale),
-            "local_radii": local_radii,
-        }
-        for attribute, value in attributes.items():
-            object.__setattr__(self, attribute, value)
+        vars(self).update(
+            appearance=None if appearance.is_empty else appearance,
+            centres=checked_centres,
+            radii=checked_radii,
+            name=name,
+            origin=origin,
+            scale=scale,
+            local_centres=shift_and_scale(checked_centres, origin, scale),
+            local_radii=local_radii,
+        )
 
     @classmethod
     def from_arrays(cls, centres: ArrayLike, radii: ArrayLike, *, name: str = "spheres", **looks: Any) -> Spheres:
@@ -212,10 +210,7 @@ class Spheres:
     @cached_property
     def local_box(self) -> NDArray[np.float32]:
         """(2, 3) float32: the least and the greatest local coordinates of the spheres, rounded."""
-        radii = self.local_radii[:, None]
-        lower, _ = find_bounds(self.local_centres - radii)
-        _, upper = find_bounds(self.local_centres + radii)
-        return np.stack((lower, upper)).astype(np.float32)
+        return np.stack(_bound(self.local_centres, self.local_radii)).astype(np.float32)
 
     @cached_property
     def fingerprint(self) -> bytes:
@@ -268,13 +263,17 @@ def _check_radii(radii: ArrayLike, count: int, name: str) -> NDArray[np.float64]
     return copied
 
 
+def _bound(centres: NDArray[Any], radii: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the least and the greatest coordinates of spheres."""
+    return find_bounds(centres - radii[:, None])[0], find_bounds(centres + radii[:, None])[1]
+
+
 def _find_frame(
     centres: NDArray[np.float64], radii: NDArray[np.float64], name: str
 ) -> tuple[NDArray[np.float64], float]:
     """Return the origin and the scale of local coordinates."""
     with np.errstate(over="ignore"):  # refused by find_frame
-        lower, _ = find_bounds(centres - radii[:, None])
-        _, upper = find_bounds(centres + radii[:, None])
+        lower, upper = _bound(centres, radii)
         half = max(float(np.max(upper / 2 - lower / 2)), float(radii.max()))
         # Far from zero, float64 may round the sides of the box away.
         return find_frame(lower, upper, name, subject="the group of spheres is", least_half=half * _ROOM)

@@ -1,18 +1,24 @@
-"""A persistent thread pool for compiled loops, which release the GIL while they run."""
+"""A persistent thread pool for compiled loops, which release the GIL while they run.
+
+Only locks and queues written in C: Ctrl-C that strikes inside a `threading.Condition` or a semaphore, as in
+`concurrent.futures`, can leave its lock taken for ever.
+"""
 
 from __future__ import annotations
 
 import os
+import weakref
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import pairwise
 from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, TypeVar
 
 from .context_manager import ContextManager
 
 _Result = TypeVar("_Result")
+_Jobs = SimpleQueue[Callable[[], None] | None]
 
 # Least items of a thread's range. Waking a thread takes about 60 us, as long as packing 6,000 rays on a 2-core x86-64
 # server.
@@ -49,7 +55,7 @@ class HostThreads(ContextManager):
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._open_pool()
+        self._start_anew()
 
     def for_ranges(self, item_count: int, task: Callable[[int, int], None]) -> None:
         """Call ``task(begin, end)`` for ranges that cover all items once, in parallel where that pays; see `run`."""
@@ -91,7 +97,7 @@ class HostThreads(ContextManager):
                 endings.put(None)
 
         try:
-            self._submit(help_out, min(self.count, len(argument_lists)) - 1)
+            self._wake(help_out, min(self.count, len(argument_lists)) - 1)
             work()
         finally:
             waiting.clear()
@@ -107,21 +113,50 @@ class HostThreads(ContextManager):
 
     def close(self) -> None:
         """End the threads after the tasks that they run. Closing twice is allowed; the next task starts new ones."""
-        if self._process_id == os.getpid():
-            pool = self._pool
-            self._open_pool()
-            pool.shutdown()
+        if self._process_id != os.getpid():
+            return
+        with self._lock:
+            stop, threads = self._stop, self._threads
+            self._forget_threads()
+        stop()
+        for thread in threads:
+            thread.join()
 
-    def _submit(self, function: Callable[[], None], count: int) -> None:
+    def _wake(self, function: Callable[[], None], count: int) -> None:
         """Let some threads call a function, or fewer: the calling one does all that is left."""
-        if self._process_id != os.getpid():  # a forked child has no threads, and nobody would release their locks
-            self._open_pool()
-        with suppress(RuntimeError):  # the system has no more threads, or the pool was closed meanwhile
-            for _ in range(count):
-                self._pool.submit(function)
+        if self._process_id != os.getpid():  # a forked child has no threads, and nobody would release the lock
+            self._start_anew()
+        with self._lock:
+            with suppress(RuntimeError):  # the system has no more threads
+                while len(self._threads) < count:
+                    thread = Thread(target=_serve, args=(self._jobs,), name="clbvh", daemon=True)
+                    thread.start()
+                    self._threads.append(thread)
+            for _ in self._threads[:count]:
+                self._jobs.put(function)
 
-    def _open_pool(self) -> None:
-        self._pool, self._process_id = ThreadPoolExecutor(max(1, self.count - 1), "clbvh"), os.getpid()
+    def _start_anew(self) -> None:
+        self._lock, self._process_id = Lock(), os.getpid()
+        self._forget_threads()
+
+    def _forget_threads(self) -> None:
+        self._jobs: _Jobs = SimpleQueue()
+        self._threads: list[Thread] = []
+        # Also called when this object is garbage.
+        self._stop = weakref.finalize(self, _stop_threads, self._jobs, self._threads)
+
+
+def _serve(jobs: _Jobs) -> None:
+    """Do jobs until one is None; the life of a thread."""
+    while (job := jobs.get()) is not None:
+        job()
+        del job  # and the arrays that it holds
+
+
+def _stop_threads(jobs: _Jobs, threads: list[Thread]) -> None:
+    """Let threads end after the jobs before."""
+    for _ in threads:
+        jobs.put(None)
 
 
 def _wait(helping: list[bool], endings: SimpleQueue[None]) -> None:

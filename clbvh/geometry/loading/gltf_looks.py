@@ -119,7 +119,8 @@ class GltfLooks:
 
     def _find_placement(self, index: Any) -> Placement:
         """Return how the textures of a material lie."""
-        placements = [_read_placement(info) for info in _list_texture_infos(self._gltf.item("materials", index))]
+        infos = _list_texture_infos(self._gltf.item("materials", index))
+        placements = [_read_placement(info) for info in infos if isinstance(info, dict)]
         if not placements:
             return Placement(0, None)
         keys = {(uv_set, None if matrix is None else matrix.tobytes()) for uv_set, matrix in placements}
@@ -132,10 +133,10 @@ class GltfLooks:
         pbr, extensions = get_object(table, "pbrMetallicRoughness"), get_object(table, "extensions")
         factor = _read_numbers(pbr, "baseColorFactor", (1.0, 1.0, 1.0, 1.0))
         metallic, roughness = _read_number(pbr, "metallicFactor", 1.0), _read_number(pbr, "roughnessFactor", 1.0)
-        base_info, metal_info = pbr.get("baseColorTexture"), pbr.get("metallicRoughnessTexture")
+        base_info, metal_info, light_info, normal_info = _list_texture_infos(table)
         if old := get_object(extensions, _OLD):
-            factor, base_info = _read_numbers(old, "diffuseFactor", (1.0, 1.0, 1.0, 1.0)), old.get("diffuseTexture")
-            metallic, roughness, metal_info = 0.0, 1 - _read_number(old, "glossinessFactor", 1.0), None
+            factor = _read_numbers(old, "diffuseFactor", (1.0, 1.0, 1.0, 1.0))
+            metallic, roughness = 0.0, 1 - _read_number(old, "glossinessFactor", 1.0)
         mode = table.get("alphaMode", _OPAQUE_MODE)
         if mode not in (_OPAQUE_MODE, _MASK_MODE, _BLEND_MODE):
             mode = _OPAQUE_MODE
@@ -157,9 +158,9 @@ class GltfLooks:
             transmission=_read_number(get_object(extensions, "KHR_materials_transmission"), "transmissionFactor", 0.0),
             base_colour_texture=self._read_texture(base_info, is_srgb=True, is_opaque=mode == _OPAQUE_MODE),
             metallic_roughness_texture=self._read_texture(metal_info, is_srgb=False),
-            emission_texture=self._read_texture(table.get("emissiveTexture"), is_srgb=True),
-            normal_texture=self._read_texture(table.get("normalTexture"), is_srgb=False),
-            normal_scale=_read_normal_scale(table.get("normalTexture")),
+            emission_texture=self._read_texture(light_info, is_srgb=True),
+            normal_texture=self._read_texture(normal_info, is_srgb=False),
+            normal_scale=_read_normal_scale(normal_info),
         )
 
     def _read_texture(self, info: Any, *, is_srgb: bool, is_opaque: bool = True) -> Texture | None:
@@ -201,19 +202,14 @@ class GltfLooks:
 
 
 _OLD = "KHR_materials_pbrSpecularGlossiness"
+_PBR_TEXTURES = ("baseColor", "metallicRoughness")
 
 
-def _list_texture_infos(material: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the places of textures in a material, that of the base colour first."""
-    pbr = get_object(material, "pbrMetallicRoughness")
-    old = get_object(get_object(material, "extensions"), _OLD)
-    infos = [
-        old.get("diffuseTexture") if old else pbr.get("baseColorTexture"),
-        None if old else pbr.get("metallicRoughnessTexture"),
-        material.get("emissiveTexture"),
-        material.get("normalTexture"),
-    ]
-    return [info for info in infos if isinstance(info, dict)]
+def _list_texture_infos(material: dict[str, Any]) -> list[Any]:
+    """Return the places of textures in a material: of base colour, metal and roughness, light, and normals."""
+    pbr, old = get_object(material, "pbrMetallicRoughness"), get_object(get_object(material, "extensions"), _OLD)
+    of_base = [old.get("diffuseTexture"), None] if old else [pbr.get(f"{name}Texture") for name in _PBR_TEXTURES]
+    return [*of_base, material.get("emissiveTexture"), material.get("normalTexture")]
 
 
 def _read_placement(info: dict[str, Any]) -> Placement:

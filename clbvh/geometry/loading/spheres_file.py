@@ -11,7 +11,6 @@ import math
 import os
 import zipfile
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,12 +83,16 @@ def _read_archive(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]
     return centres, radii
 
 
+# By the versions of the format in which numpy writes arrays of numbers.
+_HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
 def _read_member(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
     """Return an array of an archive as float64; its size is that of the archive's directory, not that of its header."""
     member = archive.getinfo(f"{name}.npy")
     check_memory("a file of spheres", 3 * member.file_size, MeshError)
     with archive.open(member) as file:
-        shape, is_fortran, dtype = _read_header(file)
+        shape, is_fortran, dtype = _HEADER_READERS[np.lib.format.read_magic(file)](file)
         if dtype.kind not in "iuf":
             raise MeshError(f"{name} must be numbers, not {dtype}")
         values = np.frombuffer(file.read(), dtype)
@@ -97,16 +100,6 @@ def _read_member(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
         raise MeshError(f"{name} has {values.size:,} numbers instead of {math.prod(shape):,}: the archive is cut off")
     with np.errstate(over="ignore", invalid="ignore"):  # a wider dtype, a signalling NaN: refused by the spheres
         return values.reshape(shape, order="F" if is_fortran else "C").astype(np.float64, order="C")
-
-
-_HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-
-
-def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
-    version = np.lib.format.read_magic(file)
-    if version not in _HEADER_READERS:
-        raise MeshError(f"arrays of the format {version[0]}.{version[1]} are not read: numpy writes 1.0 or 2.0")
-    return _HEADER_READERS[version](file)
 
 
 def _read_table(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:

@@ -202,6 +202,7 @@ def test_where_no_thread_can_start_the_work_is_done_all_the_same(monkeypatch):
     with HostThreads(4) as threads:
         for _ in range(3):
             assert threads.run(lambda number: number + 1, [(number,) for number in range(10)]) == list(range(1, 11))
+        assert threads._jobs.empty()
 
 
 def test_steps_run_side_by_side_and_answer_in_their_order():
