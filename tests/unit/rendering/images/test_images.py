@@ -378,7 +378,9 @@ def test_other_channels_are_refused(renderer, channels):
 def test_geometry_alone_casts_no_ray_to_the_light(renderer, monkeypatch):
     shadings = []
     render = renderer.render
-    monkeypatch.setattr(renderer, "render", lambda view, **given: shadings.append(view.shading) or render(view, **given))
+    monkeypatch.setattr(
+        renderer, "render", lambda view, **given: shadings.append(view.shading) or render(view, **given)
+    )
     renderer.images(("depth", "normal"), camera=CAMERA, shading="lambert+shadow")
     renderer.images(("depth", "alpha"), camera=CAMERA, shading="lambert+shadow")
     renderer.images(("depth", "rgb"), camera=CAMERA, shading="lambert+shadow")
