@@ -142,7 +142,7 @@ def test_images_have_views_and_cuts(cone, tmp_path):
         ("render", ("--frame", "bulk"), "auto, all"),
         ("render", ("--wireframe-width", 0), "above 0"),
         ("render", ("--wireframe-colour", "red"), "three finite numbers"),
-        ("render", ("--wireframe-colour", "2,0,0"), "from 0 and up to 1"),
+        ("render", ("--wireframe-colour", "2,0,0"), "wireframe_colour must be"),
         ("images", ("--side", "nowhere"), "front"),
         ("images", ("--camera-file", "camera.json", "--side", "top"), "--camera-file says all"),
         ("images", ("--side", "top", "--eye", "1,2,3"), "side"),
