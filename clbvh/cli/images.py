@@ -11,7 +11,7 @@ from ..choices import DEFAULT_CHANNELS
 from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
-from .tables import make_table, print_notes, print_report
+from .tables import make_table, print_report
 
 _WITHOUT = "aperture", "focus_distance", "transparent"
 
@@ -71,9 +71,8 @@ def images(
     write_s = progress.spent_s - made_s
     # The least and the greatest value of the hits.
     limits = {name: find_limits(name, array) for name, array in made.items()}
-    table = make_table("channel", "least", "greatest", numbers=("least", "greatest"))
-    for name, pair in limits.items():
-        table.add_row(name, *(("no values",) if pair is None else (f"{value:,.6g}" for value in pair)))
+    rows = ((name, *((f"{value:,.6g}" for value in pair) if pair else ("no values",))) for name, pair in limits.items())
+    table = make_table(("channel", "least", "greatest"), rows, numbers=("least", "greatest"))
     report = {
         "width": made.width,
         "height": made.height,
@@ -82,5 +81,4 @@ def images(
         "timings_ms": {"images": made_s * 1e3, "write": write_s * 1e3},
     }
     line = f"{made.width} x {made.height}, {made_s:.2f} s, written in {write_s:.2f} s"
-    print_report(report, table, line, as_json=as_json)
-    print_notes(progress.notes)
+    print_report(report, table, line, as_json=as_json, notes=progress.notes)

@@ -14,7 +14,7 @@ from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
 from .signals import calling_on_interrupt
-from .tables import describe_count, describe_scene, join_facts, make_facts, make_times, print_notes, print_report
+from .tables import describe_count, describe_scene, join_facts, make_facts, make_times, print_report
 
 if TYPE_CHECKING:
     from ..rendering.picture import Picture
@@ -68,10 +68,8 @@ def render(
     report["timings_ms"]["write"] = _write(picture, output, hits, heatmap)
     # The cache has a row where it was used.
     times = (row for row in report["timings_ms"].items() if row[0] != "cache" or row[1])
-    print_report(report, _make_facts(report), make_times(times), as_json=as_json)
-    print_notes(picture.notes)
-    if not report["hits"]:
-        print_notes(["no ray hits anything: the picture shows the background only"])
+    empty = () if report["hits"] else ("no ray hits anything: the picture shows the background only",)
+    print_report(report, _make_facts(report), make_times(times), as_json=as_json, notes=(*picture.notes, *empty))
 
 
 def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str | None) -> float:

@@ -6,7 +6,7 @@ from ..choices import SHEET_HEIGHT, SHEET_WIDTH
 from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
-from .tables import print_notes, print_report
+from .tables import print_report
 
 _WITHOUT = (*options.POSE, *options.LENS, "transparent")
 _SHOWN = {"width": f"{SHEET_WIDTH}, of each view", "height": f"{SHEET_HEIGHT}, of each view", "ground": "none"}
@@ -43,5 +43,4 @@ def sheet(
         "files": output,
         "timings_ms": {"total": progress.spent_s * 1e3},
     }
-    print_report(report, "\n".join(f"{path}: {facts}" for path in output), as_json=as_json)
-    print_notes(progress.notes)
+    print_report(report, "\n".join(f"{path}: {facts}" for path in output), as_json=as_json, notes=progress.notes)

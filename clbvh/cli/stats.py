@@ -16,6 +16,8 @@ from . import options
 from .tables import describe_count, describe_scene, join_facts, make_facts, make_table, make_times, print_report
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ..bvh import Bvh
     from ..geometry import Mesh
     from ..rendering.scene_stats import SceneStats
@@ -32,6 +34,9 @@ _BAR_CELLS = 40
 
 # Most geometries of a scene that the table shows.
 _MOST_GEOMETRIES = 40
+
+# Of a ray, as means.
+_COUNTS = "node_steps", "leaf_visits", "triangle_tests", "tests"
 
 _EXACT_HELP = "Measure the end-point overlap on all triangles, not on at most 200,000."
 _PLOT_HELP = "Draw the histograms of leaf sizes and depths."
@@ -115,10 +120,7 @@ def _measure_rays(bvh: Bvh, view: View) -> dict[str, dict[str, float]]:
         kind: {
             "rays": len(visited.prim_id),
             "hit": float((visited.prim_id >= 0).mean()) if len(visited.prim_id) else 0.0,
-            "node_steps": visited.node_steps_per_ray,
-            "leaf_visits": visited.leaf_visits_per_ray,
-            "triangle_tests": visited.triangle_tests_per_ray,
-            "tests": visited.tests_per_ray,
+            **{name: getattr(visited, f"{name}_per_ray") for name in _COUNTS},
         }
         for kind, visited in visits.items()
     }
@@ -165,15 +167,17 @@ def _make_histogram(heading: str, counts: tuple[int, ...], total: int) -> Any:
 
     from ..stats.tree_stats import gather_bars
 
-    table = make_table(heading, "leaves", "", "", numbers=(heading, "leaves"))
     bars = gather_bars(counts, _MOST_ROWS)
     highest = max(bar.count for bar in bars)
     sign = "█" if Console().encoding.startswith("utf") else "#"
-    for bar in bars:
-        # A bar that is not empty has at least one cell.
-        cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
-        table.add_row(bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", sign * cells)
-    return table
+
+    def list_rows() -> Iterator[tuple[str, ...]]:
+        for bar in bars:
+            # A bar that is not empty has at least one cell.
+            cells = max(round(_BAR_CELLS * bar.count / highest), bar.count > 0)
+            yield bar.label, f"{bar.count:,}", f"{100 * bar.count / total:.1f} %", sign * cells
+
+    return make_table((heading, "leaves", "", ""), list_rows(), numbers=(heading, "leaves"))
 
 
 def _report_build(wanted: TreeOptions, workers: int, watch: Stopwatch) -> dict[str, Any]:
@@ -251,18 +255,19 @@ def _make_geometry_table(measured: SceneStats) -> Any:
     """Return one row for each geometry; in a scene of very many, for each of the largest ones."""
     from rich.markup import escape
 
-    numbers = "primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"
-    table = make_table("geometry", *numbers, numbers=numbers)
     largest = sorted(measured.geometries, key=lambda geometry: -geometry.prim_count)[:_MOST_GEOMETRIES]
-    for geometry in measured.geometries:
-        if geometry in largest:
-            table.add_row(
-                escape(geometry.name),
-                f"{geometry.prim_count:,} {geometry.kind}",
-                f"{geometry.instance_count:,}",
-                f"{geometry.node_count:,}",
-                f"{geometry.depth}",
-                f"{geometry.sah_cost:.3f}",
-                f"{geometry.device_bytes['bvh2'] / _MIB:,.2f} MiB",
-            )
-    return table
+    rows = (
+        (
+            escape(geometry.name),
+            f"{geometry.prim_count:,} {geometry.kind}",
+            f"{geometry.instance_count:,}",
+            f"{geometry.node_count:,}",
+            f"{geometry.depth}",
+            f"{geometry.sah_cost:.3f}",
+            f"{geometry.device_bytes['bvh2'] / _MIB:,.2f} MiB",
+        )
+        for geometry in measured.geometries
+        if geometry in largest
+    )
+    numbers = "primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"
+    return make_table(("geometry", *numbers), rows, numbers=numbers)

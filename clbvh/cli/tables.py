@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
 # Of the rows in tables of times, whatever the verb.
 _PHASES = {
@@ -33,12 +33,13 @@ def print_json(report: dict[str, Any]) -> None:
     print(json.dumps(report, indent=2, default=str))
 
 
-def print_report(report: dict[str, Any], *shown: Any, as_json: bool) -> None:
-    """Print a report: as one JSON object, or as the tables and lines that are shown to readers."""
+def print_report(report: dict[str, Any], *shown: Any, as_json: bool, notes: Iterable[str] = ()) -> None:
+    """Print a report: as one JSON object, or as the tables and lines that are shown to readers; and then notes."""
     if as_json:
         print_json(report)
     else:
         print_tables(*shown)
+    print_notes(notes)
 
 
 def print_tables(*shown: Any) -> None:
@@ -70,23 +71,22 @@ def make_facts(facts: Mapping[str, str]) -> Any:
     return table
 
 
-def make_table(*headings: str, numbers: Collection[str] = ()) -> Any:
-    """Return an empty table; the columns of some headings have numbers, which stand to the right."""
+def make_table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[str] = ()) -> Any:
+    """Return a table; the columns of some headings have numbers, which stand to the right. The total is bold."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for heading in headings:
         table.add_column(heading, justify="right" if heading in numbers else "left")
+    for row in rows:
+        table.add_row(*row, style="bold" if row[0] == "total" else "")
     return table
 
 
 def make_times(phases_ms: Iterable[tuple[str, float]]) -> Any:
-    """Return a table of phases, their milliseconds, and their descriptions; the total is bold."""
-    times = make_table("phase", "ms", "", numbers=["ms"])
-    for phase, ms in phases_ms:
-        text = f"[dim]{_PHASES.get(phase, '')}[/dim]"
-        times.add_row(phase, f"{ms:,.1f}", text, style="bold" if phase == "total" else "")
-    return times
+    """Return a table of phases, their milliseconds, and their descriptions."""
+    rows = ((phase, f"{ms:,.1f}", f"[dim]{_PHASES.get(phase, '')}[/dim]") for phase, ms in phases_ms)
+    return make_table(("phase", "ms", ""), rows, numbers=["ms"])
 
 
 def join_facts(*facts: str) -> str:

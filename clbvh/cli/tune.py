@@ -54,10 +54,8 @@ def tune(
 
 
 def _print_trials(info: DeviceInfo, settings: Settings, trials: list[Trial], path: Path) -> None:
-    table = make_table("", "", "ms", "", numbers=["ms"])
-    for trial in trials:
-        mark = "taken" if trial.is_best else ""
-        table.add_row(trial.what, trial.choice, f"{trial.ms:,.1f}", mark, style="bold" if trial.is_best else "")
+    listed = ((trial.what, trial.choice, f"{trial.ms:,.1f}", "taken" if trial.is_best else "") for trial in trials)
+    table = make_table(("", "", "ms", ""), listed, numbers=["ms"])
     columns, rows = settings.tile
     taken = f"{settings.layout}, work-groups of {settings.work_group_size} rays, tiles of {columns} x {rows} pixels"
     facts = {"device": str(info), "driver": info.driver_version, "kept": str(path), "taken": taken}

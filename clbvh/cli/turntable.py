@@ -11,7 +11,7 @@ from ..choices import DEFAULT_FRAME_RATE, DEFAULT_FRAMES
 from ..rendering.options import RenderOptions
 from . import options
 from .progress import Progress
-from .tables import print_notes, print_report
+from .tables import print_report
 
 _WITHOUT = (*options.POSE, "transparent")
 
@@ -57,5 +57,4 @@ def turntable(
         f"{output}: {frames:,} frames of {seen.width} x {seen.height}, {frames / frame_rate:,.1f} s, "
         f"{size / 1e6:,.1f} MB, made in {spent_s:,.1f} s"
     )
-    print_report(report, line, as_json=as_json)
-    print_notes(progress.notes)
+    print_report(report, line, as_json=as_json, notes=progress.notes)

@@ -39,9 +39,8 @@ def warmup(
                 steps.append({"device": info.name, "what": what, "ms": (time.perf_counter() - begin) * 1e3})
     total_ms = sum(step["ms"] for step in steps)
     report = {"devices": [info.name for info in devices], "steps": steps, "total_ms": total_ms}
-    table = make_table("work", "ms", "device", numbers=["ms"])
-    for step in [*steps, {"what": "total", "ms": total_ms, "device": ""}]:
-        table.add_row(step["what"], f"{step['ms']:,.1f}", step["device"])
+    rows = [(step["what"], f"{step['ms']:,.1f}", step["device"]) for step in steps]
+    table = make_table(("work", "ms", "device"), [*rows, ("total", f"{total_ms:,.1f}", "")], numbers=["ms"])
     print_report(report, table, as_json=as_json)
 
 

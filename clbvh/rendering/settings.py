@@ -38,6 +38,8 @@ class Kind:
         As the command line's help shows a value; empty: by `option`.
     members : type, or None
         The dataclass of a group, whose members are settings, too.
+    takes_arrays : bool
+        Whether `read` gets arrays of numpy as they are, which may be large; otherwise they become tuples.
     """
 
     text: str
@@ -45,11 +47,12 @@ class Kind:
     option: type = str
     metavar: str = ""
     members: type | None = None
+    takes_arrays: bool = False
 
     def take(self, name: str, value: Any, or_none: str = "") -> Any:
         """Return the value that is kept; raise a `SceneError` that begins with the name for any other one."""
         try:
-            return self.read(_as_python(value))
+            return self.read(value if self.takes_arrays else _as_python(value))
         except SceneError as error:
             if isinstance(value, Mapping):  # the settings of a group
                 raise SceneError(f"{name}: {error}") from None

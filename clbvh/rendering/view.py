@@ -294,8 +294,10 @@ class View:
     )  # fmt: skip
     environment: EnvironmentMap | None = setting(
         None, "Light from a panorama, .hdr or .exr, in path.",
-        Kind("the path of an .hdr or .exr file, or an (h, w, 3) array", _read_environment, metavar="FILE"), LIGHT,
-        shown="the background",
+        Kind(
+            "the path of an .hdr or .exr file, or an (h, w, 3) array", _read_environment, metavar="FILE",
+            takes_arrays=True,
+        ), LIGHT, shown="the background",
     )  # fmt: skip
     environment_rotation: float = setting(0.0, "Degrees by which it is turned about up.", number(), LIGHT)
     environment_strength: float = setting(1.0, "Factor of its light.", number(0, _MAX_STRENGTH), LIGHT)

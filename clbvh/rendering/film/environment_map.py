@@ -58,8 +58,7 @@ class EnvironmentMap:
     >>> import numpy as np
     >>> sky = np.zeros((32, 64, 3))
     >>> sky[:16] = (0.6, 0.7, 1.0)
-    >>> scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=320), shading="path", environment=sky)
-    >>> scene.environment
+    >>> clbvh.View(shading="path", environment=sky).environment
     EnvironmentMap(64 x 32)
     """
 

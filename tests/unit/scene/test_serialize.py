@@ -23,7 +23,7 @@ ALL_BITS = 2**32 - 1
 
 
 def make_scene():
-    scene = clbvh.Scene(MESH, width=321, light=clbvh.Light(direction=(0, 1, 0)), background=(0, 0.5, 1))
+    scene = clbvh.Scene(MESH)
     dots = scene.add(DOTS, name="Sterne ★")
     scene.place(dots, clbvh.Transform(scale=3, rotate=(1, 2, 3), translate=(1e7, 0, -0.0)), mask=5, colour=(1, 0, 0.5))
     scene.place(dots, np.diag([-1e-30, 1, 1, 1]))
@@ -95,8 +95,6 @@ class TestRoundTrip:
         assert [instance.mask for instance in loaded.instances] == [ALL_BITS, 5, ALL_BITS]
         assert [instance.colour for instance in loaded.instances] == [None, (1, 0, 0.5), None]
         assert loaded.find("Sterne ★").geometry.name == "Sterne ★"
-        for name in ("transform", "eye", "look_at", "up", "fov", "light", "shading", "surface", "background", "width"):
-            assert getattr(loaded, name) == getattr(scene, name)
 
     def test_it_is_saved_as_the_same_file(self, path, tmp_path):
         clbvh.Scene.load(path).save(tmp_path / "b.scene")
@@ -109,45 +107,8 @@ class TestRoundTrip:
         assert loaded.snapshot().instance_count == 4
 
     def test_an_empty_scene(self, tmp_path):
-        clbvh.Scene(fov=20).save(tmp_path / "a.scene")
-        loaded = clbvh.Scene.load(tmp_path / "a.scene")
-        assert loaded == clbvh.Scene(fov=20)
-        assert loaded.is_empty
-        assert loaded.mesh is None
-
-    def test_a_scene_of_one_mesh_is_one_again(self, tmp_path):
-        transform = clbvh.Transform(scale=3)
-        scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), transform=transform)
-        scene.save(tmp_path / "a.scene")
-        loaded = clbvh.Scene.load(tmp_path / "a.scene")
-        same(scene, loaded)
-        assert loaded.only_mesh().load() is loaded.geometries[0].shape
-        assert loaded.transform == transform
-        assert loaded.with_changes(transform=clbvh.Transform()).snapshot().is_one_mesh
-
-    def test_numbers_of_numpy_are_settings(self, tmp_path):
-        scene = clbvh.Scene(
-            MESH, eye=np.array([1, 2, 3]), width=np.int32(50), fov=np.float32(30), background=np.array([0.5, 0, 1])
-        )
-        scene.save(tmp_path / "a.scene")
-        loaded = clbvh.Scene.load(tmp_path / "a.scene")
-        assert loaded.eye == (1, 2, 3)
-        assert (loaded.width, loaded.fov) == (50, 30)
-        assert loaded.background == ((0.5, 0, 1), (0.5, 0, 1))
-
-    @pytest.mark.parametrize(
-        "settings",
-        [
-            {"projection": clbvh.Orthographic()},
-            {"projection": clbvh.Orthographic(2.5), "aperture": 0.1, "focus_distance": 3.0},
-            {"projection": clbvh.Fisheye(200)},
-            {"projection": clbvh.Panorama()},
-            {"aperture": 0.1, "focus_distance": 1e9},
-        ],
-    )
-    def test_cameras_of_all_kinds_come_back(self, tmp_path, settings):
-        clbvh.Scene(**settings).save(tmp_path / "a.scene")
-        assert clbvh.Scene.load(tmp_path / "a.scene") == clbvh.Scene(**settings)
+        clbvh.Scene().save(tmp_path / "a.scene")
+        assert clbvh.Scene.load(tmp_path / "a.scene").is_empty
 
     @pytest.mark.parametrize("count", [1000])
     def test_many_instances(self, tmp_path, count):
@@ -292,30 +253,6 @@ class TestForgedText:
             (["instances", "names", 0], {}, "must be a text"),
             (["settings"], MISSING, "no 'settings'"),
             (["settings"], [], "wrong 'settings'"),
-            (["settings", "mesh"], MISSING, "no 'mesh'"),
-            (["settings", "mesh"], 1, "wrong 'mesh'"),
-            (["settings", "light"], 1, "wrong 'light'"),
-            (["settings", "light", "spin"], 1, "has no setting 'spin'"),
-            (["settings", "light", "sky"], [10**400, 0, 0], "sky must be three finite"),
-            (["settings", "light", "direction"], {"x": 1}, "direction must be three finite"),
-            (["settings", "transform", "scale"], 10**400, "."),
-            (["settings", "transform", "scale"], None, "scale"),
-            (["settings", "spin"], 1, "has no setting 'spin'"),
-            (["settings", "_store"], None, "has no setting '_store'"),
-            (["settings", "width"], 10**9, "width must be"),
-            (["settings", "width"], None, "width must be"),
-            (["settings", "fov"], "wide", "fov"),
-            (["settings", "projection"], {"kind": "fisheye"}, "projection must be a clbvh.Orthographic"),
-            (["settings", "projection"], "circle", "projection must be one of"),
-            (["settings", "projection"], "fisheye:", "projection must be a number"),
-            (["settings", "projection"], "fisheye:361", "angle of a fisheye"),
-            (["settings", "projection"], "panorama:1", "panorama has no value"),
-            (["settings", "aperture"], 10**400, "aperture must be"),
-            (["settings", "focus_distance"], "near", "focus_distance must be"),
-            (["settings", "shading"], {}, "shading must be"),
-            (["settings", "eye"], [[1], 2, 3], "eye must be"),
-            (["settings", "background"], 5, "background"),
-            (["settings", "background"], {"a": 1, "b": 2}, "background"),
         ],
     )
     def test_it_is_refused_by_its_fault(self, path, content, keys, value, message):
@@ -362,7 +299,6 @@ class TestForgedArrays:
             (COLOURS_AT + 24, struct.pack("<d", np.inf), "the colour of instance 1 is not"),
             (IDS_AT, struct.pack("<i", 2), "instance 0 is of geometry 2, but it has 2"),
             (IDS_AT + 8, struct.pack("<i", -1), "instance 2 is of geometry -1, but it has 2"),
-            (IDS_AT, struct.pack("<i", 1), "instance 0 does not place it"),
         ],
     )
     def test_they_are_refused_by_their_fault(self, path, content, at, number, message):
@@ -370,14 +306,6 @@ class TestForgedArrays:
         forged = bytearray(data)
         forged[at : at + len(number)] = number
         assert message in refused(path, forge(document, bytes(forged)))
-
-    def test_a_first_mesh_that_is_none_is_refused(self, path, tmp_path):
-        scene = clbvh.Scene()
-        scene.place(scene.add(DOTS))
-        scene.save(path)
-        document, data = split(path.read_bytes())
-        document["settings"]["mesh"] = True
-        assert "geometry 0 is no mesh" in refused(path, forge(document, data))
 
 
 def scramble(rng, text, data):

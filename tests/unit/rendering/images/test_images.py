@@ -34,7 +34,6 @@ ALL = (
 @pytest.fixture(scope="module")
 def scene():
     scene = Scene()
-    view = clbvh.View(width=WIDTH, height=HEIGHT, shading="lambert")
     ball = scene.add(Spheres([[9, 9, 9], [0, 0, 0]], [0.01, 1.0]), name="ball")
     scene.place(ball, name="large")
     scene.place(ball, Transform(scale=RADII[1], translate=tuple(CENTRES[1])), name="small")
@@ -44,7 +43,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def renderer(scene):
-    with clbvh.Renderer(scene) as opened:
+    with clbvh.Renderer(scene, shading="lambert") as opened:
         yield opened
 
 
@@ -273,7 +272,8 @@ class TestMotion:
     @pytest.mark.parametrize("scaled", [False, True])
     def test_one_mesh_moves_from_where_its_scene_has_it(self, scaled):
         first = Transform(scale=2.0, translate=(1, 0, 0)) if scaled else Transform()
-        scene = Scene(clbvh.make_shape("icosphere", triangles=320), transform=first)
+        scene = Scene()
+        scene.place(scene.add(clbvh.make_shape("icosphere", triangles=320)), first)
         second = Transform(scale=first.scale, translate=tuple(np.add(first.translate, (0, 0.1, 0))))
         camera = Camera(eye=(1, 0, 9), look_at=(1, 0, 0), fov=50)
         images = clbvh.render_images(
@@ -286,10 +286,9 @@ class TestMotion:
 
     def test_an_instance_that_came_later_is_refused(self):
         scene = Scene()
-        view = clbvh.View(width=8, height=6)
         ball = scene.add(Spheres([[0, 0, 0]], 1.0))
         scene.place(ball)
-        with clbvh.Renderer(scene, view) as renderer:
+        with clbvh.Renderer(scene, width=8, height=6) as renderer:
             late = scene.place(ball, Transform(translate=(3, 0, 0)))
             with pytest.raises(SceneError, match="instance"):
                 renderer.images("motion", next_transforms={late: np.eye(4)})
@@ -379,15 +378,16 @@ def test_other_channels_are_refused(renderer, channels):
 def test_geometry_alone_casts_no_ray_to_the_light(renderer, monkeypatch):
     shadings = []
     render = renderer.render
-    monkeypatch.setattr(renderer, "render", lambda **given: shadings.append(given["shading"]) or render(**given))
+    monkeypatch.setattr(
+        renderer, "render", lambda view, **given: shadings.append(view.shading) or render(view, **given)
+    )
     renderer.images(("depth", "normal"), camera=CAMERA, shading="lambert+shadow")
     renderer.images(("depth", "alpha"), camera=CAMERA, shading="lambert+shadow")
     renderer.images(("depth", "rgb"), camera=CAMERA, shading="lambert+shadow")
     assert shadings == ["normal", "lambert+shadow", "lambert+shadow"]
 
 
-def test_geometry_of_a_scene_with_many_samples_takes_one():
+def test_geometry_of_a_view_with_many_samples_takes_one():
     ball = clbvh.make_shape("icosphere", triangles=80)
-    with clbvh.Renderer(ball) as renderer:
-        renderer.scene = renderer.scene.with_changes(shading="studio", samples=64)
-        assert np.isfinite(renderer.images("depth", width=8, height=8)["depth"]).any()
+    images = clbvh.render_images(ball, "depth", shading="studio", samples=64, width=8, height=8)
+    assert np.isfinite(images["depth"]).any()
