@@ -98,7 +98,6 @@ def to_scene(stage: Stage) -> Any:
     import clbvh
 
     scene = clbvh.Scene()
-    view = clbvh.View(eye=stage.eye, look_at=stage.look_at, fov=stage.fov, width=stage.side, height=stage.side, shading="path", background=(stage.sky,) * 3, light=clbvh.Light(colour=(0, 0, 0)), smooth=0.0, max_bounces=BOUNCES)  # fmt: skip
     for part in stage.parts:
         material = clbvh.Material(base_colour=part.base_colour, roughness=1, ior=1.0, emission=part.emission)
         scene.place(scene.add((part.vertices, part.faces)), material=material)
@@ -121,12 +120,15 @@ def serve_ours(stage: Stage) -> Tasks:
     """Draw by our shading `path`."""
     import clbvh
 
-    renderer = clbvh.Renderer(to_scene(stage))
+    view = clbvh.View(
+        eye=stage.eye, look_at=stage.look_at, up="y", fov=stage.fov, width=stage.side, height=stage.side,
+        shading="path", max_bounces=BOUNCES, smooth=0.0, background=(stage.sky,) * 3,
+        light=clbvh.Light(colour=(0, 0, 0)),
+    )  # fmt: skip
+    renderer = clbvh.Renderer(to_scene(stage), view)
 
     def draw(samples: int, seed: int) -> Array:
-        # The seed belongs to the scene, whose trees and kernels stay.
-        renderer.scene = renderer.scene.with_changes(seed=seed)
-        return renderer.render(samples=samples, keeps_film=True).film[..., :3]
+        return renderer.render(samples=samples, seed=seed, keeps_film=True).film[..., :3]
 
     return time_pictures(draw)
 

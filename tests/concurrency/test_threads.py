@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from clbvh import RenderOptions, Scene, SubtreePool, Tracer, build, make_shape, render
+from clbvh import RenderOptions, Scene, SubtreePool, Tracer, View, build, make_shape, render
 from clbvh.builders.processes.pool import open_executor
 from clbvh.device.session import DeviceSession
 from clbvh.errors import PoolError, QueryError
@@ -248,8 +248,7 @@ class TestPool:
 
 
 def test_pictures_of_several_threads_have_the_bytes_of_one():
-    scene = Scene(clbvh.make_shape("knot", triangles=2000))
-    view = clbvh.View(width=120, height=90)
+    scene, view = Scene(make_shape("knot", triangles=2000)), View(width=120, height=90)
     options = [RenderOptions(layout=layout) for layout in ("bvh2", "bvh8")]
     expected = [render(scene, view, option) for option in options]
     pictures = run_in_threads(*(lambda option=option: render(scene, view, option) for option in options * 3))

@@ -40,7 +40,7 @@ class TestOrbit:
         "degrees", [pytest.param(TOO_LONG, id="10**400"), math.inf, np.float32(np.inf), math.nan, True, "90", None]
     )
     def test_no_number_of_degrees(self, degrees):
-        with pytest.raises(SceneError, match="degrees .* must be a finite number"):
+        with pytest.raises(SceneError, match=r"degrees .* must be a finite number"):
             CAMERA.orbit(degrees)
 
 

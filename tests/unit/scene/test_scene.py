@@ -107,9 +107,7 @@ class TestAdd:
     @pytest.mark.parametrize("source", [None, 5, [], trimesh.PointCloud([[0, 0, 0]]), clbvh.Mesh])
     def test_anything_else_is_refused(self, source):
         scene = clbvh.Scene()
-        with pytest.raises(
-            MeshError, match=r"expected clbvh\.Spheres, a trimesh\.Scene, a clbvh\.Mesh"
-        ):
+        with pytest.raises(MeshError, match=r"expected clbvh\.Spheres, a trimesh\.Scene, a clbvh\.Mesh"):
             scene.add(source)
         assert scene.geometries == ()
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import Scene, Tracer, build
+from clbvh import Tracer, View, build
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, DeviceMemoryError
 from clbvh.rendering.band_painters import OneRayPainter
+from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.frame import FrameRenderer
+from clbvh.rendering.kernel_view import make_kernel_view
+from clbvh.rendering.view_finder import ViewFinder
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import MOST_HALVINGS
 
@@ -92,8 +95,8 @@ def test_other_errors_of_a_device_are_not_tried_again(mesh, rays, session, monke
 def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
     with DeviceSession(session.info) as opened:
         tree = DeviceTree(opened, mesh, build(mesh))
-        scene = Scene(mesh=clbvh.make_shape("knot", triangles=100_000), width=64, height=48, shading="lambert+shadow")
-        view = make_view(scene, scene.camera(mesh), mesh)
+        settings = View(width=64, height=48, shading="lambert+shadow", up="y")
+        view = make_kernel_view(settings, ViewFinder(SceneBounds.of_mesh(mesh)).camera(settings), mesh)
         painter = OneRayPainter(opened, tree)
         renderer = FrameRenderer(opened, tree)
         expected = renderer.render(view, painter)
