@@ -123,7 +123,8 @@ class World:
         """Where everything is."""
         if self.mesh is not None:
             return SceneBounds.of_mesh(self.mesh)
-        return SceneBounds(self.state.shapes, self.state.geometry_ids, self.state.transforms)
+        with np.errstate(over="ignore", invalid="ignore"):  # `put` refuses objects that float64 has no room for
+            return SceneBounds(self.state.shapes, self.state.geometry_ids, self.state.transforms)
 
     @property
     def space(self) -> Mesh:

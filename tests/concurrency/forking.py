@@ -46,7 +46,7 @@ class Parent:
         self.object = self.objects.add(self.mesh)
         self.places = np.stack([np.eye(4), clbvh.Transform(translate=(3, 0, 0)).matrix])
         self.objects.place_many(self.object, self.places)
-        self.scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), width=8, height=8)
+        self.scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80))
 
     def use(self):
         """Open a tracer, and start threads and workers."""
@@ -55,7 +55,7 @@ class Parent:
         self.moving = clbvh.Tracer(self.objects)
         self.move()
         self.deform()
-        self.renderer = clbvh.Renderer(self.scene)
+        self.renderer = clbvh.Renderer(self.scene, width=8, height=8)
         self.picture = self.renderer.render()
         self.hits = self.tracer.closest_hit(*np.random.default_rng(0).normal(size=(2, MANY, 3)))
         self.hits.locations.sum()
@@ -171,7 +171,7 @@ def main():
         "own tracer": parent.open_and_query,
         "times": lambda: parent.tracer.timings_ms,
         "devices": lambda: [str(device) for device in clbvh.list_devices()],
-        "render": lambda: clbvh.render(parent.scene).hits.count,
+        "render": lambda: clbvh.render(parent.scene, width=8, height=8).hits.count,
         "renderer": lambda: parent.renderer.render().hits.count,
         "picture of before": lambda: [parent.picture.hits.count, len(parent.picture._repr_png_()) > 0],
         "trimesh": lambda: parent.box.intersects_any([[0, 0, 5]], [[0, 0, -1]]).tolist(),
