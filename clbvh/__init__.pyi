@@ -41,13 +41,12 @@ from .rendering.cameras.lens import Lens as Lens
 from .rendering.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
 from .rendering.contact_sheet import ContactSheet as ContactSheet, contact_sheet as contact_sheet
 from .rendering.cut import Cut as Cut
-from .rendering.film.environment_map import EnvironmentMap as EnvironmentMap
-from .rendering.images.images import Images as Images
+from .rendering.environment_map import EnvironmentMap as EnvironmentMap
+from .rendering.images import Images as Images
 from .rendering.open_scene import SceneLike as SceneLike, open_scene as open_scene
 from .rendering.options import RenderOptions as RenderOptions
 from .rendering.picture import Picture as Picture
-from .rendering.render import render as render, render_images as render_images
-from .rendering.renderer import Renderer as Renderer
+from .rendering.renderer import Renderer as Renderer, render as render, render_images as render_images
 from .rendering.scene_file import save_scene as save_scene
 from .rendering.settings import Vector as Vector
 from .rendering.turntable import render_turntable as render_turntable

@@ -46,9 +46,9 @@ def images(
 ) -> None:
     """Write what each pixel sees: depth, normals, positions, ids, texture coordinates, motion."""
     from ..errors import ConfigError
-    from ..rendering.images.channels import check_channels, find_limits
-    from ..rendering.images.files import FILES_SUFFIXES, check_images_path, read_camera
-    from ..rendering.render import render_images
+    from ..rendering.channels import check_channels, find_limits
+    from ..rendering.images import FILES_SUFFIXES, check_images_path, read_camera
+    from ..rendering.renderer import render_images
 
     # All input is checked before any work.
     words = DEFAULT_CHANNELS if channels is None else channels.split(",")

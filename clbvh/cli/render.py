@@ -40,7 +40,7 @@ def render(
     """Render meshes or a scene."""
     from ..errors import ConfigError
     from ..rendering.image_files import check_has_alpha, check_hits_path, check_picture_path
-    from ..rendering.render import render as draw
+    from ..rendering.renderer import render as draw
 
     # All input is checked before any work.
     for path in output:

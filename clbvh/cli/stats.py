@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from ..bvh import Bvh
     from ..geometry import Mesh
-    from ..rendering.scene_stats import SceneStats
     from ..rendering.view import View
     from ..scene.state import SceneState
     from ..stats import TreeStats
@@ -231,42 +230,45 @@ def _show_scene_stats(state: SceneState, wanted: TreeOptions, watch: Stopwatch, 
     measured = measure_scene(state, build_tree, traversal_cost=wanted.build.traversal_cost)
     watch.lap("measure")
     build = _report_build(wanted, workers, watch)
-    top = measured.top
-    has_more = len(measured.geometries) > _MOST_GEOMETRIES
+    top, geometries = measured["instances"], measured["geometries"]
+    has_more = len(geometries) > _MOST_GEOMETRIES
     facts = {
-        "scene": describe_scene(top.instance_count, len(measured.geometries), measured.prim_count),
-        "size": _format_size([upper - lower for lower, upper in zip(measured.lower, measured.upper, strict=True)]),
+        "scene": describe_scene(top["instance_count"], len(geometries), measured["prim_count"]),
+        "size": _format_size(
+            [upper - lower for lower, upper in zip(measured["lower"], measured["upper"], strict=True)]
+        ),
         "built by": _describe_builder(build),
-        **{f"as {layout}": f"{_format_mib(size)}, both levels" for layout, size in measured.device_bytes.items()},
+        **{f"as {layout}": f"{_format_mib(size)}, both levels" for layout, size in measured["device_bytes"].items()},
         "below": f"the {_MOST_GEOMETRIES} largest geometries; --json has all of them" if has_more else "",
     }
     of_top = {
-        "instances": f"{top.instance_count:,}, in a tree of {top.node_count:,} nodes",
-        "depth": f"{top.depth}",
-        "SAH cost": f"{top.sah_cost:.3f}, where entering an instance costs 1",
-        "on the device": f"{top.device_bytes / _MIB:,.2f} MiB, {top.device_bytes_per_instance:.1f} bytes an instance",
+        "instances": f"{top['instance_count']:,}, in a tree of {top['node_count']:,} nodes",
+        "depth": f"{top['depth']}",
+        "SAH cost": f"{top['sah_cost']:.3f}, where entering an instance costs 1",
+        "on the device": f"{top['device_bytes'] / _MIB:,.2f} MiB, "
+        f"{top['device_bytes_per_instance']:.1f} bytes an instance",
     }
-    report = {"scene": measured.as_dict(), "build": build}
-    tables = make_facts(facts), _make_geometry_table(measured), make_facts(of_top), _make_times(build)
+    report = {"scene": measured, "build": build}
+    tables = make_facts(facts), _make_geometry_table(geometries), make_facts(of_top), _make_times(build)
     print_report(report, *tables, as_json=as_json)
 
 
-def _make_geometry_table(measured: SceneStats) -> Any:
+def _make_geometry_table(geometries: list[dict[str, Any]]) -> Any:
     """Return one row for each geometry; in a scene of very many, for each of the largest ones."""
     from rich.markup import escape
 
-    largest = sorted(measured.geometries, key=lambda geometry: -geometry.prim_count)[:_MOST_GEOMETRIES]
+    largest = sorted(geometries, key=lambda geometry: -geometry["prim_count"])[:_MOST_GEOMETRIES]
     rows = (
         (
-            escape(geometry.name),
-            f"{geometry.prim_count:,} {geometry.kind}",
-            f"{geometry.instance_count:,}",
-            f"{geometry.node_count:,}",
-            f"{geometry.depth}",
-            f"{geometry.sah_cost:.3f}",
-            f"{geometry.device_bytes['bvh2'] / _MIB:,.2f} MiB",
+            escape(geometry["name"]),
+            f"{geometry['prim_count']:,} {geometry['kind']}",
+            f"{geometry['instance_count']:,}",
+            f"{geometry['node_count']:,}",
+            f"{geometry['depth']}",
+            f"{geometry['sah_cost']:.3f}",
+            f"{geometry['device_bytes']['bvh2'] / _MIB:,.2f} MiB",
         )
-        for geometry in measured.geometries
+        for geometry in geometries
         if geometry in largest
     )
     numbers = "primitives", "instances", "nodes", "depth", "SAH cost", "as bvh2"

@@ -1,34 +1,416 @@
-"""The painters of one renderer: each shading is compiled, and surfaces get their looks, when first asked for."""
+"""Pictures of one tree or scene on the device, band by band, so that only the host's memory bounds their size.
+
+A painter fills a band: by one ray through the centre of each pixel, or by samples that are added up on a film. Each
+shading is compiled, and surfaces get their looks, when a picture first asks for them.
+"""
 
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import REPORT_SHADINGS
+from ..choices import REPORT_SHADINGS, SHADINGS
+from ..device.context import EventTimes
 from ..device.info import DeviceInfo
 from ..device.program import build_kernel
 from ..device.session import DeviceSession
+from ..errors import DeviceMemoryError, SceneError
+from ..structs import CELL_PIXELS, VIEW
 from ..support.host_threads import side_by_side
-from ..trace.traced_tree import TracedTree
-from .band_painters import DEVELOP, OneRayPainter, Progress, SamplePainter, SampleShading
-from .film.environment_map import EnvironmentMap, EnvironmentTables, make_environment_tables
-from .film.light_tables import LightTables, find_lights, make_light_tables
-from .film.look_tables import LookTables, has_cutouts, has_normal_maps, make_look_tables
-from .frame import Painter
+from ..support.memory import check_memory
+from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
+from ..trace.traced_tree import TracedTree, find_entry_points
+from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables
 from .view import View
 from .world import World
+
+# Pixels per band: 320 MiB of colours and hits on the device. A 4K picture is one band, unless its painter needs more
+# than 512 MiB for that.
+BAND_PIXELS = 2**24
+_PAINTER_BYTES = 2**29
+
+# Columns and rows that painters may have beside those of a band.
+_BORDER = 2
+
+_CHANNELS = 4
+
+# Of the host: the channels, and once more without the fourth.
+_COLOUR_BYTES = 2 * _CHANNELS - 1
+
+
+class Band(NamedTuple):
+    """Rows of a picture that are on the device together.
+
+    Attributes
+    ----------
+    memory : CallMemory
+        Of the picture.
+    width, height : int
+        Of the whole picture, in pixels.
+    first_row, row_count : int
+    view, colours, hits : buffer
+        The arguments of those names, see cl/kernels/render.cl.
+    """
+
+    memory: CallMemory
+    width: int
+    height: int
+    first_row: int
+    row_count: int
+    view: Any
+    colours: Any
+    hits: Any
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows of the band."""
+        return self.width, self.row_count
+
+    @property
+    def rows(self) -> dict[str, Any]:
+        """The arguments of every kernel that works on a band."""
+        return {"view": self.view, "first_row": np.int32(self.first_row), "row_count": np.int32(self.row_count)}
+
+    def run(self, kernel: Any, size: tuple[int, int], tile: tuple[int, int], **arguments: Any) -> None:
+        """Run a kernel in the queue of the picture."""
+        self.memory.session.run(kernel, size, tile, **arguments)
+
+    def take(self, name: str, size: int) -> Any:
+        """Return a buffer of so many bytes."""
+        return self.memory.buffer(name, for_mapping=False).take(size)
+
+
+class FrameRenderer:
+    """Renders pictures of one tree or scene, from any number of threads.
+
+    The memory of a picture on the device is kept for the next one.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Closed with the calls.
+    tree : DeviceTree or DeviceScene
+        In the same session.
+
+    Attributes
+    ----------
+    calls : RunningCalls
+        The pictures that are being rendered.
+    """
+
+    def __init__(self, session: DeviceSession, tree: TracedTree) -> None:
+        self.calls = RunningCalls(session, "renderer")
+        self._hit_dtype = tree.hit_dtype
+        self._band_pixels = session.fit_items(tree.hit_dtype.itemsize, BAND_PIXELS)
+
+    def render(
+        self, view: NDArray[np.void], painter: OneRayPainter | SamplePainter, times: EventTimes | None = None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.void]]:
+        """Return the colours and the hits of one view.
+
+        Parameters
+        ----------
+        view : (1,) `structs.VIEW`
+        painter : OneRayPainter or SamplePainter
+        times : EventTimes, optional
+            Collects the times of this picture's commands, instead of the session's.
+
+        Returns
+        -------
+        colours : (height, width, 4) uint8
+            Red, green, blue, and 255 where something is hit.
+        hits : (height, width) `structs.HIT` or `structs.SCENE_HIT`
+
+        Raises
+        ------
+        QueryError
+            The tree is no longer on the device.
+        DeviceError
+            The device fails, or this process was forked from one that has used OpenCL.
+        """
+        width, height = int(view["width"][0]), int(view["height"][0])
+        with MemoryLoan(self.calls) as loan:
+            memory = loan.memory
+            shared_times, memory.session.times = memory.session.times, times or memory.session.times
+            try:
+                pixel_bytes = _COLOUR_BYTES + self._hit_dtype.itemsize
+                check_memory(f"a picture of {width} x {height}", width * height * pixel_bytes, SceneError)
+                colours = np.empty((height, width, _CHANNELS), np.uint8)
+                hits = np.empty((height, width), self._hit_dtype)
+                row_bytes = max(1, painter.pixel_bytes) * (width + _BORDER)
+                fitting = memory.session.fit_items(row_bytes, _PAINTER_BYTES // row_bytes) - _BORDER
+                band_rows = min(height, max(1, min(self._band_pixels // width, fitting)))
+                while True:
+                    try:
+                        _render_bands(memory, view, painter, band_rows, colours, hits)
+                    except DeviceMemoryError:
+                        # Other programs and idle buffers of earlier pictures take memory of the device, too.
+                        if band_rows == 1:
+                            raise
+                        memory.release_buffers()
+                        self.calls.release_idle()
+                        band_rows //= 2
+                        self._band_pixels = band_rows * width
+                    else:
+                        return colours, hits
+            finally:
+                memory.session.times = shared_times
+
+
+def _render_bands(
+    memory: CallMemory, view: NDArray[np.void], painter: Any, band_rows: int, colours: NDArray[Any], hits: NDArray[Any]
+) -> None:
+    """Fill the colours and the hits, this many rows at a time."""
+    session, (height, width) = memory.session, hits.shape
+    sizes = {"view": VIEW.itemsize, "colours": band_rows * width * _CHANNELS, "hits": band_rows * width * hits.itemsize}
+    buffers = {name: memory.buffer(name, for_mapping=False).take(size) for name, size in sizes.items()}
+    session.write(buffers["view"], view)
+    for first_row in range(0, height, band_rows):
+        rows = slice(first_row, min(first_row + band_rows, height))
+        painter.paint(Band(memory, width, height, first_row, rows.stop - first_row, **buffers))
+        session.download(buffers["colours"], colours[rows])
+        session.download(buffers["hits"], hits[rows])
+
+
+# Those that a mesh without a scene, or a scene, has none of.
+_NONE: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
+
+# Macros of kernels for views without a cut and without lines.
+NO_PARTS = {"HAS_CUT": 0, "HAS_WIREFRAME": 0}
+
+# The arguments of rays that begin at the root.
+_AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
+
+
+class _ViewEntryPoints:
+    """Finds the entry points of a camera's rays, which are within a margin of pixels around each pixel's centre."""
+
+    def __init__(self, session: DeviceSession, tree: TracedTree, tile: tuple[int, int], margin: float) -> None:
+        self._tree, self._tile, self._margin = tree, tile, np.float32(margin)
+        self._kernel = build_kernel(session, "view_entry_points", tree.defines) if tree.has_entry_points else None
+
+    def find(self, band: Band) -> dict[str, Any]:
+        """Return the arguments of kernels that say where the rays of a band begin, by their names."""
+        if self._kernel is None:
+            return _AT_THE_ROOT
+        memory, has_instances = band.memory, self._tree.has_instances
+        others = {} if has_instances else {"top_nodes": None, "instances": None, "tiles": None}
+        return _AT_THE_ROOT | find_entry_points(
+            memory.session, self._tree, self._kernel, memory.buffer("entry points", for_mapping=False),
+            band.size, self._tile, margin=self._margin,
+            tile_buffer=memory.buffer("tiles", for_mapping=False) if has_instances else None,
+            **others, **band.rows,
+        )  # fmt: skip
+
+
+class OneRayPainter:
+    """Casts one ray for each pixel, and colours what it hits; see cl/kernels/render.cl.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : DeviceTree or DeviceScene
+    tile : (int, int), optional
+        Columns and rows of a work-group; by default those of the device's settings.
+    colours : (n, 3) float, optional
+        Linear colours of the instances; NaN, and by default: that of the view.
+    parts : mapping of str to int
+        Macros of the parts of the kernel that views need, as `NO_PARTS`.
+
+    Attributes
+    ----------
+    pixel_bytes : int
+        Bytes of the largest buffer for each pixel, beside those of the band.
+
+    Raises
+    ------
+    KernelBuildError
+        The device's compiler refuses the kernel.
+    """
+
+    pixel_bytes = 0
+
+    def __init__(
+        self,
+        session: DeviceSession,
+        tree: TracedTree,
+        tile: tuple[int, int] | None = None,
+        colours: NDArray[np.floating] | None = None,
+        parts: Mapping[str, int] = NO_PARTS,
+    ) -> None:
+        own = np.full((1, 3), np.nan) if colours is None else colours
+        has_own = ~np.isnan(own).any(axis=1, keepdims=True)
+        rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
+        self._arguments = _NONE | tree.arguments | {"instance_colours": session.upload(rows)}
+        self._tile = tile or session.settings.tile
+        self._kernel = build_kernel(session, "render", {**tree.defines, **parts})
+        self._entry_points = _ViewEntryPoints(session, tree, self._tile, 0.0)
+
+    def paint(self, band: Band) -> None:
+        """Fill the colours and the hits of a band."""
+        starts = self._entry_points.find(band)
+        outputs = {"colours": band.colours, "hits": band.hits}
+        band.run(self._kernel, band.size, self._tile, **self._arguments, **starts, **band.rows, **outputs)
+
+
+# The kernel that makes colours of the film; it knows no tree.
+_DEVELOP = "develop"
+
+_FILM_BYTES = 16  # four channels of float32
+
+# Time of one launch, at about which the next number of samples is chosen: a picture can be stopped between launches.
+_LAUNCH_S = 0.25
+
+# A launch takes a multiple of it, but for the last one: the samples of a pair share work, see cl/film/studio.cl.
+_LEAST_SAMPLES = 2
+
+# Pixels around the centre of a pixel in which its samples are, see cl/film/pixel.cl.
+_FILTER_RADIUS = 1.0
+
+# Arguments of `render_samples` that only paths have.
+_NO_LIGHTS: dict[str, Any] = dict.fromkeys(
+    ("lights", "light_choices", "environment", "environment_rows", "environment_columns")
+)
+
+
+@dataclass
+class Progress:
+    """How far a picture is, and whether it is to be stopped.
+
+    Attributes
+    ----------
+    samples : int
+        Of each pixel, to be taken.
+    time_limit_s : float
+        No further samples are begun after it; each pixel gets one at least. Bands share it by their rows.
+    on_samples : function
+        Called with the samples taken so far and those to be taken, summed over all pixels.
+    is_stopped : function
+        Asked after each launch; if it returns True, no further samples are taken.
+    taken : int
+        Samples of each pixel that were taken; of a picture in several bands, those of the band with the fewest.
+    film : (height, width, 4) float32, or None
+        Is filled with the means of the samples: linear red, green and blue, and the share that is covered.
+    """
+
+    samples: int
+    time_limit_s: float = np.inf
+    on_samples: Callable[[int, int], None] = lambda done, total: None
+    is_stopped: Callable[[], bool] = lambda: False
+    taken: int = 0
+    film: NDArray[np.float32] | None = None
+
+
+class _SampleShading:
+    """One of the shadings with samples, compiled for a tree or a scene.
+
+    Parameters
+    ----------
+    session : DeviceSession
+    tree : DeviceTree or DeviceScene
+    shading : str
+        ``"studio"``, ``"ao"`` or ``"path"``.
+    parts : mapping of str to int
+        Macros of the parts of the kernel that views need: those of `NO_PARTS`, and HAS_CUTOUTS, HAS_NORMAL_MAPS and
+        HAS_GROUND.
+
+    Attributes
+    ----------
+    join_cells : Kernel or None
+        Makes pixels of the film's cells; None where the film is one by pixels.
+    """
+
+    def __init__(self, session: DeviceSession, tree: TracedTree, shading: str, parts: Mapping[str, int]) -> None:
+        self.tile = session.settings.tile
+        self.arguments = _NONE | tree.arguments | _NO_LIGHTS
+        defines = {**tree.defines, "SHADING": SHADINGS[shading], **parts}
+        self.kernel = build_kernel(session, "render_samples", defines)
+        self.develop = build_kernel(session, _DEVELOP)
+        self.join_cells = build_kernel(session, "join_cells") if shading == "path" else None
+        self.entry_points = _ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
+
+
+@dataclass
+class SamplePainter:
+    """Takes the samples of one picture.
+
+    Attributes
+    ----------
+    shading : _SampleShading
+    progress : Progress
+    arguments : mapping of str to argument
+        The tables of cl/looks/, and those of the light and the environment of ``"path"``.
+    begin : float
+        When the time of `progress` begins.
+    """
+
+    shading: _SampleShading
+    progress: Progress
+    arguments: Mapping[str, Any]
+    begin: float = field(default_factory=lambda: time.perf_counter())
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of the largest buffer for each pixel, beside those of the band."""
+        return _FILM_BYTES * (CELL_PIXELS if self.shading.join_cells else 1)
+
+    def paint(self, band: Band) -> None:
+        """Fill the colours and the hits of a band."""
+        shading, size = self.shading, band.size
+        film = band.take("film", band.width * band.row_count * _FILM_BYTES)
+        arguments = {**shading.arguments, **self.arguments, **band.rows}
+        if shading.join_cells:
+            # Cells are not the tiles of pixels for which entry points are found: their rays begin at the root.
+            columns, rows = band.width + _BORDER, band.row_count + _BORDER
+            cells = band.take("cells", CELL_PIXELS * columns * rows * _FILM_BYTES)
+            taken = self._take_samples(band, (columns, rows), {**arguments, **_AT_THE_ROOT, "film": cells})
+            width, row_count = map(np.int32, size)
+            band.run(shading.join_cells, size, shading.tile, cells=cells, width=width, row_count=row_count, film=film)
+        else:
+            taken = self._take_samples(band, size, {**arguments, **shading.entry_points.find(band), "film": film})
+        band.run(
+            shading.develop, size, shading.tile, film=film, row_count=np.int32(band.row_count),
+            sample_count=np.int32(taken), view=band.view, colours=band.colours,
+        )  # fmt: skip
+        self.progress.taken = taken if band.first_row == 0 else min(taken, self.progress.taken)
+        if (kept := self.progress.film) is not None:
+            rows_of_film = kept[band.first_row : band.first_row + band.row_count]
+            band.memory.session.download(film, rows_of_film)
+            rows_of_film /= np.float32(taken)
+
+    def _take_samples(self, band: Band, size: tuple[int, int], arguments: dict[str, Any]) -> int:
+        """Add samples to the film, with this many work-items; return how many of each pixel."""
+        progress = self.progress
+        first, count = 0, min(_LEAST_SAMPLES, progress.samples)
+        pixels, done = band.width * band.height, band.width * band.first_row
+        end_s = self.begin + progress.time_limit_s * (band.first_row + band.row_count) / band.height
+        while True:
+            begin = time.perf_counter()
+            chosen = {"first_sample": np.int32(first), "sample_count": np.int32(count)}
+            band.run(self.shading.kernel, size, self.shading.tile, **arguments, **chosen, hits=band.hits)
+            band.memory.session.finish()
+            now = time.perf_counter()
+            first += count
+            taken = done * progress.samples + band.width * band.row_count * first
+            progress.on_samples(taken, pixels * progress.samples)
+            if first >= progress.samples or progress.is_stopped() or now > end_s:
+                return first
+            fitting = int(_LAUNCH_S * count / max(now - begin, 1e-9)) // _LEAST_SAMPLES * _LEAST_SAMPLES
+            count = min(progress.samples - first, max(_LEAST_SAMPLES, fitting))
 
 
 def open_session(device: DeviceInfo | str | int | None, shading: str) -> DeviceSession:
     """Open a device, and load the kernel that depends on no tree, where the painter of a shading has one."""
     session = DeviceSession(device)
     if shading not in REPORT_SHADINGS:
-        build_kernel(session, DEVELOP)
+        build_kernel(session, _DEVELOP)
     return session
 
 
@@ -46,13 +428,10 @@ class Painters:
     def __init__(self, session: DeviceSession, tree: TracedTree, world: World) -> None:
         self._session, self._tree, self._world = session, tree, world
         self._lock = threading.Lock()
-        self._one_ray: dict[tuple[int, ...], OneRayPainter] = {}  # by `_parts_of`
         self._lights: LightTables | None = None
-        self._looks: dict[float, tuple[LookTables, dict[str, Any]]] = {}  # by the crease angle
-        self._shadings: dict[tuple[Any, ...], tuple[SampleShading, dict[str, Any]]] = {}
-        self._environments: dict[EnvironmentMap, tuple[EnvironmentTables, dict[str, Any]]] = {}
+        self._known: dict[Any, Any] = {}
 
-    def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> Painter:
+    def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> OneRayPainter | SamplePainter:
         """Return the painter of a picture, and fill what the view says of the light.
 
         Raises
@@ -64,43 +443,49 @@ class Painters:
         SceneError
             The file of the environment cannot be read.
         """
+        parts = {"HAS_CUT": int(view.cut is not None), "HAS_WIREFRAME": int(view.wireframe is not None)}
         with self._lock:
             if view.shading in REPORT_SHADINGS:
-                parts = _parts_of(view)
-                key = tuple(parts.values())
-                if key not in self._one_ray:
-                    colours = self._world.looks.colours
-                    self._one_ray[key] = OneRayPainter(self._session, self._tree, colours=colours, parts=parts)
                 progress.taken = 1
-                return self._one_ray[key]
-            if view.shading == "path":
-                self._find_lights().describe(described)
-            has_ground = view.shading == "path" and bool(described["ground_radius"][0] > 0)
-            shading, buffers = self._find_shading(view, has_ground)
-            if view.shading == "path":
+                make = partial(OneRayPainter, self._session, self._tree, None, self._world.looks.colours, parts)
+                return self._keep(("one ray", *parts.values()), make)
+            is_path = view.shading == "path"
+            if is_path:
+                lights = self._find_lights()
+                described["light_count"], described["light_power"] = lights.count, lights.power
+            parts["HAS_GROUND"] = int(is_path and bool(described["ground_radius"][0] > 0))
+            key = view.shading, view.smooth, *parts.values()
+            shading, buffers = self._keep(key, lambda: self._make_shading(view, parts))
+            if is_path and view.environment is not None:
                 buffers = buffers | self._find_environment(view, described)
             return SamplePainter(shading, progress, buffers)
 
-    def _find_shading(self, view: View, has_ground: bool) -> tuple[SampleShading, dict[str, Any]]:
+    def _keep(self, key: Any, make: Callable[[], Any]) -> Any:
+        if key not in self._known:
+            self._known[key] = make()
+        return self._known[key]
+
+    def _upload(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+        return {name: self._session.upload(array) for name, array in arrays.items()}
+
+    def _make_shading(self, view: View, parts: dict[str, int]) -> tuple[_SampleShading, dict[str, Any]]:
         """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
-        parts = _parts_of(view) | {"HAS_GROUND": int(has_ground)}
-        key = view.shading, float(view.smooth), *parts.values()
-        if key not in self._shadings:
-            shapes = self._world.looks.shapes
-            parts |= {"HAS_CUTOUTS": int(has_cutouts(shapes)), "HAS_NORMAL_MAPS": int(has_normal_maps(shapes))}
-            compile_kernels = partial(SampleShading, self._session, self._tree, view.shading, parts)
-            # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
-            shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, view))
-            self._shadings[key] = shading, buffers
-        return self._shadings[key]
+        shapes = self._world.looks.shapes
+        parts |= {"HAS_CUTOUTS": int(has_cutouts(shapes)), "HAS_NORMAL_MAPS": int(has_normal_maps(shapes))}
+        compile_kernels = partial(_SampleShading, self._session, self._tree, view.shading, parts)
+        # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
+        shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, view))
+        return shading, buffers
 
     def _find_tables(self, view: View) -> dict[str, Any]:
         """Return the tables that the kernels of a shading read, on the device."""
-        _, buffers = self._find_looks(view)
-        if view.shading == "path":
-            lights = self._find_lights()
-            buffers = buffers | {name: self._session.upload(array) for name, array in lights.arrays.items()}
-        return buffers
+        buffers = self._keep(("looks", view.smooth), lambda: self._upload(self._make_looks(view.smooth)))
+        return buffers | self._upload(self._find_lights().arrays) if view.shading == "path" else buffers
+
+    def _make_looks(self, crease_angle: float) -> dict[str, NDArray[Any]]:
+        looks = self._world.looks
+        is_light = find_lights(looks.shapes, looks.shape_ids, self._world.to_local())
+        return make_look_tables(looks, is_light, crease_angle).arrays
 
     def _find_lights(self) -> LightTables:
         if self._lights is None:
@@ -110,26 +495,14 @@ class Painters:
 
     def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
         """Return the environment on the device, where it stays for other pictures; describe how it is seen."""
-        if view.environment is None:
-            return {}
-        if view.environment not in self._environments:
-            tables = make_environment_tables(view.environment.pixels)
-            buffers = {name: self._session.upload(array) for name, array in tables.arrays.items()}
-            self._environments[view.environment] = tables, buffers
-        tables, buffers = self._environments[view.environment]
+        from .environment_map import make_environment_tables  # most pictures have none
+
+        assert view.environment is not None
+
+        def make() -> Any:
+            tables = make_environment_tables(view.environment.pixels)  # type: ignore[union-attr]
+            return tables, self._upload(tables.arrays)
+
+        tables, buffers = self._keep(view.environment, make)
         tables.describe(described, view)
         return buffers
-
-    def _find_looks(self, view: View) -> tuple[LookTables, dict[str, Any]]:
-        angle = float(view.smooth)
-        if angle not in self._looks:
-            looks = self._world.looks
-            is_light = find_lights(looks.shapes, looks.shape_ids, self._world.to_local())
-            tables = make_look_tables(looks, is_light, angle)
-            self._looks[angle] = tables, tables.upload(self._session)
-        return self._looks[angle]
-
-
-def _parts_of(view: View) -> dict[str, int]:
-    """Return the macros of the parts of kernels that all shadings have."""
-    return {"HAS_CUT": int(view.cut is not None), "HAS_WIREFRAME": int(view.wireframe is not None)}

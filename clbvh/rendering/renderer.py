@@ -26,20 +26,18 @@ from ..support.context_manager import ContextManager
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch
-from .band_painters import Progress
 from .cameras.camera import Camera
-from .frame import FrameRenderer
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
 from .options import RenderOptions
-from .painters import Painters, open_session
+from .painters import FrameRenderer, Painters, Progress, open_session
 from .picture import Picture, list_picture_ms, list_setup_ms
 from .view import MAX_SAMPLES, View
 from .view_finder import ViewFinder
 from .world import World
 
 if TYPE_CHECKING:
-    from .images.images import Images
+    from .images import Images
 
 # Four channels of float32.
 _FILM_BYTES = 16
@@ -286,7 +284,7 @@ class Renderer(ContextManager):
         >>> images[3]
         Images(64 x 48: depth)
         """
-        from .images.images import make_images  # most pictures need none of it
+        from .images import make_images  # most pictures need none of it
 
         wanted = self._find_view(view, changes)
         return make_images(self.scene, self.render, wanted, channels, next_camera, next_transforms, on_phase)
@@ -334,7 +332,7 @@ class Renderer(ContextManager):
         >>> renderer.is_closed
         True
         """
-        self._frames.close()
+        self._frames.calls.close()
 
     def __repr__(self) -> str:
         return f"Renderer({self._world.name!r}, device={self.device.name!r}, layout={self.layout!r})"
@@ -457,3 +455,134 @@ def _make_progress(
     if isinstance(time_limit_s, bool) or not isinstance(time_limit_s, Real) or not time_limit_s > 0:
         raise SceneError(f"the time limit must be a number of seconds above 0, not {time_limit_s!r}")
     return Progress(MAX_SAMPLES if view.samples is None else view.samples, float(time_limit_s), *calls)
+
+
+def render(
+    source: SceneLike | list[str],
+    view: View | None = None,
+    options: RenderOptions | None = None,
+    *,
+    time_limit_s: float | None = None,
+    on_samples: Callable[[int, int], None] | None = None,
+    is_stopped: Callable[[], bool] | None = None,
+    on_phase: Callable[[str], None] | None = None,
+    **changes: Any,
+) -> Picture:
+    """Render one picture; a `Renderer` is faster for several pictures of one scene.
+
+    Parameters
+    ----------
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+        A scene; the path or name of one, or the path of a mesh file; a finished tree; or a mesh. A list of paths of
+        mesh files is a scene of them all.
+    view : View, optional
+        By default that of the scene file, or `View()`.
+    options : RenderOptions, optional
+    time_limit_s, on_samples, is_stopped : optional
+        See `Renderer.render`.
+    on_phase : function, optional
+        Called with the name of each phase as it begins.
+    **changes
+        Settings of `View`, in place of those of the view: ``width=640``, ``shading="path"``, ``light_colour=...``.
+
+    Returns
+    -------
+    Picture
+
+    Raises
+    ------
+    SceneError, MeshError, ConfigError
+        The input cannot be used, or there is no such setting.
+    DeviceError, KernelBuildError, PoolError
+        A device, a driver or a worker process fails.
+    ValidationError
+        The tree or a pixel is wrong.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> picture = clbvh.render(clbvh.make_shape("icosphere", triangles=320), width=64, height=48)
+    >>> picture.rgb.shape
+    (48, 64, 3)
+    >>> picture.hits.count
+    1565
+    """
+    with Renderer(source, view, options, on_phase=on_phase, **changes) as renderer:
+        picture = renderer.render(
+            time_limit_s=time_limit_s, on_samples=on_samples, is_stopped=is_stopped, on_phase=on_phase
+        )
+    timings = {phase: renderer.timings[phase] + ms for phase, ms in picture.timings.items()}
+    return replace(picture, timings=timings)
+
+
+def render_images(
+    source: SceneLike | list[str],
+    channels: Iterable[str] = DEFAULT_CHANNELS,
+    view: View | None = None,
+    options: RenderOptions | None = None,
+    *,
+    next_camera: Camera | None = None,
+    next_transforms: Mapping[Any, ArrayLike] | None = None,
+    on_phase: Callable[[str], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
+    **changes: Any,
+) -> Images:
+    """Return what each pixel of a view sees, as arrays; `Renderer.images` is faster for several views of one scene.
+
+    Parameters
+    ----------
+    source : Scene, str, path, trimesh.Scene, Bvh, Spheres, Mesh, trimesh.Trimesh or (vertices, faces)
+        See `render`.
+    channels : iterable of str
+        See `Images`.
+    view : View, optional
+        By default that of the scene file, or `View()`. Its shading and its samples are those of the channels `rgb`,
+        `colour` and `alpha`; the others are those of the pixel's centre.
+    options : RenderOptions, optional
+    next_camera : Camera, optional
+        For the channel `motion`: the camera of the second pose, for a picture of the same size.
+    next_transforms : mapping of instances, ids or names to (4, 4) float, optional
+        For the channel `motion`: the transforms of instances in the second pose, as `Scene.place` takes them.
+    on_phase : function, optional
+        Called with the name of each phase as it begins.
+    on_note : function, optional
+        Called with each fact that a user should know, as in `Picture.notes`.
+    **changes
+        Settings of `View`, in place of those of the view.
+
+    Returns
+    -------
+    Images
+
+    Raises
+    ------
+    ConfigError
+        A channel that does not exist, or `motion` without a second pose.
+    SceneError, MeshError
+        The input cannot be used, or the images do not fit the free memory.
+    DeviceError, KernelBuildError, PoolError
+        A device, a driver or a worker process fails.
+
+    Examples
+    --------
+    >>> import clbvh
+    >>> import numpy as np
+    >>> ball = clbvh.make_shape("icosphere", triangles=5120)
+    >>> camera, moved = (clbvh.Camera(eye=(x, 0, 3), look_at=(x, 0, 0)) for x in (0.0, 0.1))
+    >>> images = clbvh.render_images(
+    ...     ball, ("depth", "motion", "primitive_id"), camera=camera, next_camera=moved, width=65, height=65
+    ... )
+    >>> images["motion"][32, 32].round(2)  # focal length / depth * shift, to the left
+    array([-5.15,  0.  ], dtype=float32)
+    >>> np.isinf(images["depth"][0, 0]).item(), images["primitive_id"][0, 0].item()
+    (True, -1)
+    """
+    from .channels import check_channels
+
+    channels = check_channels(channels)
+    with Renderer(source, view, options, on_phase=on_phase, **changes) as renderer:
+        images = renderer.images(channels, next_camera=next_camera, next_transforms=next_transforms, on_phase=on_phase)
+        for note in renderer.list_notes():
+            if on_note is not None:
+                on_note(note)
+    return images

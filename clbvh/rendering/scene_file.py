@@ -39,7 +39,7 @@ from ..support.files import read_errors_as, read_regular
 from .cameras.camera import Camera
 from .cameras.lens import Lens
 from .cameras.projection import DEFAULT_UP, read_projection, text_of
-from .film.environment_map import EnvironmentMap
+from .environment_map import EnvironmentMap
 from .settings import Vector, as_plain, change_settings, say_unknown
 from .view import View
 

@@ -5,8 +5,7 @@ No device takes part: the boxes of the instances are those that a tracer builds 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,105 +22,7 @@ from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.scene.top_tree import find_boxes
 
 
-@dataclass(frozen=True)
-class GeometryStats:
-    """The tree of one geometry.
-
-    Attributes
-    ----------
-    name : str
-    kind : str
-        ``triangles`` or ``spheres``.
-    prim_count, instance_count, node_count : int
-    depth : int
-        Edges from the root to the deepest leaf.
-    sah_cost : float
-        See `clbvh.sah_cost`.
-    host_bytes : int
-        Of the tree, without the geometry.
-    device_bytes : mapping of str to int
-        By layout: nodes and blocks of primitives.
-    """
-
-    name: str
-    kind: str
-    prim_count: int
-    instance_count: int
-    node_count: int
-    depth: int
-    sah_cost: float
-    host_bytes: int
-    device_bytes: Mapping[str, int]
-
-
-@dataclass(frozen=True)
-class TopStats:
-    """The tree over the instances, which has the layout `bvh2` on every device.
-
-    Attributes
-    ----------
-    instance_count, node_count : int
-    depth : int
-    sah_cost : float
-        In which entering an instance costs as much as a primitive test.
-    device_bytes : int
-        Nodes and instances.
-    """
-
-    instance_count: int
-    node_count: int
-    depth: int
-    sah_cost: float
-    device_bytes: int
-
-    @property
-    def device_bytes_per_instance(self) -> float:
-        """`device_bytes` over the number of instances."""
-        return self.device_bytes / self.instance_count
-
-
-@dataclass(frozen=True)
-class SceneStats:
-    """Both levels of a scene.
-
-    Attributes
-    ----------
-    geometries : tuple of GeometryStats
-        By geometry id.
-    top : TopStats
-    prim_count : int
-        Of all instances.
-    lower, upper : (3,) float
-        Corners of the box around the scene.
-    """
-
-    geometries: tuple[GeometryStats, ...]
-    top: TopStats
-    prim_count: int
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-
-    @property
-    def device_bytes(self) -> dict[str, int]:
-        """Both levels, by the layout of the geometries' trees."""
-        return {
-            layout: self.top.device_bytes + sum(geometry.device_bytes[layout] for geometry in self.geometries)
-            for layout in LAYOUT_WIDTHS
-        }
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all fields and properties as types that JSON has."""
-        return {
-            "prim_count": self.prim_count,
-            "lower": list(self.lower),
-            "upper": list(self.upper),
-            "device_bytes": self.device_bytes,
-            "geometries": [asdict(geometry) for geometry in self.geometries],
-            "instances": {**asdict(self.top), "device_bytes_per_instance": self.top.device_bytes_per_instance},
-        }
-
-
-def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, traversal_cost: float = 1.0) -> SceneStats:
+def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, traversal_cost: float) -> dict[str, Any]:
     """Build the trees of a scene and measure them.
 
     Parameters
@@ -130,12 +31,16 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
         At least one instance.
     build_tree : function
         Returns the tree of a geometry's mesh; of spheres it gets the mesh of their boxes.
-    traversal_cost : float, optional
+    traversal_cost : float
         Cost of an interior node, in primitive tests.
 
     Returns
     -------
-    SceneStats
+    dict of str to object
+        As JSON takes them: prim_count, of all instances; lower and upper, the corners of the box around the scene;
+        device_bytes of both levels, by the layout of the geometries' trees; geometries, by their ids; and instances,
+        the tree over them, which has the layout `bvh2` on every device, and in whose SAH cost entering an instance
+        costs as much as a primitive test.
 
     Raises
     ------
@@ -146,37 +51,43 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
     """
     if state.instance_count == 0:
         raise SceneError("the scene is empty: it has no instance")
+
+    def describe(bvh: Bvh) -> dict[str, Any]:
+        cost = sah_cost(bvh, traversal_cost=traversal_cost)
+        return {"node_count": bvh.node_count, "depth": bvh.depth, "sah_cost": cost}
+
     placed = np.bincount(state.geometry_ids, minlength=state.geometry_count).tolist()
     geometries = []
     for name, shape, instance_count in zip(state.names, state.shapes, placed, strict=True):
         bvh = build_tree(mesh_of(shape))
         geometries.append(
-            GeometryStats(
-                name=name,
-                kind="triangles" if isinstance(shape, Mesh) else "spheres",
-                prim_count=shape.prim_count,
-                instance_count=instance_count,
-                node_count=bvh.node_count,
-                depth=bvh.depth,
-                sah_cost=sah_cost(bvh, traversal_cost=traversal_cost),
-                host_bytes=bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-                device_bytes={layout: measure_device_bytes(bvh, layout, shape) for layout in LAYOUT_WIDTHS},
-            )
+            {
+                "name": name,
+                "kind": "triangles" if isinstance(shape, Mesh) else "spheres",
+                "prim_count": shape.prim_count,
+                "instance_count": instance_count,
+                **describe(bvh),
+                "host_bytes": bvh.nodes.nbytes + bvh.prim_ids.nbytes,
+                "device_bytes": {layout: measure_device_bytes(bvh, layout, shape) for layout in LAYOUT_WIDTHS},
+            }
         )
     lower, upper = find_boxes(make_scene_arrays(state.shapes, state.geometry_ids, state.transforms))
     # As a tracer and a renderer build it, whatever builds the others.
     top = build(box_mesh(lower, upper, "the instances"), leaf_size=1)
-    return SceneStats(
-        geometries=tuple(geometries),
-        top=TopStats(
-            instance_count=state.instance_count,
-            node_count=top.node_count,
-            depth=top.depth,
-            sah_cost=sah_cost(top, traversal_cost=traversal_cost),
-            # A tree of one leaf still has one node on the device.
-            device_bytes=max(1, top.node_count // 2) * BVH2_NODE.itemsize + state.instance_count * INSTANCE.itemsize,
-        ),
-        prim_count=sum(geometry.prim_count * geometry.instance_count for geometry in geometries),
-        lower=tuple(lower.min(axis=0).tolist()),
-        upper=tuple(upper.max(axis=0).tolist()),
-    )
+    # A tree of one leaf still has one node on the device.
+    top_bytes = max(1, top.node_count // 2) * BVH2_NODE.itemsize + state.instance_count * INSTANCE.itemsize
+    return {
+        "prim_count": sum(each["prim_count"] * each["instance_count"] for each in geometries),
+        "lower": lower.min(axis=0).tolist(),
+        "upper": upper.max(axis=0).tolist(),
+        "device_bytes": {
+            layout: top_bytes + sum(each["device_bytes"][layout] for each in geometries) for layout in LAYOUT_WIDTHS
+        },
+        "geometries": geometries,
+        "instances": {
+            "instance_count": state.instance_count,
+            **describe(top),
+            "device_bytes": top_bytes,
+            "device_bytes_per_instance": top_bytes / state.instance_count,
+        },
+    }

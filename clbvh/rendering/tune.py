@@ -22,11 +22,10 @@ from ..trace.device_tree import DeviceTree
 from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.pack import pack_rays
 from ..trace.traced_tree import ENTRY_POINT_KERNEL, find_entry_points
-from .band_painters import OneRayPainter
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh
-from .frame import FrameRenderer
 from .kernel_view import make_kernel_view
+from .painters import FrameRenderer, OneRayPainter
 from .view import View
 
 TRIANGLES = 100_000

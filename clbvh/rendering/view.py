@@ -28,7 +28,7 @@ from .settings import (
 if TYPE_CHECKING:
     from .cameras.camera import Camera
     from .cut import Cut
-    from .film.environment_map import EnvironmentMap
+    from .environment_map import EnvironmentMap
 
 CAMERA, LIGHT, SHADING, FILM = "Camera", "Light", "Shading", "Picture"
 
@@ -153,7 +153,7 @@ def _read_cut(value: Any) -> Cut:
 
 
 def _read_environment(value: Any) -> EnvironmentMap | None:
-    from .film.environment_map import as_environment
+    from .environment_map import as_environment
 
     return as_environment(value)
 

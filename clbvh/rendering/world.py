@@ -23,8 +23,7 @@ from ..trace.hits.surface import SceneSurface
 from ..trace.scene.device_scene import DeviceScene
 from ..trace.traced_tree import TracedTree
 from .cameras.bounds import SceneBounds
-from .film.light_tables import local_maps
-from .film.look_tables import Looks
+from .look_tables import Looks
 from .options import RenderOptions
 
 # The cost is rays times primitives: with more of them than this, a picture would take hours.
@@ -166,7 +165,10 @@ class World:
 
     def to_local(self) -> NDArray[np.float64]:
         """Return (n, 4, 4) float64: the map from each instance's coordinates to the local ones of pictures."""
-        return local_maps(self.state.transforms, self.space.origin, self.space.scale)
+        maps = np.array(self.state.transforms, np.float64)
+        maps[:, :3, 3] -= self.space.origin
+        maps[:, :3] *= self.space.scale
+        return maps
 
     def report(self) -> dict[str, Any]:
         """Return the numbers of objects and trees, for `Picture.report`.

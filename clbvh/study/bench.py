@@ -22,12 +22,11 @@ from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
 from ..geometry import Mesh
-from ..rendering.band_painters import OneRayPainter
 from ..rendering.cameras.camera import Camera
 from ..rendering.cameras.framing import frame_mesh
-from ..rendering.frame import FrameRenderer
 from ..rendering.image_files import write_picture
 from ..rendering.kernel_view import make_kernel_view
+from ..rendering.painters import FrameRenderer, OneRayPainter
 from ..rendering.view import View
 from ..support.host_threads import usable_cores
 from ..trace.device_tree import DeviceTree

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.film.environment_map import solid_angles
+from clbvh.rendering.environment_map import solid_angles
 
 MATT = clbvh.Material(base_colour=(1, 1, 1), roughness=1.0, ior=1.0)
 MIRROR = clbvh.Material(base_colour=(1, 1, 1), metallic=1.0, roughness=0.0)
@@ -130,7 +130,7 @@ def test_pictures_do_not_depend_on_bands_and_batches(monkeypatch):
         parts = renderer.render(keeps_film=True)
         assert whole.film.tobytes() == parts.film.tobytes()
         assert whole.rgb.tobytes() == parts.rgb.tobytes()
-        monkeypatch.setattr("clbvh.rendering.band_painters._LAUNCH_S", 0.0)
+        monkeypatch.setattr("clbvh.rendering.painters._LAUNCH_S", 0.0)
         assert renderer.render(keeps_film=True).film.tobytes() == whole.film.tobytes()
 
 

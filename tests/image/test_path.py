@@ -8,7 +8,7 @@ import trimesh
 
 import clbvh
 from clbvh import Appearance, Light, Material, Mesh, Renderer, Scene, Spheres
-from clbvh.rendering import band_painters as sample_painter, frame as frame_module
+from clbvh.rendering import painters as painters_module
 from clbvh.rendering.kernel_view import _LIGHT_SPREAD
 
 # Pixels a side of most pictures, and the widest difference in standard errors of the mean of all pixels.
@@ -246,9 +246,9 @@ class TestSamples:
 
     def test_bits_are_equal_for_batches_and_bands(self, monkeypatch):
         expected = render_film(self.SCENE, samples=9)
-        monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
+        monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
         np.testing.assert_array_equal(render_film(self.SCENE, samples=9), expected)
-        monkeypatch.setattr(frame_module, "BAND_PIXELS", 7 * 24)
+        monkeypatch.setattr(painters_module, "BAND_PIXELS", 7 * 24)
         np.testing.assert_array_equal(render_film(self.SCENE, samples=9), expected)
 
     @pytest.mark.parametrize("layout", ["bvh2", "bvh4", "bvh8"])

@@ -9,7 +9,7 @@ import clbvh
 from clbvh import Light
 from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, ValidationError
-from clbvh.rendering import frame as frame_module, picture as refine_module, world as brute_limit
+from clbvh.rendering import painters as painters_module, picture as refine_module, world as brute_limit
 from clbvh.rendering.options import RenderOptions
 from clbvh.scene.transforms import Transform
 
@@ -61,8 +61,8 @@ def test_a_wrong_pixel_is_found(monkeypatch):
         hits["prim_id"][10, 16] = (hits["prim_id"][10, 16] + 100) % 320
         return colours, hits
 
-    render_rightly = frame_module.FrameRenderer.render
-    monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
+    render_rightly = painters_module.FrameRenderer.render
+    monkeypatch.setattr(painters_module.FrameRenderer, "render", render_wrongly)
     ball = clbvh.make_shape("icosphere", triangles=320)
     with pytest.raises(ValidationError, match=r"1 of 640 pixels differ .* column 16, row 10"):
         clbvh.render(ball, options=RenderOptions(validate=True), width=32, height=20)
@@ -83,7 +83,7 @@ def test_brute_refuses_a_mesh_that_would_take_forever(monkeypatch):
 
 
 def test_bands_do_not_show(knot_picture, monkeypatch):
-    monkeypatch.setattr(frame_module, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
     banded = clbvh.render(KNOT, VIEW)
     assert same_hits(banded, knot_picture)
     assert (banded.rgb == knot_picture.rgb).all()

@@ -13,7 +13,7 @@ from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene
 from clbvh.device import program
 from clbvh.device.session import DeviceSession
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
-from clbvh.rendering import band_painters as sample_painter, frame as frame_module
+from clbvh.rendering import painters as painters_module
 
 from ..concurrency.threads import run_in_threads
 
@@ -122,7 +122,7 @@ class TestPictures:
 
     def test_other_memory_of_the_device_makes_narrower_bands_for_good(self, renderer, monkeypatch):
         expected = renderer.render()
-        monkeypatch.setattr(frame_module, "BAND_PIXELS", SIZE[0] * 7)
+        monkeypatch.setattr(painters_module, "BAND_PIXELS", SIZE[0] * 7)
         with Renderer(SCENE, VIEW) as banded:
             assert same_picture(banded.render(), expected)
 
@@ -286,7 +286,7 @@ class TestClosing:
         def fail(*_, **__):
             raise SceneError("broken")
 
-        monkeypatch.setattr(sample_painter, "build_kernel", fail)
+        monkeypatch.setattr(painters_module, "build_kernel", fail)
         with pytest.raises(SceneError, match="broken"):
             Renderer(SCENE, VIEW)
         assert len(closed) == 1

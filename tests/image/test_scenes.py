@@ -13,7 +13,7 @@ from clbvh import Camera, Light, Mesh, Renderer, RenderOptions, Scene, Spheres
 from clbvh.builders.build import BUILDERS
 from clbvh.choices import REPORT_SHADINGS
 from clbvh.errors import ConfigError, SceneError, ValidationError
-from clbvh.rendering import frame as frame_module, world as brute_limit
+from clbvh.rendering import painters as painters_module, world as brute_limit
 
 from ..concurrency.threads import run_in_threads
 
@@ -168,7 +168,7 @@ class TestPixels:
         assert (picture.rgb[outside] > 0).all()
 
     def test_bands_do_not_show(self, renderer, monkeypatch):
-        monkeypatch.setattr(frame_module, "BAND_PIXELS", SIZE[0] * 7)
+        monkeypatch.setattr(painters_module, "BAND_PIXELS", SIZE[0] * 7)
         with Renderer(still_life(), VIEW) as banded:
             assert same_picture(banded.render(), renderer.render())
 
@@ -366,7 +366,7 @@ class TestValidation:
             hits[field][20, 16] = value
             return colours, hits
 
-        render_rightly = frame_module.FrameRenderer.render
-        monkeypatch.setattr(frame_module.FrameRenderer, "render", render_wrongly)
+        render_rightly = painters_module.FrameRenderer.render
+        monkeypatch.setattr(painters_module.FrameRenderer, "render", render_wrongly)
         with pytest.raises(ValidationError, match=r"1 of 1200 pixels differ .* column 16, row 20"):
             clbvh.render(still_life(), VIEW, options=RenderOptions(validate=True), width=40, height=30)

@@ -12,7 +12,7 @@ import clbvh
 from clbvh import Light, Scene
 from clbvh.geometry.appearance.appearance import Appearance
 from clbvh.geometry.appearance.srgb import srgb_to_linear
-from clbvh.rendering import band_painters as sample_painter, frame as frame_module
+from clbvh.rendering import painters as painters_module
 
 KNOT = clbvh.make_shape("knot", triangles=4000, seed=1)
 VIEW = clbvh.View(width=96, height=64, up="y")
@@ -46,8 +46,8 @@ def test_bands_and_batches_do_not_show(shading, monkeypatch):
     view = VIEW.changed(shading=shading, samples=7)
     whole = clbvh.render(KNOT, view).rgb
     # Two samples in each launch, and 7 rows in each band.
-    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
-    monkeypatch.setattr(frame_module, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
     assert np.array_equal(clbvh.render(KNOT, view).rgb, whole)
 
 
@@ -59,11 +59,11 @@ def test_a_picture_that_is_stopped_has_the_samples_that_were_taken():
 
 
 def test_bands_have_shares_of_the_time(monkeypatch):
-    monkeypatch.setattr(frame_module, "BAND_PIXELS", VIEW.width * 7)
-    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
     now = itertools.count()
     # Each launch reads the clock twice.
-    monkeypatch.setattr(sample_painter, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))
+    monkeypatch.setattr(painters_module, "time", SimpleNamespace(perf_counter=lambda: float(next(now))))
     with clbvh.Renderer(KNOT, VIEW) as renderer:
         picture = renderer.render(time_limit_s=8 * VIEW.height)
     # Of the last band, which has one row.
@@ -71,8 +71,8 @@ def test_bands_have_shares_of_the_time(monkeypatch):
 
 
 def test_the_samples_of_a_picture_in_bands_are_those_of_the_poorest(monkeypatch):
-    monkeypatch.setattr(frame_module, "BAND_PIXELS", VIEW.width * 7)
-    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(painters_module, "BAND_PIXELS", VIEW.width * 7)
+    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
     launches = []
 
     def stops_in_the_middle():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering.film.environment_map import find_axes, make_environment_tables, solid_angles
-from clbvh.rendering.film.light_tables import LUMINANCE
+from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
+from clbvh.rendering.look_tables import LUMINANCE
 from clbvh.structs import LAYOUTS, VIEW
 
 COUNT = 1 << 14

@@ -5,7 +5,7 @@ import pytest
 
 import clbvh
 from clbvh.layouts.pack_normals import pack_normals
-from clbvh.rendering.film.look_tables import TextureTables
+from clbvh.rendering.look_tables import TextureTables
 
 BUNDLE = "look_shells"
 

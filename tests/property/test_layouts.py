@@ -10,8 +10,7 @@ import pytest
 from hypothesis import Phase, given, strategies as st
 
 from clbvh import build
-from clbvh.rendering.band_painters import OneRayPainter
-from clbvh.rendering.frame import FrameRenderer
+from clbvh.rendering.painters import FrameRenderer, OneRayPainter
 from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, VIEW
 from clbvh.trace.device_tree import DeviceTree
 

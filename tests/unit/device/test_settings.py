@@ -85,8 +85,7 @@ def test_tracers_and_pictures_use_it(session, info):
     import numpy as np
 
     from clbvh import Tracer, build, make_shape
-    from clbvh.rendering.band_painters import OneRayPainter
-    from clbvh.rendering.frame import FrameRenderer
+    from clbvh.rendering.painters import FrameRenderer, OneRayPainter
     from clbvh.trace.device_tree import DeviceTree
 
     mesh = make_shape("icosphere", triangles=320)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import Camera, SceneError
-from clbvh.rendering.images.files import read_camera
+from clbvh.rendering.images import read_camera
 
 K = [[50.0, 1.0, 30.0], [0.0, 55.0, 20.0], [0.0, 0.0, 1.0]]
 POSE = [[1.0, 0, 0, 0.4], [0, 0.6, -0.8, 4.0], [0, 0.8, 0.6, -3.2], [0, 0, 0, 1.0]]

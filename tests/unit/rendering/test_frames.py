@@ -8,7 +8,7 @@ import trimesh
 
 import clbvh
 from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.guesses import frame_without_outliers
+from clbvh.rendering.view_finder import frame_without_outliers
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)
 BALL_BOX = [BALL.vertices.min(axis=0), BALL.vertices.max(axis=0)]

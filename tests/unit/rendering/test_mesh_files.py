@@ -9,8 +9,8 @@ import trimesh
 from clbvh import Scene, View, load_mesh, make_shape, open_scene, save_scene
 from clbvh.errors import MeshError, SceneError
 from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.guesses import guess_up
 from clbvh.rendering.open_scene import as_scene
+from clbvh.rendering.view_finder import guess_up
 
 from ..geometry.gltf_files import Gltf
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh.rendering.guesses import LEAST_GAP, find_outliers
+from clbvh.rendering.view_finder import LEAST_GAP, find_outliers
 
 
 def cloud(seed, count=1000):

@@ -15,7 +15,7 @@ import trimesh
 import clbvh
 from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.cameras.projection import read_up
-from clbvh.rendering.guesses import Y_UP, Z_UP, guess_up
+from clbvh.rendering.view_finder import Y_UP, Z_UP, guess_up
 
 CREATE = trimesh.creation
 # From z up to y up.

@@ -10,7 +10,7 @@ import pytest
 import clbvh
 from clbvh import Wireframe
 from clbvh.geometry.appearance.srgb import linear_to_srgb
-from clbvh.rendering import band_painters as sample_painter, frame as frame_module
+from clbvh.rendering import painters as painters_module
 
 WIDTH, HEIGHT = 96, 64
 FRAME = {"eye": (0.5, 0.4, 3), "look_at": (0, 0, 0), "up": (0.1, 1, 0.2)}
@@ -137,8 +137,8 @@ def test_the_same_bytes_for_any_band_and_launch(shading, monkeypatch):
     view = {"width": WIDTH, "height": HEIGHT, "shading": shading, "wireframe": Wireframe(1.5, (1, 0.2, 0))}
     view |= SHADINGS[shading]
     expected = clbvh.render(two_balls(), **view)
-    monkeypatch.setattr(sample_painter, "_LAUNCH_S", 0.0)
-    monkeypatch.setattr(frame_module, "BAND_PIXELS", 7 * WIDTH)
+    monkeypatch.setattr(painters_module, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(painters_module, "BAND_PIXELS", 7 * WIDTH)
     np.testing.assert_array_equal(clbvh.render(two_balls(), **view).rgb, expected.rgb)
     bare = clbvh.render(two_balls(), **view | {"wireframe": None})
     assert (bare.rgb != expected.rgb).any(axis=2).mean() > 0.02

@@ -12,7 +12,7 @@ import pytest
 import clbvh
 from clbvh.errors import SceneError
 from clbvh.geometry.spheres import with_material
-from clbvh.rendering.film.look_tables import Looks, make_look_tables
+from clbvh.rendering.look_tables import Looks, make_look_tables
 from clbvh.scene import serialize
 from clbvh.scene.state import dress_shapes
 

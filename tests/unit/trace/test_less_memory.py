@@ -8,10 +8,9 @@ import pytest
 from clbvh import Tracer, View, build
 from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, DeviceMemoryError
-from clbvh.rendering.band_painters import OneRayPainter
 from clbvh.rendering.cameras.bounds import SceneBounds
-from clbvh.rendering.frame import FrameRenderer
 from clbvh.rendering.kernel_view import make_kernel_view
+from clbvh.rendering.painters import FrameRenderer, OneRayPainter
 from clbvh.rendering.view_finder import ViewFinder
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import MOST_HALVINGS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh.rendering.film.light_tables import make_alias_table
+from clbvh.rendering.look_tables import make_alias_table
 
 
 def find_shares(table):

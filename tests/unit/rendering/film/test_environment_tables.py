@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh.rendering.film.environment_map import find_axes, make_environment_tables, solid_angles
+from clbvh.rendering.environment_map import find_axes, make_environment_tables, solid_angles
 
 
 @pytest.mark.parametrize("size", [(1, 1), (4, 2), (1024, 512), (3, 65536)], ids=str)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh import Appearance, Material, Spheres, Texture, make_shape
-from clbvh.rendering.film.look_tables import has_cutouts
+from clbvh.rendering.look_tables import has_cutouts
 
 MESH = make_shape("cube", triangles=12)
 OPAQUE = np.full((MESH.face_count, 3, 4), 255, np.uint8)

@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from clbvh import Camera, ConfigError
-from clbvh.rendering.film.hdr_files import read_exr
-from clbvh.rendering.images.channels import CHANNELS
-from clbvh.rendering.images.files import check_images_path, encode_channel, read_camera
-from clbvh.rendering.images.images import Images
+from clbvh.rendering.hdr_files import read_exr
+from clbvh.rendering.channels import CHANNELS
+from clbvh.rendering.images import check_images_path, encode_channel, read_camera
+from clbvh.rendering.images import Images
 
 HEIGHT, WIDTH = 5, 7
 CAMERA = Camera(eye=(1, 2, 3), look_at=(0, 0, 0))
@@ -260,7 +260,7 @@ class TestTargets:
     @pytest.mark.parametrize("name", ["a.pgm", "a", "a.jpg"])
     def test_other_suffixes_are_refused(self, tmp_path, name):
         with pytest.raises(ConfigError, match=r"must end in \.exr, \.npz, \.png, \.ppm"):
-            check_images_path(tmp_path / name)
+            check_images_path(tmp_path / name, ["depth"])
 
     def test_every_png_file_is_checked_first(self, images, tmp_path):
         (tmp_path / "out-uv.png").mkdir()

@@ -11,18 +11,18 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ConfigError, SceneError
-from ...geometry import Mesh, Shape
-from ...geometry.appearance.srgb import srgb_to_linear
-from ...geometry.smooth_normals import smooth_normals_by_angle
-from ...scene.scene import Scene
-from ...scene.transforms import check_transform
-from ...trace.hits.hits import Hits
-from ...trace.hits.interpolate import group_by_geometry
-from ...trace.hits.locations import turn_normals
-from ...trace.hits.surface import SceneSurface, SurfacePoints
-from ..cameras.camera import Camera
-from ..picture import Picture
+from ..errors import ConfigError, SceneError
+from ..geometry import Mesh, Shape
+from ..geometry.appearance.srgb import srgb_to_linear
+from ..geometry.smooth_normals import smooth_normals_by_angle
+from ..scene.scene import Scene
+from ..scene.transforms import check_transform
+from ..trace.hits.hits import Hits
+from ..trace.hits.interpolate import group_by_geometry
+from ..trace.hits.locations import turn_normals
+from ..trace.hits.surface import SceneSurface, SurfacePoints
+from .cameras.camera import Camera
+from .picture import Picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +59,10 @@ class Subject:
         """The same of those that light is computed with."""
         return _clear_misses(find_shading_normals(self.hits, self.shapes, self.crease_angle))
 
+    def turn_to_camera(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return directions, (..., 3), along the axes of the camera: x right, y down, z forward."""
+        return normals @ self.picture.camera.camera_to_world("opencv")[:3, :3]
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -67,19 +71,25 @@ class Channel:
     Attributes
     ----------
     find : function
-        Returns the array of a `Subject`.
+        Returns the values of a `Subject`.
     kind : str
         ``"rgb"``, ``"colour"``, ``"share"`` from 0 to 1, ``"distance"``, ``"direction"`` of length 1, ``"id"`` or
         ``"vector"``: decides how integers of 16 bits hold it.
     exr_names : tuple of str
         The channels of an EXR file; none for 8-bit colours.
-    pixel_bytes : int
+    dtype : type
+        Of the array.
     """
 
     find: Callable[[Subject], NDArray[Any]]
     kind: str
     exr_names: tuple[str, ...]
-    pixel_bytes: int
+    dtype: type = np.float32
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of the array for each pixel."""
+        return np.dtype(self.dtype).itemsize * (len(self.exr_names) or 3)
 
     @property
     def needs_shading(self) -> bool:
@@ -109,11 +119,6 @@ def find_limits(channel: str, array: NDArray[Any]) -> tuple[float, float] | None
     return (known.min().item(), known.max().item()) if len(known) else None
 
 
-def turn_to_camera(normals: ArrayLike, camera: Camera) -> NDArray[np.float64]:
-    """Return directions, (..., 3), along the axes of a camera: x right, y down, z forward."""
-    return np.asarray(normals) @ camera.camera_to_world("opencv")[:3, :3]
-
-
 def _find_colour(subject: Subject) -> NDArray[np.float32]:
     if (film := subject.picture.film) is not None:
         return np.ascontiguousarray(film[..., :3])
@@ -140,44 +145,38 @@ def _clear_misses(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.nan_to_num(np.asarray(normals), copy=False, nan=0.0)
 
 
-def _as_single(find: Callable[[Subject], NDArray[np.floating]]) -> Callable[[Subject], NDArray[np.float32]]:
-    return lambda subject: find(subject).astype(np.float32)
-
-
 def _vector(name: str, axes: str) -> tuple[str, ...]:
     return tuple(f"{name}.{axis}" for axis in axes)
 
 
+def _direction(name: str, find: Callable[[Subject], NDArray[Any]]) -> Channel:
+    return Channel(find, "direction", _vector(name, "XYZ"))
+
+
+def _id(name: str, find: Callable[[Subject], NDArray[Any]]) -> Channel:
+    return Channel(find, "id", (f"{name}.ID",), np.int32)
+
+
 CHANNELS = {
-    "rgb": Channel(lambda subject: subject.picture.rgb, "rgb", (), 3),
-    "colour": Channel(_find_colour, "colour", ("R", "G", "B"), 12),
-    "alpha": Channel(_find_alpha, "share", ("A",), 4),
-    "depth": Channel(_as_single(lambda subject: subject.picture.depth), "distance", ("depth.Z",), 4),
-    "range": Channel(_as_single(lambda subject: subject.hits.t), "distance", ("range.Z",), 4),
-    "normal": Channel(_as_single(lambda subject: subject.normals), "direction", _vector("normal", "XYZ"), 12),
-    "normal_camera": Channel(
-        _as_single(lambda subject: turn_to_camera(subject.normals, subject.picture.camera)),
-        "direction", _vector("normal_camera", "XYZ"), 12,
+    "rgb": Channel(lambda subject: subject.picture.rgb, "rgb", (), np.uint8),
+    "colour": Channel(_find_colour, "colour", ("R", "G", "B")),
+    "alpha": Channel(_find_alpha, "share", ("A",)),
+    "depth": Channel(lambda subject: subject.picture.depth, "distance", ("depth.Z",)),
+    "range": Channel(lambda subject: subject.hits.t, "distance", ("range.Z",)),
+    "normal": _direction("normal", lambda subject: subject.normals),
+    "normal_camera": _direction("normal_camera", lambda subject: subject.turn_to_camera(subject.normals)),
+    "shading_normal": _direction("shading_normal", lambda subject: subject.shading_normals),
+    "shading_normal_camera": _direction(
+        "shading_normal_camera", lambda subject: subject.turn_to_camera(subject.shading_normals)
     ),
-    "shading_normal": Channel(
-        _as_single(lambda subject: subject.shading_normals), "direction", _vector("shading_normal", "XYZ"), 12
-    ),
-    "shading_normal_camera": Channel(
-        _as_single(lambda subject: turn_to_camera(subject.shading_normals, subject.picture.camera)),
-        "direction", _vector("shading_normal_camera", "XYZ"), 12,
-    ),
-    "position": Channel(lambda subject: subject.hits.locations, "vector", _vector("position", "XYZ"), 24),
-    "instance_id": Channel(lambda subject: subject.hits.instance_id, "id", ("instance_id.ID",), 4),
-    "geometry_id": Channel(lambda subject: subject.hits.geometry_id, "id", ("geometry_id.ID",), 4),
-    "primitive_id": Channel(lambda subject: subject.hits.prim_id, "id", ("primitive_id.ID",), 4),
-    "barycentric": Channel(_find_barycentric, "vector", _vector("barycentric", "UV"), 8),
-    "uv": Channel(
-        lambda subject: find_texture_coordinates(subject.hits, subject.shapes), "vector", _vector("uv", "UV"), 8
-    ),
-    "motion": Channel(
-        lambda subject: subject.next_pose.find_motion(subject.picture), "vector", _vector("motion", "XY"), 8
-    ),
-}  # fmt: skip
+    "position": Channel(lambda subject: subject.hits.locations, "vector", _vector("position", "XYZ"), np.float64),
+    "instance_id": _id("instance_id", lambda subject: subject.hits.instance_id),
+    "geometry_id": _id("geometry_id", lambda subject: subject.hits.geometry_id),
+    "primitive_id": _id("primitive_id", lambda subject: subject.hits.prim_id),
+    "barycentric": Channel(_find_barycentric, "vector", _vector("barycentric", "UV")),
+    "uv": Channel(lambda each: find_texture_coordinates(each.hits, each.shapes), "vector", _vector("uv", "UV")),
+    "motion": Channel(lambda each: each.next_pose.find_motion(each.picture), "vector", _vector("motion", "XY")),
+}
 
 
 # Hits at a time: their vectors stay in the cache.
@@ -283,18 +282,15 @@ class NextPose:
         No camera, an instance that the scene does not have, or a matrix that is not finite, not affine or singular.
     """
 
-    def __init__(
-        self, scene: Scene, camera: Camera | None = None, transforms: Mapping[Any, ArrayLike] | None = None
-    ) -> None:
+    def __init__(self, scene: Scene, camera: Camera | None, transforms: Mapping[Any, ArrayLike] | None) -> None:
         if camera is not None and not isinstance(camera, Camera):
             raise SceneError(f"the next camera must be a clbvh.Camera, not {camera!r}")
         if transforms is not None and not isinstance(transforms, Mapping):
             raise SceneError(f"the next transforms must be a mapping, {{instance: matrix, ...}}, not {transforms!r}")
-        self._scene, self._camera = scene, camera
-        keys = [scene.find(key) if isinstance(key, str) else key for key in transforms or {}]
-        self._ids = scene.instance_ids(keys) if keys else np.empty(0, np.int64)
-        matrices = zip(keys, (transforms or {}).values(), strict=True)
-        checked = [check_transform(matrix, f"the next transform of {key!r}") for key, matrix in matrices]
+        moved = {scene.find(key) if isinstance(key, str) else key: each for key, each in (transforms or {}).items()}
+        self._camera = camera
+        self._ids = scene.instance_ids([*moved]) if moved else np.empty(0, np.int64)
+        checked = [check_transform(matrix, f"the next transform of {key!r}") for key, matrix in moved.items()]
         self._matrices = np.array(checked).reshape(-1, 4, 4)
 
     def check(self) -> None:
@@ -304,28 +300,25 @@ class NextPose:
 
     def find_motion(self, picture: Picture) -> NDArray[np.float32]:
         """Return (height, width, 2) float32: pixels to the right and downwards, NaN on a miss; see `Images`."""
-        self.check()
         height, width = picture.found.shape
-        camera = self._camera or picture.camera
-        hits = picture.hits
+        camera, surface, hits = self._camera or picture.camera, self._move_surface(picture), picture.hits
         motion = np.full((height * width, 2), np.nan, np.float32)
-        locate = self._make_locator(picture)
         seen = np.flatnonzero(hits.is_hit)
         for begin in range(0, len(seen), _CHUNK_PIXELS):
             pixels = seen[begin : begin + _CHUNK_PIXELS]
             centres = np.stack((pixels % width + 0.5, pixels // width + 0.5), axis=-1)
             of_pixels = hits.take(pixels)
             points = SurfacePoints(of_pixels.prim_id, of_pixels.instance_id, of_pixels.u, of_pixels.v)
-            motion[pixels] = camera.project(locate(points, of_pixels.locations), width, height)[0] - centres
+            locations = of_pixels.locations if surface is None else surface.locate(points)
+            motion[pixels] = camera.project(locations, width, height)[0] - centres
         return motion.reshape(height, width, 2)
 
-    def _make_locator(self, picture: Picture) -> Any:
-        """Return the function from points on surfaces, and their locations, to the locations in the second pose."""
+    def _move_surface(self, picture: Picture) -> SceneSurface | None:
+        """Return the surface in the second pose; None if no instance moves."""
         if not len(self._ids):
-            return lambda points, locations: locations
+            return None
         state = picture.world.state
         if (newest := int(self._ids.max())) >= state.instance_count:
             raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
         state = state.with_transforms(self._ids, self._matrices)
-        surface = SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)
-        return lambda points, locations: surface.locate(points)
+        return SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)

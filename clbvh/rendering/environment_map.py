@@ -6,18 +6,16 @@ See cl/film/lights.cl.
 from __future__ import annotations
 
 import base64
-import binascii
 import os
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import SceneError
-from .light_tables import LUMINANCE
+from ..errors import SceneError
+from .look_tables import LUMINANCE
 
 ENVIRONMENT_SUFFIXES = (".hdr", ".exr")
 
@@ -27,9 +25,6 @@ _MAX_SIDE = 2**16
 
 # Sums of brighter light over many samples would leave float32.
 _MAX_LIGHT = 1e20
-
-# Pixels by which maps in memory are told apart before all of them are compared.
-_HASHED_PIXELS = 64
 
 _STORED_DTYPE = np.dtype("<f4")
 
@@ -122,23 +117,18 @@ class EnvironmentMap:
             height, width, content = value["height"], value["width"], value["pixels"]  # type: ignore[index]
             values = np.frombuffer(base64.b64decode(content, validate=True), _STORED_DTYPE)
             return cls(values.astype(np.float32).reshape(height, width, 3))
-        except (KeyError, TypeError, ValueError, binascii.Error) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise SceneError(f"its environment is no map of light: {error}") from error
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EnvironmentMap):
             return NotImplemented
-        if self is other:
-            return True
         if self.path is not None or other.path is not None:
             return self.path == other.path
         return np.array_equal(self.pixels, other.pixels)
 
     def __hash__(self) -> int:
-        if self.path is not None:
-            return hash(self.path)
-        pixels = self.pixels.reshape(-1, 3)
-        return hash((self.pixels.shape, pixels[:: max(1, len(pixels) // _HASHED_PIXELS)].tobytes()))
+        return hash(self.pixels.shape if self.path is None else self.path)
 
     def __repr__(self) -> str:
         if self.path is not None:
@@ -190,8 +180,7 @@ _BESIDE, _WITHIN = 1 / 8, 6 / 8
 _MOST_ALONG_X = 0.9
 
 
-@dataclass(frozen=True, eq=False)
-class EnvironmentTables:
+class EnvironmentTables(NamedTuple):
     """The tables, by the names of the kernels' arguments.
 
     Attributes

@@ -17,9 +17,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError, SceneError
-from ...support.files import read_errors_as, read_regular
-from ...support.memory import check_memory
+from ..errors import ConfigError, SceneError
+from ..support.files import read_errors_as, read_regular
+from ..support.memory import check_memory
 
 
 def read_environment_map(path: str | os.PathLike[str]) -> NDArray[np.float32]:
@@ -130,15 +130,14 @@ def _read_exposure(path: Path, lines: list[bytes]) -> float:
     return exposure
 
 
-def _read_rows(path: Path, content: bytes, begin: int, width: int, height: int) -> NDArray[np.uint8]:
+def _read_rows(path: Path, content: bytes, at: int, width: int, height: int) -> NDArray[np.uint8]:
     """Return (height, width, 4) uint8: the mantissas and the exponents."""
     row_head = bytes((2, 2, width >> 8, width & 0xFF)) if _LEAST_COMPRESSED <= width <= _MOST_COMPRESSED else None
     rgbe = np.empty((height, width, 4), np.uint8)
-    at = begin
     for row in range(height):
         if row_head is not None and content.startswith(row_head, at):
             channels, at = _read_compressed_row(content, at + len(row_head), width)
-            if channels is None:
+            if len(channels) != 4 * width or at > len(content):
                 raise SceneError(f"{path}: row {row} of {height} is damaged, or the file ends in it")
             rgbe[row] = np.frombuffer(channels, np.uint8).reshape(4, width).T
             continue
@@ -152,25 +151,22 @@ def _read_rows(path: Path, content: bytes, begin: int, width: int, height: int) 
     return rgbe
 
 
-def _read_compressed_row(content: bytes, at: int, width: int) -> tuple[bytearray | None, int]:
-    """Return the four channels of a row one after the other, None if it is damaged, and the offset behind it."""
+def _read_compressed_row(content: bytes, at: int, width: int) -> tuple[bytearray, int]:
+    """Return the four channels of a row one after the other, not complete if damaged, and the offset behind it."""
     channels = bytearray()
-    for channel in range(1, 5):
-        end = channel * width
+    for end in range(width, 4 * width + 1, width):
         while len(channels) < end:
-            if at >= len(content):
-                return None, at
-            count = content[at]
+            count = content[at] if at < len(content) else 0
+            if count == 0:
+                return bytearray(), at
             if count > _RUN:
                 channels += content[at + 1 : at + 2] * (count - _RUN)
                 at += 2
             else:
                 channels += content[at + 1 : at + 1 + count]
                 at += 1 + count
-            if count == 0 or at > len(content):
-                return None, at
         if len(channels) > end:
-            return None, at
+            return bytearray(), at
     return channels, at
 
 

@@ -1,1 +1,0 @@
-"""Images for programs: what each pixel sees, as arrays and as files."""
