@@ -146,10 +146,8 @@ class Cut:
             is_missed = any(first > high or second < low for first, second, low, high in rows)
         else:  # by the corner that is farthest on the normal's side
             is_missed = sum(((high if side > 0 else low) - point) * side for point, side, low, high in rows) <= 0
-        if not is_missed:
-            return None
         corners = ";".join(",".join(f"{value:g}" for value in corner) for corner in (lower, upper))
-        return f"the cut takes nothing away: all objects are in the box {corners}"
+        return f"the cut takes nothing away: all objects are in the box {corners}" if is_missed else None
 
     @property
     def normal(self) -> NDArray[np.float64]:
@@ -244,33 +242,22 @@ def as_cut(value: Any) -> Cut:
         return value
     if not isinstance(value, str):
         raise TypeError
-    if height := _HEIGHT.fullmatch(value.replace(" ", "")):
-        return _cut_at(value, *height.groups())
-    kind = "box" if value.startswith("box ") else "plane"
+    first: Any
+    second: Any
     try:
-        first, second = (
-            [float(part) for part in vector.split(",")] for vector in value.removeprefix("box ").split(";")
-        )
-    except ValueError:
-        raise _wrong(value) from None
-    return Cut(kind, first, second)  # type: ignore[arg-type]
-
-
-def _cut_at(text: str, name: str, side: str, number: str, unit: str) -> Cut:
-    """Return the cut of a height along an axis."""
-    try:
+        if not (found := _HEIGHT.fullmatch(value.replace(" ", ""))):
+            corners = value.removeprefix("box ").split(";")
+            first, second = ([float(part) for part in corner.split(",")] for corner in corners)
+            return Cut("box" if value.startswith("box ") else "plane", first, second)
+        name, side, number, unit = found.groups()
         height = float(number)
-    except ValueError:
-        raise _wrong(text) from None
+    except ValueError as error:
+        if isinstance(error, SceneError):  # of numbers that make no cut
+            raise
+        raise SceneError(
+            f'a cut is a text such as "z=50%", "z>0.5", "y<2", "0,1,0;0,1,0" or "box 0,0,0;1,1,1", not {value[:60]!r}'
+        ) from None
     if unit and not 0 <= height <= _WHOLE:
         raise SceneError(f"a cut in per cent is at 0 to 100 % of the scene, not at {number} %")
-    axis = _AXES.index(name)
-    point, normal = [0.0] * 3, [0.0] * 3
-    point[axis], normal[axis] = height, -1.0 if side == "<" else 1.0
-    return Cut("share" if unit else "plane", point, normal)  # type: ignore[arg-type]
-
-
-def _wrong(text: str) -> SceneError:
-    return SceneError(
-        f'a cut is a text such as "z=50%", "z>0.5", "y<2", "0,1,0;0,1,0" or "box 0,0,0;1,1,1", not {text[:60]!r}'
-    )
+    first, second = ([size if axis == name else 0.0 for axis in _AXES] for size in (height, 1.0 - 2.0 * (side == "<")))
+    return Cut("share" if unit else "plane", first, second)

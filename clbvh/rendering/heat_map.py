@@ -59,16 +59,15 @@ def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
 def draw_heat_map_of(world: Bvh | World, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
-    bvh = world if isinstance(world, Bvh) else world.bvh
-    if bvh is None:
-        assert not isinstance(world, Bvh)  # has a tree
-        assert world.top is not None
-        traversal = SceneTraversal(world.state, world.trees, world.top)
-        visits = _count_rays(traversal, camera, width, height)
-        counts = visits.node_steps if quantity == "nodes" else visits.prim_tests
-    else:
+    counts: NDArray[np.int32]
+    if (bvh := world if isinstance(world, Bvh) else world.bvh) is not None:
         counted = count_picture(bvh, camera, width, height)
         counts = counted.node_steps if quantity == "nodes" else counted.triangle_tests
+    else:
+        assert isinstance(world, World)  # a `Bvh` has itself
+        assert world.top is not None
+        visits = _count_rays(SceneTraversal(world.state, world.trees, world.top), camera, width, height)
+        counts = visits.node_steps if quantity == "nodes" else visits.prim_tests
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
     of_pixels = np.where(camera.sees(width, height), counts.reshape(height, width), 0)
     return draw_heat_map(of_pixels, quantity)
@@ -96,16 +95,11 @@ def draw_heat_map(counts: ArrayLike, quantity: str) -> NDArray[np.uint8]:
     """
     check_quantity(quantity)
     counts = np.asarray(counts)
-    highest = _choose_highest(counts)
+    # At the right end of the bar: a multiple of the number of ticks, and at least one for each.
+    high, steps = np.percentile(counts, _HIGH_PERCENTILE) if counts.size else 0.0, _TICKS - 1
+    highest = max(steps, math.ceil(high / steps) * steps)
     colours = _colour_of(counts / highest)
     return np.concatenate((colours, _draw_bar(counts.shape[1], highest, f"{QUANTITIES[quantity]} PER RAY")))
-
-
-def _choose_highest(counts: NDArray[np.int_]) -> int:
-    """Return the number at the right end of the bar: a multiple of the number of ticks, and at least one for each."""
-    high = float(np.percentile(counts, _HIGH_PERCENTILE)) if counts.size else 0.0
-    steps = _TICKS - 1
-    return max(steps, math.ceil(high / steps) * steps)
 
 
 def _colour_of(shares: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -119,13 +113,11 @@ def _draw_bar(width: int, highest: int, title: str) -> NDArray[np.uint8]:
     """Return a colour bar with a title above and numbers below."""
     scale = max(1, width // 400)
     text_rows = (TEXT_ROWS + 2 * GAP) * scale
-    bar = np.empty((4 * text_rows, width, 3), np.uint8)
-    bar[:] = GROUND
+    bar = np.full((4 * text_rows, width, 3), GROUND, np.uint8)
     margin = min(20 * scale, width // 4)
     length = max(1, width - 2 * margin)
-    bar[2 * text_rows : 3 * text_rows - GAP * scale, margin : margin + length] = _colour_of(
-        np.linspace(0, 1, length)[None]
-    )
+    colours = _colour_of(np.linspace(0, 1, length)[None])
+    bar[2 * text_rows : 3 * text_rows - GAP * scale, margin : margin + length] = colours
     draw_text(bar, title, text_rows // 2, width // 2, scale)
     for tick in range(_TICKS):
         share = tick / (_TICKS - 1)

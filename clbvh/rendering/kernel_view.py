@@ -18,17 +18,16 @@ from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
 from .cameras.projection import Fisheye, Orthographic, Panorama, name_of
 from .cameras.rays import find_ray_model
-from .cut import Cut
-from .view import View, Wireframe
+from .view import View
 
 # Largest distance from the mesh to the eye, in sizes of the mesh: well within float32.
 _MOST_DISTANCE = 1e30
 
 # The direction to the automatic light, in the camera's frame: left, above, towards the viewer.
-_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS = 0.60, 0.78, 0.62
+_LIGHT = 0.60, 0.78, 0.62
 
 # The same in the shading `studio`: more from the side and from above, so that the faces of a part differ.
-_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS = 0.70, 0.85, 0.45
+_KEY_LIGHT = 0.70, 0.85, 0.45
 
 # Tangent of half the angle of the soft light: that of a large lamp.
 _LIGHT_SPREAD = 0.1
@@ -83,7 +82,12 @@ def make_kernel_view(
     _set_projection(view, camera, mesh.scale, settings.width, settings.height)
 
     view["is_studio_lit"] = is_studio_lit
-    view["to_light"] = _light_direction(settings, is_studio_lit or settings.shading == "studio", right, up, forward)
+    if settings.light.direction is None:
+        left, above, near = _KEY_LIGHT if is_studio_lit or settings.shading == "studio" else _LIGHT
+        towards = above * up - left * right - near * forward
+    else:
+        towards = np.asarray(settings.light.direction, np.float64)
+    view["to_light"] = towards / np.linalg.norm(towards)
     view["light_colour"] = settings.light.colour
     view["to_sky"] = sky_direction(settings, camera)
     view["sky_colour"] = settings.light.sky
@@ -114,15 +118,24 @@ def make_kernel_view(
     view["sun_width"] = _LIGHT_SPREAD**2 / (secant * (secant + 1.0))
     view["most_light"] = np.inf if settings.clamp is None else settings.clamp
     view["tone_curve"] = TONE_CURVES[settings.curve]
-    if settings.cut is not None:
-        _set_cut(view, settings.cut, eye, (mesh.to_local(settings.cut.first), mesh.to_local(settings.cut.second)))
+    if (cut := settings.cut) is not None:
+        view["cut"] = CUTS[cut.kind]
+        with np.errstate(over="ignore"):
+            if cut.kind == "plane":
+                view["cut_normal"], view["cut_height"] = cut.normal, (eye - mesh.to_local(cut.first)) @ cut.normal
+            else:
+                view["cut_lower"], view["cut_upper"] = mesh.to_local(cut.first) - eye, mesh.to_local(cut.second) - eye
     if settings.wireframe is not None:
-        _set_wireframe(view, settings.wireframe, settings)
-    view["is_transparent"], view["seed"], view["most_bounces"] = (
-        settings.transparent,
-        settings.seed,
-        settings.max_bounces,
-    )
+        view["line_width"] = settings.wireframe.width
+        # After the exposure and the tone curve of the picture.
+        colour = np.asarray(settings.wireframe.colour, np.float64)
+        if settings.shading in REPORT_SHADINGS:
+            view["line_colour"] = linear_to_srgb(colour)
+        else:
+            light = _invert_filmic(colour) if settings.curve == "filmic" else colour
+            view["line_colour"] = light / 2.0**settings.exposure
+    view["is_transparent"], view["seed"] = settings.transparent, settings.seed
+    view["most_bounces"] = settings.max_bounces
     return view
 
 
@@ -145,20 +158,6 @@ def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
             f"for {_MOST_DISTANCE:.0e}: move it closer"
         )
     return eye
-
-
-def _light_direction(
-    settings: View, is_studio: bool, right: NDArray[np.float64], up: NDArray[np.float64], forward: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the unit vector towards the light."""
-    if settings.light.direction is None:
-        left, above, near = (
-            (_KEY_LEFT, _KEY_ABOVE, _KEY_TOWARDS) if is_studio else (_LIGHT_LEFT, _LIGHT_ABOVE, _LIGHT_TOWARDS)
-        )
-        towards = above * up - left * right - near * forward
-    else:
-        towards = np.asarray(settings.light.direction, np.float64)
-    return towards / np.linalg.norm(towards)
 
 
 def _range_along(
@@ -221,21 +220,15 @@ def _set_projection(view: NDArray[np.void], camera: Camera, scale: float, width:
     view["forward"] = middle
     view["forward_low"] = middle - view["forward"]
     view["right"], view["up"] = right, up
-    _set_lens(view, camera, scale, axes)
+    radius = camera.aperture / 2 * scale
+    if radius != 0:
+        view["has_lens"] = 1
+        with np.errstate(over="ignore"):  # refused below
+            view["lens_right"], view["lens_up"] = radius * axes[0], radius * axes[1]
+            view["inverse_focus"] = 1 / (camera.focus * scale)
     extents = [np.abs(view[name]).max() for name in ("right", "up", "lens_right", "lens_up")]
     if not max(extents) < _MOST_EXTENT:
         raise SceneError(f"the camera's height or aperture is more than {_MOST_EXTENT:.0e} sizes of the mesh")
-
-
-def _set_lens(view: NDArray[np.void], camera: Camera, scale: float, axes: _Axes) -> None:
-    """Write the fields of depth of field."""
-    radius = camera.aperture / 2 * scale
-    if radius == 0:
-        return
-    view["has_lens"] = 1
-    with np.errstate(over="ignore"):  # refused by `_set_projection`
-        view["lens_right"], view["lens_up"] = radius * axes[0], radius * axes[1]
-        view["inverse_focus"] = 1 / (camera.focus * scale)
 
 
 def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes:
@@ -294,11 +287,9 @@ def is_lit_as_studio(settings: View, camera: Camera, bounds: SceneBounds) -> boo
 
 def shows_ground(settings: View) -> bool:
     """Return whether a picture of a scene has a ground."""
-    return (
-        bool(settings.ground)
-        if settings.shading == "path"
-        else settings.shading == "studio" and settings.ground is not False
-    )
+    if settings.shading == "path":
+        return bool(settings.ground)
+    return settings.shading == "studio" and settings.ground is not False
 
 
 def find_ground(bounds: SceneBounds, up: NDArray[np.float64]) -> Ground:
@@ -316,47 +307,6 @@ def find_ground(bounds: SceneBounds, up: NDArray[np.float64]) -> Ground:
     point = middle + (bounds.lowest(normal) - middle @ normal) * normal
     half_diagonal = float(np.linalg.norm(np.ptp(box, axis=0))) / 2
     return Ground(bounds.origin + point / bounds.scale, normal, _RADIUS * half_diagonal / bounds.scale)
-
-
-def _set_cut(
-    view: NDArray[np.void], cut: Cut, eye: NDArray[np.float64], corners: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> None:
-    """Write a cut into a view.
-
-    Parameters
-    ----------
-    view : (1,) `structs.VIEW`
-    cut : Cut
-    eye : (3,) float64
-        In local coordinates.
-    corners : pair of (3,) float64
-        `first` and `second` of the cut as points, in local coordinates.
-    """
-    view["cut"] = CUTS[cut.kind]
-    with np.errstate(over="ignore"):
-        if cut.kind == "plane":
-            view["cut_normal"], view["cut_height"] = cut.normal, (eye - corners[0]) @ cut.normal
-        else:
-            view["cut_lower"], view["cut_upper"] = corners[0] - eye, corners[1] - eye
-
-
-def _set_wireframe(view: NDArray[np.void], wireframe: Wireframe, settings: View) -> None:
-    """Write the lines of a picture into a view.
-
-    Parameters
-    ----------
-    view : (1,) `structs.VIEW`
-    wireframe : Wireframe
-    settings : View
-        Its shading, exposure and tone curve are those of the picture.
-    """
-    view["line_width"] = wireframe.width
-    colour = np.asarray(wireframe.colour, np.float64)
-    if settings.shading in REPORT_SHADINGS:
-        view["line_colour"] = linear_to_srgb(colour)
-        return
-    light = _invert_filmic(colour) if settings.curve == "filmic" else colour
-    view["line_colour"] = light / 2.0**settings.exposure
 
 
 def _invert_filmic(colour: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,6 @@ are first asked for: a picture that is only looked at does not pay for it.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -15,14 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.tree_cache import BuildResult
 from ..bvh import Bvh
-from ..device.context import EventTimes
 from ..device.info import DeviceInfo
 from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
-from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.hits import Hits
 from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
 from ..trace.hits.scene_arrays import triangles_of
@@ -227,8 +223,8 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    has_instances = not isinstance(mesh, Mesh)
-    refined, ids = RefinedHits.make(height * width), HitIds.make(height * width, has_instances=has_instances)
+    refined = RefinedHits.make(height * width)
+    ids = HitIds.make(height * width, has_instances=not isinstance(mesh, Mesh))
     surface = triangles_of(mesh) if isinstance(mesh, Mesh) else mesh.arrays
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
@@ -242,46 +238,11 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
             if cut is not None:
                 t = refined.t[slice(*pixels)]
                 t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
-    if isinstance(mesh, Mesh):
-        return refined.as_hits(ids, (height, width), mesh=mesh)
-    return refined.as_hits(ids, (height, width), mesh=None, scene_surface=mesh)
+    only, scene_surface = (mesh, None) if isinstance(mesh, Mesh) else (None, mesh)
+    return refined.as_hits(ids, (height, width), mesh=only, scene_surface=scene_surface)
 
 
 def _refine_range(
     rays: RayBatch, surface: Any, found: NDArray[np.void], refined: RefinedHits, ids: HitIds, begin: int, end: int
 ) -> None:
     refine_closest(rays.part(begin, end), surface, found[begin:end], refined.part(begin, end), ids.part(begin, end))
-
-
-def list_setup_ms(watch: Stopwatch, made: BuildResult | None, upload_ms: float) -> dict[str, float]:
-    """Return the timings of a `Renderer`; see `Picture.timings`.
-
-    Parameters
-    ----------
-    watch : Stopwatch
-        With the laps load, open, layout and compile.
-    made : BuildResult or None
-        The tree, if the renderer has made one.
-    upload_ms : float
-        Time of the uploads, which are part of the lap layout.
-    """
-    total_ms, laps_ms = watch.total_ms, watch.laps_ms
-    phases_ms = {
-        "load": laps_ms["load"],
-        **(dict.fromkeys(("cache", "build"), 0.0) if made is None else made.timings_ms),
-        "open": laps_ms["open"],
-        # The tree is uploaded as it is arranged; the upload has a row of its own.
-        "layout": max(laps_ms["layout"] - upload_ms, 0.0),
-        "compile": laps_ms["compile"],
-        "upload": upload_ms,
-        "kernel": 0.0,
-        "download": 0.0,
-    }
-    return add_total(phases_ms, total_ms)
-
-
-def list_picture_ms(setup_ms: Mapping[str, float], times: EventTimes, watch: Stopwatch) -> dict[str, float]:
-    """Return the timings of a `Picture`: its own phases; those of the set-up take no time."""
-    own_ms, total_ms = times.sums_ms(), watch.total_ms
-    phases_ms = {phase: own_ms.get(phase, 0.0) for phase in setup_ms if phase not in ("other", "total")}
-    return add_total(phases_ms, total_ms)

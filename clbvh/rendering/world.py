@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -77,9 +77,13 @@ class World:
         else:
             self._build()
 
-    def _check_brute_limit(self) -> None:
+    def _count_placed(self) -> int:
+        """Return the number of primitives of all instances."""
         prim_counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
-        count, primitives = int(prim_counts[self.state.geometry_ids].sum()), "triangles" if self.mesh else "primitives"
+        return int(prim_counts[self.state.geometry_ids].sum())
+
+    def _check_brute_limit(self) -> None:
+        count, primitives = self._count_placed(), "triangles" if self.mesh else "primitives"
         if count > BRUTE_LIMIT:
             raise ConfigError(
                 f"the brute builder tests every primitive for every ray: {count:,} {primitives} are more than its "
@@ -137,10 +141,9 @@ class World:
         """Put everything on the device."""
         if self.mesh is not None:
             return DeviceTree(session, self.mesh, self.bvh, self._options.chosen_layout)
-        trees = self.trees or None
-        tree = DeviceScene(
-            session, self.state, trees, _build_top, self._options.chosen_layout, surface=self.surface.arrays
-        )
+        layout, trees = self._options.chosen_layout, self.trees or None
+        build_top = partial(build, leaf_size=1)
+        tree = DeviceScene(session, self.state, trees, build_top, layout, surface=self.surface.arrays)
         self.top = tree.top.bvh
         return tree
 
@@ -189,14 +192,9 @@ class World:
         }
         if self.mesh is not None:
             return report
-        prim_counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
         return report | {
-            "spheres": int(prim_counts.sum()) - face_count,
+            "spheres": sum(shape.prim_count for shape in self.state.shapes) - face_count,
             "geometries": self.state.geometry_count,
             "instances": self.state.instance_count,
-            "placed_primitives": int(prim_counts[self.state.geometry_ids].sum()),
+            "placed_primitives": self._count_placed(),
         }
-
-
-def _build_top(boxes: Mesh) -> Bvh:
-    return build(boxes, leaf_size=1)

@@ -60,7 +60,7 @@ def test_a_transparent_png_has_alpha(scene, tmp_path):
 
 def test_a_transparent_ppm_is_refused_before_any_work(scene, tmp_path, monkeypatch):
     fail = lambda *_, **__: pytest.fail("no work before the check")  # noqa: E731
-    monkeypatch.setattr("clbvh.rendering.render.render", fail)
+    monkeypatch.setattr("clbvh.rendering.renderer.render", fail)
     answer = run_clbvh("render", scene, "-o", tmp_path / "a.ppm", *SIZE, "--samples", 1, "--transparent")
     refuses(answer, 2, ".png")
     assert not (tmp_path / "a.ppm").exists()

@@ -286,7 +286,7 @@ class TestClosing:
         def fail(*_, **__):
             raise SceneError("broken")
 
-        monkeypatch.setattr(painters_module, "build_kernel", fail)
+        monkeypatch.setattr(painters_module.Painters, "painter", fail)
         with pytest.raises(SceneError, match="broken"):
             Renderer(SCENE, VIEW)
         assert len(closed) == 1
