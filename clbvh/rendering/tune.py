@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -94,54 +94,42 @@ def tune(
         chosen = default_settings(session.info)
         trials: list[Trial] = []
         trees = {layout: DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS}
-        neighbours, shuffled = _make_rays(camera, bvh, size)
-        orders = [(session.upload(neighbours), True), (session.upload(shuffled), False)]
+        neighbours, *_ = orders = [session.upload(rays) for rays in _make_rays(camera, bvh, size)]
         ray_count = size[0] * size[1]
         results = session.allocate(ray_count * HIT.itemsize)
         largest = session.info.cl_device.max_work_group_size
 
         def casts(tree: DeviceTree, work_group_size: int) -> Callable[[], object]:
             kernel = build_kernel(session, "closest_hit", tree.defines)
-            has_entry_points = tree.has_entry_points
-            entry_point_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines) if has_entry_points else None
-            entry_point_buffer = ReusableBuffer(session)
-            work_size, work_group = (ray_count, 1), (work_group_size, 1)
+            starts_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines) if tree.has_entry_points else None
+            buffer, sizes = ReusableBuffer(session), ((ray_count, 1), (work_group_size, 1))
 
             def run() -> None:
-                for rays, is_coherent in orders:
+                for rays in orders:
                     described = {"rays": rays, "ray_count": np.int32(ray_count), "row_length": np.int32(ray_count)}
-                    starts = {"entry_points": None}
-                    if is_coherent and entry_point_kernel is not None:
-                        starts = find_entry_points(
-                            session, tree, entry_point_kernel, entry_point_buffer, work_size, work_group, **described
-                        )
-                    session.run(
-                        kernel, work_size, work_group,
-                        **tree.arguments, **described, **starts, hits=results, order=None,
-                    )  # fmt: skip
+                    starts: dict[str, Any] = {"entry_points": None}
+                    if rays is neighbours and starts_kernel is not None:
+                        starts = find_entry_points(session, tree, starts_kernel, buffer, *sizes, **described)
+                    session.run(kernel, *sizes, **tree.arguments, **described, **starts, hits=results, order=None)
 
             return run
 
-        tasks: dict[Any, Callable[[], object]] = {
-            layout: casts(tree, chosen.work_group_size) for layout, tree in trees.items()
-        }
-        layout = _choose(trials, "layout", _measure(session, tasks), chosen.layout)
+        def find_best(what: str, usual: Any, choices: Iterable[Any], make_task: Callable[[Any], Any]) -> Any:
+            return _choose(trials, what, _measure(session, {each: make_task(each) for each in choices}), usual)
+
+        usual_size = chosen.work_group_size
+        layout = find_best("layout", chosen.layout, trees, lambda layout: casts(trees[layout], usual_size))
         tree = trees[layout]
-        tasks = {
-            work_group_size: casts(tree, work_group_size)
-            for work_group_size in _WORK_GROUP_SIZES
-            if work_group_size <= largest
-        }
-        work_group_size = _choose(trials, "work-group size", _measure(session, tasks), chosen.work_group_size)
+        group_sizes = (each for each in _WORK_GROUP_SIZES if each <= largest)
+        work_group_size = find_best("work-group size", usual_size, group_sizes, partial(casts, tree))
 
         wanted = View(width=size[0], height=size[1], shading="lambert+shadow", up=camera.up)
         view = make_kernel_view(wanted, camera, mesh)
-        tasks = {
-            tile: partial(FrameRenderer(session, tree).render, view, OneRayPainter(session, tree, tile))
-            for tile in _TILES
-            if tile[0] * tile[1] <= largest
-        }
-        tile = _choose(trials, "tile", _measure(session, tasks), chosen.tile)
+
+        def draws(tile: tuple[int, int]) -> Callable[[], object]:
+            return partial(FrameRenderer(session, tree).render, view, OneRayPainter(session, tree, tile))
+
+        tile = find_best("tile", chosen.tile, (each for each in _TILES if each[0] * each[1] <= largest), draws)
         # Rays with the best work-groups, and the picture with the best tiles.
         ms = sum(trial.ms for trial in trials if trial.is_best and trial.what != "layout")
         chosen = Settings(layout, work_group_size, tile, is_measured=True, measured_ms=ms)

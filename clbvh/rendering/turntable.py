@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from functools import partial
+from itertools import chain
 from numbers import Integral, Real
 from pathlib import Path
 from types import ModuleType
@@ -190,10 +191,8 @@ def _write_mp4(file: BinaryIO, frames: Iterator[_Frame], frames_per_s: float, pa
         )  # fmt: skip
         # Closing it waits for ffmpeg.
         with closing(writer):
-            writer.send(None)
-            writer.send(first)
-            for frame in frames:
-                writer.send(_pad_to_even(frame))
+            for frame in chain((None, first), map(_pad_to_even, frames)):
+                writer.send(frame)
         if not video.is_file() or not video.stat().st_size:
             raise ConfigError(f"ffmpeg made no video of {width} x {height} pixels; it has said why")
         with video.open("rb") as made:
@@ -203,8 +202,6 @@ def _write_mp4(file: BinaryIO, frames: Iterator[_Frame], frames_per_s: float, pa
 def _pad_to_even(frame: _Frame) -> _Frame:
     """Return a frame with even sides: the last column and the last row are repeated where needed."""
     height, width, _ = frame.shape
-    if height % 2 == 0 and width % 2 == 0:
-        return frame
     return np.pad(frame, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..choices import REPORT_SHADINGS, SHADINGS, STANDARD_VIEWS, TONE_CURVES
 from ..errors import SceneError
 from .cameras.projection import DEFAULT_FOV, PROJECTION, UP, Projection, check_focus
+from .cut import Cut, as_cut
 from .settings import (
     Kind,
     Vector,
@@ -27,7 +28,6 @@ from .settings import (
 
 if TYPE_CHECKING:
     from .cameras.camera import Camera
-    from .cut import Cut
     from .environment_map import EnvironmentMap
 
 CAMERA, LIGHT, SHADING, FILM = "Camera", "Light", "Shading", "Picture"
@@ -144,12 +144,6 @@ def _read_camera(value: Any) -> Camera:
     if not isinstance(value, Camera):
         raise TypeError
     return value
-
-
-def _read_cut(value: Any) -> Cut:
-    from .cut import as_cut
-
-    return as_cut(value)
 
 
 def _read_environment(value: Any) -> EnvironmentMap | None:
@@ -285,7 +279,7 @@ class View:
         None,
         'A part that the camera does not see: above the middle ("z=50%"), below a height ("y<2"), on the normal\'s '
         'side of a plane ("X,Y,Z;NX,NY,NZ"), or in a box ("box X,Y,Z;X,Y,Z"). Light comes as if it were there.',
-        Kind(_CUT_TEXT, _read_cut, metavar="CUT"), CAMERA,
+        Kind(_CUT_TEXT, as_cut, metavar="CUT"), CAMERA,
     )  # fmt: skip
 
     light: Light = setting(
@@ -343,7 +337,11 @@ class View:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        self._find_size()
+        size = self.width, self.height
+        if self.camera is not None and self.camera.lens is not None:
+            size = self.camera.size_for(*size)
+        for name, value, usual in zip(("width", "height"), size, (DEFAULT_WIDTH, DEFAULT_HEIGHT), strict=True):
+            object.__setattr__(self, name, usual if value is None else value)
         if self.look_at is not None and self.eye is None:
             raise SceneError("a camera with look_at needs an eye")
         if self.side is not None and (self.eye is not None or self.camera is not None):
@@ -357,14 +355,6 @@ class View:
                 f"the shading '{self.shading}' has one sample, the centre of each pixel, and not {self.samples:,}: "
                 "studio, ao and path take more"
             )
-
-    def _find_size(self) -> None:
-        """Complete the size: from the lens of the camera, or by default."""
-        width, height = self.width, self.height
-        if self.camera is not None and self.camera.lens is not None:
-            width, height = self.camera.size_for(width, height)
-        object.__setattr__(self, "width", DEFAULT_WIDTH if width is None else width)
-        object.__setattr__(self, "height", DEFAULT_HEIGHT if height is None else height)
 
     def changed(self, **changes: Any) -> View:
         """Return the view with other settings.

@@ -59,10 +59,7 @@ class ViewFinder:
 
     def complete(self, view: View) -> View:
         """Return the view with a direction that is up, and a cut in the scene's coordinates."""
-        up = self._find_up(view).vector
-        cut = view.cut
-        if cut is not None:
-            cut = cut.resolved(*self._box)
+        up, cut = self._find_up(view).vector, view.cut and view.cut.resolved(*self._box)
         return view if (up, cut) == (view.up, view.cut) else replace(view, up=up, cut=cut)
 
     @cached_property
@@ -76,8 +73,8 @@ class ViewFinder:
             return Up(view.up, None)
         if view.camera is not None and view.camera.lens is None:
             return Up(view.camera.up, None)
-        bounds = self.bounds(view)
-        return self._keep("up", (view.frame, view.eye, view.look_at), lambda: guess_up(bounds, view.eye, view.look_at))
+        key = view.frame, view.eye, view.look_at
+        return self._keep("up", key, lambda: guess_up(self.bounds(view), view.eye, view.look_at))
 
     def camera(self, view: View) -> Camera:
         """Return the camera of a view: the one that it has, or the one that its settings choose."""
@@ -85,18 +82,17 @@ class ViewFinder:
             return view.camera
         lens = view.fov, view.projection, view.aperture, view.focus_distance
         key = view.width / view.height, view.eye, view.look_at, view.up, view.side, view.frame, *lens
-        return self._keep("camera", key, lambda: self._choose_camera(view))
+        chosen = {"eye": view.eye, "look_at": view.look_at, "side": view.side}
+        return self._keep("camera", key, lambda: self._choose_camera(view, **chosen))
 
-    def _choose_camera(self, view: View) -> Camera:
+    def _choose_camera(self, view: View, **chosen: Any) -> Camera:
         camera = frame_scene(
             self.bounds(view),
             aspect=view.width / view.height,
             up=view.up,  # type: ignore[arg-type]  # complete
             fov=view.fov,
-            eye=view.eye,
-            look_at=view.look_at,
             projection=view.projection,
-            side=view.side,
+            **chosen,
         )
         if view.aperture == 0 and view.focus_distance is None:
             return camera
@@ -104,16 +100,7 @@ class ViewFinder:
 
     def turn(self, view: View, count: int) -> list[Camera]:
         """Return the cameras of a full turn, which all see the whole from the same distance."""
-        first = frame_scene(
-            self.bounds(view),
-            turns=True,
-            aspect=view.width / view.height,
-            up=view.up,  # type: ignore[arg-type]  # complete
-            fov=view.fov,
-            projection=view.projection,
-        )
-        if view.aperture:
-            first = replace(first, aperture=view.aperture, focus_distance=view.focus_distance)
+        first = self._choose_camera(view, turns=True)
         return [first.orbit(360.0 * number / count) for number in range(count)]
 
     def measure(self, view: View, side: str) -> tuple[float, float]:

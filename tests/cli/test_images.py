@@ -9,7 +9,7 @@ import pytest
 
 import clbvh
 from clbvh.choices import DEFAULT_CHANNELS
-from clbvh.rendering.images import channels
+from clbvh.rendering import channels
 from clbvh.rendering.images import Images
 
 from .command import refuses, run_clbvh

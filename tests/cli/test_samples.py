@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from clbvh.rendering import frame
+from clbvh.rendering import painters
 
 from .command import make_environment, refuses, run_clbvh
 
@@ -43,7 +43,7 @@ def test_wrong_times_are_refused(scene, tmp_path, time):
 def test_bands_do_not_change_the_file(scene, tmp_path, monkeypatch, shading):
     words = ("render", scene, *SIZE, "--samples", 5, "--shading", shading, "--transparent")
     assert run_clbvh(*words, "-o", tmp_path / "whole.png").returncode == 0
-    monkeypatch.setattr(frame, "BAND_PIXELS", 40 * 7)
+    monkeypatch.setattr(painters, "BAND_PIXELS", 40 * 7)
     assert run_clbvh(*words, "-o", tmp_path / "bands.png").returncode == 0
     assert (tmp_path / "whole.png").read_bytes() == (tmp_path / "bands.png").read_bytes()
 

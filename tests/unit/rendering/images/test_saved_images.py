@@ -13,10 +13,9 @@ import pytest
 from PIL import Image
 
 from clbvh import Camera, ConfigError
-from clbvh.rendering.hdr_files import read_exr
 from clbvh.rendering.channels import CHANNELS
-from clbvh.rendering.images import check_images_path, encode_channel, read_camera
-from clbvh.rendering.images import Images
+from clbvh.rendering.hdr_files import read_exr
+from clbvh.rendering.images import Images, check_images_path, encode_channel, read_camera
 
 HEIGHT, WIDTH = 5, 7
 CAMERA = Camera(eye=(1, 2, 3), look_at=(0, 0, 0))
