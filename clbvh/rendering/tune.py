@@ -102,15 +102,15 @@ def tune(
         def casts(tree: DeviceTree, work_group_size: int) -> Callable[[], object]:
             kernel = build_kernel(session, "closest_hit", tree.defines)
             starts_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines) if tree.has_entry_points else None
-            buffer, sizes = ReusableBuffer(session), ((ray_count, 1), (work_group_size, 1))
+            buffer, work, group = ReusableBuffer(session), (ray_count, 1), (work_group_size, 1)
 
             def run() -> None:
                 for rays in orders:
                     described = {"rays": rays, "ray_count": np.int32(ray_count), "row_length": np.int32(ray_count)}
                     starts: dict[str, Any] = {"entry_points": None}
                     if rays is neighbours and starts_kernel is not None:
-                        starts = find_entry_points(session, tree, starts_kernel, buffer, *sizes, **described)
-                    session.run(kernel, *sizes, **tree.arguments, **described, **starts, hits=results, order=None)
+                        starts = find_entry_points(session, tree, starts_kernel, buffer, work, group, **described)
+                    session.run(kernel, work, group, **tree.arguments, **described, **starts, hits=results, order=None)
 
             return run
 
