@@ -39,7 +39,6 @@ from .geometry.spheres import Shape as Shape
 from .rendering.cameras.camera import Camera as Camera
 from .rendering.cameras.lens import Lens as Lens
 from .rendering.cameras.projection import Fisheye as Fisheye, Orthographic as Orthographic, Panorama as Panorama
-from .rendering.contact_sheet import ContactSheet as ContactSheet, contact_sheet as contact_sheet
 from .rendering.cut import Cut as Cut
 from .rendering.environment_map import EnvironmentMap as EnvironmentMap
 from .rendering.images import Images as Images
@@ -48,8 +47,12 @@ from .rendering.options import RenderOptions as RenderOptions
 from .rendering.picture import Picture as Picture
 from .rendering.renderer import Renderer as Renderer, render as render, render_images as render_images
 from .rendering.scene_file import save_scene as save_scene
+from .rendering.series import (
+    ContactSheet as ContactSheet,
+    contact_sheet as contact_sheet,
+    render_turntable as render_turntable,
+)
 from .rendering.settings import Vector as Vector
-from .rendering.turntable import render_turntable as render_turntable
 from .rendering.view import Light as Light, View as View, Wireframe as Wireframe
 from .scene.handles import Geometry as Geometry, Instance as Instance
 from .scene.scene import Scene as Scene

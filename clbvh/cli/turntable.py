@@ -32,7 +32,7 @@ def turntable(
     as_json: options.AsJson = False,
 ) -> None:
     """Write an animation in which meshes or a scene turn once around."""
-    from ..rendering.turntable import check_animation, check_frame_count, render_turntable
+    from ..rendering.series import check_animation, check_frame_count, render_turntable
 
     # All input is checked before any work.
     check_animation(output, frame_rate)

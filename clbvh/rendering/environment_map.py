@@ -81,7 +81,7 @@ class EnvironmentMap:
         array([[[1., 2., 3.]]], dtype=float32)
         """
         assert self.path is not None
-        from .hdr_files import read_environment_map  # most pictures have no environment
+        from .image_files import read_environment_map  # most pictures have no environment
 
         try:
             return _check_pixels(read_environment_map(self.path))

@@ -26,8 +26,7 @@ from ..support.files import as_path, check_target, read_errors_as, read_regular,
 from ..support.memory import check_memory
 from .cameras.camera import Camera
 from .channels import CHANNELS, NextPose, Subject, check_channels
-from .hdr_files import import_openexr, write_exr
-from .image_files import encode_ppm
+from .image_files import encode_ppm, import_openexr, write_exr
 from .picture import Picture
 from .view import View
 

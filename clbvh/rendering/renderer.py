@@ -117,14 +117,13 @@ class Renderer(ContextManager):
         self._options = options or RenderOptions()
         enter = on_phase or _ignore
         watch = Stopwatch()
-        with ExitStack() as stack:
+        # Closed if a step fails, and not at the end of this block.
+        with ExitStack() as on_failure:
             # A wrong setting is found before any work.
             guessed = (view or View()).changed(**changes)
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
             make_world = partial(self._make_world, source, view, changes, watch, enter)
             _, session = side_by_side(make_world, partial(open_session, self._options.device, guessed.shading))
-            # Closed if a step fails, and not at the end of this block.
-            on_failure = stack.enter_context(ExitStack())
             on_failure.push(session)
             watch.lap("open")
             self._tree = self._world.put(session)

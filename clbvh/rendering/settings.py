@@ -181,14 +181,20 @@ def as_plain(owner: Any) -> dict[str, Any]:
     return plain
 
 
-def whole(least: int, most: int) -> Kind:
-    """Return whole numbers from `least` to `most`."""
+def only(is_right: Callable[[Any], bool]) -> Callable[[Any], Any]:
+    """Return the function that returns values as they are, and raises `ValueError` for one that is not right."""
 
-    def read(value: Any) -> int:
-        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+    def read(value: Any) -> Any:
+        if not is_right(value):
             raise ValueError
         return value
 
+    return read
+
+
+def whole(least: int, most: int) -> Kind:
+    """Return whole numbers from `least` to `most`."""
+    read = only(lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most)
     return Kind(f"a whole number from {least:,} to {most:,}", read, int)
 
 
@@ -215,24 +221,12 @@ def number(
 def one_of(names: Iterable[str]) -> Kind:
     """Return names."""
     names = tuple(names)
-
-    def read(value: Any) -> str:
-        if value not in names:
-            raise ValueError
-        return value
-
-    return Kind(f"one of {', '.join(names)}", read, metavar="|".join(names))
+    return Kind(f"one of {', '.join(names)}", only(lambda value: value in names), metavar="|".join(names))
 
 
 def flag() -> Kind:
     """Return True and False."""
-
-    def read(value: Any) -> bool:
-        if not isinstance(value, bool):
-            raise TypeError
-        return value
-
-    return Kind("True or False", read, bool)
+    return Kind("True or False", only(lambda value: isinstance(value, bool)), bool)
 
 
 def vector(least: float | None = None, most: float | None = None, *, metavar: str = "X,Y,Z") -> Kind:

@@ -7,8 +7,8 @@ import pytest
 
 import clbvh
 from clbvh.choices import STANDARD_VIEWS
-from clbvh.rendering.contact_sheet import _join, _round_down
 from clbvh.rendering.image_files import GROUND, draw_text, width_of
+from clbvh.rendering.series import _join, _round_down
 
 BOX = ([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 WIDTH, HEIGHT = 80, 60

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.rendering import turntable as module
-from clbvh.rendering.turntable import render_turntable
+from clbvh.rendering import series as module
+from clbvh.rendering.series import render_turntable
 
 BALL = clbvh.make_shape("icosphere", triangles=80)
 SIZE = {"width": 40, "height": 30}

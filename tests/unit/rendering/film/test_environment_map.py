@@ -8,7 +8,7 @@ import pytest
 import clbvh
 from clbvh.errors import SceneError
 from clbvh.rendering.environment_map import EnvironmentMap
-from clbvh.rendering.hdr_files import write_exr
+from clbvh.rendering.image_files import write_exr
 
 PIXELS = np.arange(24.0).reshape(2, 4, 3)
 

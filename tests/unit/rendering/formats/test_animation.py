@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from clbvh.errors import ConfigError
-from clbvh.rendering.turntable import check_animation, write_animation
+from clbvh.rendering.series import check_animation, write_animation
 
 COLOURS = [(250, 20, 20), (20, 250, 20), (20, 20, 250), (240, 240, 10)]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clbvh.errors import ConfigError, SceneError
-from clbvh.rendering.hdr_files import read_exr, write_exr
+from clbvh.rendering.image_files import read_exr, write_exr
 
 OpenEXR = pytest.importorskip("OpenEXR")
 

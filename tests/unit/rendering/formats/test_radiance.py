@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh.errors import ConfigError, SceneError
-from clbvh.rendering.hdr_files import read_environment_map, read_radiance, write_exr
+from clbvh.rendering.image_files import read_environment_map, read_radiance, write_exr
 
 HEAD = b"#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n\n"
 

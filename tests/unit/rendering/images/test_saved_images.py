@@ -14,7 +14,7 @@ from PIL import Image
 
 from clbvh import Camera, ConfigError
 from clbvh.rendering.channels import CHANNELS
-from clbvh.rendering.hdr_files import read_exr
+from clbvh.rendering.image_files import read_exr
 from clbvh.rendering.images import Images, check_images_path, encode_channel, read_camera
 
 HEIGHT, WIDTH = 5, 7
