@@ -32,15 +32,12 @@ class Subject:
     Attributes
     ----------
     picture : Picture
-    shapes : sequence of Mesh or Spheres
-        By geometry id.
     next_pose : NextPose
     crease_angle : float
         Degrees; see `View.smooth`.
     """
 
     picture: Picture
-    shapes: Sequence[Shape]
     next_pose: NextPose
     crease_angle: float
 
@@ -48,6 +45,11 @@ class Subject:
     def hits(self) -> Hits:
         """The hits of the picture in float64."""
         return self.picture.hits
+
+    @property
+    def shapes(self) -> Sequence[Shape]:
+        """The shapes by geometry id."""
+        return self.picture.world.state.shapes
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
@@ -174,7 +176,9 @@ CHANNELS = {
     "geometry_id": _id("geometry_id", lambda subject: subject.hits.geometry_id),
     "primitive_id": _id("primitive_id", lambda subject: subject.hits.prim_id),
     "barycentric": Channel(_find_barycentric, "vector", _vector("barycentric", "UV")),
-    "uv": Channel(lambda each: find_texture_coordinates(each.hits, each.shapes), "vector", _vector("uv", "UV")),
+    "uv": Channel(
+        lambda each: find_texture_coordinates(each.hits, each.picture.world.state.shapes), "vector", _vector("uv", "UV")
+    ),
     "motion": Channel(lambda each: each.next_pose.find_motion(each.picture), "vector", _vector("motion", "XY")),
 }
 

@@ -31,7 +31,11 @@ def check_pixels(picture: Picture) -> Picture:
         A pixel differs; the message names the first one.
     """
     height, width = picture.found.shape
-    pixel_count = min(width * height, max(1, _MOST_TESTS // _count_tests(picture)))
+    state = picture.world.state
+    prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
+    # Of one ray, about, and one test of each instance's bounding sphere.
+    test_count = int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
+    pixel_count = min(width * height, max(1, _MOST_TESTS // test_count))
     # Spread evenly over the picture, the same ones each time; all of them if there are few.
     pixels = np.linspace(0, width * height - 1, pixel_count).astype(np.int64)
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
@@ -47,22 +51,15 @@ def check_pixels(picture: Picture) -> Picture:
     return replace(picture, validated_pixels=len(pixels))
 
 
-def _count_tests(picture: Picture) -> int:
-    """Return about how many primitives the reference tests for one ray."""
-    state = picture.world.state
-    prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
-    # And one test of each instance's bounding sphere.
-    return int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
-
-
 def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[SceneDifference]:
     height, width = picture.found.shape
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
-    if picture.cut is not None:
-        return _find_differences_beside(picture.cut, SceneReference(picture.world.state), origins, directions, hits)
     # Pictures show all instances but those that no ray sees.
-    return SceneReference(picture.world.state).find_differences(Rays.make(origins, directions), hits)
+    reference = SceneReference(picture.world.state)
+    if picture.cut is not None:
+        return _find_differences_beside(picture.cut, reference, origins, directions, hits)
+    return reference.find_differences(Rays.make(origins, directions), hits)
 
 
 def _find_differences_beside(

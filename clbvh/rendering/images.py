@@ -17,11 +17,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import ConfigError, SceneError
 from ..geometry.appearance.srgb import linear_to_srgb
-from ..scene.scene import Scene
 from ..support.files import as_path, check_target, read_errors_as, read_regular, write_atomically
 from ..support.memory import check_memory
 from .cameras.camera import Camera
@@ -188,17 +187,10 @@ _PIXEL_BYTES = 100
 
 
 def make_images(
-    scene: Scene,
-    render: Callable[..., Picture],
-    view: View,
-    channels: Iterable[str],
-    next_camera: Camera | None,
-    next_transforms: Mapping[Any, ArrayLike] | None,
-    on_phase: Callable[[str], None] | None,
+    render: Callable[..., Picture], view: View, channels: Iterable[str], second: tuple[Any, Any, Any], on_phase: Any
 ) -> Images:
-    """Return the images of `Renderer.images`, of a picture that `render` makes of a view."""
-    names = check_channels(channels)
-    next_pose = NextPose(scene, next_camera, next_transforms)
+    """Return the images of `Renderer.images`, of a picture that `render` makes of a view; `second`: of `NextPose`."""
+    names, next_pose = check_channels(channels), NextPose(*second)
     if "motion" in names:
         next_pose.check()
     keeps_film = "colour" in names or "alpha" in names
@@ -209,7 +201,7 @@ def make_images(
     pixel_bytes = _PIXEL_BYTES + sum(CHANNELS[name].pixel_bytes for name in names)
     check_memory("the images", picture.found.size * pixel_bytes, SceneError)
     state = picture.world.state
-    subject = Subject(picture, state.shapes, next_pose, view.smooth)
+    subject = Subject(picture, next_pose, view.smooth)
     arrays: dict[str, NDArray[Any]] = {
         name: CHANNELS[name].find(subject).astype(CHANNELS[name].dtype, copy=False) for name in names
     }

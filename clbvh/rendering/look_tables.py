@@ -200,21 +200,6 @@ class Looks(NamedTuple):
     colours: NDArray[np.floating]
 
 
-class LookTables(NamedTuple):
-    """The tables of the surfaces.
-
-    Attributes
-    ----------
-    arrays : dict of str to array
-        By the names of the kernels' arguments.
-    materials : tuple of Material
-        By the numbers in the tables.
-    """
-
-    arrays: dict[str, NDArray[Any]]
-    materials: tuple[Material, ...]
-
-
 def has_cutouts(shapes: Sequence[Shape]) -> bool:
     """Return whether any surface has an alpha below 1."""
     appearances = [shape.appearance for shape in shapes if shape.appearance is not None]
@@ -223,8 +208,8 @@ def has_cutouts(shapes: Sequence[Shape]) -> bool:
     return not (all(each.is_opaque for each in materials) and all(map(_has_whole_colours, appearances)))
 
 
-def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: float) -> LookTables:
-    """Return the tables of a scene.
+def make_look_tables(looks: Looks, is_light: NDArray[np.bool_], crease_angle: float) -> dict[str, NDArray[Any]]:
+    """Return the tables of the surfaces of a scene, by the names of the kernels' arguments.
 
     Parameters
     ----------
@@ -300,14 +285,14 @@ class _Tables:
             tangents = find_tangents(mesh, find(), uvs).reshape(-1, _CORNERS + 1)
             row["first_tangent"] = self._append("corner_normals", pack_tangents(tangents))
 
-    def finish(self, looks: NDArray[np.void]) -> LookTables:
+    def finish(self, looks: NDArray[np.void]) -> dict[str, NDArray[Any]]:
         """Return the tables."""
         textures = TextureTables()
         materials = np.zeros(len(self._materials), MATERIAL)
         for number, material in enumerate(self._materials):
             _fill_material(materials[number : number + 1], material, textures)
         grown = {name: _join(parts) for name, parts in self._parts.items()}
-        return LookTables({"looks": looks, "materials": materials, **textures.arrays(), **grown}, (*self._materials,))
+        return {"looks": looks, "materials": materials, **textures.arrays(), **grown}
 
     def _share(self, name: str, source: NDArray[Any], make: Callable[[], NDArray[Any]]) -> int:
         key = name, id(source)

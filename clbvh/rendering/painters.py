@@ -485,7 +485,7 @@ class Painters:
     def _make_looks(self, crease_angle: float) -> dict[str, NDArray[Any]]:
         looks = self._world.looks
         is_light = find_lights(looks.shapes, looks.shape_ids, self._world.to_local())
-        return make_look_tables(looks, is_light, crease_angle).arrays
+        return make_look_tables(looks, is_light, crease_angle)
 
     def _find_lights(self) -> LightTables:
         if self._lights is None:

@@ -117,12 +117,25 @@ class Renderer(ContextManager):
         self._options = options or RenderOptions()
         enter = on_phase or _ignore
         watch = Stopwatch()
+
+        def make_world() -> None:
+            """Open the source, and build its trees on the host."""
+            enter("load")
+            self.scene, own_view = as_scene(source)
+            self.view = (own_view if view is None else view).changed(**changes)
+            state = self.scene.snapshot()
+            watch.lap("load")
+            enter("build")
+            self._world = World(state, self._options, source if isinstance(source, Bvh) else None)
+            self._finder = ViewFinder(self._world.bounds)
+            watch.lap("build")
+            enter("open the device")
+
         # Closed if a step fails, and not at the end of this block.
         with ExitStack() as on_failure:
             # A wrong setting is found before any work.
             guessed = (view or View()).changed(**changes)
             # Side by side: a driver starts, and loads what it has compiled, without Python's lock.
-            make_world = partial(self._make_world, source, view, changes, watch, enter)
             _, session = side_by_side(make_world, partial(open_session, self._options.device, guessed.shading))
             on_failure.push(session)
             watch.lap("open")
@@ -151,26 +164,6 @@ class Renderer(ContextManager):
                 self._world.validate()
             on_failure.pop_all()
         self._session = session
-
-    def _make_world(
-        self,
-        source: SceneLike | list[str],
-        view: View | None,
-        changes: Mapping[str, Any],
-        watch: Stopwatch,
-        enter: Callable[[str], None],
-    ) -> None:
-        """Open the source, and build its trees on the host."""
-        enter("load")
-        self.scene, own_view = as_scene(source)
-        self.view = (own_view if view is None else view).changed(**changes)
-        state = self.scene.snapshot()
-        watch.lap("load")
-        enter("build")
-        self._world = World(state, self._options, source if isinstance(source, Bvh) else None)
-        self._finder = ViewFinder(self._world.bounds)
-        watch.lap("build")
-        enter("open the device")
 
     def render(
         self,
@@ -306,8 +299,8 @@ class Renderer(ContextManager):
         """
         from .images import make_images  # most pictures need none of it
 
-        wanted = self._find_view(view, changes)
-        return make_images(self.scene, self.render, wanted, channels, next_camera, next_transforms, on_phase)
+        second = self.scene, next_camera, next_transforms
+        return make_images(self.render, self._find_view(view, changes), channels, second, on_phase)
 
     @property
     def mesh(self) -> Mesh | None:

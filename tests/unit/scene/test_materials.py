@@ -150,10 +150,13 @@ def test_tables_hold_the_corners_of_a_mesh_once():
     shapes, shape_ids = dress_shapes(place_all().snapshot())
     count = len(shape_ids)
     tables = make_look_tables(Looks(shapes, shape_ids, np.full((count, 3), np.nan)), np.zeros(count, bool), 40.0)
-    assert len(tables.arrays["corner_normals"]) == 240
-    assert len(tables.arrays["corner_uvs"]) == 480
-    looks = tables.arrays["looks"]
+    assert len(tables["corner_normals"]) == 240
+    assert len(tables["corner_uvs"]) == 480
+    looks = tables["looks"]
     assert looks["first_normal"].tolist() == [0, 0, -1, -1, 0]
     assert looks["first_colour"].tolist() == [0, -1, -1, -1, -1]
-    names = [tables.materials[number].name for number in looks["material_id"]]
-    assert names == ["own", "gold", "tiled", "tiled", "gold"]
+    # That of shapes without one comes first: own, gold, tiled, tiled and gold, each material once.
+    assert len(tables["materials"]) == 4 and looks["material_id"].min() == 1
+    materials = tables["materials"][looks["material_id"]]
+    assert materials["metallic"].tolist() == [0, 1, 0, 0, 1]
+    assert materials["base_colour_texture"].tolist() == [-1, -1, 0, 0, -1]
