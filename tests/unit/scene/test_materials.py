@@ -156,7 +156,8 @@ def test_tables_hold_the_corners_of_a_mesh_once():
     assert looks["first_normal"].tolist() == [0, 0, -1, -1, 0]
     assert looks["first_colour"].tolist() == [0, -1, -1, -1, -1]
     # That of shapes without one comes first: own, gold, tiled, tiled and gold, each material once.
-    assert len(tables["materials"]) == 4 and looks["material_id"].min() == 1
+    assert len(tables["materials"]) == 4
+    assert looks["material_id"].min() == 1
     materials = tables["materials"][looks["material_id"]]
     assert materials["metallic"].tolist() == [0, 1, 0, 0, 1]
     assert materials["base_colour_texture"].tolist() == [-1, -1, 0, 0, -1]
