@@ -131,8 +131,6 @@ RAY_COUNT = 50_000
 # Distance from the surface at which rays start, in sizes of the mesh: large enough for float32 to resolve.
 _LIFT = 1e-5
 
-_Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
-
 
 def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RAY_COUNT) -> dict[str, Visits]:
     """Count the node steps and triangle tests of rays.
@@ -156,21 +154,16 @@ def measure_rays(bvh: Bvh, camera: Camera, aspect: float, *, ray_count: int = RA
     height = max(1, round((ray_count / aspect) ** 0.5))
     width = max(1, round(height * aspect))
     origins, directions = camera.rays(width, height)
+    lower, size = bvh.mesh.vertices.min(axis=0), np.ptp(bvh.mesh.vertices, axis=0)
     rays = {
         "picture": (origins.reshape(-1, 3), directions.reshape(-1, 3)),
-        "random": _random_rays(bvh.mesh, ray_count, generator),
+        "random": (lower + generator.random((ray_count, 3)) * size, generator.normal(size=(ray_count, 3))),
         "surface": _surface_rays(bvh.mesh, ray_count, generator),
     }
     return {kind: count_visits(bvh, *cast) for kind, cast in rays.items()}
 
 
-def _random_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Rays:
-    lower = mesh.vertices.min(axis=0)
-    size = mesh.vertices.max(axis=0) - lower
-    return lower + generator.random((count, 3)) * size, generator.normal(size=(count, 3))
-
-
-def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> _Rays:
+def _surface_rays(mesh: Mesh, count: int, generator: np.random.Generator) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return rays from points that are uniform over the surface; none for a mesh without area."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -451,11 +451,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     if missing := [key for key in _NEEDED if key not in facts]:
         raise SceneError(f"{path}: a camera file needs {', '.join(_NEEDED)}, and here is no {missing[0]}")
     try:
-        return Camera.from_intrinsics(
-            facts["intrinsics"],
-            facts["camera_to_world"],
-            facts["size"],
-            **{key: facts[key] for key in _OPTIONAL if key in facts},
-        )
+        others = {key: facts[key] for key in _OPTIONAL if key in facts}
+        return Camera.from_intrinsics(*(facts[key] for key in _NEEDED), **others)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error

@@ -242,8 +242,8 @@ class _Tables:
         # Where the values of an array begin, by its identity: shapes that differ in their materials share them. The
         # shapes keep the arrays alive.
         self._begins: dict[tuple[str, int], int] = {}
-        # Number 0 is that of shapes that have none; pictures give it the surface colour of their scene.
-        self._materials = [Material()]
+        # Number 0 is that of shapes that have none; pictures give it the surface colour of their scene. A file's
+        # material that equals the default one keeps its own colour.
         self._numbers: dict[Material, int] = {}
 
     def add(self, shape: Shape, row: NDArray[np.void]) -> None:
@@ -263,7 +263,8 @@ class _Tables:
         if (uvs := appearance.uvs) is not None:
             row["first_uv"] = self._share("corner_uvs", uvs, lambda: uvs.reshape(-1).astype(np.float32))
         if appearance.materials:
-            numbers = np.array([self._number(material) for material in appearance.materials], np.int32)
+            known = self._numbers
+            numbers = np.array([known.setdefault(each, 1 + len(known)) for each in appearance.materials], np.int32)
             row["material_id"] = numbers[0]
             if appearance.material_ids is not None and len(numbers) > 1:
                 row["first_material_id"] = self._append("material_ids", numbers[appearance.material_ids])
@@ -288,8 +289,8 @@ class _Tables:
     def finish(self, looks: NDArray[np.void]) -> dict[str, NDArray[Any]]:
         """Return the tables."""
         textures = TextureTables()
-        materials = np.zeros(len(self._materials), MATERIAL)
-        for number, material in enumerate(self._materials):
+        materials = np.zeros(1 + len(self._numbers), MATERIAL)
+        for number, material in enumerate((Material(), *self._numbers)):
             _fill_material(materials[number : number + 1], material, textures)
         grown = {name: _join(parts) for name, parts in self._parts.items()}
         return {"looks": looks, "materials": materials, **textures.arrays(), **grown}
@@ -305,13 +306,6 @@ class _Tables:
         self._parts[name].append(values)
         self._counts[name] += len(values)
         return begin
-
-    def _number(self, material: Material) -> int:
-        # A file's material that equals the default one keeps its own colour.
-        number = self._numbers.setdefault(material, len(self._materials))
-        if number == len(self._materials):
-            self._materials.append(material)
-        return number
 
 
 def _join(parts: list[NDArray[Any]]) -> NDArray[Any]:

@@ -428,7 +428,6 @@ class Painters:
     def __init__(self, session: DeviceSession, tree: TracedTree, world: World) -> None:
         self._session, self._tree, self._world = session, tree, world
         self._lock = threading.Lock()
-        self._lights: LightTables | None = None
         self._known: dict[Any, Any] = {}
 
     def painter(self, view: View, described: NDArray[np.void], progress: Progress) -> OneRayPainter | SamplePainter:
@@ -488,10 +487,8 @@ class Painters:
         return make_look_tables(looks, is_light, crease_angle)
 
     def _find_lights(self) -> LightTables:
-        if self._lights is None:
-            looks = self._world.looks
-            self._lights = make_light_tables(looks.shapes, looks.shape_ids, self._world.to_local())
-        return self._lights
+        looks, world = self._world.looks, self._world
+        return self._keep("lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, world.to_local()))
 
     def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
         """Return the environment on the device, where it stays for other pictures; describe how it is seen."""

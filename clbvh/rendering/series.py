@@ -135,7 +135,7 @@ def contact_sheet(
     settings = {"width": SHEET_WIDTH, "height": SHEET_HEIGHT, "ground": False} | changes
     with Renderer(source, view, options, on_phase=on_phase, **settings) as renderer:
         front = renderer.view.changed(side=STANDARD_VIEWS[0], transparent=False)
-        sizes = renderer.measure_views(STANDARD_VIEWS, up=front.up, frame=front.frame)
+        sizes = renderer.measure_views(up=front.up, frame=front.frame)
         # One scale for all sides: that of the tallest.
         levelled = [renderer.find_camera(front, side=side, projection=Orthographic()) for side in STANDARD_VIEWS]
         height = max(camera.projection.height for camera in levelled)  # type: ignore[union-attr, type-var]

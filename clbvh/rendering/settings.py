@@ -209,9 +209,8 @@ def number(
 
     def read(value: Any) -> float:
         value = _read_number(value)
-        if (least is not None and value < least) or (most is not None and value > most):
-            raise ValueError
-        if (above is not None and value <= above) or (below is not None and value >= below):
+        is_inside = (least is None or value >= least) and (most is None or value <= most)
+        if not (is_inside and (above is None or value > above) and (below is None or value < below)):
             raise ValueError
         return value
 

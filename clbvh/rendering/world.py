@@ -71,7 +71,11 @@ class World:
         self.top: Bvh | None = None
         self.made: BuildResult | None = None
         if options.builder == BRUTE:
-            self._check_brute_limit()
+            if (count := self._count_placed()) > BRUTE_LIMIT:
+                raise ConfigError(
+                    f"the brute builder tests every primitive for every ray: {count:,} "
+                    f"{'triangles' if self.mesh else 'primitives'} are more than its limit of {BRUTE_LIMIT:,}"
+                )
         elif bvh is not None:
             self.trees = (bvh,)
         else:
@@ -81,14 +85,6 @@ class World:
         """Return the number of primitives of all instances."""
         prim_counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
         return int(prim_counts[self.state.geometry_ids].sum())
-
-    def _check_brute_limit(self) -> None:
-        count, primitives = self._count_placed(), "triangles" if self.mesh else "primitives"
-        if count > BRUTE_LIMIT:
-            raise ConfigError(
-                f"the brute builder tests every primitive for every ray: {count:,} {primitives} are more than its "
-                f"limit of {BRUTE_LIMIT:,}"
-            )
 
     def _build(self) -> None:
         made = [get_tree(mesh_of(shape), self._options) for shape in self.state.shapes]
