@@ -22,10 +22,13 @@ from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes, multi
 from ..geometry.loading.load import LoadedParts, load_parts, load_placed
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape
-from .handles import ALL_BITS, Colour, colour_of_row, shorten
+from ..support.files import open_regular
+from .handles import ALL_BITS, Colour, shorten
 from .names import name_of_file
-from .state import SceneState
 from .transforms import check_transform
+
+# The text in a saved scene, see `serialize.py`, and where its name begins in the first header of a ZIP archive.
+FIRST_MEMBER, _NAME_AT = "clbvh_scene.npy", 30
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6
@@ -140,9 +143,11 @@ def whole_of_graph(scene: HasGraph) -> Parts:
 def _list_nodes(parts: Parts) -> FileParts:
     shapes = cast(list[tuple[Mesh, str]], parts.shapes)
     meshes = [FileMesh(name, mesh.vertices, mesh.faces, mesh.appearance) for mesh, name in shapes]
-    transforms = [check_transform(part.matrix, f"the transform of {shorten(part.name)}") for part in parts.placed]
-    nodes = zip(parts.placed, transforms, strict=True)
-    return FileParts(meshes, [FileNode(part.name, part.shape, transform) for part, transform in nodes])
+    nodes = [
+        FileNode(part.name, part.shape, check_transform(part.matrix, f"the transform of {shorten(part.name)}"))
+        for part in parts.placed
+    ]
+    return FileParts(meshes, nodes)
 
 
 def _join_graph(listed: FileParts) -> Mesh:
@@ -151,22 +156,19 @@ def _join_graph(listed: FileParts) -> Mesh:
     return Mesh.from_arrays(joined.vertices, joined.faces, name=name, appearance=joined.appearance, parts=parts)
 
 
-def parts_of_state(state: SceneState) -> Parts:
-    """Return the parts of a scene of clbvh."""
-    return Parts(
-        list(zip(state.shapes, state.names, strict=True)),
-        [
-            PlacedPart(name, int(geometry), matrix, int(mask), colour_of_row(colour), state.material_of(number))
-            for number, (name, geometry, matrix, mask, colour) in enumerate(
-                zip(state.instance_names, state.geometry_ids, state.transforms, state.masks, state.colours, strict=True)
-            )
-        ],
-    )
-
-
 def make_affine(matrix: Any) -> NDArray[np.float64]:
     """Return a matrix whose last row is 0, 0, 0, 1 exactly if it is that but for rounding."""
     affine = np.array(matrix, np.float64)
     if affine.shape == (4, 4) and np.allclose(affine[3], (0, 0, 0, 1), rtol=0, atol=_AFFINE_TOLERANCE):
         affine[3] = (0, 0, 0, 1)
     return affine
+
+
+def is_saved_scene(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file begins as those of `Scene.save` do: an archive of this first member."""
+    try:
+        with open_regular(Path(path)) as file:
+            head = file.read(_NAME_AT + len(FIRST_MEMBER))
+    except (OSError, ValueError):  # it cannot be read
+        return False
+    return head.startswith(b"PK\3\4") and head[_NAME_AT:] == FIRST_MEMBER.encode()
