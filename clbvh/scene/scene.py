@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
+from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
 from .handles import (
     ALL_BITS,
@@ -29,16 +30,7 @@ from .handles import (
     shorten,
 )
 from .names import Named, name_of_file
-from .parts import (
-    HasGraph,
-    Parts,
-    PlacedPart,
-    mesh_of_graph,
-    parts_of_file,
-    parts_of_graph,
-    whole_of_file,
-    whole_of_graph,
-)
+from .parts import HasGraph, Parts, PlacedPart, parts_of_file, parts_of_graph, whole_of_graph
 from .state import SceneState
 from .transforms import check_transform, check_transforms
 
@@ -86,7 +78,7 @@ class Scene:
         if isinstance(source, Scene):
             self.add_parts(source)
         elif isinstance(source, str | os.PathLike):
-            self._add_placed(whole_of_file(source))
+            self._add_placed(parts_of_file(source, load_placed))
         elif isinstance(source, HasGraph):
             self._add_placed(whole_of_graph(source))
         elif source is not None:
@@ -217,7 +209,7 @@ class Scene:
         if isinstance(source, Scene):
             raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
         if isinstance(source, HasGraph):
-            shape: Shape = mesh_of_graph(source)
+            shape = whole_of_graph(source, always_one=True).shapes[0][0]
         else:
             shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
@@ -279,7 +271,7 @@ class Scene:
         outer = None if transform is None else check_transform(transform)
         common_mask = None if mask is None else check_mask(mask)
         if isinstance(source, str | os.PathLike):
-            parts = parts_of_file(source)
+            parts = parts_of_file(source, load_parts)
         elif isinstance(source, Scene):
             geometries, instances = source._list_handles()
             parts = Parts(
@@ -309,9 +301,14 @@ class Scene:
             geometries = [self._add(shape, None, name) for shape, name in parts.shapes]
             placed: list[Instance] = []
             for part, matrix in zip(parts.placed, matrices, strict=True):
-                mask = part.mask if common_mask is None else common_mask
-                looks = part.colour, part.material
-                placed += self._place(geometries[part.shape], matrix[None], None, part.name, mask, *looks)
+                placed += self.place_many(
+                    geometries[part.shape],
+                    matrix[None],
+                    names=(self._instances.find_free(part.name),),
+                    mask=part.mask if common_mask is None else common_mask,
+                    colour=part.colour,
+                    material=part.material,
+                )
             return tuple(placed)
 
     def place(
@@ -366,7 +363,8 @@ class Scene:
         clbvh.errors.SceneError: the transform is singular: it flattens what it moves, and rays cannot be moved back
         """
         names = None if name is None else (name,)
-        return self._place(geometry, check_transform(transform)[None], names, "", mask, colour, material)[0]
+        matrix = check_transform(transform)
+        return self.place_many(geometry, matrix[None], names=names, mask=mask, colour=colour, material=material)[0]
 
     def place_many(
         self,
@@ -413,20 +411,8 @@ class Scene:
         >>> [instance.name for instance in scene.place_many(ball, row)]
         ['ball', 'ball 2', 'ball 3']
         """
-        return self._place(geometry, check_transforms(transforms), names, "", mask, colour, material)
-
-    def _place(
-        self,
-        geometry: Geometry,
-        matrices: NDArray[np.float64],
-        names: Sequence[str] | None,
-        wish: str,
-        mask: int,
-        colour: ArrayLike | None,
-        material: Material | None,
-    ) -> tuple[Instance, ...]:
-        """Place a geometry; without names they are like the wish, or like that of the geometry."""
         self.geometry_id(geometry)
+        matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
             raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {shorten(names)}")
         looks = check_mask(mask), check_colour(colour), check_material(material)
@@ -436,7 +422,7 @@ class Scene:
                 raise SceneError("two of the names are the same, but the names of instances are unique")
             placed = []
             for number, matrix in enumerate(matrices):
-                name = self._instances.find_free(wish or geometry.name) if names is None else names[number]
+                name = self._instances.find_free(geometry.name) if names is None else names[number]
                 instance = self._instances[name] = Instance(len(self._instances), name, geometry, matrix, *looks)
                 placed.append(instance)
             self._transforms.append(matrices)
@@ -579,22 +565,21 @@ class Scene:
         if isinstance(instances, Instance | int):
             instances = (instances,)
         if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
-            ids = instances.astype(np.int64)
+            ids = instances
         else:
             try:
                 given = list(instances)
             except TypeError:
                 raise SceneError(f"expected instances that Scene.place returned, not {shorten(instances)}") from None
-            ids = np.array([self._instance_id(instance) for instance in given], np.int64)
+            ids = np.array([self._instance_id(instance) for instance in given], object)  # integers of any size
         wrong = (ids < 0) | (ids >= len(mine))
         if wrong.any():
             raise SceneError(f"there is no instance {ids[wrong][0]}: the scene has {len(mine):,} (from 0)")
-        return ids
+        return ids.astype(np.int64)
 
     def _instance_id(self, instance: Instance | int) -> int:
         if isinstance(instance, Integral) and not isinstance(instance, bool):
-            number = int(instance)
-            return number if abs(number) <= np.iinfo(np.int64).max else -1
+            return int(instance)
         if not isinstance(instance, Instance):
             raise SceneError(f"expected an instance that Scene.place returned, not {shorten(instance)}")
         if instance.geometry.owner is not self:

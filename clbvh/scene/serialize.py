@@ -45,8 +45,6 @@ from .transforms import check_transforms
 
 FORMAT_VERSION = 1
 
-_SUFFIX = ".npy"
-_TEXT = FIRST_MEMBER.removesuffix(_SUFFIX)
 
 _MESH_ARRAYS, _SPHERES_ARRAYS = ("vertices", "faces"), ("centres", "radii")
 _LOOKS_ARRAYS = ("normals", "uvs", "colours", "material_ids")
@@ -130,7 +128,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     looks = [shape.appearance or Appearance() for shape in state.shapes]
     materials = chain(*(each.materials for each in looks), state.materials)
     textures = dict.fromkeys(texture for material in materials for texture in material.textures)
-    numbers = {texture: number for number, texture in enumerate(textures)}
+    numbers = dict(zip(textures, range(len(textures)), strict=True))
     arrays: dict[str, Any] = {f"texture_{number}": texture.pixels for texture, number in numbers.items()}
     geometries = []
     for number, (shape, name, look) in enumerate(zip(state.shapes, state.names, looks, strict=True)):
@@ -157,7 +155,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     }
     arrays |= {name: getattr(state, name) for name in _INSTANCE_ARRAYS}
     arrays |= {_SETTING + name: value for name, value in settings.items() if isinstance(value, np.ndarray)}
-    first = {_TEXT: np.frombuffer(json.dumps(text).encode(), np.uint8)}
+    first = {FIRST_MEMBER: np.frombuffer(json.dumps(text).encode(), np.uint8)}
     write_atomically(target, lambda file: np.savez(file, **first | arrays))
 
 
@@ -202,8 +200,8 @@ def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
     members = archive.infolist()
     if any(each.compress_type != ZIP_STORED for each in members) or sum(each.file_size for each in members) > size:
         raise SceneError("its arrays are packed, or larger than the file")
-    names = {each.filename.removesuffix(_SUFFIX) for each in members}
-    values = json.loads(_read_array(archive, _TEXT).tobytes())
+    names = {each.filename.removesuffix(".npy") for each in members}
+    values = json.loads(_read_array(archive, FIRST_MEMBER).tobytes())
     version = values.get("format") if isinstance(values, dict) else None
     if version != FORMAT_VERSION:
         raise SceneError(f"it has the format {version!r}, and this version of clbvh reads format {FORMAT_VERSION}")
@@ -239,25 +237,14 @@ def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
 
 
 def _make_shape(text: _Geometry, arrays: dict[str, NDArray[Any]], materials: tuple[Material, ...]) -> Shape:
-    looks = {name: arrays.get(name) for name in _LOOKS_ARRAYS}
+    looks: dict[str, Any] = {name: arrays.get(name) for name in _LOOKS_ARRAYS}
     if text.kind == "spheres":
+        del looks["normals"], looks["uvs"]
         centres, radii = arrays["centres"], arrays["radii"]
-        return Spheres(
-            centres,
-            radii,
-            name=text.shape_name,
-            colours=looks["colours"],
-            materials=materials,
-            material_ids=looks["material_ids"],
-        )
+        return Spheres(centres, radii, name=text.shape_name, materials=materials, **looks)
     appearance: Any = Appearance(**looks, materials=materials)
-    return Mesh.from_arrays(
-        arrays["vertices"],
-        arrays["faces"],
-        name=text.shape_name,
-        appearance=None if appearance.is_empty else appearance,
-        parts=text.parts,
-    )
+    looks = {"appearance": None if appearance.is_empty else appearance, "parts": text.parts}
+    return Mesh.from_arrays(arrays["vertices"], arrays["faces"], name=text.shape_name, **looks)
 
 
 def _check_instances(arrays: dict[str, NDArray[Any]], count: int, geometry_count: int, material_count: int) -> None:
@@ -276,7 +263,7 @@ def _check_instances(arrays: dict[str, NDArray[Any]], count: int, geometry_count
 
 
 def _read_array(archive: ZipFile, name: str) -> NDArray[Any]:
-    with archive.open(name + _SUFFIX) as member:
+    with archive.open(f"{name}.npy") as member:
         array = np.lib.format.read_array(member, allow_pickle=False)
         if member.read(1):  # also: the checksum is looked at when all is read
             raise SceneError(f"its array '{name}' is smaller than its member")
