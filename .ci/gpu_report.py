@@ -23,8 +23,9 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
+from clbvh.choices import REPORT_SHADINGS, SHADINGS
 from clbvh.device.program import CORRECT_ROUNDING, GPU_OPTION, expand_source, make_options
-from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, REPORT_SHADINGS, SHADINGS
+from clbvh.structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS
 from clbvh.support.folders import find_folder
 from clbvh.trace.device_tree import make_defines, pad_stack
 from clbvh.trace.scene.device_scene import make_scene_defines

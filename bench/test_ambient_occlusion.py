@@ -7,10 +7,9 @@ import pytest
 
 import clbvh
 from clbvh.scene.copies import DRAWS_PER_POINT, sample_surface
-from clbvh.study.engines import Open3D
+from clbvh.study.engines import Open3D, Rival, Tasks
 
 from .paired import compare, measure_ms
-from .rival import Rival, Tasks
 
 POINTS = 100_000
 RAYS = 64

@@ -132,8 +132,13 @@ def build_kernels(
     check_process()
     path = f"kernels/{name}.cl"
     source = _expand_shipped(path) if folder is None else expand_source(path, folder)
-    options = (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items())))
+    options = make_options(defines or {})
     return session.shared.kernels((source, options), lambda: _compile(session, source, options))
+
+
+def make_options(defines: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the compiler's options on every device."""
+    return (_OPTIONS, *(f"-D{macro}={value}" for macro, value in sorted(defines.items())))
 
 
 def _compile(session: DeviceSession, source: str, options: Sequence[str]) -> dict[str, Kernel]:

@@ -5,7 +5,6 @@ See cl/film/lights.cl.
 
 from __future__ import annotations
 
-import base64
 import os
 from functools import cached_property
 from pathlib import Path
@@ -25,8 +24,6 @@ _MAX_SIDE = 2**16
 
 # Sums of brighter light over many samples would leave float32.
 _MAX_LIGHT = 1e20
-
-_STORED_DTYPE = np.dtype("<f4")
 
 
 class EnvironmentMap:
@@ -89,36 +86,6 @@ class EnvironmentMap:
             if str(error).startswith(self.path):
                 raise
             raise SceneError(f"{self.path}: {error}") from None
-
-    def as_plain(self) -> dict[str, Any]:
-        """Return the pixels as JSON takes them: files of saved scenes need no others.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.EnvironmentMap([[[1, 0, 0]]]).as_plain()
-        {'height': 1, 'width': 1, 'pixels': 'AACAPwAAAAAAAAAA'}
-        """
-        height, width, _ = self.pixels.shape
-        content = base64.b64encode(self.pixels.astype(_STORED_DTYPE).tobytes()).decode()
-        return {"height": height, "width": width, "pixels": content}
-
-    @classmethod
-    def from_plain(cls, value: object) -> EnvironmentMap:
-        """Return the map of `as_plain`; raise `SceneError` for anything else.
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> clbvh.EnvironmentMap.from_plain({"height": 1, "width": 1, "pixels": "AACAPwAAAAAAAAAA"})
-        EnvironmentMap(1 x 1)
-        """
-        try:
-            height, width, content = value["height"], value["width"], value["pixels"]  # type: ignore[index]
-            values = np.frombuffer(base64.b64decode(content, validate=True), _STORED_DTYPE)
-            return cls(values.astype(np.float32).reshape(height, width, 3))
-        except (KeyError, TypeError, ValueError) as error:
-            raise SceneError(f"its environment is no map of light: {error}") from error
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EnvironmentMap):

@@ -9,9 +9,8 @@ from typing import TypeAlias
 from ..bvh import Bvh
 from ..errors import SceneError
 from ..geometry import MeshLike, Spheres
-from ..scene.parts import HasGraph
+from ..scene.parts import HasGraph, is_saved_scene
 from ..scene.scene import Scene
-from ..scene.serialize import is_saved_scene, read_scene
 from ..support.folders import find_folder
 from .view import View
 
@@ -82,6 +81,7 @@ def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:
 
         return read_scene_file(shipped or Path(text))
     if is_saved_scene(text):
+        from ..scene.serialize import read_scene
         from .scene_file import view_of_plain
 
         state, settings = read_scene(text)

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -31,15 +31,14 @@ from ..geometry.shapes.make_shape import list_shape_options
 from ..geometry.shapes.make_spheres import list_spheres_options, make_spheres
 from ..scene.copies import Grid, Scatter, check_copies
 from ..scene.handles import ALL_BITS, Geometry
-from ..scene.names import UniqueNames, name_of_file
+from ..scene.names import Named, name_of_file
 from ..scene.scene import Scene
-from ..scene.serialize import write_scene
+from ..scene.serialize import material_of_table, material_table, write_scene
 from ..scene.transforms import Transform
 from ..support.files import read_errors_as, read_regular
 from .cameras.camera import Camera
 from .cameras.lens import Lens
-from .cameras.projection import DEFAULT_UP, read_projection, text_of
-from .environment_map import EnvironmentMap
+from .cameras.projection import DEFAULT_UP, text_of
 from .settings import Vector, as_plain, change_settings, say_unknown
 from .view import View
 
@@ -51,17 +50,6 @@ Row = tuple[float, float, float, float]
 _NO_TURN = (0.0, 0.0, 0.0)
 
 _Table = TypeVar("_Table", bound=Struct)
-
-# Where the keys of tables went that scene files had once.
-_GONE = {
-    "mesh": "a mesh is an [[object]]",
-    "transform": "write its keys into the [[object]]",
-    "camera": 'its keys belong to [view], with projection = "fisheye:220" for kind, height and angle, and '
-    'cut = "z=50%" for cut_plane and cut_box',
-    "light": "call it [view.light]",
-    "environment": "write environment, environment_rotation and environment_strength into [view]",
-    "image": "its keys belong to [view], and those of lines to [view.wireframe]",
-}
 
 
 class SceneObject(Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -193,21 +181,10 @@ def _add_options(kind: type[SceneObject], names: tuple[str, ...]) -> type[SceneO
 _TEXTURES_OF_COLOURS = ("base_colour_texture", "emission_texture")
 
 
-@cache
-def _material_table() -> Any:
-    """Return the class of `[[material]]` tables: a label, and the fields of `Material`, with paths for textures."""
-    types = get_type_hints(Material)
-    fields = [
-        (each.name, str | None if each.name.endswith("_texture") else types[each.name], each.default)
-        for each in dataclasses.fields(Material)[1:]
-    ]
-    return msgspec.defstruct("Material", [("label", str), *fields], forbid_unknown_fields=True)
-
-
 class SceneFile(NamedTuple):
     """A scene file that was read and checked, with its textures, but no other file that it names."""
 
-    objects: dict[str, SceneObject]
+    objects: Named[SceneObject]
     """By their labels."""
     materials: dict[str, Material]
     """By their labels."""
@@ -229,9 +206,8 @@ def read_scene_file(path: str | os.PathLike[str]) -> tuple[Scene, View]:
     """
     file = parse_scene_file(path)
     scene, geometries = Scene(), dict[Any, Geometry]()
-    names = UniqueNames("an object")
-    for label in file.objects:
-        names.add(label)
+    names = Named[None]("an object")
+    names.update(dict.fromkeys(file.objects))
     for label, each in file.objects.items():
         try:
             if each.source not in geometries:
@@ -239,7 +215,10 @@ def read_scene_file(path: str | os.PathLike[str]) -> tuple[Scene, View]:
             # Products of numbers that are too large are not finite, and refused when they are placed.
             with np.errstate(over="ignore", invalid="ignore"):
                 matrices = _place(each, file, geometries)
-            copies = [label, *(names.add_numbered(label) for _ in range(1, len(matrices)))]
+            copies = [label]
+            for _ in range(1, len(matrices)):
+                copies.append(names.find_free(label))
+                names[copies[-1]] = None
             material = None if each.material is None else file.materials[each.material]
             scene.place_many(
                 geometries[each.source], matrices, names=copies, mask=each.mask, colour=each.colour, material=material
@@ -290,8 +269,6 @@ class _Document(Struct, forbid_unknown_fields=True):
 
 def _read_tables(tables: dict[str, Any], folder: Path) -> SceneFile:
     for name, values in tables.items():
-        if name in _GONE:
-            raise SceneError(f"scene files have no [{name}] any more: {_GONE[name]}")
         if name in ("object", "material") and isinstance(values, dict):
             raise SceneError(f"a scene may have several of {name}: write [[{name}]], not [{name}]")
     document = _convert(tables, _Document)
@@ -305,9 +282,8 @@ def _read_tables(tables: dict[str, Any], folder: Path) -> SceneFile:
         return SceneFile(objects, materials, change_settings(View(), document.view))
 
 
-def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[str, Material]) -> dict[str, SceneObject]:
-    objects: dict[str, SceneObject] = {}
-    names = UniqueNames("an object")
+def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[str, Material]) -> Named[SceneObject]:
+    objects = Named[SceneObject]("an object")
     for number, values in enumerate(tables, 1):
         with _naming(f"object {number}"):
             found = _read_object(values, folder)
@@ -315,13 +291,9 @@ def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[st
                 raise SceneError(say_unknown(found.material, materials, "[[material]] with the label"))
             if isinstance(found.repeat, Scatter):
                 _check_target(found.repeat.on, objects)
-            if found.label:
-                names.check(found.label)
-                label = names.add(found.label)
-            else:
-                name = found.source[0][1]
-                label = names.add_numbered(name_of_file(name) if isinstance(name, str) else "spheres")
-            objects[label] = found
+            name = found.source[0][1]
+            stem = name_of_file(name) if isinstance(name, str) else "spheres"
+            objects[objects.check(found.label) if found.label else objects.find_free(stem)] = found
     check_copies(sum(found.count for found in objects.values()))
     return objects
 
@@ -361,21 +333,17 @@ def _check_target(label: str, above: dict[str, SceneObject]) -> None:
 
 
 def _read_materials(tables: list[dict[str, Any]], folder: Path) -> dict[str, Material]:
-    textures: dict[tuple[Path, bool], Texture] = {}
-    materials: dict[str, Material] = {}
-    names = UniqueNames("a material")
+    read_once = cache(_read_texture)
+
+    def read_texture(name: str, path: str) -> Texture:
+        with _naming(name):
+            return read_once(folder / path, name in _TEXTURES_OF_COLOURS)
+
+    materials = Named[Material]("a material")
     for number, values in enumerate(tables, 1):
         with _naming(f"material {number}"):
-            table = msgspec.structs.asdict(_convert(values, _material_table()))
-            names.check(label := table.pop("label"))
-            for name, value in table.items():
-                if name.endswith("_texture") and value is not None:
-                    with _naming(name):
-                        key = folder / value, name in _TEXTURES_OF_COLOURS
-                        if key not in textures:
-                            textures[key] = _read_texture(*key)
-                        table[name] = textures[key]
-            materials[names.add(label)] = Material(label, **table)
+            table = _convert(values, material_table(str, "label"))
+            materials[materials.check(table.name)] = material_of_table(table, read_texture)
     return materials
 
 
@@ -465,7 +433,7 @@ def save_scene(path: str | os.PathLike[str], scene: Scene, view: View) -> None:
 
 
 def plain_view(view: View) -> dict[str, Any]:
-    """Return the settings that are not the default ones, as JSON takes them."""
+    """Return the settings that are not the default ones, as JSON takes them, but for the pixels of an environment."""
     plain = as_plain(view)
     if view.camera is not None:
         plain["camera"] = dataclasses.asdict(view.camera) | {"projection": text_of(view.camera.projection)}
@@ -474,7 +442,7 @@ def plain_view(view: View) -> dict[str, Any]:
     if view.cut is not None:
         plain["cut"] = view.cut.text
     if view.environment is not None:
-        plain["environment"] = view.environment.as_plain()
+        plain["environment"] = view.environment.pixels
     return plain
 
 
@@ -483,12 +451,10 @@ def view_of_plain(plain: dict[str, Any]) -> View:
     try:
         values = dict(plain)
         if "camera" in values:
-            camera, lens = dict(values["camera"]), values["camera"]["lens"]
-            camera["lens"] = None if lens is None else Lens(**lens)
-            camera["projection"] = read_projection(camera["projection"])
-            values["camera"] = Camera(**camera)
-        if "environment" in values:  # never a path: a file that was sent must not have others read
-            values["environment"] = EnvironmentMap.from_plain(values["environment"])
+            lens = values["camera"]["lens"]
+            values["camera"] = Camera(**values["camera"] | {"lens": None if lens is None else Lens(**lens)})
+        if isinstance(values.get("environment"), str):  # a file that was sent must not have others read
+            raise SceneError("its environment is no map of light")
         return change_settings(View(), values)
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise SceneError(f"the view in the file cannot be used: {error}") from error

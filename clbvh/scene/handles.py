@@ -58,11 +58,6 @@ Colour: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue, 0 to 1."""
 
 
-def colour_of_row(row: NDArray[np.float64]) -> Colour | None:
-    """Return the colour of a row of `SceneState.colours`; None for NaN."""
-    return None if np.isnan(row).any() else (float(row[0]), float(row[1]), float(row[2]))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Instance:
     """A geometry at a position in a scene; `Scene.place` makes it.

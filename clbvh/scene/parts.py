@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
@@ -19,13 +20,16 @@ from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import HasTriangles, mesh_of_object
 from ..geometry.loading.file_mesh import FileMesh
 from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes, multiplies
-from ..geometry.loading.load import LoadedParts, load_parts, load_placed
+from ..geometry.loading.load import LoadedParts
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape
-from .handles import ALL_BITS, Colour, colour_of_row, shorten
+from ..support.files import open_regular
+from .handles import ALL_BITS, Colour, shorten
 from .names import name_of_file
-from .state import SceneState
 from .transforms import check_transform
+
+# The text in a saved scene, see `serialize.py`, and where its name begins in the first header of a ZIP archive.
+FIRST_MEMBER, _NAME, _NAME_AT = "clbvh_scene", b"clbvh_scene.npy", 30
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6
@@ -62,18 +66,18 @@ class Parts(NamedTuple):
     placed: list[PlacedPart]
 
 
-def parts_of_file(path: str | os.PathLike[str]) -> Parts:
-    """Return the parts of a mesh file; raise `MeshError` if it cannot be read."""
-    return _name_shapes(load_parts(path), path)
+def parts_of_file(path: str | os.PathLike[str], load: Callable[[str | os.PathLike[str]], LoadedParts]) -> Parts:
+    """Return the parts of a mesh file; raise `MeshError` if it cannot be read.
 
+    By the end of the names of shapes one knows which direction is up.
 
-def whole_of_file(path: str | os.PathLike[str]) -> Parts:
-    """Return a mesh file as a scene of it is best made, see `load_placed`; raise `MeshError` if it cannot be read."""
-    return _name_shapes(load_placed(path), path)
-
-
-def _name_shapes(loaded: LoadedParts, path: str | os.PathLike[str]) -> Parts:
-    """Return the parts of a file; by the end of their names one knows which direction is up."""
+    Parameters
+    ----------
+    path : str or path
+    load : function
+        `load_parts`, or `load_placed` for a file as a scene of it is best made.
+    """
+    loaded = load(path)
     file = Path(path)
     shapes: list[tuple[Shape, str]] = [
         (mesh, name_of_file(file.name))
@@ -106,62 +110,43 @@ def parts_of_graph(scene: HasGraph) -> Parts:
             continue  # a path, or points
         if name not in numbers:
             numbers[name] = len(numbers)
-            mesh = meshes.get(id(geometry))
-            if mesh is None:
-                mesh = meshes[id(geometry)] = mesh_of_object(geometry, str(name))
-            shapes.append((dataclasses.replace(mesh, name=str(name)), str(name)))
+            if id(geometry) not in meshes:
+                meshes[id(geometry)] = mesh_of_object(geometry, str(name))
+            shapes.append((dataclasses.replace(meshes[id(geometry)], name=str(name)), str(name)))
         placed.append(PlacedPart(str(node), numbers[name], make_affine(matrix)))
     if not placed:
         raise SceneError("the scene has no node with a triangle mesh: rays need a surface")
     return Parts(shapes, placed)
 
 
-def mesh_of_graph(scene: HasGraph) -> Mesh:
-    """Return the triangle meshes of a `trimesh.Scene` as one mesh, whose parts are its nodes.
+def whole_of_graph(scene: HasGraph, *, always_one: bool = False) -> Parts:
+    """Return a `trimesh.Scene` as one of clbvh is best made of it: as `load_placed` does for files.
+
+    Parameters
+    ----------
+    scene : trimesh.Scene
+    always_one : bool
+        Whether it is one mesh, whose parts are the nodes, however many triangles they place.
 
     Raises
     ------
     SceneError, MeshError
         See `parts_of_graph`; or the transform of a node is singular.
     """
-    return _join_graph(_list_nodes(parts_of_graph(scene)))
-
-
-def whole_of_graph(scene: HasGraph) -> Parts:
-    """Return a `trimesh.Scene` as one of clbvh is best made of it: as `load_placed` does for files."""
     parts = parts_of_graph(scene)
-    listed = _list_nodes(parts)
-    if multiplies(listed):
-        return parts
-    mesh = _join_graph(listed)
-    return Parts([(mesh, mesh.name)], [PlacedPart(mesh.name, 0, np.eye(4))])
-
-
-def _list_nodes(parts: Parts) -> FileParts:
     shapes = cast(list[tuple[Mesh, str]], parts.shapes)
     meshes = [FileMesh(name, mesh.vertices, mesh.faces, mesh.appearance) for mesh, name in shapes]
-    transforms = [check_transform(part.matrix, f"the transform of {shorten(part.name)}") for part in parts.placed]
-    nodes = zip(parts.placed, transforms, strict=True)
-    return FileParts(meshes, [FileNode(part.name, part.shape, transform) for part, transform in nodes])
-
-
-def _join_graph(listed: FileParts) -> Mesh:
+    nodes = [
+        FileNode(part.name, part.shape, check_transform(part.matrix, f"the transform of {shorten(part.name)}"))
+        for part in parts.placed
+    ]
+    listed = FileParts(meshes, nodes)
+    if multiplies(listed) and not always_one:
+        return parts
     joined = join_nodes(listed)
-    name, parts = ("Scene", joined.parts) if len(joined.parts) > 1 else (joined.parts[0].name, ())
-    return Mesh.from_arrays(joined.vertices, joined.faces, name=name, appearance=joined.appearance, parts=parts)
-
-
-def parts_of_state(state: SceneState) -> Parts:
-    """Return the parts of a scene of clbvh."""
-    return Parts(
-        list(zip(state.shapes, state.names, strict=True)),
-        [
-            PlacedPart(name, int(geometry), matrix, int(mask), colour_of_row(colour), state.material_of(number))
-            for number, (name, geometry, matrix, mask, colour) in enumerate(
-                zip(state.instance_names, state.geometry_ids, state.transforms, state.masks, state.colours, strict=True)
-            )
-        ],
-    )
+    name, ranges = ("Scene", joined.parts) if len(joined.parts) > 1 else (joined.parts[0].name, ())
+    mesh = Mesh.from_arrays(joined.vertices, joined.faces, name=name, appearance=joined.appearance, parts=ranges)
+    return Parts([(mesh, name)], [PlacedPart(name, 0, np.eye(4))])
 
 
 def make_affine(matrix: Any) -> NDArray[np.float64]:
@@ -170,3 +155,13 @@ def make_affine(matrix: Any) -> NDArray[np.float64]:
     if affine.shape == (4, 4) and np.allclose(affine[3], (0, 0, 0, 1), rtol=0, atol=_AFFINE_TOLERANCE):
         affine[3] = (0, 0, 0, 1)
     return affine
+
+
+def is_saved_scene(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file begins as those of `Scene.save` do: an archive of this first member."""
+    try:
+        with open_regular(Path(path)) as file:
+            head = file.read(_NAME_AT + len(_NAME))
+    except (OSError, ValueError):  # it cannot be read
+        return False
+    return head.startswith(b"PK\3\4") and head[_NAME_AT:] == _NAME

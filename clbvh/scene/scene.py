@@ -5,6 +5,7 @@ Owns ids and names. Must not know of trees, devices, cameras and pictures.
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Iterable, Sequence
@@ -17,35 +18,21 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import SceneError
 from ..geometry.appearance.material import Material
 from ..geometry.as_mesh import MeshLike, as_mesh
+from ..geometry.loading.load import load_parts, load_placed
 from ..geometry.spheres import Shape, Spheres
 from .handles import (
     ALL_BITS,
-    Colour,
     Geometry,
     Instance,
     check_colour,
     check_mask,
     check_material,
-    colour_of_row,
     shorten,
 )
-from .names import UniqueNames, name_of_file
-from .parts import (
-    HasGraph,
-    Parts,
-    mesh_of_graph,
-    parts_of_file,
-    parts_of_graph,
-    parts_of_state,
-    whole_of_file,
-    whole_of_graph,
-)
-from .serialize import read_scene, write_scene
+from .names import Named, name_of_file
+from .parts import HasGraph, Parts, PlacedPart, parts_of_file, parts_of_graph, whole_of_graph
 from .state import SceneState
 from .transforms import check_transform, check_transforms
-
-# The top tree counts instances as a mesh counts faces.
-MAX_INSTANCE_COUNT = 2**30
 
 _NO_COLOUR = (np.nan, np.nan, np.nan)
 
@@ -84,24 +71,18 @@ class Scene:
     """
 
     def __init__(self, source: Shape | MeshLike | HasGraph | Scene | None = None) -> None:
-        self._start()
+        self._lock = threading.RLock()  # re-entrant: several parts are added as one step
+        self._geometries, self._instances = Named[Geometry]("a geometry"), Named[Instance]("an instance")
+        self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
+        self._drop_caches()
         if isinstance(source, Scene):
             self.add_parts(source)
         elif isinstance(source, str | os.PathLike):
-            self._add_placed(whole_of_file(source))
+            self._add_placed(parts_of_file(source, load_placed))
         elif isinstance(source, HasGraph):
             self._add_placed(whole_of_graph(source))
         elif source is not None:
             self.place(self.add(source))
-
-    def _start(self) -> None:
-        # Re-entrant: several parts are added as one step.
-        self._lock = threading.RLock()
-        self._geometry_names, self._instance_names = UniqueNames("a geometry"), UniqueNames("an instance")
-        self._geometries: list[Geometry] = []
-        self._instances: list[Instance] = []
-        self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
-        self._drop_caches()
 
     def _drop_caches(self) -> None:
         self._snapshot: SceneState | None = None
@@ -119,21 +100,16 @@ class Scene:
         (Instance(0, 'icosphere', of='icosphere'),)
         """
         scene = cls()
-        for shape, name in zip(state.shapes, state.names, strict=True):
-            scene._add(shape, name, name)
-        scene._transforms = [state.transforms]
-        for number, name in enumerate(state.instance_names):
-            scene._instances.append(
-                Instance(
-                    number,
-                    scene._instance_names.add(name),
-                    scene._geometries[state.geometry_ids[number]],
-                    state.transforms[number],
-                    int(state.masks[number]),
-                    colour_of_row(state.colours[number]),
-                    state.material_of(number),
-                )
+        geometries = [scene._add(*shape) for shape in zip(state.shapes, state.names, state.names, strict=True)]
+        numbers = zip(state.geometry_ids.tolist(), state.masks.tolist(), state.material_ids.tolist(), strict=True)
+        colours = [None if math.isnan(colour[0]) else tuple(colour) for colour in state.colours.tolist()]
+        materials = (*state.materials, None)  # -1: none
+        rows = zip(state.instance_names, state.transforms, numbers, colours, strict=True)
+        for index, (name, matrix, (geometry, mask, material), colour) in enumerate(rows):
+            scene._instances[name] = Instance(
+                index, name, geometries[geometry], matrix, mask, colour, materials[material]
             )
+        scene._transforms = [state.transforms]
         scene._snapshot = state
         return scene
 
@@ -177,6 +153,8 @@ class Scene:
         (Instance(0, 'icosphere', of='icosphere'),)
         >>> folder.cleanup()
         """
+        from .serialize import write_scene  # most scenes are not saved
+
         write_scene(path, self.snapshot(), {})
 
     @classmethod
@@ -190,6 +168,8 @@ class Scene:
         SceneError
             The file cannot be read, or is no whole scene. The message names the fault.
         """
+        from .serialize import read_scene
+
         return cls.from_state(read_scene(path)[0])
 
     def add(self, source: Shape | MeshLike | HasGraph, *, name: str | None = None) -> Geometry:
@@ -229,22 +209,18 @@ class Scene:
         if isinstance(source, Scene):
             raise SceneError("a clbvh.Scene has geometries and places for them: add it by `add_parts`")
         if isinstance(source, HasGraph):
-            shape: Shape = mesh_of_graph(source)
+            shape = whole_of_graph(source, always_one=True).shapes[0][0]
         else:
             shape = source if isinstance(source, Spheres) else as_mesh(source, or_else="clbvh.Spheres, a trimesh.Scene")
         wish = name_of_file(shape.name) if isinstance(source, str | os.PathLike) else shape.name
-        with self._lock:
-            if name is not None:
-                self._geometry_names.check(name)
-            return self._add(shape, name, wish)
+        return self._add(shape, name, wish)
 
     def _add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
-        names = self._geometry_names
-        unique = names.add_numbered(wish) if name is None else names.add(name)
-        geometry = Geometry(len(self._geometries), unique, shape, self)
-        self._geometries.append(geometry)
-        self._drop_caches()
-        return geometry
+        with self._lock:
+            unique = self._geometries.find_free(wish) if name is None else self._geometries.check(name)
+            geometry = self._geometries[unique] = Geometry(len(self._geometries), unique, shape, self)
+            self._drop_caches()
+            return geometry
 
     def add_parts(
         self,
@@ -294,7 +270,22 @@ class Scene:
         """
         outer = None if transform is None else check_transform(transform)
         common_mask = None if mask is None else check_mask(mask)
-        return self._add_placed(_find_parts(source), outer, common_mask)
+        if isinstance(source, str | os.PathLike):
+            parts = parts_of_file(source, load_parts)
+        elif isinstance(source, Scene):
+            geometries, instances = source._list_handles()
+            parts = Parts(
+                [(each.shape, each.name) for each in geometries],
+                [
+                    PlacedPart(each.name, each.geometry.id, each.matrix, each.mask, each.colour, each.material)
+                    for each in instances
+                ],
+            )
+        elif isinstance(source, HasGraph):
+            parts = parts_of_graph(source)
+        else:
+            raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {shorten(source)}")
+        return self._add_placed(parts, outer, common_mask)
 
     def _add_placed(
         self, parts: Parts, outer: NDArray[np.float64] | None = None, common_mask: int | None = None
@@ -310,9 +301,14 @@ class Scene:
             geometries = [self._add(shape, None, name) for shape, name in parts.shapes]
             placed: list[Instance] = []
             for part, matrix in zip(parts.placed, matrices, strict=True):
-                part_mask = part.mask if common_mask is None else common_mask
-                look = part.colour, part.material
-                placed += self._place(geometries[part.shape], matrix[None], None, part.name, part_mask, *look)
+                placed += self.place_many(
+                    geometries[part.shape],
+                    matrix[None],
+                    names=(self._instances.find_free(part.name),),
+                    mask=part.mask if common_mask is None else common_mask,
+                    colour=part.colour,
+                    material=part.material,
+                )
             return tuple(placed)
 
     def place(
@@ -419,41 +415,19 @@ class Scene:
         matrices = check_transforms(transforms)
         if isinstance(names, str) or (names is not None and len(names) != len(matrices)):
             raise SceneError(f"{len(matrices):,} transforms need as many names, or none, not {shorten(names)}")
-        look = check_mask(mask), check_colour(colour), check_material(material)
-        with self._lock:
-            for name in names or ():
-                self._instance_names.check(name)
-            if names is not None and len(set(names)) < len(names):
-                raise SceneError("two of the names are the same, but the names of instances are unique")
-            return self._place(geometry, matrices, names, geometry.name, *look)
-
-    def _place(
-        self,
-        geometry: Geometry,
-        matrices: NDArray[np.float64],
-        names: Sequence[str] | None,
-        wish: str,
-        mask: int,
-        colour: Colour | None,
-        material: Material | None,
-    ) -> tuple[Instance, ...]:
-        begin, end = len(self._instances), len(self._instances) + len(matrices)
-        if end > MAX_INSTANCE_COUNT:
-            raise SceneError(f"{end:,} instances are too many: the limit is {MAX_INSTANCE_COUNT:,}")
-        unique: Iterable[str]
-        if names is None:
-            unique = (self._instance_names.add_numbered(wish) for _ in matrices)
-        else:
-            unique = map(self._instance_names.add, names)
+        looks = check_mask(mask), check_colour(colour), check_material(material)
         matrices.flags.writeable = False
-        placed = tuple(
-            Instance(index, name, geometry, matrix, mask, colour, material)
-            for index, (name, matrix) in enumerate(zip(unique, matrices, strict=True), begin)
-        )
-        self._instances += placed
-        self._transforms.append(matrices)
-        self._drop_caches()
-        return placed
+        with self._lock:
+            if names is not None and len({self._instances.check(name) for name in names}) < len(names):
+                raise SceneError("two of the names are the same, but the names of instances are unique")
+            placed = []
+            for number, matrix in enumerate(matrices):
+                name = self._instances.find_free(geometry.name) if names is None else names[number]
+                instance = self._instances[name] = Instance(len(self._instances), name, geometry, matrix, *looks)
+                placed.append(instance)
+            self._transforms.append(matrices)
+            self._drop_caches()
+            return tuple(placed)
 
     @property
     def geometries(self) -> tuple[Geometry, ...]:
@@ -468,7 +442,7 @@ class Scene:
     def _list_handles(self) -> tuple[tuple[Geometry, ...], tuple[Instance, ...]]:
         with self._lock:
             if self._handles is None:
-                self._handles = tuple(self._geometries), tuple(self._instances)
+                self._handles = tuple(self._geometries.values()), tuple(self._instances.values())
             return self._handles
 
     @property
@@ -491,7 +465,7 @@ class Scene:
         >>> scene.find("icosphere").id
         0
         """
-        return _find("instance", name, self._instance_names, self.instances)
+        return self._find("instance", name, self._instances)
 
     def find_geometry(self, name: str) -> Geometry:
         """Return the geometry of a name.
@@ -508,7 +482,14 @@ class Scene:
         >>> scene.find_geometry("icosphere").id
         0
         """
-        return _find("geometry", name, self._geometry_names, self.geometries)
+        return self._find("geometry", name, self._geometries)
+
+    def _find(self, kind: str, name: object, things: Named[Any]) -> Any:
+        with self._lock:
+            if isinstance(name, str) and name in things:
+                return things[name]
+            known = ", ".join(map(shorten, list(things)[:5])) + (", ..." if len(things) > 5 else "")
+        raise SceneError(f"the scene has no {kind} {shorten(name)}; it has {known or 'none'}")
 
     def snapshot(self) -> SceneState:
         """Return what the scene holds now. It is immutable, and the same object until something is added.
@@ -522,24 +503,22 @@ class Scene:
         """
         with self._lock:
             if self._snapshot is None:
-                instances, count = self._instances, len(self._instances)
-                numbers: dict[Material, int] = {}  # equal materials are one
-                for instance in instances:
-                    if instance.material is not None:
-                        numbers.setdefault(instance.material, len(numbers))
+                instances, count = self._instances.values(), len(self._instances)
+                numbers: dict[Material | None, int] = {None: -1}  # equal materials are one
+                for each in instances:
+                    numbers.setdefault(each.material, len(numbers) - 1)
                 self._transforms = [np.concatenate((np.empty((0, 4, 4)), *self._transforms))]
-                colours = [_NO_COLOUR if instance.colour is None else instance.colour for instance in instances]
-                materials = (-1 if each.material is None else numbers[each.material] for each in instances)
+                colours = [each.colour or _NO_COLOUR for each in instances]
                 self._snapshot = SceneState(
-                    shapes=tuple(geometry.shape for geometry in self._geometries),
-                    names=tuple(self._geometry_names),
-                    geometry_ids=np.fromiter((instance.geometry.id for instance in instances), np.int32, count),
+                    shapes=tuple(geometry.shape for geometry in self._geometries.values()),
+                    names=tuple(self._geometries),
+                    geometry_ids=np.fromiter((each.geometry.id for each in instances), np.int32, count),
                     transforms=self._transforms[0],
-                    masks=np.fromiter((instance.mask for instance in instances), np.uint32, count),
-                    instance_names=tuple(self._instance_names),
+                    masks=np.fromiter((each.mask for each in instances), np.uint32, count),
+                    instance_names=tuple(self._instances),
                     colours=np.array(colours, np.float64).reshape(count, 3),
-                    materials=tuple(numbers),
-                    material_ids=np.fromiter(materials, np.int32, count),
+                    materials=tuple(each for each in numbers if each is not None),
+                    material_ids=np.fromiter((numbers[each.material] for each in instances), np.int32, count),
                 )
             return self._snapshot
 
@@ -586,22 +565,21 @@ class Scene:
         if isinstance(instances, Instance | int):
             instances = (instances,)
         if isinstance(instances, np.ndarray) and instances.dtype.kind in "iu" and instances.ndim == 1:
-            ids = instances.astype(np.int64)
+            ids = instances
         else:
             try:
                 given = list(instances)
             except TypeError:
                 raise SceneError(f"expected instances that Scene.place returned, not {shorten(instances)}") from None
-            ids = np.array([self._instance_id(instance) for instance in given], np.int64)
+            ids = np.array([self._instance_id(instance) for instance in given], object)  # integers of any size
         wrong = (ids < 0) | (ids >= len(mine))
         if wrong.any():
             raise SceneError(f"there is no instance {ids[wrong][0]}: the scene has {len(mine):,} (from 0)")
-        return ids
+        return ids.astype(np.int64)
 
     def _instance_id(self, instance: Instance | int) -> int:
         if isinstance(instance, Integral) and not isinstance(instance, bool):
-            number = int(instance)
-            return number if abs(number) <= np.iinfo(np.int64).max else -1
+            return int(instance)
         if not isinstance(instance, Instance):
             raise SceneError(f"expected an instance that Scene.place returned, not {shorten(instance)}")
         if instance.geometry.owner is not self:
@@ -610,22 +588,3 @@ class Scene:
 
     def __repr__(self) -> str:
         return f"Scene(geometries={len(self._geometries):,}, instances={len(self._instances):,})"
-
-
-def _find_parts(source: Any) -> Parts:
-    if isinstance(source, str | os.PathLike):
-        return parts_of_file(source)
-    if isinstance(source, Scene):
-        return parts_of_state(source.snapshot())
-    if isinstance(source, HasGraph):
-        return parts_of_graph(source)
-    raise SceneError(f"expected the path of a file, a trimesh.Scene or a clbvh.Scene, not {shorten(source)}")
-
-
-def _find(kind: str, name: object, names: UniqueNames, handles: Sequence[Any]) -> Any:
-    """Return the handle of a name; the names and the handles are in one order."""
-    number = names.find(name)
-    if number is not None and number < len(handles):
-        return handles[number]
-    known = ", ".join(shorten(each.name) for each in handles[:5]) + (", ..." if len(handles) > 5 else "")
-    raise SceneError(f"the scene has no {kind} {shorten(name)}; " + (f"it has {known}" if handles else "it has none"))

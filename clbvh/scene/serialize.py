@@ -1,73 +1,111 @@
 """A scene as one file. Its content is not trusted: a damaged or forged file is refused, whatever sizes it claims.
 
-The file, all numbers little-endian:
+The file is an NPZ archive of numpy without compression. Its first member is a text, the fields of `_Text` as JSON in
+UTF-8; the others are arrays:
 
-    bytes   field
-    8       MAGIC
-    4       format version, uint32
-    4       zero
-    8       bytes of the text T, a multiple of 8, uint64
-    8       bytes of the arrays A, a multiple of 8, uint64
-    16      digest of everything behind the header
-    16      digest of the header so far
-    T       the text: JSON in UTF-8, with spaces at its end
-    A       the arrays, each with zeros up to a multiple of 8 bytes
+    texture_0, ...                                  the pixels of textures
+    geometry_0_vertices, geometry_0_faces           of a mesh
+    geometry_0_centres, geometry_0_radii            of spheres
+    geometry_0_normals, geometry_0_uvs, ...         of the `Appearance` of geometry 0
+    transforms, colours, geometry_ids, masks, material_ids      of all instances, as `SceneState` has them
+    settings_...                                    those of the caller's settings that are arrays
 
-The text is one object:
-
-    geometries   a list of {kind: "mesh", name, shape_name, vertices: V, faces: F}
-                        and {kind: "spheres", name, shape_name, count: n}
-                        either with `appearance`, if it has one, see `read_appearance`; a mesh of several parts with
-                        `parts`: a list of [name, begin, end]
-    textures     a list of {name, width: w, height: h, is_srgb, wrap}
-    materials    those of instances, if they have any of their own: a list, see `read_materials`
-    instances    {count: n, names: a list of n texts}
-    settings     an object of the caller
-
-The arrays are, in this order: of each texture pixels (h, w, 4) uint8; of each mesh vertices (V, 3) float64 and faces
-(F, 3) int32, of each spheres centres (n, 3) float64 and radii (n,) float64, each followed by the arrays of its
-appearance; then of all instances transforms (n, 4, 4) float64, colours (n, 3) float64 with
-NaN for those without, geometry ids (n,) int32, masks (n,) uint32 and, with `materials`, material ids (n,) int32, -1
-for those without. Local coordinates and trees are not stored: they
-follow from the arrays.
+Local coordinates and trees are not stored: they follow from the arrays. Each member has a checksum, and no two of them
+share bytes of the file.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import os
-import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable
+from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, Literal, get_type_hints
+from zipfile import ZIP_STORED, ZipFile
 
+import msgspec
 import numpy as np
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from ..errors import MeshError, SceneError
-from ..geometry.appearance.appearance import Appearance, check_fit
+from ..geometry.appearance.appearance import Appearance
 from ..geometry.appearance.material import Material, Texture
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, Spheres
-from ..support.files import as_path, check_target, open_regular, read_errors_as, write_atomically
+from ..support.files import as_path, open_regular, read_errors_as, write_atomically
 from ..support.memory import check_memory
-from .names import UniqueNames
+from .names import Named
+from .parts import FIRST_MEMBER, is_saved_scene
 from .state import SceneState
 from .transforms import check_transforms
 
-# The first byte is not text, and the line ends reveal a transfer that changed them (as in PNG).
-MAGIC = b"\x8bSCN\r\n\x1a\n"
 FORMAT_VERSION = 1
 
-_DIGEST_BYTES = 16
-_FACTS = struct.Struct("<8sIIQQ16s")
-_HEADER_BYTES = _FACTS.size + _DIGEST_BYTES
-_ALIGNMENT = 8
-_MESH, _SPHERES = "mesh", "spheres"
-_REMEDY = "save the scene again"
+
+_MESH_ARRAYS, _SPHERES_ARRAYS = ("vertices", "faces"), ("centres", "radii")
+_LOOKS_ARRAYS = ("normals", "uvs", "colours", "material_ids")
+# The shapes of their rows, and their dtypes.
+_INSTANCE_ARRAYS: dict[str, tuple[tuple[int, ...], type]] = {
+    "transforms": ((4, 4), np.float64),
+    "colours": ((3,), np.float64),
+    "geometry_ids": ((), np.int32),
+    "masks": ((), np.uint32),
+    "material_ids": ((), np.int32),
+}
+_SETTING = "settings_"
+_MAX_DETAIL_LENGTH = 200  # characters of a library's message
+
+
+@cache
+def material_table(texture: Any, name: str = "name") -> Any:
+    """Return a class with the fields of `Material`, but another type of textures; `name` is the key of its name."""
+    types = get_type_hints(Material)
+    fields = [
+        (each.name, texture | None if each.name.endswith("_texture") else types[each.name], each.default)
+        for each in dataclasses.fields(Material)[1:]
+    ]
+    return msgspec.defstruct(
+        "Material", [("name", str, msgspec.field(name=name)), *fields], kw_only=True, forbid_unknown_fields=True
+    )
+
+
+def material_of_table(table: Any, read_texture: Callable[[str, Any], Texture]) -> Material:
+    """Return the material of a table; `read_texture` returns the texture of a field of this name and value."""
+    values = msgspec.structs.asdict(table)
+    for name, value in values.items():
+        if name.endswith("_texture") and value is not None:
+            values[name] = read_texture(name, value)
+    return Material(**values)
+
+
+class _Texture(Struct, forbid_unknown_fields=True):
+    name: str
+    is_srgb: bool
+    wrap: tuple[str, str]
+
+
+_Material = material_table(Annotated[int, Meta(ge=0)])
+
+
+class _Geometry(Struct, forbid_unknown_fields=True):
+    kind: Literal["mesh", "spheres"]
+    name: str
+    shape_name: str
+    parts: list[tuple[str, int, int]]
+    materials: list[_Material]  # type: ignore[valid-type]
+
+
+class _Text(Struct, forbid_unknown_fields=True):
+    format: int
+    geometries: list[_Geometry]
+    textures: list[_Texture]
+    materials: list[_Material]  # type: ignore[valid-type]  # of instances
+    instance_names: list[str]
+    settings: dict[str, Any]
 
 
 def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[str, Any]) -> None:
@@ -79,7 +117,7 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
         A file of this name is replaced.
     state : SceneState
     settings : dict
-        Of texts, finite numbers, lists and dicts.
+        Of texts, numbers, lists and dicts; arrays may be values of the dict itself.
 
     Raises
     ------
@@ -87,41 +125,45 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
         The folder does not exist, the path is a folder, or is no path at all.
     """
     target = as_path(path)
-    check_target(target)
-    textures = list_textures((shape.appearance for shape in state.shapes), state.materials)
-    document: dict[str, Any] = {
-        "geometries": [_describe(shape, name, textures) for shape, name in zip(state.shapes, state.names, strict=True)],
-        "textures": [describe_texture(texture) for texture in textures],
-        "instances": {"count": state.instance_count, "names": state.instance_names},
-        "settings": settings,
+    looks = [shape.appearance or Appearance() for shape in state.shapes]
+    materials = chain(*(each.materials for each in looks), state.materials)
+    textures = dict.fromkeys(texture for material in materials for texture in material.textures)
+    numbers = dict(zip(textures, range(len(textures)), strict=True))
+    arrays: dict[str, Any] = {f"texture_{number}": texture.pixels for texture, number in numbers.items()}
+    geometries = []
+    for number, (shape, name, look) in enumerate(zip(state.shapes, state.names, looks, strict=True)):
+        is_mesh = isinstance(shape, Mesh)
+        for owner, names in ((shape, _MESH_ARRAYS if is_mesh else _SPHERES_ARRAYS), (look, _LOOKS_ARRAYS)):
+            found = {f"geometry_{number}_{each}": getattr(owner, each) for each in names}
+            arrays |= {each: values for each, values in found.items() if values is not None}
+        geometries.append(
+            {
+                "kind": "mesh" if is_mesh else "spheres",
+                "name": name,
+                "shape_name": str(shape.name),
+                "parts": shape.parts if isinstance(shape, Mesh) else (),
+                "materials": [_describe(material, numbers) for material in look.materials],
+            }
+        )
+    text = {
+        "format": FORMAT_VERSION,
+        "geometries": geometries,
+        "textures": [{"name": str(each.name), "is_srgb": each.is_srgb, "wrap": each.wrap} for each in textures],
+        "materials": [_describe(material, numbers) for material in state.materials],
+        "instance_names": state.instance_names,
+        "settings": {name: value for name, value in settings.items() if not isinstance(value, np.ndarray)},
     }
-    if state.materials:
-        document["materials"] = describe_materials(state.materials, textures)
-    text = json.dumps(document, allow_nan=False, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % _ALIGNMENT)
-    digest, array_bytes = hashlib.sha256(text), 0
-    for chunk in _list_chunks(state):
-        digest.update(chunk)
-        array_bytes += len(chunk)
-    facts = _FACTS.pack(MAGIC, FORMAT_VERSION, 0, len(text), array_bytes, digest.digest()[:_DIGEST_BYTES])
-
-    def write(file: BinaryIO) -> None:
-        file.write(facts)
-        file.write(_digest(facts))
-        file.write(text)
-        for chunk in _list_chunks(state):
-            file.write(chunk)
-
-    write_atomically(target, write)
+    arrays |= {name: getattr(state, name) for name in _INSTANCE_ARRAYS}
+    arrays |= {_SETTING + name: value for name, value in settings.items() if isinstance(value, np.ndarray)}
+    first = {FIRST_MEMBER: np.frombuffer(json.dumps(text).encode(), np.uint8)}
+    write_atomically(target, lambda file: np.savez(file, **first | arrays))
 
 
-def is_saved_scene(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins as those of `write_scene` do; False if it cannot be read."""
-    try:
-        with open_regular(Path(path)) as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except (OSError, ValueError):
-        return False
+def _describe(material: Material, numbers: dict[Texture, int]) -> dict[str, Any]:
+    """Return the name of a material, and the values that differ from those of a material without arguments."""
+    values = {each.name: getattr(material, each.name) for each in dataclasses.fields(Material)}
+    changed = {name: value for name, value in values.items() if name == "name" or value != getattr(Material, name)}
+    return {name: numbers[value] if isinstance(value, Texture) else value for name, value in changed.items()}
 
 
 def read_scene(path: str | os.PathLike[str]) -> tuple[SceneState, dict[str, Any]]:
@@ -138,322 +180,91 @@ def read_scene(path: str | os.PathLike[str]) -> tuple[SceneState, dict[str, Any]
     Memory for twice the file, whatever sizes it claims.
     """
     with read_errors_as(SceneError, path), open_regular(Path(path)) as file:
-        text_bytes, digest = _check_header(file, path)
-        size = os.fstat(file.fileno()).st_size - _HEADER_BYTES
+        size = os.fstat(file.fileno()).st_size
+        if not is_saved_scene(path):
+            raise SceneError(f"{path}: this is not a saved scene")
         check_memory(f"{path}: a scene of {size:,} bytes", 2 * size, SceneError)
-        content = np.empty(size, np.uint8)
-        if file.readinto(content.data) != size:
-            raise _damaged(path)
-    if _digest(content.data) != digest:
-        raise _damaged(path)
-    try:
-        return _parse(content[:text_bytes].tobytes(), content[text_bytes:])
-    except (SceneError, MeshError) as error:
-        raise SceneError(f"{path}: the file is whole, but makes no scene: {error}: {_REMEDY}") from error
+        try:
+            with ZipFile(file) as archive:
+                return _read(archive, size)
+        except Exception as error:  # of zipfile, numpy, json and msgspec, and our own
+            detail = " ".join(str(error).split())[:_MAX_DETAIL_LENGTH]
+            if isinstance(error, SceneError | MeshError | msgspec.ValidationError):
+                raise SceneError(f"{path}: the file makes no scene: {detail}: save the scene again") from error
+            raise SceneError(
+                f"{path}: the file is damaged or was cut off ({type(error).__name__}: {detail}): save the scene again"
+            ) from error
 
 
-def get_item(table: object, key: str, kind: type) -> Any:
-    """Return an item of an object of JSON; raise `SceneError` if it is missing or of another type."""
-    if not isinstance(table, dict) or key not in table:
-        raise SceneError(f"its text has no '{key}'")
-    value: Any = table[key]
-    is_right = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
-    if not is_right or (kind is int and value < 0):
-        raise SceneError(f"its text has a wrong '{key}'")
-    return value
-
-
-def _check_header(file: BinaryIO, path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """Check the header and the file's size; return the bytes of the text and the digest of the rest."""
-    header = file.read(_HEADER_BYTES)
-    if not header.startswith(MAGIC):
-        raise SceneError(f"{path}: this is not a saved scene")
-    if len(header) < _HEADER_BYTES:
-        raise _damaged(path)
-    facts = header[: _FACTS.size]
-    _, version, zero, text_bytes, array_bytes, digest = _FACTS.unpack(facts)
+def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
+    members = archive.infolist()
+    if any(each.compress_type != ZIP_STORED for each in members) or sum(each.file_size for each in members) > size:
+        raise SceneError("its arrays are packed, or larger than the file")
+    names = {each.filename.removesuffix(".npy") for each in members}
+    values = json.loads(_read_array(archive, FIRST_MEMBER).tobytes())
+    version = values.get("format") if isinstance(values, dict) else None
     if version != FORMAT_VERSION:
-        raise SceneError(
-            f"{path}: the scene is saved in format {version}, and this version of clbvh reads format {FORMAT_VERSION}: "
-            f"{_REMEDY}"
-        )
-    size = os.fstat(file.fileno()).st_size
-    if (
-        header[_FACTS.size :] != _digest(facts)
-        or zero != 0
-        or text_bytes % _ALIGNMENT
-        or size != _HEADER_BYTES + text_bytes + array_bytes
-    ):
-        raise _damaged(path)
-    return text_bytes, digest
+        raise SceneError(f"it has the format {version!r}, and this version of clbvh reads format {FORMAT_VERSION}")
+    text = msgspec.convert(values, _Text)
+    textures = [
+        Texture(each.name, _read_array(archive, f"texture_{number}"), each.is_srgb, each.wrap)
+        for number, each in enumerate(text.textures)
+    ]
 
+    def make_materials(tables: list[Any]) -> tuple[Material, ...]:
+        return tuple(material_of_table(table, lambda _, number: textures[number]) for table in tables)
 
-def _parse(text: bytes, data: NDArray[np.uint8]) -> tuple[SceneState, dict[str, Any]]:
-    """Return the scene of a file whose digests are right; nothing else is trusted."""
-    try:
-        document = json.loads(text.decode())
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"its text is no JSON ({error})") from error
-    arrays = _Arrays(data)
     shapes: list[Shape] = []
-    geometries = get_item(document, "geometries", list)
-    # Scenes that were saved before there were looks have no such list.
-    tables = get_item(document, "textures", list) if "textures" in document else []
-    textures = [read_texture(table, arrays.take) for table in tables]
-    names = UniqueNames("a geometry")
-    for table in geometries:
-        shapes.append(_read_shape(table, arrays, textures))
-        names.check(name := get_item(table, "name", str))
-        names.add(name)
+    for number, each in enumerate(text.geometries):
+        stored = {name: f"geometry_{number}_{name}" for name in (*_MESH_ARRAYS, *_SPHERES_ARRAYS, *_LOOKS_ARRAYS)}
+        arrays = {name: _read_array(archive, member) for name, member in stored.items() if member in names}
+        shapes.append(_make_shape(each, arrays, make_materials(each.materials)))
+    arrays = {name: _read_array(archive, name) for name in _INSTANCE_ARRAYS}
+    _check_instances(arrays, len(text.instance_names), len(shapes), len(text.materials))
+    for kind, given in (("a geometry", [each.name for each in text.geometries]), ("an instance", text.instance_names)):
+        taken = Named[None](kind)
+        for name in given:
+            taken[taken.check(name)] = None
+    state = SceneState(
+        shapes=tuple(shapes),
+        names=tuple(each.name for each in text.geometries),
+        instance_names=tuple(text.instance_names),
+        materials=make_materials(text.materials),
+        **arrays,
+    )
+    own = {name.removeprefix(_SETTING): _read_array(archive, name) for name in names if name.startswith(_SETTING)}
+    return state, text.settings | own
 
-    instances = get_item(document, "instances", dict)
-    count = get_item(instances, "count", int)
-    transforms = arrays.take((count, 4, 4), "<f8")
-    colours = arrays.take((count, 3), "<f8")
-    geometry_ids = arrays.take((count,), "<i4")
-    masks = arrays.take((count,), "<u4")
-    materials = read_materials(document.get("materials", []), textures)
-    material_ids = arrays.take((count,), "<i4") if materials else np.full(count, -1)
-    arrays.check_end()
-    instance_names = UniqueNames("an instance")
-    for name in get_item(instances, "names", list):
-        instance_names.check(name)
-        instance_names.add(name)
-    if len(instance_names) != count:
-        raise SceneError(f"it has {len(instance_names):,} names for {count:,} instances")
-    wrong = np.flatnonzero((geometry_ids < 0) | (geometry_ids >= len(shapes)))
-    if len(wrong):
-        raise SceneError(f"instance {wrong[0]} is of geometry {geometry_ids[wrong[0]]}, but it has {len(shapes):,}")
+
+def _make_shape(text: _Geometry, arrays: dict[str, NDArray[Any]], materials: tuple[Material, ...]) -> Shape:
+    looks: dict[str, Any] = {name: arrays.get(name) for name in _LOOKS_ARRAYS}
+    if text.kind == "spheres":
+        del looks["normals"], looks["uvs"]
+        centres, radii = arrays["centres"], arrays["radii"]
+        return Spheres(centres, radii, name=text.shape_name, materials=materials, **looks)
+    appearance: Any = Appearance(**looks, materials=materials)
+    looks = {"appearance": None if appearance.is_empty else appearance, "parts": text.parts}
+    return Mesh.from_arrays(arrays["vertices"], arrays["faces"], name=text.shape_name, **looks)
+
+
+def _check_instances(arrays: dict[str, NDArray[Any]], count: int, geometry_count: int, material_count: int) -> None:
+    for name, (shape, dtype) in _INSTANCE_ARRAYS.items():
+        if arrays[name].shape != (count, *shape) or arrays[name].dtype != dtype:
+            raise SceneError(f"its array '{name}' does not fit {count:,} instances: {arrays[name].shape}")
+    arrays["transforms"] = check_transforms(arrays["transforms"], lambda index: f"the transform of instance {index}")
+    colours = arrays["colours"]
     is_colour = np.isfinite(colours).all(axis=1) | np.isnan(colours).all(axis=1)
     if not is_colour.all():
         raise SceneError(f"the colour of instance {np.argmin(is_colour)} is not three finite numbers")
-    if len(set(materials)) < len(materials):
-        raise SceneError("two of its materials are equal")
-    wrong = np.flatnonzero((material_ids < -1) | (material_ids >= len(materials)))
-    if len(wrong):
-        raise SceneError(f"instance {wrong[0]} has material {material_ids[wrong[0]]}, but it has {len(materials):,}")
-    state = SceneState(
-        shapes=tuple(shapes),
-        names=tuple(names),
-        geometry_ids=geometry_ids.astype(np.int32),
-        transforms=check_transforms(transforms, lambda index: f"the transform of instance {index}"),
-        masks=masks.astype(np.uint32),
-        instance_names=tuple(instance_names),
-        colours=colours.astype(np.float64),
-        materials=materials,
-        material_ids=material_ids.astype(np.int32),
-    )
-    return state, get_item(document, "settings", dict)
+    for name, least, most in (("geometry_ids", 0, geometry_count), ("material_ids", -1, material_count)):
+        wrong = np.flatnonzero((arrays[name] < least) | (arrays[name] >= most))
+        if len(wrong):
+            raise SceneError(f"instance {wrong[0]} has {arrays[name][wrong[0]]} among its {name}, of {most:,}")
 
 
-class _Arrays:
-    """Takes one array after the other from the bytes of a file, and never more than there are."""
-
-    def __init__(self, data: NDArray[np.uint8]) -> None:
-        self._data = data
-        self._begin = 0
-
-    def take(self, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
-        """Return the next array, a view."""
-        size = np.dtype(dtype).itemsize
-        for side in shape:  # Python's integers, which do not overflow
-            size *= side
-        end = self._begin + size
-        if end > len(self._data):
-            raise SceneError(f"its text tells of arrays of {end:,} bytes and more, but it has {len(self._data):,}")
-        array = self._data[self._begin : end].view(dtype).reshape(shape)
-        self._begin = end + -end % _ALIGNMENT
+def _read_array(archive: ZipFile, name: str) -> NDArray[Any]:
+    with archive.open(f"{name}.npy") as member:
+        array = np.lib.format.read_array(member, allow_pickle=False)
+        if member.read(1):  # also: the checksum is looked at when all is read
+            raise SceneError(f"its array '{name}' is smaller than its member")
         return array
-
-    def check_end(self) -> None:
-        """Raise `SceneError` unless all bytes are taken."""
-        if self._begin != len(self._data):
-            raise SceneError(f"its text tells of arrays of {self._begin:,} bytes, but it has {len(self._data):,}")
-
-
-def _read_shape(table: object, arrays: _Arrays, textures: list[Texture]) -> Shape:
-    shape = _read_bare_shape(table, arrays)
-    if isinstance(table, dict) and "appearance" in table:
-        is_mesh, count = isinstance(shape, Mesh), shape.prim_count
-        appearance = read_appearance(table["appearance"], count, arrays.take, textures, has_corners=is_mesh)
-        check_fit(appearance, count, str(shape.name), has_corners=is_mesh)
-        object.__setattr__(shape, "appearance", appearance)  # nobody else has the shape yet
-    return shape
-
-
-def _read_bare_shape(table: object, arrays: _Arrays) -> Shape:
-    kind, name = get_item(table, "kind", str), get_item(table, "shape_name", str)
-    if kind == _MESH:
-        vertices = arrays.take((get_item(table, "vertices", int), 3), "<f8")
-        faces = arrays.take((get_item(table, "faces", int), 3), "<i4")
-        parts = get_item(table, "parts", list) if isinstance(table, dict) and "parts" in table else ()
-        return Mesh.from_arrays(vertices, faces, name=name, parts=parts)
-    if kind == _SPHERES:
-        count = get_item(table, "count", int)
-        return Spheres(arrays.take((count, 3), "<f8"), arrays.take((count,), "<f8"), name=name)
-    raise SceneError(f"it has a geometry of the unknown kind {kind[:20]!r}")
-
-
-def _describe(shape: Shape, name: str, textures: list[Texture]) -> dict[str, Any]:
-    described: dict[str, Any] = {"name": name, "shape_name": str(shape.name)}
-    if isinstance(shape, Mesh):
-        described |= {"kind": _MESH, "vertices": len(shape.vertices), "faces": shape.face_count}
-        if shape.parts:
-            described["parts"] = shape.parts
-    else:
-        described |= {"kind": _SPHERES, "count": shape.prim_count}
-    if shape.appearance is not None:
-        described["appearance"] = describe_appearance(shape.appearance, textures)
-    return described
-
-
-def _list_chunks(state: SceneState) -> Iterator[memoryview | bytes]:
-    """Yield the bytes of all arrays in the order of the file."""
-    for array, dtype in _list_arrays(state):
-        data = np.ascontiguousarray(array, dtype)
-        # Not by `memoryview.cast`, which refuses an array without rows.
-        yield data.reshape(-1).view(np.uint8).data
-        yield bytes(-data.nbytes % _ALIGNMENT)
-
-
-def _list_arrays(state: SceneState) -> Iterator[tuple[NDArray[Any], str]]:
-    for texture in list_textures((shape.appearance for shape in state.shapes), state.materials):
-        yield texture.pixels, "|u1"
-    for shape in state.shapes:
-        if isinstance(shape, Mesh):
-            yield shape.vertices, "<f8"
-            yield shape.faces, "<i4"
-        else:
-            yield shape.centres, "<f8"
-            yield shape.radii, "<f8"
-        yield from list_appearance_arrays(shape.appearance)
-    yield state.transforms, "<f8"
-    yield state.colours, "<f8"
-    yield state.geometry_ids, "<i4"
-    yield state.masks, "<u4"
-    if state.materials:
-        yield state.material_ids, "<i4"
-
-
-def _damaged(path: str | os.PathLike[str]) -> SceneError:
-    return SceneError(f"{path}: the file is damaged or was cut off: {_REMEDY}")
-
-
-def _digest(data: bytes | memoryview) -> bytes:
-    return hashlib.sha256(data).digest()[:_DIGEST_BYTES]
-
-
-# Takes the next array of a file, of a shape and a dtype.
-Take = Callable[[tuple[int, ...], str], NDArray[Any]]
-
-# The arrays of an appearance in the order of the file: the shapes behind the first axis, of triangles, and the dtypes.
-_ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
-    "normals": ((3, 3), "<f4"),
-    "uvs": ((3, 2), "<f4"),
-    "colours": ((3, 4), "|u1"),
-    "material_ids": ((), "<i4"),
-}
-_SPHERE_COLOURS = (4,)
-_TEXTURE_FIELDS = tuple(each.name for each in dataclasses.fields(Material) if each.name.endswith("_texture"))
-_FIELDS = {each.name for each in dataclasses.fields(Material)}
-
-
-def list_textures(appearances: Iterable[Appearance | None], others: Iterable[Material] = ()) -> list[Texture]:
-    """Return the textures of appearances and of other materials, each once, in the order of their first uses."""
-    materials = (material for appearance in appearances if appearance is not None for material in appearance.materials)
-    return list(dict.fromkeys(texture for material in chain(materials, others) for texture in material.textures))
-
-
-def describe_texture(texture: Texture) -> dict[str, Any]:
-    """Return what the text says of a texture, whose pixels are an array."""
-    return {
-        "name": str(texture.name),
-        "width": texture.width,
-        "height": texture.height,
-        "is_srgb": texture.is_srgb,
-        "wrap": list(texture.wrap),
-    }
-
-
-def read_texture(table: Any, take: Take) -> Texture:
-    """Return a texture; raise `SceneError` or `MeshError` if the text describes none."""
-    keys = {"name", "width", "height", "is_srgb", "wrap"}
-    if not isinstance(table, dict) or set(table) != keys or not isinstance(table["name"], str):
-        raise SceneError("its text has a texture that is none")
-    sides = (table["height"], table["width"])
-    if not all(isinstance(side, int) and not isinstance(side, bool) and side > 0 for side in sides):
-        raise SceneError("its text has a texture without pixels")
-    return Texture(table["name"], take((*sides, 4), "|u1"), table["is_srgb"], table["wrap"])
-
-
-def describe_appearance(appearance: Appearance, textures: list[Texture]) -> dict[str, Any]:
-    """Return what the text says of an appearance: the names of its arrays, and its materials."""
-    return {
-        "arrays": [name for name in _ARRAYS if getattr(appearance, name) is not None],
-        "materials": describe_materials(appearance.materials, textures),
-    }
-
-
-def describe_materials(materials: Iterable[Material], textures: list[Texture]) -> list[dict[str, Any]]:
-    """Return what the text says of materials."""
-    numbers = {texture: number for number, texture in enumerate(textures)}
-    return [_describe_material(material, numbers) for material in materials]
-
-
-def read_materials(tables: Any, textures: Sequence[Texture]) -> tuple[Material, ...]:
-    """Return materials; raise `SceneError` if the text describes none."""
-    if not isinstance(tables, list):
-        raise SceneError("its text has materials that are no list")
-    return tuple(_read_material(each, textures) for each in tables)
-
-
-def list_appearance_arrays(appearance: Appearance | None) -> Iterator[tuple[NDArray[Any], str]]:
-    """Yield the arrays of an appearance and their dtypes in the file."""
-    for name, (_, dtype) in _ARRAYS.items():
-        if appearance is not None and (values := getattr(appearance, name)) is not None:
-            yield values, dtype
-
-
-def read_appearance(
-    table: Any, prim_count: int, take: Take, textures: list[Texture], *, has_corners: bool
-) -> Appearance:
-    """Return an appearance; raise `SceneError` or `MeshError` if the text describes none of such a shape."""
-    if not isinstance(table, dict) or set(table) != {"arrays", "materials"}:
-        raise SceneError("its text has an appearance that is none")
-    names = table["arrays"]
-    if not isinstance(names, list) or not all(isinstance(name, str) and name in _ARRAYS for name in names):
-        raise SceneError("its text has an appearance with unknown arrays")
-    if not has_corners and not {"colours", "material_ids"}.issuperset(names):
-        raise SceneError("its text has spheres with arrays of corners")
-    materials = read_materials(table["materials"], textures)
-    arrays = {}
-    for name, (shape, dtype) in _ARRAYS.items():
-        if name in names:
-            is_sphere_colour = name == "colours" and not has_corners
-            arrays[name] = take((prim_count, *(_SPHERE_COLOURS if is_sphere_colour else shape)), dtype)
-    return Appearance(**arrays, materials=materials)
-
-
-def _describe_material(material: Material, numbers: dict[Texture, int]) -> dict[str, Any]:
-    """Return the values that differ from those of a material without arguments."""
-    described = {}
-    for each in dataclasses.fields(Material):
-        if (value := getattr(material, each.name)) != each.default:
-            described[each.name] = numbers[value] if isinstance(value, Texture) else value
-    return described
-
-
-def _read_material(table: Any, textures: Sequence[Texture]) -> Material:
-    if not isinstance(table, dict) or not set(table) <= _FIELDS:
-        raise SceneError("its text has a material that is none")
-    values = dict(table)
-    for name in _TEXTURE_FIELDS:
-        if name in values:
-            number = values[name]
-            if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(textures):
-                raise SceneError(f"a material has the texture {str(number)[:20]}, but there are {len(textures)}")
-            values[name] = textures[number]
-    try:
-        return Material(**values)
-    except MeshError as error:
-        raise SceneError(f"a material of its text cannot be used: {error}") from error

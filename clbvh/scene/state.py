@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.appearance.material import Material
 from ..geometry.mesh import Mesh
-from ..geometry.spheres import Shape, Spheres, with_material
+from ..geometry.spheres import Shape, with_material
+from .handles import ALL_BITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +52,11 @@ class SceneState:
     transforms: NDArray[np.float64]
     masks: NDArray[np.uint32]
     instance_names: tuple[str, ...]
-    colours: NDArray[np.float64] = None  # type: ignore[assignment]  # made below
-    materials: tuple[Material, ...] = ()
-    material_ids: NDArray[np.int32] = None  # type: ignore[assignment]  # made below
+    colours: NDArray[np.float64]
+    materials: tuple[Material, ...]
+    material_ids: NDArray[np.int32]
 
     def __post_init__(self) -> None:
-        if self.colours is None:
-            object.__setattr__(self, "colours", np.full((len(self.geometry_ids), 3), np.nan))
-        if self.material_ids is None:
-            object.__setattr__(self, "material_ids", np.full(len(self.geometry_ids), -1, np.int32))
         for array in (self.geometry_ids, self.transforms, self.masks, self.colours, self.material_ids):
             array.flags.writeable = False
 
@@ -90,25 +87,16 @@ class SceneState:
         return None if number < 0 else self.materials[number]
 
     @property
+    def lone_shape(self) -> Shape | None:
+        """The only shape that is placed, if it is in the scene's own coordinates and visible to all rays."""
+        if self.instance_count != 1 or self.masks[0] != ALL_BITS or (self.transforms[0] != np.eye(4)).any():
+            return None
+        return self.shapes[self.geometry_ids[0]]
+
+    @property
     def is_one_mesh(self) -> bool:
-        """Whether the scene is one mesh in the scene's own coordinates, visible to all rays.
-
-        Other geometries may be there, if nothing places them.
-        """
-        return self._is_one_in_place and isinstance(self.shapes[self.geometry_ids[0]], Mesh)
-
-    @property
-    def is_one_group_of_spheres(self) -> bool:
-        """Whether the scene is one `Spheres` in the scene's own coordinates, visible to all rays; as `is_one_mesh`."""
-        return self._is_one_in_place and isinstance(self.shapes[self.geometry_ids[0]], Spheres)
-
-    @property
-    def _is_one_in_place(self) -> bool:
-        return (
-            self.instance_count == 1
-            and bool((self.transforms[0] == np.eye(4)).all())
-            and int(self.masks[0]) == np.iinfo(np.uint32).max
-        )
+        """Whether `lone_shape` is a mesh. Other geometries may be there, if nothing places them."""
+        return isinstance(self.lone_shape, Mesh)
 
     def with_transforms(self, instance_ids: ArrayLike, transforms: ArrayLike) -> SceneState:
         """Return the state with other transforms of some instances: (k,) valid ids, (k, 4, 4) valid matrices.

@@ -136,9 +136,7 @@ def check_transform(transform: ArrayLike | None, name: str = "the transform") ->
     SceneError
         See `check_transforms`.
     """
-    if transform is None:
-        return np.eye(4)
-    matrix = _as_numbers(transform, name)
+    matrix = _as_numbers(np.eye(4) if transform is None else transform, name)
     if matrix.shape != (4, 4):
         raise SceneError(f"{name} must be a matrix of shape (4, 4), not {matrix.shape}")
     return check_transforms(matrix[None], lambda _: name)[0]

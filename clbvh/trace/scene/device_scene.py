@@ -17,7 +17,7 @@ from ...bvh import Bvh
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh
-from ...geometry.spheres import Shape
+from ...geometry.spheres import Shape, Spheres
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
 from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_POINT, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
@@ -220,7 +220,7 @@ class DeviceScene:
     def ray_tree(self) -> LoneSpheres | None:
         """The tree for rays, where they need not know of instances."""
         ranges = self._ranges[self.state.geometry_ids[0]]
-        if not self.state.is_one_group_of_spheres or ranges[:2].any():
+        if not isinstance(self.state.lone_shape, Spheres) or ranges[:2].any():
             return None
         return LoneSpheres(self, int(ranges[2]))
 

@@ -189,12 +189,6 @@ def test_objects_without_a_label_are_numbered(parse):
         ("object = 3", "object: expected array, got int"),
         ("object = [1]", r"object\[0\]: expected table, got int"),
         ("view = 3", "view: expected table, got int"),
-        ('[mesh]\nname = "a"', r"no \[mesh\] any more: a mesh is an \[\[object\]\]"),
-        (A + "[transform]\nscale = 2", r"no \[transform\] any more: write its keys into the \[\[object\]\]"),
-        (A + "[camera]\nfov = 30", r"no \[camera\] any more: its keys belong to \[view\]"),
-        (A + "[light]", r"no \[light\] any more: call it \[view.light\]"),
-        (A + "[environment]", r"no \[environment\] any more: write environment, environment_rotation"),
-        (A + "[image]", r"no \[image\] any more: its keys belong to \[view\]"),
         # Objects.
         ("[[object]]", "object 1: needs exactly one of path, name, shape, spheres, centres, not none of them"),
         (A + 'spheres = "b"', "object 1: needs exactly one of .*, not name and spheres"),
@@ -266,7 +260,7 @@ def test_objects_without_a_label_are_numbered(parse):
         (OAK + "emission_texture = '.'\n", "emission_texture: .*: the file cannot be read"),
         # The view: `test_view.py` has the limits of its settings.
         (A + "[view]\nsample = 1", "view: there is no setting 'sample': did you mean 'samples'?"),
-        (A + "[view.light]\nup = 1", "view: there is no setting 'up'"),
+        (A + "[view.light]\nup = 1", "view: light: there is no setting 'up'"),
         (A + "[view]\nwidth = 1.5", "view: width must be a whole number from 1 to 65,535"),
         (A + "[view]\nlook_at = [0, 0, 0]", "view: a camera with look_at needs an eye"),
         (A + "[view]\ncamera = 3", "view: camera must be a clbvh.Camera"),
@@ -341,7 +335,6 @@ LENS = clbvh.Camera.from_intrinsics(
 )
 def test_a_saved_view_is_the_same_one(settings, tmp_path):
     view = View(**settings)
-    assert view_of_plain(json.loads(json.dumps(plain_view(view), allow_nan=False))) == view
     save_scene(tmp_path / "a.scene", clbvh.Scene(clbvh.make_shape("cube", triangles=12)), view)
     scene, opened = clbvh.open_scene(tmp_path / "a.scene")
     assert opened == view
@@ -369,6 +362,10 @@ CAMERA = plain_view(View(camera=LENS))["camera"]
         # A file that was sent must not have others read.
         {"environment": "sky.exr"},
         {"environment": {"height": 1, "width": -1, "pixels": "AACA"}},
+        {"environment": [[[0, 0, -1]]]},
+        {"environment": np.full((1, 1, 3), np.nan, np.float32)},
+        {"environment": np.ones((1, 1, 4), np.float32)},
+        {"environment": []},
         {"camera": 3},
         {"camera": None},
         {"camera": [["eye", 1]]},

@@ -10,7 +10,6 @@ import pytest
 
 import clbvh
 from clbvh.errors import SceneError
-from clbvh.scene.state import SceneState
 
 BALL = clbvh.make_shape("icosphere", triangles=80)
 RED, BLUE = (1.0, 0.25, 0.0), (0.0, 0.0, 1.0)
@@ -47,13 +46,8 @@ def test_copies_and_other_scenes_keep_colours(scene):
         assert [instance.colour for instance in kept.instances] == [instance.colour for instance in scene.instances]
 
 
-def test_a_state_may_be_made_without_colours(scene):
+def test_a_moved_state_keeps_its_colours(scene):
     state = scene.snapshot()
-    plain = SceneState(
-        state.shapes, state.names, state.geometry_ids, state.transforms, state.masks, state.instance_names
-    )
-    assert plain.colours.shape == (5, 3)
-    assert np.isnan(plain.colours).all()
     moved = state.with_transforms([0], [np.diag([2, 2, 2, 1])])
     np.testing.assert_array_equal(moved.colours, state.colours)
 

@@ -14,6 +14,7 @@ def make_state(shapes, *placed):
         tuple(shapes), tuple(f"geometry {index}" for index in range(len(shapes))),
         np.array([row[0] for row in rows], np.int32), np.array([row[1] for row in rows]).reshape(-1, 4, 4),
         np.array([row[2] for row in rows], np.uint32), tuple(f"instance {index}" for index in range(len(rows))),
+        np.full((len(rows), 3), np.nan), (), np.full(len(rows), -1, np.int32),
     )  # fmt: skip
 
 

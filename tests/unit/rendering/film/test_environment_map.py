@@ -58,24 +58,6 @@ def test_saved_scenes_hold_the_pixels(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "value",
-    [
-        [],
-        "abc",
-        {},
-        {"height": 1, "width": 1, "pixels": "####"},
-        {"height": 1, "width": 1, "pixels": "AAAA"},
-        {"height": 2, "width": -1, "pixels": "AAAAAAAAAAAAAAAA"},
-        {"height": 1, "width": 1, "pixels": "AADAfwAAAAAAAAAA"},
-        {"height": 1, "width": "x", "pixels": "AAAAAAAAAAAAAAAA"},
-    ],
-)
-def test_forged_maps_are_refused(value):
-    with pytest.raises(SceneError):
-        EnvironmentMap.from_plain(value)
-
-
-@pytest.mark.parametrize(
     ("value", "text"),
     [(-1.0, "green at row 1, column 2 is -1.0"), (np.nan, "column 2 is nan"), (np.inf, "is inf"), (1e21, "is 1e\\+21")],
 )
