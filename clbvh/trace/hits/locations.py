@@ -1,100 +1,46 @@
-"""Locations and normals of hits in float64, by primitive and coordinates: on a mesh, or on instances of a scene."""
+"""Locations and normals of hits in float64, by primitive and coordinates."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
-from .scene_arrays import SceneArrays, Triangles, place_point, triangles_of
+from .scene_arrays import SceneArrays, SurfacePoints, place_point
 from .spheres import sphere_point
+
+_SPHERES = PRIM_KINDS["spheres"]
 
 # A normal is not used if the corners of its triangle differ by more than this in height, in local units: sixteen
 # roundings of float32.
 _MOST_TILT = 2.0**-20
 
 
-def find_locations(
-    mesh: Mesh,
-    prim_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-) -> NDArray[np.float64]:
-    """Return (..., 3) float64, the file's coordinates: ``(1 - u - v) a + u b + v c``; NaN without a face."""
-    locations = np.empty((*prim_id.shape, 3))
-    flat = locations.reshape(-1, 3)
-    prims = np.ascontiguousarray(prim_id).reshape(-1)
-    us, vs = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v))
-
-    def locate(begin: int, end: int) -> None:
-        _locate(triangles_of(mesh), prims[begin:end], us[begin:end], vs[begin:end], flat[begin:end])
-
-    with HostThreads() as threads:
-        threads.for_ranges(len(flat), locate)
-    return locations
-
-
-def find_normals(mesh: Mesh, prim_id: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return (..., 3) float64: unit normals on the side from which the corners run anticlockwise.
-
-    Across its longest edge for a triangle so thin that float64 does not know its normal. NaN without a face, and for a
-    triangle whose corners are one point.
-    """
-    normals = np.empty((*prim_id.shape, 3))
-    _make_normals(triangles_of(mesh), np.ascontiguousarray(prim_id).reshape(-1), normals.reshape(-1, 3))
-    return normals
-
-
-@compiled
-def _locate(triangles, prim_ids, us, vs, locations):
-    vertices, faces = triangles.vertices, triangles.faces
-    for hit in range(len(prim_ids)):
-        prim, u, v = prim_ids[hit], us[hit], vs[hit]
-        for axis in range(3):
-            if prim == NO_PRIM:
-                locations[hit, axis] = np.nan
-                continue
-            a = vertices[faces[prim, 0], axis]
-            ab, ac = vertices[faces[prim, 1], axis] - a, vertices[faces[prim, 2], axis] - a
-            locations[hit, axis] = a + (u * ab + v * ac)
-
-
-@compiled
-def _make_normals(triangles, prim_ids, normals):
-    for hit in range(len(prim_ids)):
-        if prim_ids[hit] == NO_PRIM:
-            normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
-        else:
-            make_normal(triangles, prim_ids[hit], normals[hit])
-
-
 @compiled(error_model="numpy")
-def make_normal(triangles, prim, normal):
-    """Write the unit normal of a triangle on the side from which its corners run anticlockwise.
+def make_normal(corners, scale, normal):
+    """Write the unit normal of a triangle, (3, 3), on the side from which its corners run anticlockwise.
 
     A triangle so thin that float64 does not know its normal gets a vector across its longest edge.
     """
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
-    a, b, c = faces[prim, 0], faces[prim, 1], faces[prim, 2]
     # Divided by its largest component first: the squares of a small triangle's normal could underflow.
     largest = 0.0
     for axis in range(3):
         following, last = (axis + 1) % 3, (axis + 2) % 3
-        ab_following, ab_last = vertices[b, following] - vertices[a, following], vertices[b, last] - vertices[a, last]
-        ac_following, ac_last = vertices[c, following] - vertices[a, following], vertices[c, last] - vertices[a, last]
+        ab_following, ab_last = corners[1, following] - corners[0, following], corners[1, last] - corners[0, last]
+        ac_following, ac_last = corners[2, following] - corners[0, following], corners[2, last] - corners[0, last]
         normal[axis] = ab_following * scale * (ac_last * scale) - ab_last * scale * (ac_following * scale)
         largest = max(largest, abs(normal[axis]))
     for axis in range(3):
         normal[axis] /= largest
     _normalize(normal)
     # Written so that NaN is a tilt.
-    if not _tilt(triangles, prim, normal) <= _MOST_TILT:
-        _write_across(triangles, prim, normal)
+    if not _tilt(corners, scale, normal) <= _MOST_TILT:
+        _write_across(corners, normal)
 
 
 @compiled(error_model="numpy")
@@ -105,31 +51,28 @@ def _normalize(vector):
 
 
 @compiled
-def _tilt(triangles, prim, normal):
+def _tilt(corners, scale, normal):
     """Return how much higher one corner of a triangle is than another one along a vector, in local units."""
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
     to_b, to_c = 0.0, 0.0
     for axis in range(3):
-        a = vertices[faces[prim, 0], axis]
-        to_b += (vertices[faces[prim, 1], axis] - a) * scale * normal[axis]
-        to_c += (vertices[faces[prim, 2], axis] - a) * scale * normal[axis]
+        to_b += (corners[1, axis] - corners[0, axis]) * scale * normal[axis]
+        to_c += (corners[2, axis] - corners[0, axis]) * scale * normal[axis]
     return abs(to_b) + abs(to_c)
 
 
 @compiled(error_model="numpy")
-def _write_across(triangles, prim, normal):
+def _write_across(corners, normal):
     """Write a unit vector at right angles to the longest edge of a triangle; NaN if all edges have length zero."""
-    vertices, faces = triangles.vertices, triangles.faces
     longest, edge = 0.0, np.zeros(3)
-    for corner in range(3):
-        begin, end = faces[prim, corner], faces[prim, (corner + 1) % 3]
+    for begin in range(3):
+        end = (begin + 1) % 3
         length = 0.0
         for axis in range(3):
-            length = max(length, abs(vertices[end, axis] - vertices[begin, axis]))
+            length = max(length, abs(corners[end, axis] - corners[begin, axis]))
         if length > longest:
             longest = length
             for axis in range(3):
-                edge[axis] = vertices[end, axis] - vertices[begin, axis]
+                edge[axis] = corners[end, axis] - corners[begin, axis]
     # Divided by its largest component first, as the normal is.
     for axis in range(3):
         edge[axis] /= longest
@@ -144,40 +87,23 @@ def _write_across(triangles, prim, normal):
     _normalize(normal)
 
 
-_SPHERES = PRIM_KINDS["spheres"]
-
-# The corners of one triangle, as a mesh of its own.
-_ONE_FACE = np.array([[0, 1, 2]], np.int32)
-
-
-def find_placed_locations(
-    arrays: SceneArrays,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-) -> NDArray[np.float64]:
+def find_locations(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
     """Return (..., 3) float64, world units: where the primitives are hit; NaN without one.
 
-    The point is computed in the object, as `find_locations` does, and then placed. So an instance that is placed by the
-    identity gives the bytes of its mesh, and a shared edge of two triangles is one line in the world, too.
+    On a triangle ``a + (u (b - a) + v (c - a))``. The point is computed in the object and then placed, so a shared edge
+    of two triangles is one line in the world, too.
     """
-    return _for_points(_locate_placed, arrays, prim_id, instance_id, u, v)
+    return for_points(_locate, arrays, points)
 
 
-def find_placed_normals(
-    arrays: SceneArrays,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-) -> NDArray[np.float64]:
+def find_normals(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
     """Return (..., 3) float64: unit normals in the world, on the object's outer side; NaN without a primitive.
 
     The outer side of a triangle is the one from which its corners run anticlockwise in the object, and that of a sphere
-    is its outside. A mirror takes it along.
+    is its outside. A mirror takes it along. A triangle so thin that float64 does not know its normal has one across its
+    longest edge, and one whose corners are one point has NaN.
     """
-    return _for_points(_make_placed_normals, arrays, prim_id, instance_id, u, v)
+    return for_points(_make_normals, arrays, points)
 
 
 def turn_normals(
@@ -198,23 +124,19 @@ def turn_normals(
     return normals
 
 
-def _for_points(
-    compute: Callable[..., None],
-    arrays: SceneArrays,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
+def for_points(
+    compute: Callable[..., None], arrays: SceneArrays, points: SurfacePoints, *more: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """Return (..., 3) float64: the vectors that a compiled function writes for points."""
-    vectors = np.empty((*prim_id.shape, 3))
+    """Return (..., 3) float64: the vectors that a compiled function writes for points, given more arrays of theirs."""
+    vectors = np.empty((*points.prim_id.shape, 3))
     flat = vectors.reshape(-1, 3)
-    ids = [np.ascontiguousarray(values, np.int32).reshape(-1) for values in (prim_id, instance_id)]
-    coordinates = [np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v)]
+    ids = (np.ascontiguousarray(values, np.int32).reshape(-1) for values in (points.prim_id, points.instance_id))
+    coordinates = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (points.u, points.v))
+    others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[points.prim_id.ndim :]) for values in more)
+    inputs = (*ids, *coordinates, *others)
 
     def compute_part(begin: int, end: int) -> None:
-        part = slice(begin, end)
-        compute(arrays, ids[0][part], ids[1][part], coordinates[0][part], coordinates[1][part], flat[part])
+        compute(arrays, *(values[begin:end] for values in inputs), flat[begin:end])
 
     with HostThreads() as threads:
         threads.for_ranges(len(flat), compute_part)
@@ -222,17 +144,17 @@ def _for_points(
 
 
 @compiled
-def _locate_placed(arrays, prim_ids, instance_ids, us, vs, locations):
+def _locate(arrays, prim_ids, instance_ids, us, vs, locations):
     for hit in range(len(prim_ids)):
         if prim_ids[hit] == NO_PRIM:
             locations[hit, 0] = locations[hit, 1] = locations[hit, 2] = np.nan
         else:
-            point = locate_placed_point(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit])
+            point = locate_point(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit])
             locations[hit, 0], locations[hit, 1], locations[hit, 2] = point
 
 
 @compiled
-def locate_placed_point(arrays, instance, prim, u, v):
+def locate_point(arrays, instance, prim, u, v):
     """Return the world coordinates of a point of a primitive."""
     vertices, faces, spheres = arrays.vertices, arrays.faces, arrays.spheres
     geometry = arrays.geometry_id[instance]
@@ -248,7 +170,7 @@ def locate_placed_point(arrays, instance, prim, u, v):
         x = _mix(vertices[a, 0], vertices[b, 0], vertices[c, 0], u, v)
         y = _mix(vertices[a, 1], vertices[b, 1], vertices[c, 1], u, v)
         z = _mix(vertices[a, 2], vertices[b, 2], vertices[c, 2], u, v)
-    return place_point(arrays, instance, x, y, z)
+    return (x, y, z) if arrays.is_lone else place_point(arrays, instance, x, y, z)
 
 
 @compiled
@@ -257,14 +179,13 @@ def _mix(a, b, c, u, v):
 
 
 @compiled
-def _make_placed_normals(arrays, prim_ids, instance_ids, us, vs, normals):
-    triangle = Triangles(np.empty((3, 3)), _ONE_FACE, 1.0)
-    normal = np.empty(3)
+def _make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
+    corners, normal = np.empty((3, 3)), np.empty(3)
     for hit in range(len(prim_ids)):
         if prim_ids[hit] == NO_PRIM:
             normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
             continue
-        make_object_normal(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit], triangle.vertices, normal)
+        make_object_normal(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit], corners, normal)
         turn_normal(arrays, instance_ids[hit], normal, normals[hit])
 
 
@@ -288,18 +209,22 @@ def make_object_normal(arrays, instance, prim, u, v, corners, normal):
     for corner in range(3):
         for axis in range(3):
             corners[corner, axis] = arrays.vertices[first + arrays.faces[face, corner], axis]
-    make_normal(Triangles(corners, _ONE_FACE, arrays.scale[geometry]), 0, normal)
+    make_normal(corners, arrays.scale[geometry], normal)
 
 
 @compiled(error_model="numpy")
 def turn_normal(arrays, instance, object_normal, normal):
     """Write the unit vector along the inverse transpose of an instance's linear part times a vector of its object.
 
-    Return the length of that product: the way in the object, along its vector, for a unit of the way in the world.
+    Return the length of that product: the way in the object, along its vector, for a unit of the way in the world. A
+    lone shape's vector stays as it is.
 
     Lengths of tangents and of normals change by inverse factors, so the transform itself would tilt normals. The
     inverse transpose keeps their sides: its product with ``linear @ d`` is that of the object's normal with d.
     """
+    if arrays.is_lone:
+        normal[0], normal[1], normal[2] = object_normal[0], object_normal[1], object_normal[2]
+        return 1.0
     inverse = arrays.inverse
     # Divided by the largest component first: squares of a large or a tiny instance's could leave float64.
     largest = 0.0

@@ -23,7 +23,7 @@ from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.loop_functions import add_scaled, cross, dot, exponent_of, prefetch, subtract, times_power_of_two
 from ..rays.batch import row_step
-from .locations import locate_placed_point
+from .locations import locate_point
 from .scene_arrays import SceneArrays, to_object_by
 from .spheres import sphere_crossing, sphere_uv
 
@@ -353,7 +353,7 @@ def locate_placed(arrays, found_ints, block, count, locations):
     for hit in range(count):
         instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
         prim, u, v = found_ints[sources[hit], HIT_PRIM_ID], vectors[TUV, 1, hit], vectors[TUV, 2, hit]
-        point = locate_placed_point(arrays, instance, prim, u, v)
+        point = locate_point(arrays, instance, prim, u, v)
         locations[targets[hit], 0], locations[targets[hit], 1], locations[targets[hit], 2] = point
 
 
