@@ -25,7 +25,7 @@ from ..support.host_threads import HostThreads
 from ..support.stopwatch import Stopwatch, add_total
 from ..trace.hits.hits import Hits
 from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
-from ..trace.hits.scene_arrays import triangles_of
+from ..trace.hits.scene_arrays import lone_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.rays.batch import RayBatch, read_rays
 from .cameras.camera import Camera
@@ -229,7 +229,7 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
     height, width = found.shape
     has_instances = not isinstance(mesh, Mesh)
     refined, ids = RefinedHits.make(height * width), HitIds.make(height * width, has_instances=has_instances)
-    surface = triangles_of(mesh) if isinstance(mesh, Mesh) else mesh.arrays
+    surface = lone_arrays(mesh) if isinstance(mesh, Mesh) else mesh.arrays
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):

@@ -133,7 +133,7 @@ def for_points(
     ids = (np.ascontiguousarray(values, np.int32).reshape(-1) for values in (points.prim_id, points.instance_id))
     coordinates = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (points.u, points.v))
     others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[points.prim_id.ndim :]) for values in more)
-    inputs = (*ids, *coordinates, *others)
+    inputs: list[NDArray[Any]] = [*ids, *coordinates, *others]
 
     def compute_part(begin: int, end: int) -> None:
         compute(arrays, *(values[begin:end] for values in inputs), flat[begin:end])
