@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
+from ...support.loop_functions import cross, dot, subtract
 from .scene_arrays import SceneArrays, SurfacePoints, place_point
 from .spheres import sphere_point
 
@@ -20,71 +21,61 @@ _SPHERES = PRIM_KINDS["spheres"]
 # roundings of float32.
 _MOST_TILT = 2.0**-20
 
+# To ask for threads would take longer than fewer points.
+_FEW_POINTS = 1 << 10
+
 
 @compiled(error_model="numpy")
-def make_normal(corners, scale, normal):
-    """Write the unit normal of a triangle, (3, 3), on the side from which its corners run anticlockwise.
+def make_normal(a, b, c, scale):
+    """Return the unit normal of a triangle on the side from which its corners run anticlockwise.
 
     A triangle so thin that float64 does not know its normal gets a vector across its longest edge.
     """
-    # Divided by its largest component first: the squares of a small triangle's normal could underflow.
-    largest = 0.0
-    for axis in range(3):
-        following, last = (axis + 1) % 3, (axis + 2) % 3
-        ab_following, ab_last = corners[1, following] - corners[0, following], corners[1, last] - corners[0, last]
-        ac_following, ac_last = corners[2, following] - corners[0, following], corners[2, last] - corners[0, last]
-        normal[axis] = ab_following * scale * (ac_last * scale) - ab_last * scale * (ac_following * scale)
-        largest = max(largest, abs(normal[axis]))
-    for axis in range(3):
-        normal[axis] /= largest
-    _normalize(normal)
-    # Written so that NaN is a tilt.
-    if not _tilt(corners, scale, normal) <= _MOST_TILT:
-        _write_across(corners, normal)
-
-
-@compiled(error_model="numpy")
-def _normalize(vector):
-    length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    for axis in range(3):
-        vector[axis] /= length
+    ab, ac = _scale(subtract(b, a), scale), _scale(subtract(c, a), scale)
+    normal, _ = _unit(cross(ab, ac))
+    # Written so that NaN is a tilt: how much higher one corner is than another one along the normal.
+    if not abs(dot(ab, normal)) + abs(dot(ac, normal)) <= _MOST_TILT:
+        normal = _find_across(a, b, c)
+    return normal
 
 
 @compiled
-def _tilt(corners, scale, normal):
-    """Return how much higher one corner of a triangle is than another one along a vector, in local units."""
-    to_b, to_c = 0.0, 0.0
-    for axis in range(3):
-        to_b += (corners[1, axis] - corners[0, axis]) * scale * normal[axis]
-        to_c += (corners[2, axis] - corners[0, axis]) * scale * normal[axis]
-    return abs(to_b) + abs(to_c)
+def _scale(vector, scale):
+    return vector[0] * scale, vector[1] * scale, vector[2] * scale
 
 
 @compiled(error_model="numpy")
-def _write_across(corners, normal):
-    """Write a unit vector at right angles to the longest edge of a triangle; NaN if all edges have length zero."""
-    longest, edge = 0.0, np.zeros(3)
-    for begin in range(3):
-        end = (begin + 1) % 3
-        length = 0.0
-        for axis in range(3):
-            length = max(length, abs(corners[end, axis] - corners[begin, axis]))
+def _unit(vector):
+    """Return the unit vector and the length of a vector; NaN for one of length zero."""
+    x, y, z = vector
+    # Divided by the largest component first: the squares of a small triangle's normal could underflow.
+    largest = max(abs(x), abs(y), abs(z))
+    x, y, z = x / largest, y / largest, z / largest
+    length = np.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length), length * largest
+
+
+@compiled(error_model="numpy")
+def _find_across(a, b, c):
+    """Return a unit vector at right angles to the longest edge of a triangle; NaN if all edges have length zero."""
+    longest, edge = 0.0, (0.0, 0.0, 0.0)
+    for begin, end in ((a, b), (b, c), (c, a)):
+        way = subtract(end, begin)
+        length = max(abs(way[0]), abs(way[1]), abs(way[2]))
         if length > longest:
-            longest = length
-            for axis in range(3):
-                edge[axis] = corners[end, axis] - corners[begin, axis]
-    # Divided by its largest component first, as the normal is.
-    for axis in range(3):
-        edge[axis] /= longest
-    _normalize(edge)
+            longest, edge = length, way
+    edge, _ = _unit(edge)
     # The axis that is most across the edge, less its share along it.
     across = 0
     for axis in range(1, 3):
         across = axis if abs(edge[axis]) < abs(edge[across]) else across
     share = edge[across]
-    for axis in range(3):
-        normal[axis] = (1.0 if axis == across else 0.0) - share * edge[axis]
-    _normalize(normal)
+    x, y, z = (
+        (1.0 if across == 0 else 0.0) - share * edge[0], (1.0 if across == 1 else 0.0) - share * edge[1],
+        (1.0 if across == 2 else 0.0) - share * edge[2],
+    )  # fmt: skip
+    length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
 
 
 def find_locations(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
@@ -138,6 +129,9 @@ def for_points(
     def compute_part(begin: int, end: int) -> None:
         compute(arrays, *(values[begin:end] for values in inputs), flat[begin:end])
 
+    if len(flat) < _FEW_POINTS:
+        compute_part(0, len(flat))
+        return vectors
     with HostThreads() as threads:
         threads.for_ranges(len(flat), compute_part)
     return vectors
@@ -156,20 +150,16 @@ def _locate(arrays, prim_ids, instance_ids, us, vs, locations):
 @compiled
 def locate_point(arrays, instance, prim, u, v):
     """Return the world coordinates of a point of a primitive."""
-    vertices, faces, spheres = arrays.vertices, arrays.faces, arrays.spheres
     geometry = arrays.geometry_id[instance]
     if arrays.kind[geometry] == _SPHERES:
-        sphere = arrays.first_sphere[geometry] + prim
+        spheres, sphere = arrays.spheres, arrays.first_sphere[geometry] + prim
         x, y, z = sphere_point(u, v)
         x = spheres[sphere, 0] + spheres[sphere, 3] * x
         y = spheres[sphere, 1] + spheres[sphere, 3] * y
         z = spheres[sphere, 2] + spheres[sphere, 3] * z
     else:
-        face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-        a, b, c = first + faces[face, 0], first + faces[face, 1], first + faces[face, 2]
-        x = _mix(vertices[a, 0], vertices[b, 0], vertices[c, 0], u, v)
-        y = _mix(vertices[a, 1], vertices[b, 1], vertices[c, 1], u, v)
-        z = _mix(vertices[a, 2], vertices[b, 2], vertices[c, 2], u, v)
+        a, b, c = find_corners(arrays, geometry, prim)
+        x, y, z = _mix(a[0], b[0], c[0], u, v), _mix(a[1], b[1], c[1], u, v), _mix(a[2], b[2], c[2], u, v)
     return (x, y, z) if arrays.is_lone else place_point(arrays, instance, x, y, z)
 
 
@@ -179,67 +169,61 @@ def _mix(a, b, c, u, v):
 
 
 @compiled
+def find_corners(arrays, geometry, prim):
+    """Return the corners of a triangle in its object's coordinates."""
+    vertices, faces = arrays.vertices, arrays.faces
+    face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
+    a, b, c = first + faces[face, 0], first + faces[face, 1], first + faces[face, 2]
+    return (
+        (vertices[a, 0], vertices[a, 1], vertices[a, 2]),
+        (vertices[b, 0], vertices[b, 1], vertices[b, 2]),
+        (vertices[c, 0], vertices[c, 1], vertices[c, 2]),
+    )
+
+
+@compiled
 def _make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
-    corners, normal = np.empty((3, 3)), np.empty(3)
     for hit in range(len(prim_ids)):
-        if prim_ids[hit] == NO_PRIM:
+        prim, instance = prim_ids[hit], instance_ids[hit]
+        if prim == NO_PRIM:
             normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
             continue
-        make_object_normal(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit], corners, normal)
-        turn_normal(arrays, instance_ids[hit], normal, normals[hit])
+        geometry = arrays.geometry_id[instance]
+        if arrays.kind[geometry] == _SPHERES:
+            normal = sphere_point(us[hit], vs[hit])
+        else:
+            a, b, c = find_corners(arrays, geometry, prim)
+            normal = make_normal(a, b, c, arrays.scale[geometry])
+        turned, _ = turn_normal(arrays, instance, normal)
+        normals[hit, 0], normals[hit, 1], normals[hit, 2] = turned
 
 
 @compiled
 def _turn_normals(arrays, instance_ids, object_normals, normals):
     for hit in range(len(instance_ids)):
-        if instance_ids[hit] == NO_PRIM:
-            normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
-        else:
-            turn_normal(arrays, instance_ids[hit], object_normals[hit], normals[hit])
+        normal = object_normals[hit, 0], object_normals[hit, 1], object_normals[hit, 2]
+        turned = (np.nan, np.nan, np.nan)
+        if instance_ids[hit] != NO_PRIM:
+            turned, _ = turn_normal(arrays, instance_ids[hit], normal)
+        normals[hit, 0], normals[hit, 1], normals[hit, 2] = turned
 
 
 @compiled
-def make_object_normal(arrays, instance, prim, u, v, corners, normal):
-    """Write the unit normal of a primitive in its object's coordinates; `corners` is working memory, (3, 3)."""
-    geometry = arrays.geometry_id[instance]
-    if arrays.kind[geometry] == _SPHERES:
-        normal[0], normal[1], normal[2] = sphere_point(u, v)
-        return
-    face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-    for corner in range(3):
-        for axis in range(3):
-            corners[corner, axis] = arrays.vertices[first + arrays.faces[face, corner], axis]
-    make_normal(corners, arrays.scale[geometry], normal)
+def turn_normal(arrays, instance, normal):
+    """Return the unit vector along the inverse transpose of an instance's linear part times a vector of its object.
 
-
-@compiled(error_model="numpy")
-def turn_normal(arrays, instance, object_normal, normal):
-    """Write the unit vector along the inverse transpose of an instance's linear part times a vector of its object.
-
-    Return the length of that product: the way in the object, along its vector, for a unit of the way in the world. A
-    lone shape's vector stays as it is.
+    And the length of that product: the way in the object, along its vector, for a unit of the way in the world. A lone
+    shape's vector stays as it is.
 
     Lengths of tangents and of normals change by inverse factors, so the transform itself would tilt normals. The
     inverse transpose keeps their sides: its product with ``linear @ d`` is that of the object's normal with d.
     """
+    x, y, z = normal
     if arrays.is_lone:
-        normal[0], normal[1], normal[2] = object_normal[0], object_normal[1], object_normal[2]
-        return 1.0
+        return (x, y, z), 1.0
     inverse = arrays.inverse
-    # Divided by the largest component first: squares of a large or a tiny instance's could leave float64.
-    largest = 0.0
-    for axis in range(3):
-        normal[axis] = (
-            inverse[instance, 0, axis] * object_normal[0]
-            + inverse[instance, 1, axis] * object_normal[1]
-            + inverse[instance, 2, axis] * object_normal[2]
-        )
-        largest = max(largest, abs(normal[axis]))
-    length = 0.0
-    for axis in range(3):
-        normal[axis] /= largest
-        length += normal[axis] ** 2
-    length = np.sqrt(length)
-    for axis in range(3):
-        normal[axis] /= length
-    return length * largest
+    return _unit((
+        inverse[instance, 0, 0] * x + inverse[instance, 1, 0] * y + inverse[instance, 2, 0] * z,
+        inverse[instance, 0, 1] * x + inverse[instance, 1, 1] * y + inverse[instance, 2, 1] * z,
+        inverse[instance, 0, 2] * x + inverse[instance, 1, 2] * y + inverse[instance, 2, 2] * z,
+    ))  # fmt: skip

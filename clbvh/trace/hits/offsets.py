@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from .locations import for_points, make_object_normal, turn_normal
+from .locations import find_corners, for_points, make_normal, turn_normal
 from .scene_arrays import SceneArrays, SurfacePoints, place_vector, to_object
+from .spheres import sphere_point
 
 # Unit roundoffs of float32 and float64.
 ROUNDING = 2.0**-24
@@ -92,8 +93,7 @@ def find_offset_points(
 
 @compiled(error_model="numpy")
 def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_front, points):
-    corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
-    way, shares, weights = np.empty(3), np.empty(3), np.empty(3)
+    local, way, shares, weights = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -101,17 +101,21 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_f
             continue
         geometry = arrays.geometry_id[instance]
         scale = arrays.scale[geometry]
-        make_object_normal(arrays, instance, prim, us[hit], vs[hit], corners, normal)
-        if not is_front[hit]:
-            normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
+        side = 1.0 if is_front[hit] else -1.0
 
-        # The point in the object's local coordinates, and the highest point of the tracer's primitive above it.
+        # The normal, the point in the object's local coordinates, and the highest point of the tracer's primitive
+        # above it.
         most = np.inf
         if arrays.kind[geometry] == _SPHERES:
+            x, y, z = sphere_point(us[hit], vs[hit])
+            normal = side * x, side * y, side * z
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
             highest += _ROOT_ROUNDINGS * ROUNDING * radius
             most = np.inf if is_front[hit] else radius
         else:
+            corners = find_corners(arrays, geometry, prim)
+            x, y, z = make_normal(corners[0], corners[1], corners[2], scale)
+            normal = side * x, side * y, side * z
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
 
         if arrays.is_lone:
@@ -126,8 +130,8 @@ def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_f
         if np.isfinite(most):
             way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
         else:
-            gain = turn_normal(arrays, instance, normal, way)
-            way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
+            (x, y, z), gain = turn_normal(arrays, instance, normal)
+            way[0], way[1], way[2] = x / gain, y / gain, z / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
         # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
@@ -205,13 +209,13 @@ def _find_on_triangle(arrays, geometry, corners, u, v, normal, local):
     """Write the local coordinates of a point; return how much higher the float32 triangle reaches along a normal."""
     scale, highest = arrays.scale[geometry], 0.0
     for axis in range(3):
-        a = corners[0, axis]
-        point = a + (u * (corners[1, axis] - a) + v * (corners[2, axis] - a))
+        a = corners[0][axis]
+        point = a + (u * (corners[1][axis] - a) + v * (corners[2][axis] - a))
         local[axis] = (point - arrays.origin[geometry, axis]) * scale
     for corner in range(3):
         height = 0.0
         for axis in range(3):
-            on_device = np.float32((corners[corner, axis] - arrays.origin[geometry, axis]) * scale)
+            on_device = np.float32((corners[corner][axis] - arrays.origin[geometry, axis]) * scale)
             height += (np.float64(on_device) - local[axis]) * normal[axis]
         highest = max(highest, height)
     return highest
