@@ -20,7 +20,8 @@ from ..scene.transforms import check_transform
 from ..trace.hits.hits import Hits
 from ..trace.hits.interpolate import group_by_geometry
 from ..trace.hits.locations import turn_normals
-from ..trace.hits.surface import SceneSurface, SurfacePoints
+from ..trace.hits.scene_arrays import SurfacePoints
+from ..trace.hits.surface import SceneSurface
 from .cameras.camera import Camera
 from .picture import Picture
 

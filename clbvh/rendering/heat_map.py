@@ -7,7 +7,6 @@ and for colour-blind people.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +15,6 @@ from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..support.host_threads import HostThreads
-from ..trace.oracle.scene_visits import SceneTraversal
 from ..trace.oracle.visits import HostTraversal, Visits, count_visits
 from .cameras.camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
@@ -49,7 +47,7 @@ def count_picture(bvh: Bvh, camera: Camera, width: int, height: int) -> Visits:
     return _count_rays(HostTraversal(bvh), camera, width, height)
 
 
-def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
+def _count_rays(traversal: HostTraversal, camera: Camera, width: int, height: int) -> Visits:
     origins, directions = camera.rays(width, height)
     with HostThreads() as threads:
         rays = np.ascontiguousarray(origins).reshape(-1, 3), directions.reshape(-1, 3)
@@ -59,15 +57,14 @@ def _count_rays(traversal: Any, camera: Camera, width: int, height: int) -> Any:
 def draw_heat_map_of(world: Bvh | World, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
-    counts: NDArray[np.int32]
     if (bvh := world if isinstance(world, Bvh) else world.bvh) is not None:
-        counted = count_picture(bvh, camera, width, height)
-        counts = counted.node_steps if quantity == "nodes" else counted.triangle_tests
+        traversal = HostTraversal(bvh)
     else:
         assert isinstance(world, World)  # a `Bvh` has itself
         assert world.top is not None
-        visits = _count_rays(SceneTraversal(world.state, world.trees, world.top), camera, width, height)
-        counts = visits.node_steps if quantity == "nodes" else visits.prim_tests
+        traversal = HostTraversal.of_scene(world.state, world.trees, world.top)
+    visits = _count_rays(traversal, camera, width, height)
+    counts = visits.node_steps if quantity == "nodes" else visits.triangle_tests
     # Outside the circle of a fisheye, pixels have rays that nobody casts.
     of_pixels = np.where(camera.sees(width, height), counts.reshape(height, width), 0)
     return draw_heat_map(of_pixels, quantity)

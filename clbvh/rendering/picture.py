@@ -21,7 +21,7 @@ from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
 from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
-from ..trace.hits.scene_arrays import triangles_of
+from ..trace.hits.scene_arrays import lone_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.rays.batch import RayBatch, read_rays
 from .cameras.camera import Camera
@@ -225,7 +225,7 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
     height, width = found.shape
     refined = RefinedHits.make(height * width)
     ids = HitIds.make(height * width, has_instances=not isinstance(mesh, Mesh))
-    surface = triangles_of(mesh) if isinstance(mesh, Mesh) else mesh.arrays
+    surface = lone_arrays(mesh) if isinstance(mesh, Mesh) else mesh.arrays
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):

@@ -290,7 +290,11 @@ def _read_objects(tables: list[dict[str, Any]], folder: Path, materials: dict[st
             if found.material is not None and found.material not in materials:
                 raise SceneError(say_unknown(found.material, materials, "[[material]] with the label"))
             if isinstance(found.repeat, Scatter):
-                _check_target(found.repeat.on, objects)
+                target = found.repeat.on
+                if target not in objects:
+                    raise SceneError(say_unknown(target, objects, "object above it with the label"))
+                if objects[target].repeat is not None or objects[target].source[0][0] in _SPHERES:
+                    raise SceneError(f"is scattered on '{target}', which must be a mesh that is placed once")
             name = found.source[0][1]
             stem = name_of_file(name) if isinstance(name, str) else "spheres"
             objects[objects.check(found.label) if found.label else objects.find_free(stem)] = found
@@ -324,16 +328,8 @@ def _read_object(values: dict[str, Any], folder: Path) -> SceneObject:
     return _convert(values, kind)
 
 
-def _check_target(label: str, above: dict[str, SceneObject]) -> None:
-    """Raise `SceneError` unless copies can be scattered on the object of this label."""
-    if label not in above:
-        raise SceneError(say_unknown(label, above, "object above it with the label"))
-    if above[label].repeat is not None or above[label].source[0][0] in _SPHERES:
-        raise SceneError(f"is scattered on '{label}', which must be a mesh that is placed once")
-
-
 def _read_materials(tables: list[dict[str, Any]], folder: Path) -> dict[str, Material]:
-    read_once = cache(_read_texture)
+    read_once = cache(_read_texture)  # also for textures of several materials
 
     def read_texture(name: str, path: str) -> Texture:
         with _naming(name):

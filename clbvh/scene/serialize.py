@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from ..errors import MeshError, SceneError
 from ..geometry.appearance.appearance import Appearance
 from ..geometry.appearance.material import Material, Texture
+from ..geometry.loading.spheres_file import read_member
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, Spheres
 from ..support.files import as_path, open_regular, read_errors_as, write_atomically
@@ -201,13 +202,13 @@ def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
     if any(each.compress_type != ZIP_STORED for each in members) or sum(each.file_size for each in members) > size:
         raise SceneError("its arrays are packed, or larger than the file")
     names = {each.filename.removesuffix(".npy") for each in members}
-    values = json.loads(_read_array(archive, FIRST_MEMBER).tobytes())
+    values = json.loads(read_member(archive, FIRST_MEMBER).tobytes())
     version = values.get("format") if isinstance(values, dict) else None
     if version != FORMAT_VERSION:
         raise SceneError(f"it has the format {version!r}, and this version of clbvh reads format {FORMAT_VERSION}")
     text = msgspec.convert(values, _Text)
     textures = [
-        Texture(each.name, _read_array(archive, f"texture_{number}"), each.is_srgb, each.wrap)
+        Texture(each.name, read_member(archive, f"texture_{number}"), each.is_srgb, each.wrap)
         for number, each in enumerate(text.textures)
     ]
 
@@ -217,9 +218,9 @@ def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
     shapes: list[Shape] = []
     for number, each in enumerate(text.geometries):
         stored = {name: f"geometry_{number}_{name}" for name in (*_MESH_ARRAYS, *_SPHERES_ARRAYS, *_LOOKS_ARRAYS)}
-        arrays = {name: _read_array(archive, member) for name, member in stored.items() if member in names}
+        arrays = {name: read_member(archive, member) for name, member in stored.items() if member in names}
         shapes.append(_make_shape(each, arrays, make_materials(each.materials)))
-    arrays = {name: _read_array(archive, name) for name in _INSTANCE_ARRAYS}
+    arrays = {name: read_member(archive, name) for name in _INSTANCE_ARRAYS}
     _check_instances(arrays, len(text.instance_names), len(shapes), len(text.materials))
     for kind, given in (("a geometry", [each.name for each in text.geometries]), ("an instance", text.instance_names)):
         taken = Named[None](kind)
@@ -232,7 +233,7 @@ def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
         materials=make_materials(text.materials),
         **arrays,
     )
-    own = {name.removeprefix(_SETTING): _read_array(archive, name) for name in names if name.startswith(_SETTING)}
+    own = {name.removeprefix(_SETTING): read_member(archive, name) for name in names if name.startswith(_SETTING)}
     return state, text.settings | own
 
 
@@ -260,11 +261,3 @@ def _check_instances(arrays: dict[str, NDArray[Any]], count: int, geometry_count
         wrong = np.flatnonzero((arrays[name] < least) | (arrays[name] >= most))
         if len(wrong):
             raise SceneError(f"instance {wrong[0]} has {arrays[name][wrong[0]]} among its {name}, of {most:,}")
-
-
-def _read_array(archive: ZipFile, name: str) -> NDArray[Any]:
-    with archive.open(f"{name}.npy") as member:
-        array = np.lib.format.read_array(member, allow_pickle=False)
-        if member.read(1):  # also: the checksum is looked at when all is read
-            raise SceneError(f"its array '{name}' is smaller than its member")
-        return array

@@ -29,7 +29,7 @@ from ..geometry import Mesh
 from ..layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ..layouts.refit_arrays import RefitArrays, read_topology
 from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
-from .hits.scene_arrays import Triangles, triangles_of
+from .hits.scene_arrays import lone_arrays
 from .rays.batch import TreeBox
 from .traced_tree import WideArrays
 
@@ -91,7 +91,7 @@ class DeviceTree:
     ray_dtype, point_dtype, hit_dtype : numpy.dtype
         Of rays, points and hits on the device.
     mesh : Mesh
-    surface : Triangles
+    surface : SceneArrays
         What hits are refined on.
     scene_surface : SceneSurface or None
         The scene that is nothing but this mesh.
@@ -111,7 +111,7 @@ class DeviceTree:
     hit_dtype = HIT
 
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:
-        self.mesh = mesh
+        self.mesh, self.surface = mesh, lone_arrays(mesh)
         self.sah_growth = 1.0
         self.layout = BRUTE if bvh is None else resolve_layout(layout, session)
         arrays = list_prims(mesh) if bvh is None else make_device_arrays(bvh, self.layout)
@@ -124,10 +124,6 @@ class DeviceTree:
         self.memory_bytes = self.buffers.byte_count
         self._shares_memory = session.info.kind == "cpu" and not session.info.is_simulator
         self._on_host = HostTree()
-
-    @property
-    def surface(self) -> Triangles:  # noqa: D102
-        return triangles_of(self.mesh)
 
     @property
     def most_crossings(self) -> int:  # noqa: D102
@@ -151,7 +147,7 @@ class DeviceTree:
     def moved(self, mesh: Mesh, buffers: TreeBuffers, sah_growth: float) -> Self:
         """Return the tree over a moved mesh, whose arrays `buffers` already hold; this tree does not change."""
         moved = copy(self)
-        moved.mesh, moved.buffers, moved.sah_growth = mesh, buffers, sah_growth
+        moved.mesh, moved.surface, moved.buffers, moved.sah_growth = mesh, lone_arrays(mesh), buffers, sah_growth
         moved._on_host = HostTree()
         moved.arguments = self.arguments | buffers.arguments
         return moved

@@ -77,7 +77,7 @@ class TracedTree(Protocol):
 
     @property
     def surface(self) -> Any:
-        """What hits are refined on: `Triangles` or `SceneArrays`."""
+        """What hits are refined on, `SceneArrays`."""
 
     @property
     def most_crossings(self) -> int:

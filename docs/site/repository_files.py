@@ -2,7 +2,7 @@
 
 Pages link to README, CHANGELOG, CONTRIBUTING and the examples by their paths in the repository, so that the links work
 there. Here these files become pages, and the links lead to them. A paragraph that is nothing but the link to a script
-becomes the script, and `<!-- settings of View -->` the tables of all settings.
+becomes the script, and `<!-- settings of View -->` the tables of all settings. The search finds guides first.
 """
 
 from __future__ import annotations
@@ -30,6 +30,13 @@ _PAGES = {
 }
 _FILES = {page: file for file, page in _PAGES.items() if "." in file}
 
+# How much a page counts in the search, by the beginning of its path; guides are all others.
+_BOOSTS = {
+    **dict.fromkeys(("internals/", "changelog", "results", "study", "conformance", "reliability"), 0.2),
+    **dict.fromkeys(("reference/", "overview", "contributing", "examples/", "README", "ladder"), 1.0),
+}
+_GUIDE_BOOST = 2.0
+
 _FENCED = re.compile(r"^(```|~~~).*?^\1[ ]*$", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(\]\()([^)\s#:]+)((?:#[^)\s]*)?\))")
 _SETTINGS = "<!-- settings of View -->"
@@ -45,8 +52,10 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Show scripts, and lead links to pages of the site."""
+    """Show scripts, lead links to pages of the site, and say how much the page counts in the search."""
     source = page.file.src_uri
+    boost = next((boost for begin, boost in _BOOSTS.items() if source.startswith(begin)), _GUIDE_BOOST)
+    page.meta.setdefault("search", {})["boost"] = boost
     markdown = _LONE_SCRIPT.sub(lambda match: _fence_script(match[1]), markdown)
     markdown = markdown.replace(_SETTINGS, _tabulate_settings())
     folder = posixpath.dirname(_FILES.get(source, _DOCS + source))

@@ -22,7 +22,7 @@ from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
-from clbvh.trace.points.queries import find_closest_points
+from clbvh.trace.points.queries import SeenPoints, closest_points
 from clbvh.trace.rays.batch import TreeBox, read_points, read_rays
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
@@ -102,7 +102,7 @@ def _open(session: DeviceSession, bvh: Bvh, layout: str | None) -> Iterator[Cast
         caster.release()
 
 
-def _ask(caster: Caster, mesh: Mesh, rays: Rays, points: NDArray[np.float64], limits: Rays) -> dict[str, Any]:
+def _ask(caster: Caster, rays: Rays, points: NDArray[np.float64], limits: Rays) -> dict[str, Any]:
     """Return the answers to all queries."""
     free, shape = read_rays(*rays, 0.0, np.inf)
     limited, _ = read_rays(*rays, *limits)
@@ -113,7 +113,7 @@ def _ask(caster: Caster, mesh: Mesh, rays: Rays, points: NDArray[np.float64], li
         "count_hits": count_hits(caster, limited, shape, None, None),
         "all_hits": find_all_hits(caster, free, shape, None, None),
         "all_hits, few": find_all_hits(caster, limited, shape, _FEW_HITS, None),
-        "closest_point": find_closest_points(caster, mesh, read_points(points)),
+        "closest_point": closest_points(caster, SeenPoints(read_points(points), None, None)),
     }
 
 
@@ -152,10 +152,10 @@ def check_geometry(session: DeviceSession, seed: int) -> int:
         # Many limits are exactly the t of a hit.
         t = np.where(first.is_hit, first.t, 1.0)
         limits = np.where(generator.random(len(t)) < 0.4, t, 0.0), np.where(generator.random(len(t)) < 0.4, t, np.inf)
-        expected = _ask(caster, mesh, rays, points, limits)
+        expected = _ask(caster, rays, points, limits)
     for layout in LAYOUT_WIDTHS:
         with _open(session, bvh, layout) as caster:
-            found = _ask(caster, mesh, rays, points, limits)
+            found = _ask(caster, rays, points, limits)
         different = [name for name, answer in expected.items() if _bytes(found[name]) != _bytes(answer)]
         assert not different, f"{layout} with {options} differs from no tree in {different}"
 

@@ -11,6 +11,7 @@ import math
 import os
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +75,8 @@ def _read_archive(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]
         names = archive.namelist()
         if f"{_CENTRES}.npy" not in names:
             raise MeshError(f"the archive has no array '{_CENTRES}'")
-        centres = _read_member(archive, _CENTRES)
-        radii = _read_member(archive, _RADII) if f"{_RADII}.npy" in names else None
+        centres = _read_numbers(archive, _CENTRES)
+        radii = _read_numbers(archive, _RADII) if f"{_RADII}.npy" in names else None
     if centres.ndim != 2 or centres.shape[1] != 3:
         raise MeshError(f"{_CENTRES} must have shape (n, 3), not {centres.shape}")
     if radii is not None and radii.shape != centres.shape[:1]:
@@ -87,19 +88,22 @@ def _read_archive(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]
 _HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
-def _read_member(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
-    """Return an array of an archive as float64; its size is that of the archive's directory, not that of its header."""
-    member = archive.getinfo(f"{name}.npy")
-    check_memory("a file of spheres", 3 * member.file_size, MeshError)
-    with archive.open(member) as file:
+def _read_numbers(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
+    check_memory("a file of spheres", 3 * archive.getinfo(f"{name}.npy").file_size, MeshError)
+    with np.errstate(over="ignore", invalid="ignore"):  # a wider dtype, a signalling NaN: refused by the spheres
+        return read_member(archive, name).astype(np.float64, order="C")
+
+
+def read_member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Return an array of numbers; its size is that of the archive's directory, not that of its header."""
+    with archive.open(f"{name}.npy") as file:
         shape, is_fortran, dtype = _HEADER_READERS[np.lib.format.read_magic(file)](file)
         if dtype.kind not in "iuf":
             raise MeshError(f"{name} must be numbers, not {dtype}")
         values = np.frombuffer(file.read(), dtype)
     if values.size != math.prod(shape):
         raise MeshError(f"{name} has {values.size:,} numbers instead of {math.prod(shape):,}: the archive is cut off")
-    with np.errstate(over="ignore", invalid="ignore"):  # a wider dtype, a signalling NaN: refused by the spheres
-        return values.reshape(shape, order="F" if is_fortran else "C").astype(np.float64, order="C")
+    return values.reshape(shape, order="F" if is_fortran else "C")
 
 
 def _read_table(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:

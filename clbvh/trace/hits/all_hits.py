@@ -23,7 +23,7 @@ from ..rays.pieces import Progress, RayPiece
 from .hits import AllHits
 from .refine import HitIds, RefinedHits, store_hits
 from .refine_block import BLOCK_HITS, PREFETCH_HITS, RefineBlock, locate, refine_block
-from .scene_arrays import SceneArrays, Triangles
+from .scene_arrays import SceneArrays
 
 # Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
 MOST_SLOTS = 2**21
@@ -236,7 +236,7 @@ def find_all_hits(
 
 def _refine_rays(
     batch: RayBatch,
-    surface: Triangles | SceneArrays,
+    surface: SceneArrays,
     crossings: Crossings,
     begin: int,
     end: int,

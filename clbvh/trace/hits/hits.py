@@ -331,10 +331,10 @@ class Hits:
             place = f" of the hit {tuple(map(int, first))}" if shape else ""
             raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
-    def _known_surface(self) -> surface.Surface:
+    def _known_surface(self) -> surface.SceneSurface:
         if self.mesh is None and self.scene_surface is not None:
             return self.scene_surface
-        return surface.MeshSurface(self._known_mesh())
+        return surface.SceneSurface.of_mesh(self._known_mesh())
 
     def _known_shapes(self) -> Sequence[Shape]:
         return (self._known_mesh(),) if self.scene_surface is None else self.scene_surface.shapes

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from ...geometry.arrays import has_masked_values
 from ...structs import NO_PRIM
 from ..rays.batch import check_room
 from .locations import turn_normals
-from .scene_arrays import SceneArrays
+from .scene_arrays import SceneArrays, SurfacePoints
 
 
 def group_by_geometry(geometry_id: NDArray[np.int32]) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -185,27 +185,8 @@ def _read_array(values: ArrayLike, shape: Shape, name: str) -> NDArray[Any]:
 _LEAST_SQUARE = 2.0**-40
 
 
-class SurfacePoints(NamedTuple):
-    """Points on the primitives of a surface.
-
-    Attributes
-    ----------
-    prim_id : (...) int32
-        The primitive, by its number in its geometry; -1 for none.
-    instance_id : (...) int32
-        The instance, -1 for none.
-    u, v : (...) float
-        The coordinates on the primitive; see `Hits`.
-    """
-
-    prim_id: NDArray[np.int32]
-    instance_id: NDArray[np.int32]
-    u: NDArray[np.floating]
-    v: NDArray[np.floating]
-
-
 def find_smooth_normals(
-    arrays: SceneArrays | None,
+    arrays: SceneArrays,
     shapes: Sequence[Shape],
     points: SurfacePoints,
     geometry_id: NDArray[np.int32],
@@ -215,8 +196,7 @@ def find_smooth_normals(
 
     Parameters
     ----------
-    arrays : SceneArrays or None
-        Where instances are; None: the shape is where its coordinates say.
+    arrays : SceneArrays
     shapes : sequence of Mesh or Spheres
         Of each geometry.
     points : SurfacePoints
@@ -232,9 +212,7 @@ def find_smooth_normals(
         if not isinstance(shape, Mesh):
             continue
         for hits in _chunks(of_geometry):
-            blended = _blend(shape, prims[hits], us[hits], vs[hits])
-            if arrays is not None:
-                blended = turn_normals(arrays, instances[hits], blended)
+            blended = turn_normals(arrays, instances[hits], _blend(shape, prims[hits], us[hits], vs[hits]))
             smooth[hits] = _keep_sides(blended, smooth[hits])
     return smooth.reshape(normals.shape)
 

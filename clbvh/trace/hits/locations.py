@@ -1,183 +1,100 @@
-"""Locations and normals of hits in float64, by primitive and coordinates: on a mesh, or on instances of a scene."""
+"""Locations and normals of hits in float64, by primitive and coordinates."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
-from .scene_arrays import SceneArrays, Triangles, place_point, triangles_of
+from ...support.loop_functions import cross, dot, subtract
+from .scene_arrays import SceneArrays, SurfacePoints, place_point
 from .spheres import sphere_point
+
+_SPHERES = PRIM_KINDS["spheres"]
 
 # A normal is not used if the corners of its triangle differ by more than this in height, in local units: sixteen
 # roundings of float32.
 _MOST_TILT = 2.0**-20
 
-
-def find_locations(
-    mesh: Mesh,
-    prim_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-) -> NDArray[np.float64]:
-    """Return (..., 3) float64, the file's coordinates: ``(1 - u - v) a + u b + v c``; NaN without a face."""
-    locations = np.empty((*prim_id.shape, 3))
-    flat = locations.reshape(-1, 3)
-    prims = np.ascontiguousarray(prim_id).reshape(-1)
-    us, vs = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v))
-
-    def locate(begin: int, end: int) -> None:
-        _locate(triangles_of(mesh), prims[begin:end], us[begin:end], vs[begin:end], flat[begin:end])
-
-    with HostThreads() as threads:
-        threads.for_ranges(len(flat), locate)
-    return locations
-
-
-def find_normals(mesh: Mesh, prim_id: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return (..., 3) float64: unit normals on the side from which the corners run anticlockwise.
-
-    Across its longest edge for a triangle so thin that float64 does not know its normal. NaN without a face, and for a
-    triangle whose corners are one point.
-    """
-    normals = np.empty((*prim_id.shape, 3))
-    _make_normals(triangles_of(mesh), np.ascontiguousarray(prim_id).reshape(-1), normals.reshape(-1, 3))
-    return normals
-
-
-@compiled
-def _locate(triangles, prim_ids, us, vs, locations):
-    vertices, faces = triangles.vertices, triangles.faces
-    for hit in range(len(prim_ids)):
-        prim, u, v = prim_ids[hit], us[hit], vs[hit]
-        for axis in range(3):
-            if prim == NO_PRIM:
-                locations[hit, axis] = np.nan
-                continue
-            a = vertices[faces[prim, 0], axis]
-            ab, ac = vertices[faces[prim, 1], axis] - a, vertices[faces[prim, 2], axis] - a
-            locations[hit, axis] = a + (u * ab + v * ac)
-
-
-@compiled
-def _make_normals(triangles, prim_ids, normals):
-    for hit in range(len(prim_ids)):
-        if prim_ids[hit] == NO_PRIM:
-            normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
-        else:
-            make_normal(triangles, prim_ids[hit], normals[hit])
+# To ask for threads would take longer than fewer points.
+_FEW_POINTS = 1 << 10
 
 
 @compiled(error_model="numpy")
-def make_normal(triangles, prim, normal):
-    """Write the unit normal of a triangle on the side from which its corners run anticlockwise.
+def make_normal(a, b, c, scale):
+    """Return the unit normal of a triangle on the side from which its corners run anticlockwise.
 
     A triangle so thin that float64 does not know its normal gets a vector across its longest edge.
     """
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
-    a, b, c = faces[prim, 0], faces[prim, 1], faces[prim, 2]
-    # Divided by its largest component first: the squares of a small triangle's normal could underflow.
-    largest = 0.0
-    for axis in range(3):
-        following, last = (axis + 1) % 3, (axis + 2) % 3
-        ab_following, ab_last = vertices[b, following] - vertices[a, following], vertices[b, last] - vertices[a, last]
-        ac_following, ac_last = vertices[c, following] - vertices[a, following], vertices[c, last] - vertices[a, last]
-        normal[axis] = ab_following * scale * (ac_last * scale) - ab_last * scale * (ac_following * scale)
-        largest = max(largest, abs(normal[axis]))
-    for axis in range(3):
-        normal[axis] /= largest
-    _normalize(normal)
-    # Written so that NaN is a tilt.
-    if not _tilt(triangles, prim, normal) <= _MOST_TILT:
-        _write_across(triangles, prim, normal)
-
-
-@compiled(error_model="numpy")
-def _normalize(vector):
-    length = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    for axis in range(3):
-        vector[axis] /= length
+    ab, ac = _scale(subtract(b, a), scale), _scale(subtract(c, a), scale)
+    normal, _ = _unit(cross(ab, ac))
+    # Written so that NaN is a tilt: how much higher one corner is than another one along the normal.
+    if not abs(dot(ab, normal)) + abs(dot(ac, normal)) <= _MOST_TILT:
+        normal = _find_across(a, b, c)
+    return normal
 
 
 @compiled
-def _tilt(triangles, prim, normal):
-    """Return how much higher one corner of a triangle is than another one along a vector, in local units."""
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
-    to_b, to_c = 0.0, 0.0
-    for axis in range(3):
-        a = vertices[faces[prim, 0], axis]
-        to_b += (vertices[faces[prim, 1], axis] - a) * scale * normal[axis]
-        to_c += (vertices[faces[prim, 2], axis] - a) * scale * normal[axis]
-    return abs(to_b) + abs(to_c)
+def _scale(vector, scale):
+    return vector[0] * scale, vector[1] * scale, vector[2] * scale
 
 
 @compiled(error_model="numpy")
-def _write_across(triangles, prim, normal):
-    """Write a unit vector at right angles to the longest edge of a triangle; NaN if all edges have length zero."""
-    vertices, faces = triangles.vertices, triangles.faces
-    longest, edge = 0.0, np.zeros(3)
-    for corner in range(3):
-        begin, end = faces[prim, corner], faces[prim, (corner + 1) % 3]
-        length = 0.0
-        for axis in range(3):
-            length = max(length, abs(vertices[end, axis] - vertices[begin, axis]))
+def _unit(vector):
+    """Return the unit vector and the length of a vector; NaN for one of length zero."""
+    x, y, z = vector
+    # Divided by the largest component first: the squares of a small triangle's normal could underflow.
+    largest = max(abs(x), abs(y), abs(z))
+    x, y, z = x / largest, y / largest, z / largest
+    length = np.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length), length * largest
+
+
+@compiled(error_model="numpy")
+def _find_across(a, b, c):
+    """Return a unit vector at right angles to the longest edge of a triangle; NaN if all edges have length zero."""
+    longest, edge = 0.0, (0.0, 0.0, 0.0)
+    for begin, end in ((a, b), (b, c), (c, a)):
+        way = subtract(end, begin)
+        length = max(abs(way[0]), abs(way[1]), abs(way[2]))
         if length > longest:
-            longest = length
-            for axis in range(3):
-                edge[axis] = vertices[end, axis] - vertices[begin, axis]
-    # Divided by its largest component first, as the normal is.
-    for axis in range(3):
-        edge[axis] /= longest
-    _normalize(edge)
+            longest, edge = length, way
+    edge, _ = _unit(edge)
     # The axis that is most across the edge, less its share along it.
     across = 0
     for axis in range(1, 3):
         across = axis if abs(edge[axis]) < abs(edge[across]) else across
     share = edge[across]
-    for axis in range(3):
-        normal[axis] = (1.0 if axis == across else 0.0) - share * edge[axis]
-    _normalize(normal)
+    x, y, z = (
+        (1.0 if across == 0 else 0.0) - share * edge[0], (1.0 if across == 1 else 0.0) - share * edge[1],
+        (1.0 if across == 2 else 0.0) - share * edge[2],
+    )  # fmt: skip
+    length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
 
 
-_SPHERES = PRIM_KINDS["spheres"]
-
-# The corners of one triangle, as a mesh of its own.
-_ONE_FACE = np.array([[0, 1, 2]], np.int32)
-
-
-def find_placed_locations(
-    arrays: SceneArrays,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-) -> NDArray[np.float64]:
+def find_locations(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
     """Return (..., 3) float64, world units: where the primitives are hit; NaN without one.
 
-    The point is computed in the object, as `find_locations` does, and then placed. So an instance that is placed by the
-    identity gives the bytes of its mesh, and a shared edge of two triangles is one line in the world, too.
+    On a triangle ``a + (u (b - a) + v (c - a))``. The point is computed in the object and then placed, so a shared edge
+    of two triangles is one line in the world, too.
     """
-    return _for_points(_locate_placed, arrays, prim_id, instance_id, u, v)
+    return for_points(_locate, arrays, points)
 
 
-def find_placed_normals(
-    arrays: SceneArrays,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
-) -> NDArray[np.float64]:
+def find_normals(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
     """Return (..., 3) float64: unit normals in the world, on the object's outer side; NaN without a primitive.
 
     The outer side of a triangle is the one from which its corners run anticlockwise in the object, and that of a sphere
-    is its outside. A mirror takes it along.
+    is its outside. A mirror takes it along. A triangle so thin that float64 does not know its normal has one across its
+    longest edge, and one whose corners are one point has NaN.
     """
-    return _for_points(_make_placed_normals, arrays, prim_id, instance_id, u, v)
+    return for_points(_make_normals, arrays, points)
 
 
 def turn_normals(
@@ -198,57 +115,52 @@ def turn_normals(
     return normals
 
 
-def _for_points(
-    compute: Callable[..., None],
-    arrays: SceneArrays,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
+def for_points(
+    compute: Callable[..., None], arrays: SceneArrays, points: SurfacePoints, *more: NDArray[Any]
 ) -> NDArray[np.float64]:
-    """Return (..., 3) float64: the vectors that a compiled function writes for points."""
-    vectors = np.empty((*prim_id.shape, 3))
+    """Return (..., 3) float64: the vectors that a compiled function writes for points, given more arrays of theirs."""
+    vectors = np.empty((*points.prim_id.shape, 3))
     flat = vectors.reshape(-1, 3)
-    ids = [np.ascontiguousarray(values, np.int32).reshape(-1) for values in (prim_id, instance_id)]
-    coordinates = [np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v)]
+    ids = (np.ascontiguousarray(values, np.int32).reshape(-1) for values in (points.prim_id, points.instance_id))
+    coordinates = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (points.u, points.v))
+    others = (np.ascontiguousarray(values).reshape(len(flat), *values.shape[points.prim_id.ndim :]) for values in more)
+    inputs: list[NDArray[Any]] = [*ids, *coordinates, *others]
 
     def compute_part(begin: int, end: int) -> None:
-        part = slice(begin, end)
-        compute(arrays, ids[0][part], ids[1][part], coordinates[0][part], coordinates[1][part], flat[part])
+        compute(arrays, *(values[begin:end] for values in inputs), flat[begin:end])
 
+    if len(flat) < _FEW_POINTS:
+        compute_part(0, len(flat))
+        return vectors
     with HostThreads() as threads:
         threads.for_ranges(len(flat), compute_part)
     return vectors
 
 
 @compiled
-def _locate_placed(arrays, prim_ids, instance_ids, us, vs, locations):
+def _locate(arrays, prim_ids, instance_ids, us, vs, locations):
     for hit in range(len(prim_ids)):
         if prim_ids[hit] == NO_PRIM:
             locations[hit, 0] = locations[hit, 1] = locations[hit, 2] = np.nan
         else:
-            point = locate_placed_point(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit])
+            point = locate_point(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit])
             locations[hit, 0], locations[hit, 1], locations[hit, 2] = point
 
 
 @compiled
-def locate_placed_point(arrays, instance, prim, u, v):
+def locate_point(arrays, instance, prim, u, v):
     """Return the world coordinates of a point of a primitive."""
-    vertices, faces, spheres = arrays.vertices, arrays.faces, arrays.spheres
     geometry = arrays.geometry_id[instance]
     if arrays.kind[geometry] == _SPHERES:
-        sphere = arrays.first_sphere[geometry] + prim
+        spheres, sphere = arrays.spheres, arrays.first_sphere[geometry] + prim
         x, y, z = sphere_point(u, v)
         x = spheres[sphere, 0] + spheres[sphere, 3] * x
         y = spheres[sphere, 1] + spheres[sphere, 3] * y
         z = spheres[sphere, 2] + spheres[sphere, 3] * z
     else:
-        face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-        a, b, c = first + faces[face, 0], first + faces[face, 1], first + faces[face, 2]
-        x = _mix(vertices[a, 0], vertices[b, 0], vertices[c, 0], u, v)
-        y = _mix(vertices[a, 1], vertices[b, 1], vertices[c, 1], u, v)
-        z = _mix(vertices[a, 2], vertices[b, 2], vertices[c, 2], u, v)
-    return place_point(arrays, instance, x, y, z)
+        a, b, c = find_corners(arrays, geometry, prim)
+        x, y, z = _mix(a[0], b[0], c[0], u, v), _mix(a[1], b[1], c[1], u, v), _mix(a[2], b[2], c[2], u, v)
+    return (x, y, z) if arrays.is_lone else place_point(arrays, instance, x, y, z)
 
 
 @compiled
@@ -257,64 +169,61 @@ def _mix(a, b, c, u, v):
 
 
 @compiled
-def _make_placed_normals(arrays, prim_ids, instance_ids, us, vs, normals):
-    triangle = Triangles(np.empty((3, 3)), _ONE_FACE, 1.0)
-    normal = np.empty(3)
+def find_corners(arrays, geometry, prim):
+    """Return the corners of a triangle in its object's coordinates."""
+    vertices, faces = arrays.vertices, arrays.faces
+    face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
+    a, b, c = first + faces[face, 0], first + faces[face, 1], first + faces[face, 2]
+    return (
+        (vertices[a, 0], vertices[a, 1], vertices[a, 2]),
+        (vertices[b, 0], vertices[b, 1], vertices[b, 2]),
+        (vertices[c, 0], vertices[c, 1], vertices[c, 2]),
+    )
+
+
+@compiled
+def _make_normals(arrays, prim_ids, instance_ids, us, vs, normals):
     for hit in range(len(prim_ids)):
-        if prim_ids[hit] == NO_PRIM:
+        prim, instance = prim_ids[hit], instance_ids[hit]
+        if prim == NO_PRIM:
             normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
             continue
-        make_object_normal(arrays, instance_ids[hit], prim_ids[hit], us[hit], vs[hit], triangle.vertices, normal)
-        turn_normal(arrays, instance_ids[hit], normal, normals[hit])
+        geometry = arrays.geometry_id[instance]
+        if arrays.kind[geometry] == _SPHERES:
+            normal = sphere_point(us[hit], vs[hit])
+        else:
+            a, b, c = find_corners(arrays, geometry, prim)
+            normal = make_normal(a, b, c, arrays.scale[geometry])
+        turned, _ = turn_normal(arrays, instance, normal)
+        normals[hit, 0], normals[hit, 1], normals[hit, 2] = turned
 
 
 @compiled
 def _turn_normals(arrays, instance_ids, object_normals, normals):
     for hit in range(len(instance_ids)):
-        if instance_ids[hit] == NO_PRIM:
-            normals[hit, 0] = normals[hit, 1] = normals[hit, 2] = np.nan
-        else:
-            turn_normal(arrays, instance_ids[hit], object_normals[hit], normals[hit])
+        normal = object_normals[hit, 0], object_normals[hit, 1], object_normals[hit, 2]
+        turned = (np.nan, np.nan, np.nan)
+        if instance_ids[hit] != NO_PRIM:
+            turned, _ = turn_normal(arrays, instance_ids[hit], normal)
+        normals[hit, 0], normals[hit, 1], normals[hit, 2] = turned
 
 
 @compiled
-def make_object_normal(arrays, instance, prim, u, v, corners, normal):
-    """Write the unit normal of a primitive in its object's coordinates; `corners` is working memory, (3, 3)."""
-    geometry = arrays.geometry_id[instance]
-    if arrays.kind[geometry] == _SPHERES:
-        normal[0], normal[1], normal[2] = sphere_point(u, v)
-        return
-    face, first = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-    for corner in range(3):
-        for axis in range(3):
-            corners[corner, axis] = arrays.vertices[first + arrays.faces[face, corner], axis]
-    make_normal(Triangles(corners, _ONE_FACE, arrays.scale[geometry]), 0, normal)
+def turn_normal(arrays, instance, normal):
+    """Return the unit vector along the inverse transpose of an instance's linear part times a vector of its object.
 
-
-@compiled(error_model="numpy")
-def turn_normal(arrays, instance, object_normal, normal):
-    """Write the unit vector along the inverse transpose of an instance's linear part times a vector of its object.
-
-    Return the length of that product: the way in the object, along its vector, for a unit of the way in the world.
+    And the length of that product: the way in the object, along its vector, for a unit of the way in the world. A lone
+    shape's vector stays as it is.
 
     Lengths of tangents and of normals change by inverse factors, so the transform itself would tilt normals. The
     inverse transpose keeps their sides: its product with ``linear @ d`` is that of the object's normal with d.
     """
+    x, y, z = normal
+    if arrays.is_lone:
+        return (x, y, z), 1.0
     inverse = arrays.inverse
-    # Divided by the largest component first: squares of a large or a tiny instance's could leave float64.
-    largest = 0.0
-    for axis in range(3):
-        normal[axis] = (
-            inverse[instance, 0, axis] * object_normal[0]
-            + inverse[instance, 1, axis] * object_normal[1]
-            + inverse[instance, 2, axis] * object_normal[2]
-        )
-        largest = max(largest, abs(normal[axis]))
-    length = 0.0
-    for axis in range(3):
-        normal[axis] /= largest
-        length += normal[axis] ** 2
-    length = np.sqrt(length)
-    for axis in range(3):
-        normal[axis] /= length
-    return length * largest
+    return _unit((
+        inverse[instance, 0, 0] * x + inverse[instance, 1, 0] * y + inverse[instance, 2, 0] * z,
+        inverse[instance, 0, 1] * x + inverse[instance, 1, 1] * y + inverse[instance, 2, 1] * z,
+        inverse[instance, 0, 2] * x + inverse[instance, 1, 2] * y + inverse[instance, 2, 2] * z,
+    ))  # fmt: skip

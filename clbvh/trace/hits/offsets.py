@@ -10,15 +10,16 @@ coordinates.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from ...support.host_threads import HostThreads
-from .locations import make_normal, make_object_normal, turn_normal
-from .scene_arrays import SceneArrays, place_vector, to_object, triangles_of
+from .locations import find_corners, for_points, make_normal, turn_normal
+from .scene_arrays import SceneArrays, SurfacePoints, place_vector, to_object
+from .spheres import sphere_point
 
 # Unit roundoffs of float32 and float64.
 ROUNDING = 2.0**-24
@@ -26,34 +27,6 @@ DOUBLE_ROUNDING = 2.0**-53
 
 # Roundings of float32 between a point and the t of a triangle, by docs/internals/offsets.md.
 ROUNDINGS = 40
-
-
-def find_offset_points(
-    mesh: Mesh, prim_id: NDArray[np.int32], locations: NDArray[np.float64], is_front: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Return (..., 3) float64, the file's coordinates: a point above each triangle; NaN without a face.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    prim_id : (...) int32
-    locations : (..., 3) float64, the file's coordinates
-        Points on the triangles.
-    is_front : (...) bool
-        Whether the front is above, the side from which the corners run anticlockwise.
-    """
-    points = np.empty(locations.shape)
-    flat, prims = points.reshape(-1, 3), np.ascontiguousarray(prim_id).reshape(-1)
-    from_flat = np.ascontiguousarray(locations).reshape(-1, 3)
-    fronts = np.ascontiguousarray(is_front).reshape(-1)
-
-    def offset(begin: int, end: int) -> None:
-        of_part = (values[begin:end] for values in (prims, from_flat, fronts, flat))
-        _offset(triangles_of(mesh), mesh.local_vertices, mesh.origin, *of_part)
-
-    with HostThreads() as threads:
-        threads.for_ranges(len(flat), offset)
-    return points
 
 
 def find_sides(normals: NDArray[np.float64], directions: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -70,37 +43,6 @@ def find_sides(normals: NDArray[np.float64], directions: NDArray[np.floating]) -
     with np.errstate(invalid="ignore", divide="ignore"):
         heights = np.einsum("...i,...i->...", directions / longest, normals)
     return np.asarray(heights >= 0.0)
-
-
-@compiled(error_model="numpy")
-def _offset(triangles, local_vertices, centre, prim_ids, locations, is_front, points):
-    faces, scale = triangles.faces, triangles.scale
-    normal, local = np.empty(3), np.empty(3)
-    for hit in range(len(prim_ids)):
-        prim = prim_ids[hit]
-        if prim == NO_PRIM:
-            points[hit, 0] = points[hit, 1] = points[hit, 2] = np.nan
-            continue
-        make_normal(triangles, prim, normal)
-        if not is_front[hit]:
-            normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
-        # The point in the tracer's coordinates, and how far rounding can move it and the surface along the normal.
-        reach, breadth, coarseness = 0.0, 0.0, 0.0
-        for axis in range(3):
-            local[axis] = (locations[hit, axis] - centre[axis]) * scale
-            reach = max(reach, abs(local[axis]))
-            breadth += abs(normal[axis])
-            coarseness += abs(normal[axis]) * abs(locations[hit, axis]) * scale
-        # The highest corner of the tracer's triangle above the point.
-        highest = 0.0
-        for corner in range(3):
-            vertex, height = faces[prim, corner], 0.0
-            for axis in range(3):
-                height += (local_vertices[vertex, axis] - local[axis]) * normal[axis]
-            highest = max(highest, height)
-        distance = highest + ROUNDINGS * ROUNDING * (reach + 1.0) * breadth + 2 * DOUBLE_ROUNDING * coarseness
-        for axis in range(3):
-            points[hit, axis] = locations[hit, axis] + distance * normal[axis] / scale
 
 
 _SPHERES = PRIM_KINDS["spheres"]
@@ -122,13 +64,10 @@ _PAIR_ROUNDING = 2.0**-45
 _MOST_GROWTH = 0.5
 
 
-def find_placed_offset_points(
+def find_offset_points(
     arrays: SceneArrays,
     scene_reach: float,
-    prim_id: NDArray[np.int32],
-    instance_id: NDArray[np.int32],
-    u: NDArray[np.floating],
-    v: NDArray[np.floating],
+    points: SurfacePoints,
     locations: NDArray[np.float64],
     is_front: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
@@ -139,35 +78,22 @@ def find_placed_offset_points(
     arrays : SceneArrays
     scene_reach : float
         No coordinate of any instance is farther from the middle of the scene's box, in world units.
-    prim_id, instance_id : (...) int32
-    u, v : (...) float
+    points : SurfacePoints
     locations : (..., 3) float64, world units
-        Where the points (u, v) of the primitives are.
+        Where the points are.
     is_front : (...) bool
         Whether the outer side is above.
     """
-    points = np.empty((*prim_id.shape, 3))
-    flat, from_flat = points.reshape(-1, 3), np.ascontiguousarray(locations).reshape(-1, 3)
-    prims, instances = (np.ascontiguousarray(values, np.int32).reshape(-1) for values in (prim_id, instance_id))
-    us, vs = (np.ascontiguousarray(values, np.float64).reshape(-1) for values in (u, v))
-    fronts = np.ascontiguousarray(is_front).reshape(-1)
 
-    def offset(begin: int, end: int) -> None:
-        part = slice(begin, end)
-        _offset_placed(
-            arrays, scene_reach, prims[part], instances[part], us[part], vs[part], fronts[part], from_flat[part],
-            flat[part],
-        )  # fmt: skip
+    def offset(arrays: SceneArrays, *of_points: NDArray[Any]) -> None:
+        _offset(arrays, scene_reach, *of_points)
 
-    with HostThreads() as threads:
-        threads.for_ranges(len(flat), offset)
-    return points
+    return for_points(offset, arrays, points, locations, is_front)
 
 
 @compiled(error_model="numpy")
-def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front, locations, points):
-    corners, normal, local = np.empty((3, 3)), np.empty(3), np.empty(3)
-    way, shares, weights = np.empty(3), np.empty(3), np.empty(3)
+def _offset(arrays, scene_reach, prim_ids, instance_ids, us, vs, locations, is_front, points):
+    local, way, shares, weights = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for hit in range(len(prim_ids)):
         prim, instance = prim_ids[hit], instance_ids[hit]
         if prim == NO_PRIM:
@@ -175,26 +101,37 @@ def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front
             continue
         geometry = arrays.geometry_id[instance]
         scale = arrays.scale[geometry]
-        make_object_normal(arrays, instance, prim, us[hit], vs[hit], corners, normal)
-        if not is_front[hit]:
-            normal[0], normal[1], normal[2] = -normal[0], -normal[1], -normal[2]
+        side = 1.0 if is_front[hit] else -1.0
 
-        # The point in the object's local coordinates, and the highest point of the tracer's primitive above it.
+        # The normal, the point in the object's local coordinates, and the highest point of the tracer's primitive
+        # above it.
         most = np.inf
         if arrays.kind[geometry] == _SPHERES:
+            x, y, z = sphere_point(us[hit], vs[hit])
+            normal = side * x, side * y, side * z
             highest, radius = _find_on_sphere(arrays, geometry, prim, normal, is_front[hit], local)
             highest += _ROOT_ROUNDINGS * ROUNDING * radius
             most = np.inf if is_front[hit] else radius
         else:
+            corners = find_corners(arrays, geometry, prim)
+            x, y, z = make_normal(corners[0], corners[1], corners[2], scale)
+            normal = side * x, side * y, side * z
             highest = _find_on_triangle(arrays, geometry, corners, us[hit], vs[hit], normal, local)
+
+        if arrays.is_lone:
+            rounding, coarseness = _bound_lone_roundings(scale, normal, local, locations[hit])
+            distance = highest + rounding + coarseness
+            for axis in range(3):
+                points[hit, axis] = locations[hit, axis] + distance * normal[axis] / scale
+            continue
 
         # The way in the world on which a height of 1 is gained in the object: along the world's normal, on which it is
         # shortest; inside of a sphere towards the centre, and no farther.
         if np.isfinite(most):
             way[0], way[1], way[2] = place_vector(arrays, instance, normal[0], normal[1], normal[2])
         else:
-            gain = turn_normal(arrays, instance, normal, way)
-            way[0], way[1], way[2] = way[0] / gain, way[1] / gain, way[2] / gain
+            (x, y, z), gain = turn_normal(arrays, instance, normal)
+            way[0], way[1], way[2] = x / gain, y / gain, z / gain
         x, y, z = to_object(arrays, instance, way[0], way[1], way[2])
         shares[0], shares[1], shares[2] = abs(x), abs(y), abs(z)
         # Errors along the plane above a primitive do not matter; inside of a sphere all of them do.
@@ -207,6 +144,17 @@ def _offset_placed(arrays, scene_reach, prim_ids, instance_ids, us, vs, is_front
         height = min(height, most) / scale
         for axis in range(3):
             points[hit, axis] = locations[hit, axis] + height * way[axis]
+
+
+@compiled
+def _bound_lone_roundings(scale, normal, local, location):
+    """Return how far rounding can move a point of a lone mesh and its surface along the normal, in local units."""
+    reach, breadth, coarseness = 0.0, 0.0, 0.0
+    for axis in range(3):
+        reach = max(reach, abs(local[axis]))
+        breadth += abs(normal[axis])
+        coarseness += abs(normal[axis]) * abs(location[axis]) * scale
+    return ROUNDINGS * ROUNDING * (reach + 1.0) * breadth, 2 * DOUBLE_ROUNDING * coarseness
 
 
 @compiled
@@ -261,13 +209,13 @@ def _find_on_triangle(arrays, geometry, corners, u, v, normal, local):
     """Write the local coordinates of a point; return how much higher the float32 triangle reaches along a normal."""
     scale, highest = arrays.scale[geometry], 0.0
     for axis in range(3):
-        a = corners[0, axis]
-        point = a + (u * (corners[1, axis] - a) + v * (corners[2, axis] - a))
+        a = corners[0][axis]
+        point = a + (u * (corners[1][axis] - a) + v * (corners[2][axis] - a))
         local[axis] = (point - arrays.origin[geometry, axis]) * scale
     for corner in range(3):
         height = 0.0
         for axis in range(3):
-            on_device = np.float32((corners[corner, axis] - arrays.origin[geometry, axis]) * scale)
+            on_device = np.float32((corners[corner][axis] - arrays.origin[geometry, axis]) * scale)
             height += (np.float64(on_device) - local[axis]) * normal[axis]
         highest = max(highest, height)
     return highest

@@ -17,7 +17,7 @@ from ...support.compiled import compiled
 from ..rays.batch import RayRows
 from .hits import Hits
 from .refine_block import BLOCK_HITS, TUV, RefineBlock, refine_block
-from .scene_arrays import SceneArrays, Triangles
+from .scene_arrays import SceneArrays
 from .surface import SceneSurface
 
 # The t of a hit beyond float64: infinity is the t of a miss.
@@ -79,7 +79,7 @@ class RefinedHits(NamedTuple):
 
 
 def refine_closest(
-    rays: RayRows, surface: Triangles | SceneArrays, found: NDArray[np.void], hits: RefinedHits, ids: HitIds
+    rays: RayRows, surface: SceneArrays, found: NDArray[np.void], hits: RefinedHits, ids: HitIds
 ) -> None:
     """Write one hit for each ray in float64.
 
@@ -87,7 +87,7 @@ def refine_closest(
     ----------
     rays : RayRows
         The rays that were cast, as the user gave them.
-    surface : Triangles or SceneArrays
+    surface : SceneArrays
     found : (n,) `structs.HIT` or `structs.SCENE_HIT`
         What the device found.
     hits : RefinedHits of (n,) arrays, written

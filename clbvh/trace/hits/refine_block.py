@@ -6,25 +6,21 @@ exceptions. Hit by hit it takes twice as long, and a block stays in the first-le
 Triangles of a scene are placed first and intersected then, so that their hits are as exact far from the scene's zero as
 they are in a mesh that lies there. A placed sphere is an ellipsoid, so there the ray goes into the geometry's
 coordinates.
-
-Compiled functions call `refine_block` and `locate`; numba chooses the functions by the type of the surface.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
 from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.loop_functions import add_scaled, cross, dot, exponent_of, prefetch, subtract, times_power_of_two
 from ..rays.batch import row_step
-from .locations import locate_placed_point
-from .scene_arrays import SceneArrays, to_object_by
+from .locations import locate_point
+from .scene_arrays import to_object_by
 from .spheres import sphere_crossing, sphere_uv
 
 # Hits of a block.
@@ -71,11 +67,11 @@ class RefineBlock(NamedTuple):
 
 
 @compiled
-def gather_triangles(rays, triangles, found_ints, block, count):
-    """Write the rays and the triangles of some hits into a block."""
+def gather_lone(rays, arrays, found_ints, block, count):
+    """Write the rays and the triangles of some hits on a lone mesh into a block."""
     origins, directions = rays.origins, rays.directions
     origin_step, direction_step = row_step(origins), row_step(directions)
-    vertices, faces, scale = triangles.vertices, triangles.faces, triangles.scale
+    vertices, faces, scale = arrays.vertices, arrays.faces, arrays.scale[0]
     vectors, exponents, sources = block.vectors, block.exponents, block.sources
     exponent_of_scale = exponent_of(scale)
     for hit in range(count):
@@ -209,20 +205,6 @@ def _cross_sizes(one, other):
     )
 
 
-@compiled
-def locate_on_triangles(triangles, found_ints, block, count, locations):
-    """Write the points of a block's hits to their targets, in the file's coordinates."""
-    vectors, sources, targets = block.vectors, block.sources, block.targets
-    vertices, faces = triangles.vertices, triangles.faces
-    inverse_scale = 1.0 / triangles.scale
-    for hit in range(count):
-        u, v = vectors[TUV, 1, hit], vectors[TUV, 2, hit]
-        first = faces[found_ints[sources[hit], HIT_PRIM_ID], 0]
-        for axis in range(3):
-            offset = u * vectors[AB, axis, hit] + v * vectors[AC, axis, hit]
-            locations[targets[hit], axis] = vertices[first, axis] + offset * inverse_scale
-
-
 _SPHERES = PRIM_KINDS["spheres"]
 
 
@@ -347,49 +329,25 @@ def finish_placed(rays, arrays, found_ints, block, count):
 
 
 @compiled
-def locate_placed(arrays, found_ints, block, count, locations):
+def refine_block(rays, arrays, found_ints, block, count):
+    """Write t, u, v and the side of a block's hits into the block."""
+    if len(arrays.faces) > 0:
+        if arrays.is_lone:
+            gather_lone(rays, arrays, found_ints, block, count)
+        else:
+            gather_placed(rays, arrays, found_ints, block, count)
+        intersect_planes(block.vectors, block.volumes, count)
+        settle(block, count)
+    if not arrays.is_lone:
+        finish_placed(rays, arrays, found_ints, block, count)
+
+
+@compiled
+def locate(arrays, found_ints, block, count, locations):
     """Write the points of a block's hits to their targets, in the scene's coordinates."""
     vectors, sources, targets = block.vectors, block.sources, block.targets
     for hit in range(count):
-        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        instance = np.int64(0 if arrays.is_lone else found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
         prim, u, v = found_ints[sources[hit], HIT_PRIM_ID], vectors[TUV, 1, hit], vectors[TUV, 2, hit]
-        point = locate_placed_point(arrays, instance, prim, u, v)
+        point = locate_point(arrays, instance, prim, u, v)
         locations[targets[hit], 0], locations[targets[hit], 1], locations[targets[hit], 2] = point
-
-
-def refine_block(rays: Any, surface: Any, found_ints: Any, block: Any, count: Any) -> None:
-    """Write t, u, v and the side of a block's hits into the block."""
-    raise NotImplementedError("for compiled functions")
-
-
-def locate(surface: Any, found_ints: Any, block: Any, count: Any, locations: Any) -> None:
-    """Write the points of a block's hits to their targets, in the coordinates of the file or the scene."""
-    raise NotImplementedError("for compiled functions")
-
-
-@overload(refine_block)
-def _choose_refinement(rays: Any, surface: Any, found_ints: Any, block: Any, count: Any) -> Callable[..., None]:
-    def on_mesh(rays: Any, surface: Any, found_ints: Any, block: Any, count: Any) -> None:
-        gather_triangles(rays, surface, found_ints, block, count)
-        intersect_planes(block.vectors, block.volumes, count)
-        settle(block, count)
-
-    def in_scene(rays: Any, surface: Any, found_ints: Any, block: Any, count: Any) -> None:
-        if len(surface.faces) > 0:
-            gather_placed(rays, surface, found_ints, block, count)
-            intersect_planes(block.vectors, block.volumes, count)
-            settle(block, count)
-        finish_placed(rays, surface, found_ints, block, count)
-
-    return in_scene if surface.instance_class is SceneArrays else on_mesh
-
-
-@overload(locate)
-def _choose_location(surface: Any, found_ints: Any, block: Any, count: Any, locations: Any) -> Callable[..., None]:
-    def on_mesh(surface: Any, found_ints: Any, block: Any, count: Any, locations: Any) -> None:
-        locate_on_triangles(surface, found_ints, block, count, locations)
-
-    def in_scene(surface: Any, found_ints: Any, block: Any, count: Any, locations: Any) -> None:
-        locate_placed(surface, found_ints, block, count, locations)
-
-    return in_scene if surface.instance_class is SceneArrays else on_mesh

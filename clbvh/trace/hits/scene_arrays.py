@@ -42,6 +42,25 @@ def triangles_of(mesh: Mesh) -> Triangles:
     return Triangles(mesh.vertices, mesh.faces, mesh.scale)
 
 
+class SurfacePoints(NamedTuple):
+    """Points on the primitives of a surface.
+
+    Attributes
+    ----------
+    prim_id : (...) int32
+        The primitive, by its number in its geometry; -1 for none.
+    instance_id : (...) int32
+        The instance, -1 for none.
+    u, v : (...) float
+        The coordinates on the primitive; see `Hits`.
+    """
+
+    prim_id: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
+    u: NDArray[np.floating]
+    v: NDArray[np.floating]
+
+
 # Half the largest side of an instance's box lies between these powers of two, or is zero: the limits of `Mesh`.
 _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
 
@@ -90,6 +109,8 @@ class SceneArrays(NamedTuple):
     is_mirrored : (n,) bool
         Whether the map turns right hands into left ones. Corners a, b, c that run anticlockwise, seen from the outer
         side of the object, run clockwise in the world, and the outer side is still that of the normal.
+    is_lone : bool
+        Whether this is one mesh where its coordinates say: no transform may change a bit of it, not even a zero's sign.
     """
 
     vertices: NDArray[np.float64]
@@ -108,6 +129,24 @@ class SceneArrays(NamedTuple):
     inverse: NDArray[np.float64]
     world_scale: NDArray[np.float64]
     is_mirrored: NDArray[np.bool_]
+    is_lone: bool = False
+
+
+_ZERO_ROW = np.zeros(1, np.int64)
+
+# The lone mesh; its own arrays are missing.
+_LONE = SceneArrays(
+    np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty((0, 4)), np.array([_TRIANGLES], np.int32),
+    _ZERO_ROW, _ZERO_ROW, _ZERO_ROW, np.zeros((1, 3)), np.ones(1), np.zeros((1, 3)),
+    np.zeros(1, np.int32), np.eye(3)[None], np.zeros((1, 3)), np.eye(3)[None], np.ones(1), np.zeros(1, np.bool_), True,
+)  # fmt: skip
+
+
+def lone_arrays(mesh: Mesh) -> SceneArrays:
+    """Return the arrays of a mesh that lies where its coordinates say; nothing is copied."""
+    return _LONE._replace(
+        vertices=mesh.vertices, faces=mesh.faces, origin=np.array([mesh.origin]), scale=np.array([mesh.scale])
+    )
 
 
 def make_scene_arrays(

@@ -1,4 +1,4 @@
-"""The surface that rays have hit: one mesh, or the placed geometries of a scene.
+"""The surface that rays have hit: the placed geometries of a scene, or one mesh.
 
 `Hits` asks its surface where the hits are, which normals they have, and from where rays leave them. A surface knows
 shapes and transforms, and nothing of rays and devices.
@@ -9,60 +9,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
-from .interpolate import SurfacePoints, find_smooth_normals
-from .locations import find_locations, find_normals, find_placed_locations, find_placed_normals
-from .offsets import find_offset_points, find_placed_offset_points, find_sides
-from .scene_arrays import SceneArrays, make_scene_arrays
-
-
-@dataclass(frozen=True, eq=False)
-class MeshSurface:
-    """The surface of one mesh in the file's coordinates: functions of points on it, NaN for points on no primitive.
-
-    Attributes
-    ----------
-    mesh : Mesh
-    """
-
-    mesh: Mesh
-
-    def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
-        """Return (...) int32: the geometry of each point, -1 for none."""
-        return points.instance_id
-
-    def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
-        """Return (..., 3) float64, the file's coordinates: where the points are."""
-        return find_locations(self.mesh, points.prim_id, points.u, points.v)
-
-    def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
-        """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
-        return find_normals(self.mesh, points.prim_id)
-
-    def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
-        return find_smooth_normals(None, (self.mesh,), points, self.geometry_ids(points), normals)
-
-    def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
-        return find_sides(self.normals(points), directions)
-
-    def offset_points(
-        self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
-        """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
-        return find_offset_points(self.mesh, points.prim_id, locations, is_front)
+from .interpolate import find_smooth_normals
+from .locations import find_locations, find_normals
+from .offsets import find_offset_points, find_sides
+from .scene_arrays import SceneArrays, SurfacePoints, lone_arrays, make_scene_arrays
 
 
 @dataclass(frozen=True, eq=False)
 class SceneSurface:
     """The surfaces of a scene's instances in world coordinates, as they were when the rays were cast.
+
+    Its methods are functions of points; where a point is on no primitive, they return NaN.
 
     Attributes
     ----------
@@ -88,6 +52,11 @@ class SceneSurface:
         """Return the surfaces of instances; see `make_scene_arrays`."""
         return cls(make_scene_arrays(shapes, geometry_id, transforms), shapes, names)
 
+    @classmethod
+    def of_mesh(cls, mesh: Mesh) -> SceneSurface:
+        """Return the surface of one mesh in the file's coordinates."""
+        return cls(lone_arrays(mesh), (mesh,), (mesh.name,))
+
     @cached_property
     def scene_reach(self) -> float:
         """Half the largest side of the box around all instances, in world units."""
@@ -99,31 +68,33 @@ class SceneSurface:
         return float(np.max((middles + halves).max(axis=0) / 2 - (middles - halves).min(axis=0) / 2))
 
     def geometry_ids(self, points: SurfacePoints) -> NDArray[np.int32]:
+        """Return (...) int32: the geometry of each point, -1 for none."""
         geometry_id, instances = self.arrays.geometry_id, points.instance_id
         if len(geometry_id) == 0:
             return instances
         return np.asarray(np.where(instances == NO_PRIM, np.int32(NO_PRIM), geometry_id[instances]))
 
     def locate(self, points: SurfacePoints) -> NDArray[np.float64]:
-        return find_placed_locations(self.arrays, *points)
+        """Return (..., 3) float64: where the points are."""
+        return find_locations(self.arrays, points)
 
     def normals(self, points: SurfacePoints) -> NDArray[np.float64]:
-        return find_placed_normals(self.arrays, *points)
+        """Return (..., 3) float64: unit normals of the primitives, on their outer side."""
+        return find_normals(self.arrays, points)
 
     def smooth_normals(self, points: SurfacePoints, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., 3) float64: interpolated unit normals, on the sides of `normals`, those of the primitives."""
         return find_smooth_normals(self.arrays, self.shapes, points, self.geometry_ids(points), normals)
 
     def find_sides(self, points: SurfacePoints, directions: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Return (...) bool: whether each direction, (..., 3) float of any length, leads to the outer side."""
         return find_sides(self.normals(points), directions)
 
     def offset_points(
         self, points: SurfacePoints, locations: NDArray[np.float64], is_front: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
-        return find_placed_offset_points(self.arrays, self.scene_reach, *points, locations, is_front)
-
-
-Surface: TypeAlias = MeshSurface | SceneSurface
-"""What was hit, in the file's coordinates or those of the world."""
+        """Return (..., 3) float64: start points of rays, next to the locations on the outer side or the inner one."""
+        return find_offset_points(self.arrays, self.scene_reach, points, locations, is_front)
 
 
 def find_parts(

@@ -11,7 +11,6 @@ from ...errors import QueryError
 from ...geometry.morton import SPREAD_BITS
 from ...structs import (
     PACKED_POINT_LANES,
-    SCENE_POINT_LANES,
     SCENE_POINT_MASK,
     SCENE_POINT_POSITION_LOW,
     SCENE_POINT_SPARE,
@@ -50,22 +49,6 @@ def take_points(points: Broadcast, begin: int, end: int, box: TreeBox) -> NDArra
     return part
 
 
-def pack_points(points: NDArray[Any], box: TreeBox, order: NDArray[np.int32], packed: NDArray[np.void]) -> None:
-    """Write points as the device takes them.
-
-    Parameters
-    ----------
-    points : (n, 3) float, contiguous
-        Finite.
-    box : TreeBox
-    order : (m,) int32
-        Points to write, by their indices.
-    packed : (m,) `structs.PACKED_POINT`, written
-    """
-    far = FAR_SHARE * box.half.max()
-    _pack(points, order, box.centre, box.scale, far, packed.view(np.float32).reshape(-1, PACKED_POINT_LANES))
-
-
 @compiled
 def _find_bad(points, centre, scale):
     """Return the index of the first point whose local coordinates are not finite, or _ALL_GOOD."""
@@ -76,15 +59,6 @@ def _find_bad(points, centre, scale):
             if local - local != 0.0:
                 return point
     return _ALL_GOOD
-
-
-@compiled
-def _pack(points, order, centre, scale, far, packed):
-    local = np.empty(3)
-    for slot in range(len(order)):
-        _write_near(points, order[slot], centre, scale, far, local)
-        for axis in range(3):
-            packed[slot, axis] = local[axis]
 
 
 @compiled
@@ -106,7 +80,7 @@ _ALL_VISIBLE = np.array([0xFFFF_FFFF], _MASK_TYPE)
 _ALL_VISIBLE.flags.writeable = False
 
 
-def pack_scene_points(
+def pack_points(
     points: NDArray[Any],
     masks: NDArray[np.uint32],
     box: TreeBox,
@@ -117,19 +91,18 @@ def pack_scene_points(
 
     Parameters
     ----------
-    points : (n, 3) float, contiguous, the scene's coordinates
+    points : (n, 3) float, contiguous
         Finite.
     masks : (n,) or (1,) uint32
-        One for each point, or one for all.
+        One for each point, or one for all; only of a scene.
     box : TreeBox
-        Around the scene.
     order : (m,) int32
         Points to write, by their indices.
-    packed : (m,) `structs.SCENE_POINT`, written
+    packed : (m,) `structs.PACKED_POINT`, or `structs.SCENE_POINT` for a scene, written
     """
-    lanes = packed.view(np.float32).reshape(-1, SCENE_POINT_LANES)
+    lanes = packed.view(np.float32).reshape(len(packed), packed.itemsize // 4)
     far = FAR_SHARE * box.half.max()
-    _pack_scene(points, masks.view(np.int32), order, box.centre, box.scale, far, lanes, lanes.view(np.int32))
+    _pack(points, masks.view(np.int32), order, box.centre, box.scale, far, lanes, lanes.view(np.int32))
 
 
 def take_masks(masks: Broadcast | None, begin: int, end: int) -> NDArray[np.uint32]:
@@ -141,13 +114,16 @@ def take_masks(masks: Broadcast | None, begin: int, end: int) -> NDArray[np.uint
 
 
 @compiled
-def _pack_scene(points, masks, order, centre, scale, far, packed, packed_ints):
+def _pack(points, masks, order, centre, scale, far, packed, packed_ints):
     local = np.empty(3)
     for slot in range(len(order)):
         point = order[slot]
         _write_near(points, point, centre, scale, far, local)
         for axis in range(3):
             packed[slot, axis] = local[axis]
+        if packed.shape[1] == PACKED_POINT_LANES:
+            continue
+        for axis in range(3):
             packed[slot, SCENE_POINT_POSITION_LOW + axis] = local[axis] - np.float64(packed[slot, axis])
         packed_ints[slot, SCENE_POINT_MASK] = masks[point] if len(masks) > 1 else masks[0]
         packed[slot, SCENE_POINT_SPARE] = 0.0

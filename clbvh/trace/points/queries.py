@@ -15,15 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...geometry import Mesh
 from ...structs import NO_PRIM, SCENE_PRIM
 from ..hits.closest import count_hits
 from ..launch import CLOSEST_POINT, Call, Caster, Query, cut_smaller_when_full
-from ..rays.batch import Broadcast, check_room, read_masks, read_points, read_rays
+from ..rays.batch import Broadcast, TreeBox, check_room, read_masks, read_points, read_rays
 from ..rays.pieces import Progress, cut_points
 from ..scene.top_tree import prune_top
-from .pack import find_point_order, pack_points, pack_scene_points, take_masks, take_points
-from .refine import ClosestPoints, FoundPoints, SceneClosestPoints, refine_points, refine_scene_points
+from .pack import find_point_order, pack_points, take_masks, take_points
+from .refine import ClosestPoints, FoundPoints, SceneClosestPoints, refine_points
 
 _SCENE_CLOSEST_POINT = Query("closest_point", "prims", SCENE_PRIM)
 _INSIDE = Query("inside", "inside", np.dtype(np.uint8))
@@ -80,23 +79,23 @@ class SeenPoints(NamedTuple):
 
 def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
-    if caster.tree.has_instances:
-        with select_instances(caster, seen.instance_ids) as selected:
-            found = _find_points(selected, _SCENE_CLOSEST_POINT, seen, progress)
-        shape, geometry_id = seen.points.shape, np.full(len(found.prim_id), NO_PRIM, np.int32)
-        is_found = found.instance_id != NO_PRIM
-        geometry_id[is_found] = caster.tree.surface.geometry_id[found.instance_id[is_found]]
-        return SceneClosestPoints(
-            found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape),
-            geometry_id.reshape(shape), found.instance_id.reshape(shape),
-        )  # fmt: skip
-    closest, hidden = find_closest_points(caster, caster.tree.mesh, seen.points, progress), seen.hidden()
+    shape, is_scene = seen.points.shape, caster.tree.has_instances
+    with select_instances(caster, seen.instance_ids if is_scene else None) as selected:
+        found = _find_points(selected, _SCENE_CLOSEST_POINT if is_scene else CLOSEST_POINT, seen, progress)
+    distance, point = found.distance.reshape(shape), found.point.reshape(*shape, 3)
+    prim_id, instance_id = found.prim_id.reshape(shape), found.instance_id.reshape(shape)
+    if is_scene:
+        geometry_id = np.full(shape, NO_PRIM, np.int32)
+        is_found = instance_id != NO_PRIM
+        geometry_id[is_found] = caster.tree.surface.geometry_id[instance_id[is_found]]
+        return SceneClosestPoints(distance, point, prim_id, geometry_id, instance_id)
+    hidden = seen.hidden()
     if hidden is None:
-        return closest
+        return ClosestPoints(distance, point, prim_id)
     return ClosestPoints(
-        np.where(hidden, np.inf, closest.distance),
-        np.where(hidden[..., None], np.nan, closest.point),
-        np.where(hidden, np.int32(NO_PRIM), closest.prim_id),
+        np.where(hidden, np.inf, distance),
+        np.where(hidden[..., None], np.nan, point),
+        np.where(hidden, np.int32(NO_PRIM), prim_id),
     )
 
 
@@ -120,38 +119,6 @@ def signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None
         return signed.reshape(seen.points.shape)
     distance = closest_points(caster, seen, progress).distance
     return np.where(is_contained(caster, seen), distance, -distance)
-
-
-@cut_smaller_when_full
-def find_closest_points(
-    caster: Caster, mesh: Mesh, points: Broadcast, progress: Progress | None = None
-) -> ClosestPoints:
-    """Return the closest points of the surface; see `Tracer.closest_point`."""
-    shape, count = points.shape, math.prod(points.shape)
-    check_room(count, _POINT_BYTES, "points")
-    found = ClosestPoints(np.empty(count), np.empty((count, 3)), np.empty(count, np.int32))
-    with caster.open_call() as call:
-        for begin, end in call.cut_points(count, progress):
-            chunk = take_points(points, begin, end, call.box)
-            part = ClosestPoints(found.distance[begin:end], found.point[begin:end], found.prim_id[begin:end])
-            _find_chunk(call, mesh, chunk, part)
-    return ClosestPoints(found.distance.reshape(shape), found.point.reshape(*shape, 3), found.prim_id.reshape(shape))
-
-
-def _find_chunk(call: Call, mesh: Mesh, points: NDArray[Any], closest: ClosestPoints) -> None:
-    """Write the closest points for a chunk of points, which is cast in a coherent order."""
-    order = find_point_order(points, call.box, call.threads)
-
-    def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        pack_points(points, call.box, order[first:last], packed)
-
-    batch = call.pack_points(len(points), pack)
-    with call.cast(CLOSEST_POINT, batch) as prim_id:
-
-        def refine(first: int, last: int) -> None:
-            refine_points(points, mesh, call.box, order[first:last], prim_id[first:last], closest)
-
-        call.threads.for_ranges(len(points), refine)
 
 
 def _find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
@@ -215,16 +182,16 @@ def _find_points(caster: Caster, query: Query, seen: SeenPoints, progress: Progr
         for begin, chunk, order in _cut(call, seen.points, progress):
             part = found.part(begin, begin + len(chunk))
             with _cast(call, query, seen.masks, begin, chunk, order) as prims:
-                ranges = partial(_refine_range, chunk, arrays, order, prims, part)
+                ranges = partial(_refine_range, chunk, arrays, call.box, order, prims, part)
                 call.threads.for_ranges(len(chunk), ranges)
     return found
 
 
 def _refine_range(
-    chunk: NDArray[Any], arrays: Any, order: NDArray[np.int32], prims: NDArray[np.void], part: FoundPoints,
+    chunk: NDArray[Any], arrays: Any, box: TreeBox, order: NDArray[np.int32], prims: NDArray[Any], part: FoundPoints,
     first: int, last: int,
 ) -> None:  # fmt: skip
-    refine_scene_points(chunk, arrays, order[first:last], prims[first:last], part)
+    refine_points(chunk, arrays, box, order[first:last], prims[first:last], part)
 
 
 def _cut(
@@ -244,7 +211,7 @@ def _cast(
     chunk_masks = take_masks(masks, begin, begin + len(chunk))
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        pack_scene_points(chunk, chunk_masks, call.box, order[first:last], packed)
+        pack_points(chunk, chunk_masks, call.box, order[first:last], packed)
 
     with call.cast(query, call.pack_points(len(chunk), pack)) as results:
         yield results

@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, times_power_of_two
-from ..hits.scene_arrays import SceneArrays, place_point, place_vector, triangles_of
+from ..hits.scene_arrays import SceneArrays, place_point, place_vector
 from ..rays.batch import TreeBox
 from .ellipsoid import find_axes, find_shares
 
@@ -97,41 +96,16 @@ class SceneClosestPoints(ClosestPoints):
         return (*self, *self._ids)
 
 
-def refine_points(
-    points: NDArray[Any],
-    mesh: Mesh,
-    box: TreeBox,
-    order: NDArray[np.int32],
-    prim_id: NDArray[np.int32],
-    closest: ClosestPoints,
-) -> None:
-    """Write the point of each face that is closest to a point, in float64.
-
-    Parameters
-    ----------
-    points : (n, 3) float, contiguous, the file's coordinates
-    mesh : Mesh
-    box : TreeBox
-    order : (m,) int32
-        Indices of the points that were cast, one after the other.
-    prim_id : (m,) int32
-        Faces that the device found, in that order.
-    closest : ClosestPoints of n points, written
-        Only for the points in `order`. Without a face the distance is infinite and the point NaN.
-    """
-    _refine(points, order, box, _FAR_SHARE * box.half.max(), triangles_of(mesh), prim_id, closest)
-
-
 @compiled(error_model="numpy")
-def _refine(points, order, box, far, triangles, found, closest):
-    vertices, faces = triangles.vertices, triangles.faces
+def _refine_lone(points, order, arrays, box, far, prim_ids, found):
+    vertices, faces = arrays.vertices, arrays.faces
     centre, scale = box.centre, box.scale
-    distance, nearest, prim_id = closest.distance, closest.point, closest.prim_id
+    distance, nearest = found.distance, found.point
     # The corners in local units, as seen from the point.
     a, b, c, weights, away = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for slot in range(len(order)):
-        index, prim = order[slot], found[slot]
-        prim_id[index] = prim
+        index, prim = order[slot], prim_ids[slot]
+        found.prim_id[index], found.instance_id[index] = prim, min(prim, 0)
         if prim == NO_PRIM:
             distance[index] = np.inf
             nearest[index, 0] = nearest[index, 1] = nearest[index, 2] = np.nan
@@ -212,7 +186,7 @@ _SPHERES = PRIM_KINDS["spheres"]
 
 
 class FoundPoints(NamedTuple):
-    """The results for points in a scene, (n,) each.
+    """The results for points, (n,) each.
 
     Attributes
     ----------
@@ -237,11 +211,12 @@ class FoundPoints(NamedTuple):
         return FoundPoints(distance[begin:end], point[begin:end], prim_id[begin:end], instance_id[begin:end])
 
 
-def refine_scene_points(
+def refine_points(
     points: NDArray[Any],
     arrays: SceneArrays,
+    box: TreeBox,
     order: NDArray[np.int32],
-    prims: NDArray[np.void],
+    prims: NDArray[Any],
     found: FoundPoints,
 ) -> None:
     """Write the point of each primitive that is closest to a point, in float64.
@@ -250,15 +225,20 @@ def refine_scene_points(
     ----------
     points : (n, 3) float, contiguous, the scene's coordinates
     arrays : SceneArrays
+    box : TreeBox
+        Of the tree.
     order : (m,) int32
         Indices of the points that were cast, one after the other.
-    prims : (m,) `structs.SCENE_PRIM`
+    prims : (m,) `structs.SCENE_PRIM`, or int32 of a lone mesh
         Primitives that the device found, in that order.
     found : FoundPoints of n points, written
         Only for the points in `order`. Without a primitive the distance is infinite, the point NaN, and the ids
         `NO_PRIM`.
     """
-    _refine_placed(points, order, arrays, prims["prim_id"], prims["instance_id"], found)
+    if arrays.is_lone:
+        _refine_lone(points, order, arrays, box, _FAR_SHARE * box.half.max(), prims, found)
+    else:
+        _refine_placed(points, order, arrays, prims["prim_id"], prims["instance_id"], found)
 
 
 class _Scratch(NamedTuple):

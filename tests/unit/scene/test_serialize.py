@@ -191,7 +191,7 @@ class TestDamage:
     def test_objects_are_not_unpickled(self, path):
         text, arrays = split(path)
         forge(path, text, arrays | {"masks": np.array([5, None, 7])})
-        assert "damaged or was cut off (ValueError: Object arrays" in refused(path)
+        assert "masks must be numbers, not object" in refused(path)
 
     def test_other_files_are_refused(self, path, tmp_path):
         for other in (b"", b"ply\n", bytes(1000), b"\x8bBVH\r\n\x1a\n" + bytes(200)):

@@ -7,7 +7,7 @@ from clbvh import build
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import Caster
-from clbvh.trace.points.queries import find_closest_points
+from clbvh.trace.points.queries import SeenPoints, closest_points
 from clbvh.trace.rays.batch import TreeBox, read_points
 
 # The device chooses the triangle in float32, after about sixteen roundings.
@@ -34,7 +34,7 @@ def check_tree_and_brute_agree(session, mesh, points, **options):
     trees = [DeviceTree(session, mesh, None), *(DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
     casters = [Caster(session, tree, TreeBox.around(bvh)) for tree in trees]
     try:
-        expected, *found = (find_closest_points(caster, mesh, read_points(points), None) for caster in casters)
+        expected, *found = (closest_points(caster, SeenPoints(read_points(points), None, None)) for caster in casters)
     finally:
         for caster in casters:
             caster.release()

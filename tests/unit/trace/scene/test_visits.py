@@ -12,8 +12,7 @@ from clbvh.builders.build import build_shape
 from clbvh.geometry.box_mesh import box_mesh
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.hits.scene_arrays import make_scene_arrays
-from clbvh.trace.oracle.scene_visits import SceneTraversal
-from clbvh.trace.oracle.visits import count_visits
+from clbvh.trace.oracle.visits import HostTraversal, count_visits
 from clbvh.trace.scene.top_tree import find_boxes
 
 from ..scene_states import affine, make_state, random_linear
@@ -27,11 +26,12 @@ build_top = partial(build, leaf_size=1)
 
 def open_traversal(state):
     boxes = find_boxes(make_scene_arrays(state.shapes, state.geometry_ids, state.transforms))
-    return SceneTraversal(state, [build_shape(shape) for shape in state.shapes], build_top(box_mesh(*boxes, "boxes")))
+    trees = [build_shape(shape) for shape in state.shapes]
+    return HostTraversal.of_scene(state, trees, build_top(box_mesh(*boxes, "boxes")))
 
 
 def counts_of(visits):
-    return [visits.node_steps, visits.instance_visits, visits.leaf_visits, visits.prim_tests]
+    return [visits.node_steps, visits.instance_visits, visits.leaf_visits, visits.triangle_tests]
 
 
 def cast_down(traversal, *at):
@@ -62,7 +62,7 @@ def test_the_tree_of_an_instance_is_that_of_its_mesh():
     entered = visits.instance_visits == 1
     assert entered.sum() > 300
     np.testing.assert_array_equal(visits.node_steps[entered], 1 + alone.node_steps[entered])
-    np.testing.assert_array_equal(visits.prim_tests[entered], alone.triangle_tests[entered])
+    np.testing.assert_array_equal(visits.triangle_tests[entered], alone.triangle_tests[entered])
     np.testing.assert_array_equal(visits.leaf_visits[entered], alone.leaf_visits[entered])
     np.testing.assert_array_equal(visits.prim_id, alone.prim_id)
 
