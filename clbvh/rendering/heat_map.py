@@ -7,6 +7,7 @@ and for colour-blind people.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
