@@ -167,6 +167,16 @@ class Scene:
         ------
         SceneError
             The file cannot be read, or is no whole scene. The message names the fault.
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     clbvh.Scene(clbvh.Spheres([[0, 0, 0]], 1)).save(Path(folder, "ball.scene"))
+        ...     clbvh.Scene.load(Path(folder, "ball.scene"))
+        Scene(geometries=1, instances=1)
         """
         from .serialize import read_scene
 
