@@ -20,7 +20,7 @@ from ..geometry import Mesh
 from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
-from ..trace.hits.refine import HitIds, RefinedHits, refine_closest
+from ..trace.hits.refine import RefinedHits, refine_closest
 from ..trace.hits.scene_arrays import lone_arrays
 from ..trace.hits.surface import SceneSurface
 from ..trace.rays.batch import RayBatch, read_rays
@@ -223,8 +223,7 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    refined = RefinedHits.make(height * width)
-    ids = HitIds.make(height * width, has_instances=not isinstance(mesh, Mesh))
+    refined = RefinedHits.make(height * width, has_instances=not isinstance(mesh, Mesh))
     surface = lone_arrays(mesh) if isinstance(mesh, Mesh) else mesh.arrays
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
@@ -233,16 +232,16 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
             origins, directions = camera.rays(width, height, range(first_row, last_row))
             rays, _ = read_rays(origins, directions, 0.0, np.inf)
             pixels = first_row * width, last_row * width
-            of_rows = rays, surface, found[first_row:last_row].reshape(-1), refined.part(*pixels), ids.part(*pixels)
+            of_rows = rays, surface, found[first_row:last_row].reshape(-1), refined.part(*pixels)
             threads.for_ranges(pixels[1] - pixels[0], partial(_refine_range, *of_rows))
             if cut is not None:
                 t = refined.t[slice(*pixels)]
                 t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
     only, scene_surface = (mesh, None) if isinstance(mesh, Mesh) else (None, mesh)
-    return refined.as_hits(ids, (height, width), mesh=only, scene_surface=scene_surface)
+    return refined.as_hits((height, width), mesh=only, scene_surface=scene_surface)
 
 
 def _refine_range(
-    rays: RayBatch, surface: Any, found: NDArray[np.void], refined: RefinedHits, ids: HitIds, begin: int, end: int
+    rays: RayBatch, surface: Any, found: NDArray[np.void], refined: RefinedHits, begin: int, end: int
 ) -> None:
-    refine_closest(rays.part(begin, end), surface, found[begin:end], refined.part(begin, end), ids.part(begin, end))
+    refine_closest(rays.part(begin, end), surface, found[begin:end], refined.part(begin, end))

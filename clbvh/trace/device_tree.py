@@ -28,7 +28,7 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ..layouts.refit_arrays import RefitArrays, read_topology
-from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS, PACKED_POINT, PACKED_RAY
+from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS
 from .hits.scene_arrays import lone_arrays
 from .rays.batch import TreeBox
 from .traced_tree import WideArrays
@@ -88,8 +88,8 @@ class DeviceTree:
         Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl.
     node_bytes, memory_bytes : int
         Size of a node, and of all buffers.
-    ray_dtype, point_dtype, hit_dtype : numpy.dtype
-        Of rays, points and hits on the device.
+    hit_dtype : numpy.dtype
+        Of hits on the device.
     mesh : Mesh
     surface : SceneArrays
         What hits are refined on.
@@ -106,8 +106,6 @@ class DeviceTree:
     advances_rays = False
     scene_surface: Any = None
     ray_tree: Any = None
-    ray_dtype = PACKED_RAY
-    point_dtype = PACKED_POINT
     hit_dtype = HIT
 
     def __init__(self, session: DeviceSession, mesh: Mesh, bvh: Bvh | None, layout: str = "auto") -> None:

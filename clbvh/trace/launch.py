@@ -25,7 +25,7 @@ from ..device.context import Kernel
 from ..device.program import build_kernel
 from ..device.session import DeviceSession, ReusableBuffer
 from ..errors import DeviceMemoryError
-from ..structs import HIT, PACKED_RAY, SCENE_LOW
+from ..structs import HIT, PACKED_POINT, PACKED_RAY, SCENE_LOW, SCENE_POINT
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .host.walk import cast_on_host, count_steps
@@ -242,7 +242,7 @@ class Call(MemoryLoan):
         """Yield the pieces in which to cast a batch of rays; see `pieces.cut_rays`."""
         return cut_rays(
             batch, self.box, self.threads, shape=shape, tile_rows=self._session.settings.tile[1],
-            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(self._tree.ray_dtype, CHUNK_RAYS),
+            finds_pictures=self._tree.has_entry_points, chunk_limit=self.fit(PACKED_RAY, CHUNK_RAYS),
             most_rays=most_rays, count_steps=self._step_counter(), progress=progress,
         )  # fmt: skip
 
@@ -343,7 +343,7 @@ class Call(MemoryLoan):
         most_points: int = CHUNK_RAYS,
     ) -> Iterator[tuple[int, int]]:
         """Yield the chunks in which to cast points, of a dtype as in `pack_points`; see `pieces.cut_points`."""
-        fitting = self.fit(dtype or self._tree.point_dtype, min(most_points, CHUNK_RAYS))
+        fitting = self.fit(dtype or self._point_dtype, min(most_points, CHUNK_RAYS))
         return cut_points(point_count, most_points=fitting, progress=progress)
 
     def pack_points(
@@ -360,7 +360,7 @@ class Call(MemoryLoan):
         dtype : numpy.dtype, optional
             Of packed points, where it is another one.
         """
-        points = self._fill("packed", dtype or self._tree.point_dtype, count, pack)
+        points = self._fill("packed", dtype or self._point_dtype, count, pack)
         work_group = (self._session.settings.work_group_size, 1)
         return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
 
@@ -399,6 +399,10 @@ class Call(MemoryLoan):
         result = task(*arguments)
         self._session.times.add("kernel", (time.perf_counter() - begin) * _MS_PER_S)
         return result
+
+    @property
+    def _point_dtype(self) -> np.dtype:
+        return SCENE_POINT if self._tree.has_instances else PACKED_POINT
 
     @property
     def _session(self) -> DeviceSession:

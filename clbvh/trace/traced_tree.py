@@ -44,14 +44,6 @@ class TracedTree(Protocol):
         """The tree for rays alone, a `LoneSpheres`; None: this one."""
 
     @property
-    def ray_dtype(self) -> np.dtype:
-        """Of packed rays."""
-
-    @property
-    def point_dtype(self) -> np.dtype:
-        """Of packed points."""
-
-    @property
     def hit_dtype(self) -> np.dtype:
         """Of hits on the device: `structs.HIT`, or `structs.SCENE_HIT` with ids of instances."""
 

@@ -21,7 +21,7 @@ from ..launch import FIRST_HITS, Call, Caster, cut_smaller_when_full
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
 from .hits import AllHits
-from .refine import HitIds, RefinedHits, store_hits
+from .refine import RefinedHits, store_hits
 from .refine_block import BLOCK_HITS, PREFETCH_HITS, RefineBlock, locate, refine_block
 from .scene_arrays import SceneArrays
 
@@ -221,16 +221,16 @@ def find_all_hits(
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     tree, surface = caster.tree, caster.tree.surface
-    refined, ids = RefinedHits.make(total), HitIds.make(total, has_instances=tree.hit_dtype == SCENE_HIT)
+    refined = RefinedHits.make(total, has_instances=tree.hit_dtype == SCENE_HIT)
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int) -> None:
-        _refine_rays(batch, surface, crossings, begin, end, int(offsets[begin]), refined, ids, locations)
+        _refine_rays(batch, surface, crossings, begin, end, int(offsets[begin]), refined, locations)
 
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
-    hits = refined.as_hits(ids, (total,), mesh=tree.mesh, scene_surface=tree.scene_surface)
+    hits = refined.as_hits((total,), mesh=tree.mesh, scene_surface=tree.scene_surface)
     return AllHits._of(hits, offsets, locations)
 
 
@@ -242,7 +242,6 @@ def _refine_rays(
     end: int,
     first_slot: int,
     hits: RefinedHits,
-    ids: HitIds,
     locations: NDArray[np.float64] | None,
 ) -> None:
     """Write the hits of rays `begin` to `end` in float64, ray after ray, from `first_slot` on.
@@ -257,22 +256,19 @@ def _refine_rays(
         last = min(first + _MOST_RAYS, end)
         # Counts and sources of these rays alone: their indices agree with the part's.
         of_part = crossings._replace(counts=crossings.counts[first:last], sources=crossings.sources[first:last])
-        slot = _refine(
-            batch.part(first, last), surface, of_part, found_ints, block, slot, hits, ids.prim_id, ids.instance_id,
-            locations,
-        )  # fmt: skip
+        slot = _refine(batch.part(first, last), surface, of_part, found_ints, block, slot, hits, locations)
     counts = crossings.counts[begin:end]
-    if ids.instance_id is None:
+    if surface.is_lone:
         _keep_order(counts, first_slot, hits.t)
     else:
-        _sort_by_t(counts, first_slot, hits, ids.prim_id, ids.instance_id, locations)
+        _sort_by_t(counts, first_slot, hits, locations)
 
 
 @compiled(error_model="numpy")
-def _refine(rays, surface, crossings, found_ints, block, slot, hits, prim_id, instance_id, locations):
+def _refine(rays, surface, crossings, found_ints, block, slot, hits, locations):
     """Write the hits of rays from a slot on, and return the slot behind them."""
     counts, sources, segment_begins = crossings.counts, crossings.sources, crossings.segment_begins
-    found = crossings.found
+    found, prim_id, instance_id = crossings.found, hits.prim_id, hits.instance_id
     ray, depth = 0, 0
     while ray < len(counts):
         # List the next hits, and where they go.
@@ -291,7 +287,7 @@ def _refine(rays, surface, crossings, found_ints, block, slot, hits, prim_id, in
             count += 1
         for hit in range(count):
             prim_id[block.targets[hit]] = found_ints[block.sources[hit], HIT_PRIM_ID]
-        if instance_id is not None:
+        if len(instance_id) > 0:
             for hit in range(count):
                 instance_id[block.targets[hit]] = found_ints[block.sources[hit], SCENE_HIT_INSTANCE_ID]
         refine_block(rays, surface, found_ints, block, count)
@@ -313,7 +309,7 @@ def _keep_order(counts, first_slot, t):
 
 
 @compiled
-def _sort_by_t(counts, first_slot, hits, prim_id, instance_id, locations):
+def _sort_by_t(counts, first_slot, hits, locations):
     """Sort the hits of each ray by t; equal ones keep their order. Nearly all are in order already."""
     t = hits.t
     begin = first_slot
@@ -321,15 +317,15 @@ def _sort_by_t(counts, first_slot, hits, prim_id, instance_id, locations):
         end = begin + counts[ray]
         for slot in range(begin + 1, end):
             while slot > begin and t[slot] < t[slot - 1]:
-                _swap(slot, hits, prim_id, instance_id, locations)
+                _swap(slot, hits, locations)
                 slot -= 1
         begin = end
 
 
 @compiled
-def _swap(slot, hits, prim_id, instance_id, locations):
+def _swap(slot, hits, locations):
     """Swap a hit with the one before it."""
-    t, u, v, is_front = hits.t, hits.u, hits.v, hits.is_front
+    t, u, v, is_front, prim_id, instance_id = hits
     t[slot], t[slot - 1] = t[slot - 1], t[slot]
     u[slot], u[slot - 1] = u[slot - 1], u[slot]
     v[slot], v[slot - 1] = v[slot - 1], v[slot]

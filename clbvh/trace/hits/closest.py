@@ -17,7 +17,7 @@ from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..rays.pieces import Progress
 from ..traced_tree import WideArrays
 from .hits import Hits
-from .refine import HitIds, RefinedHits, refine_closest, refine_found
+from .refine import RefinedHits, refine_closest, refine_found
 from .refine_block import RefineBlock
 
 Shape = tuple[int, ...]
@@ -32,10 +32,10 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     count = batch.ray_count
     check_room(count, _HIT_BYTES)
     tree, surface = caster.tree, caster.tree.surface
-    refined, ids = RefinedHits.make(count), HitIds.make(count, has_instances=tree.hit_dtype == SCENE_HIT)
+    refined = RefinedHits.make(count, has_instances=tree.hit_dtype == SCENE_HIT)
     with caster.open_call() as call:
         if (host_tree := call.on_host(count)) is not None:
-            call.run_on_host(_find_closest_on_host, host_tree, call.box, batch, surface, refined, ids)
+            call.run_on_host(_find_closest_on_host, host_tree, call.box, batch, surface, refined)
             if progress is not None:
                 progress(count, count)
         else:
@@ -43,10 +43,10 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
 
                 def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
                     rays = begin + first, begin + last
-                    refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays), ids.part(*rays))
+                    refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays))
 
                 caster.threads.for_ranges(len(found), refine)
-    return refined.as_hits(ids, shape, mesh=tree.mesh, scene_surface=tree.scene_surface)
+    return refined.as_hits(shape, mesh=tree.mesh, scene_surface=tree.scene_surface)
 
 
 @cut_smaller_when_full
@@ -111,28 +111,23 @@ def _cast_pieces(
             yield piece.begin, found
 
 
-def _find_closest_on_host(
-    tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits, ids: HitIds
-) -> None:
+def _find_closest_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits) -> None:
     """Write the closest hits of few rays, to the last bit as `refine_closest` does of the device's.
 
     In one compiled call: each call of a compiled function from Python costs microseconds, as long as tens of rays.
     """
     count = batch.ray_count
     packed, found = np.empty((count, PACKED_RAY_LANES), np.float32), np.empty((count, FIELD_COUNT), np.int32)
-    bad = _find_closest(
-        batch.part(0, count), box, tree, surface, packed, found, NO_LOWS, RefineBlock.make(), hits, ids.prim_id,
-        ids.instance_id,
-    )  # fmt: skip
+    bad = _find_closest(batch.part(0, count), box, tree, surface, packed, found, NO_LOWS, RefineBlock.make(), hits)
     if bad != ALL_GOOD:
         raise explain_bad_ray(batch, bad)
 
 
 @compiled
-def _find_closest(rays, box, tree, surface, packed, found, no_lows, block, hits, prim_id, instance_id):
+def _find_closest(rays, box, tree, surface, packed, found, no_lows, block, hits):
     """Pack rays, traverse the tree with them and refine their hits; return as `write_packed`."""
     bad = write_packed(rays, box, None, packed, no_lows, no_lows)
     if bad == ALL_GOOD:
         walk(tree, packed, 0, found)
-        refine_found(rays, surface, found, block, hits, prim_id, instance_id)
+        refine_found(rays, surface, found, block, hits)
     return bad

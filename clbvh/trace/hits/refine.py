@@ -24,63 +24,41 @@ from .surface import SceneSurface
 _MOST_T = np.finfo(np.float64).max
 
 
-class HitIds(NamedTuple):
-    """Where the ids of hits go, one element for each hit.
-
-    Attributes
-    ----------
-    prim_id : (n,) int32
-    instance_id : (n,) int32 or None
-        Only in scenes.
-    """
-
-    prim_id: NDArray[np.int32]
-    instance_id: NDArray[np.int32] | None
-
-    @classmethod
-    def make(cls, count: int, *, has_instances: bool = False) -> HitIds:
-        """Return arrays for the ids of hits, not yet written."""
-        return cls(np.empty(count, np.int32), np.empty(count, np.int32) if has_instances else None)
-
-    def part(self, begin: int, end: int) -> HitIds:
-        """Return views for some of the hits."""
-        part = slice(begin, end)
-        return HitIds(self.prim_id[part], None if self.instance_id is None else self.instance_id[part])
-
-
 class RefinedHits(NamedTuple):
-    """Where refined hits go, one element for each hit; see `Hits`."""
+    """Where refined hits go, one element for each hit; see `Hits`.
+
+    `instance_id` has no elements for hits on a lone mesh.
+    """
 
     t: NDArray[np.float64]
     u: NDArray[np.float64]
     v: NDArray[np.float64]
     is_front: NDArray[np.bool_]
+    prim_id: NDArray[np.int32]
+    instance_id: NDArray[np.int32]
 
     @classmethod
-    def make(cls, count: int) -> RefinedHits:
+    def make(cls, count: int, *, has_instances: bool = False) -> RefinedHits:
         """Return arrays for hits, not yet written."""
-        return cls(np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.bool_))
+        t, u, v, is_front = np.empty(count), np.empty(count), np.empty(count), np.empty(count, np.bool_)
+        return cls(t, u, v, is_front, np.empty(count, np.int32), np.empty(count if has_instances else 0, np.int32))
 
     def part(self, begin: int, end: int) -> RefinedHits:
         """Return views for some of the hits."""
         part = slice(begin, end)
-        return RefinedHits(self.t[part], self.u[part], self.v[part], self.is_front[part])
+        return RefinedHits(*(values[part] for values in self))  # type: ignore[arg-type]
 
-    def as_hits(
-        self, ids: HitIds, shape: tuple[int, ...], *, mesh: Mesh | None, scene_surface: SceneSurface | None = None
-    ) -> Hits:
+    def as_hits(self, shape: tuple[int, ...], *, mesh: Mesh | None, scene_surface: SceneSurface | None = None) -> Hits:
         """Return the hits of rays of a leading shape, on a mesh or in a scene."""
         t, u, v = (values.reshape(shape) for values in (self.t, self.u, self.v))
         return Hits(
-            t, u, v, ids.prim_id.reshape(shape), mesh,
+            t, u, v, self.prim_id.reshape(shape), mesh,
             is_front=self.is_front.reshape(shape), scene_surface=scene_surface,
-            known_instance_id=None if ids.instance_id is None else ids.instance_id.reshape(shape),
+            known_instance_id=self.instance_id.reshape(shape) if mesh is None else None,
         )  # fmt: skip
 
 
-def refine_closest(
-    rays: RayRows, surface: SceneArrays, found: NDArray[np.void], hits: RefinedHits, ids: HitIds
-) -> None:
+def refine_closest(rays: RayRows, surface: SceneArrays, found: NDArray[np.void], hits: RefinedHits) -> None:
     """Write one hit for each ray in float64.
 
     Parameters
@@ -93,21 +71,21 @@ def refine_closest(
     hits : RefinedHits of (n,) arrays, written
         Where float64 sees the ray pass beside the primitive, by less than float32 resolves, t, u and v are those of the
         primitive's point that is nearest to the ray.
-    ids : HitIds of (n,) arrays, written
     """
     lanes = np.ascontiguousarray(found).view(np.float32).reshape(-1, found.dtype.itemsize // 4)
-    refine_found(rays, surface, lanes.view(np.int32), RefineBlock.make(), hits, ids.prim_id, ids.instance_id)
+    refine_found(rays, surface, lanes.view(np.int32), RefineBlock.make(), hits)
 
 
 @compiled(error_model="numpy")
-def refine_found(rays, surface, found_ints, block, hits, prim_id, instance_id):
+def refine_found(rays, surface, found_ints, block, hits):
     """Write one hit for each ray, as `refine_closest`; `found_ints` are (n, lanes) int32."""
     t, u, v, is_front = hits.t, hits.u, hits.v, hits.is_front
+    prim_id, instance_id = hits.prim_id, hits.instance_id
     count = 0
     for ray in range(len(found_ints)):
         prim = found_ints[ray, HIT_PRIM_ID]
         prim_id[ray] = prim
-        if instance_id is not None:
+        if len(instance_id) > 0:
             instance_id[ray] = found_ints[ray, SCENE_HIT_INSTANCE_ID] if prim != NO_PRIM else NO_PRIM
         if prim == NO_PRIM:
             t[ray], u[ray], v[ray], is_front[ray] = np.inf, 0.0, 0.0, False

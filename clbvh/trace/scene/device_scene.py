@@ -20,7 +20,7 @@ from ...geometry import Mesh
 from ...geometry.spheres import Shape, Spheres
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PACKED_POINT, PACKED_RAY, PRIM_KINDS, SCENE_HIT, SCENE_POINT
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PRIM_KINDS, SCENE_HIT
 from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
 from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
 from ..hits.surface import SceneSurface
@@ -88,8 +88,6 @@ class DeviceScene:
     """
 
     has_instances = True
-    ray_dtype = PACKED_RAY
-    point_dtype = SCENE_POINT
     hit_dtype = SCENE_HIT
     mesh = None
 
@@ -297,8 +295,6 @@ class LoneSpheres:
 
     has_instances = False
     advances_rays = False
-    ray_dtype = PACKED_RAY
-    point_dtype = PACKED_POINT
     hit_dtype = SCENE_HIT
     mesh = None
     ray_tree = None

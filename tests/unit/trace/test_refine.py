@@ -5,7 +5,7 @@ import pytest
 
 from clbvh import Mesh
 from clbvh.structs import HIT
-from clbvh.trace.hits.refine import HitIds, RefinedHits, refine_closest
+from clbvh.trace.hits.refine import RefinedHits, refine_closest
 from clbvh.trace.hits.scene_arrays import lone_arrays
 from clbvh.trace.rays.batch import read_rays
 
@@ -32,10 +32,10 @@ def test_a_hit_beside_its_triangle_moves_onto_it(name, length):
     (x, y), (expected_u, expected_v) = POINTS[name]
     rays, _ = read_rays(np.array([[x, y, 3.0]]), np.array([[0, 0, -length]]), 0.0, np.inf)
     found = np.zeros(1, HIT)
-    hits, ids = RefinedHits.make(1), HitIds.make(1)
-    refine_closest(rays.part(0, 1), lone_arrays(MESH), found, hits, ids)
+    hits = RefinedHits.make(1)
+    refine_closest(rays.part(0, 1), lone_arrays(MESH), found, hits)
     t, u, v = hits.t, hits.u, hits.v
-    assert ids.prim_id.tolist() == [0]
+    assert hits.prim_id.tolist() == [0]
     np.testing.assert_allclose([u[0], v[0]], [expected_u, expected_v], rtol=0, atol=1e-9)
     assert min(u[0], v[0], 1 - u[0] - v[0]) >= 0
     assert t[0] == pytest.approx(3 / length)
