@@ -62,5 +62,5 @@ def test_threads_count_the_same(bvh):
     alone = traversal.count_visits(*rays)
     with HostThreads(3) as threads:
         shared = traversal.count_visits(*rays, threads=threads)
-    for name in ("node_steps", "leaf_visits", "prim_tests", "prim_id"):
+    for name in ("node_steps", "leaf_visits", "triangle_tests", "prim_id"):
         assert np.array_equal(getattr(alone, name), getattr(shared, name))
