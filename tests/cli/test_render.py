@@ -161,7 +161,7 @@ def test_validation_is_reported(mesh, tmp_path):
 
 def test_workers_build_what_one_process_builds(tmp_path):
     scene = tmp_path / "knot.toml"
-    scene.write_text('[[object]]\nshape = "knot"\ntriangles = 30000\n[view]\nwidth = 64\nheight = 40\n')
+    scene.write_text('[[object]]\nshape = "knot"\ntriangles = 30000\n[view]\nup = "y"\nwidth = 64\nheight = 40\n')
     pictures = []
     for workers in (1, 2):
         name = tmp_path / f"{workers}.ppm"

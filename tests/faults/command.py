@@ -35,7 +35,7 @@ _SHARED_MEMORY = Path("/dev/shm")
 # PoCL leaves files with this name in its cache even when nothing goes wrong.
 _DRIVERS_OWN = "tempfile_"
 
-_SCENE = '[[object]]\nshape = "knot"\ntriangles = 20000\n[view]\nwidth = 64\nheight = 40\n'
+_SCENE = '[[object]]\nshape = "knot"\ntriangles = 20000\n[view]\nup = "y"\nwidth = 64\nheight = 40\n'
 
 Outcome = tuple[int, str, str]
 

@@ -34,7 +34,7 @@ def draw(run_shell):
         view = np.zeros(1, VIEW)
         view["to_sky"], view["to_light"], view["has_sun"] = up, up, has_sun
         tables = make_environment_tables(pixels)
-        tables.describe(view, clbvh.Scene(**settings))
+        tables.describe(view, clbvh.View(**settings))
         given = np.tile(up, (count, 1)) if given is None else np.asarray(given)
         numbers = np.arange(len(given), dtype=np.uint32)
         drawn, found = run_shell(
