@@ -21,6 +21,7 @@ from ..device.context import EventTimes
 from ..device.info import DeviceInfo
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
+from ..scene.handles import shorten
 from ..structs import VIEW
 from ..support.context_manager import ContextManager
 from ..support.host_threads import side_by_side
@@ -435,7 +436,7 @@ class Renderer(ContextManager):
 
 def _check_type(name: str, value: object, kind: type) -> None:
     if value is not None and not isinstance(value, kind):
-        raise ConfigError(f"{name} must be a clbvh.{kind.__name__} or None, not {value!r}")
+        raise ConfigError(f"{name} must be a clbvh.{kind.__name__} or None, not {shorten(value)}")
 
 
 def _ignore(*_: object) -> None:

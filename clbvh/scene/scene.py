@@ -74,6 +74,8 @@ class Scene:
         self._lock = threading.RLock()  # re-entrant: several parts are added as one step
         self._geometries, self._instances = Named[Geometry]("a geometry"), Named[Instance]("an instance")
         self._transforms: list[NDArray[np.float64]] = []  # (n, 4, 4) of each call of `place_many`
+        # In place of the scene itself, which would keep its meshes alive until Python looks for cycles.
+        self._owner = object()
         self._drop_caches()
         if isinstance(source, Scene):
             self.add_parts(source)
@@ -99,7 +101,12 @@ class Scene:
         >>> clbvh.Scene.from_state(state).instances
         (Instance(0, 'icosphere', of='icosphere'),)
         """
+        return cls._restore(state, object())
+
+    @classmethod
+    def _restore(cls, state: SceneState, owner: object) -> Scene:
         scene = cls()
+        scene._owner = owner
         geometries = [scene._add(*shape) for shape in zip(state.shapes, state.names, state.names, strict=True)]
         numbers = zip(state.geometry_ids.tolist(), state.masks.tolist(), state.material_ids.tolist(), strict=True)
         colours = [None if math.isnan(colour[0]) else tuple(colour) for colour in state.colours.tolist()]
@@ -114,7 +121,8 @@ class Scene:
         return scene
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene.from_state, (self.snapshot(),)
+        # With the owner, so that handles that are pickled with their scene stay its.
+        return Scene._restore, (self.snapshot(), self._owner)
 
     def copy(self) -> Scene:
         """Return a scene of the same geometries and instances; what is added to either is not in the other.
@@ -228,7 +236,7 @@ class Scene:
     def _add(self, shape: Shape, name: str | None, wish: str) -> Geometry:
         with self._lock:
             unique = self._geometries.find_free(wish) if name is None else self._geometries.check(name)
-            geometry = self._geometries[unique] = Geometry(len(self._geometries), unique, shape, self)
+            geometry = self._geometries[unique] = Geometry(len(self._geometries), unique, shape, self._owner)
             self._drop_caches()
             return geometry
 
@@ -545,7 +553,7 @@ class Scene:
         """
         if not isinstance(geometry, Geometry):
             raise SceneError(f"expected a geometry that Scene.add returned, not {shorten(geometry)}")
-        if geometry.owner is not self:
+        if geometry.owner is not self._owner:
             raise SceneError(f"{geometry!r} belongs to another scene: add its shape to this one")
         return geometry.id
 
@@ -592,7 +600,7 @@ class Scene:
             return int(instance)
         if not isinstance(instance, Instance):
             raise SceneError(f"expected an instance that Scene.place returned, not {shorten(instance)}")
-        if instance.geometry.owner is not self:
+        if instance.geometry.owner is not self._owner:
             raise SceneError(f"{instance!r} belongs to another scene")
         return instance.id
 

@@ -168,3 +168,6 @@ def test_something_that_is_nothing_to_draw_is_refused():
     for wrong in ({"view": {"width": 5}}, {"options": {"device": "cpu"}}):
         with pytest.raises(clbvh.ConfigError, match=f"{next(iter(wrong))} must be a clbvh"):
             clbvh.render("no such mesh.ply", **wrong)
+    wanted = r"^view must be a clbvh\.View or None, not RenderOptions\(.{40,60}\.\.\.$"
+    with pytest.raises(clbvh.ConfigError, match=wanted):
+        clbvh.render("no such mesh.ply", clbvh.RenderOptions())

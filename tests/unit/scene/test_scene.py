@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -380,6 +381,14 @@ def test_handles_that_are_copied_with_their_scene_stay_its(duplicate):
     scene = clbvh.Scene(BALL)
     copied, handle = duplicate([scene, scene.instances[0]])
     assert copied.instance_ids([handle]).tolist() == [0]
+    assert copied.geometry_id(copied.geometries[0]) == copied.geometry_id(handle.geometry) == 0
+
+
+def test_a_scene_ends_with_its_last_reference():
+    scene = clbvh.Scene(BALL)
+    seen = weakref.ref(scene)
+    del scene
+    assert seen() is None
 
 
 @pytest.mark.parametrize("thread_count", [8])
