@@ -51,7 +51,7 @@ class BuildOptions:
     --------
     >>> import clbvh
     >>> options = clbvh.BuildOptions(leaf_size=8, quality="fast")
-    >>> picture = clbvh.render("terrain", clbvh.RenderOptions(build=options))
+    >>> picture = clbvh.render("terrain", options=clbvh.RenderOptions(build=options))
     >>> clbvh.BuildOptions(leaf_size=0)
     Traceback (most recent call last):
     clbvh.errors.ConfigError: leaf_size must be 1 to 255, not 0

@@ -16,6 +16,7 @@ from ..geometry.appearance.srgb import linear_to_srgb
 from ..structs import CUTS, PROJECTIONS, VIEW
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
+from .cameras.lens import window_of
 from .cameras.projection import Fisheye, Orthographic, Panorama, name_of
 from .cameras.rays import find_ray_model
 from .view import View
@@ -238,7 +239,7 @@ def _span_picture(camera: Camera, width: int, height: int, axes: _Axes) -> _Axes
         half_height = math.tan(math.radians(camera.fov) / 2)
         # The order of these products determines the last bits of pictures.
         return forward, right * half_height * width / height, up * half_height
-    window = camera.lens.resized(width, height).window
+    window = window_of(camera.lens.resized(width, height))
     # One unit upwards, which skew also moves to the side.
     upwards = up + window.shear * right
     middle = forward + window.centre_x * right + window.centre_y * upwards

@@ -290,7 +290,7 @@ def render_turntable(
     >>> from pathlib import Path
     >>> ball = clbvh.make_shape("icosphere", triangles=320)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     clbvh.render_turntable(ball, Path(folder, "ball.gif"), frames=4, width=64, height=48)
+    ...     view = clbvh.render_turntable(ball, Path(folder, "ball.gif"), frames=4, width=64, height=48)
     ...     Path(folder, "ball.gif").is_file()
     True
     """

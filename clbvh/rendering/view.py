@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..choices import REPORT_SHADINGS, SHADINGS, STANDARD_VIEWS, TONE_CURVES
 from ..errors import SceneError
-from .cameras.projection import DEFAULT_FOV, PROJECTION, UP, Projection, check_focus
+from .cameras.projection import DEFAULT_FOV, PROJECTION, UP, Fisheye, Orthographic, Panorama, check_focus
 from .cut import Cut, as_cut
 from .settings import (
     Kind,
@@ -265,7 +265,7 @@ class View:
         one_of(("auto", "all")), CAMERA,
     )  # fmt: skip
     fov: float = setting(DEFAULT_FOV, "Vertical field of view in degrees.", number(above=0, below=180), CAMERA)
-    projection: Projection | None = setting(
+    projection: Orthographic | Fisheye | Panorama | None = setting(
         None,
         "perspective, orthographic, fisheye or panorama; with the height of an orthographic picture or the degrees of "
         "a fisheye as in fisheye:220.",

@@ -17,7 +17,7 @@ from clbvh.study.registry import EXPERIMENTS
 
 from .command import TIMEOUT_S, make_environment, refuses, run_clbvh, run_process
 
-SCENE = '[[object]]\nshape = "knot"\ntriangles = 1000\n[view]\nwidth = 60\nheight = 30\n'
+SCENE = '[[object]]\nshape = "knot"\ntriangles = 1000\n[view]\nup = "y"\nwidth = 60\nheight = 30\n'
 
 # The command with a tiny study in place of the quick one. Where the tests run in the background, their children ignore
 # Ctrl-C unless told so.

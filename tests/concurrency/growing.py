@@ -28,7 +28,7 @@ class Work:
         self.mesh = clbvh.make_shape("knot", triangles=1800)
         self.bvh = clbvh.build(self.mesh)
         self.rays = np.random.default_rng(0).normal(size=(2, 10, 3))
-        self.scene = clbvh.Scene(clbvh.make_shape("icosphere", triangles=80), width=32, height=32)
+        self.scene = clbvh.make_shape("icosphere", triangles=80)
         self.objects = clbvh.Scene()
         self.object = self.objects.add(self.mesh)
         self.places = np.tile(np.eye(4), (100, 1, 1))
@@ -71,16 +71,16 @@ class Work:
 
     def pictures(self):
         """Render a picture."""
-        clbvh.render(self.scene)
+        clbvh.render(self.scene, width=32, height=32)
 
     def frames(self):
         """Render a picture with a renderer that stays."""
-        self.renderer = self.renderer or clbvh.Renderer(self.scene)
+        self.renderer = self.renderer or clbvh.Renderer(self.scene, width=32, height=32)
         self.renderer.render(width=16)
 
     def renderers(self):
         """Open a renderer, render, and forget it."""
-        clbvh.Renderer(self.scene).render()
+        clbvh.Renderer(self.scene, width=32, height=32).render()
 
     def pools(self):
         """Start workers, build, and stop them."""

@@ -137,12 +137,12 @@ def test_pictures_do_not_depend_on_bands_and_batches(monkeypatch):
 def test_an_environment_is_uploaded_once_and_can_change(monkeypatch):
     scene = make_scene(make_ball(MATT), environment=quadrants(), samples=1)
     with clbvh.Renderer(*scene) as renderer:
-        painters = renderer._painters
         first = renderer.render()
         white = {"environment": np.ones((2, 2, 3)), "environment_strength": 0.25}
         second = renderer.render(keeps_film=True, **white)
         renderer.render(environment_rotation=360.0)
-        assert len(painters._environments) == 2
-        assert len(painters._shadings) == 1
+        known = list(renderer._painters._known)
+        assert sum(isinstance(key, clbvh.EnvironmentMap) for key in known) == 2
+        assert sum(isinstance(key, tuple) and key[0] == "path" for key in known) == 1
     assert (first.rgb != second.rgb).any()
     np.testing.assert_allclose(second.film[0, :, :3], 0.25, rtol=1e-5)

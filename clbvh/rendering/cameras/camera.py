@@ -17,8 +17,6 @@ from .pose import find_signs, make_axes, read_pose, rotate_about_axis
 from .projection import DEFAULT_FOV, DEFAULT_UP, PROJECTION, Orthographic, Projection, check_focus, name_of
 from .rays import RayModel, find_ray_model, pixel_centres_of
 
-Array = NDArray[np.float64]
-
 # Directions and a copy of them on the way, and as much for origins; the coordinates of curved projections and their
 # steps.
 _BYTES_PER_RAY = 48
@@ -175,7 +173,7 @@ class Camera:
         place = as_vector(eye), as_vector(look_at), as_vector(up)
         return cls(*place, lens=lens, aperture=aperture, focus_distance=focus_distance)
 
-    def axes(self) -> tuple[Array, Array, Array]:
+    def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the unit vectors right, up and forward of the picture, each (3,) float64.
 
         Examples
@@ -189,7 +187,9 @@ class Camera:
             forward = np.subtract(self.look_at, self.eye)
         return make_axes(forward, np.asarray(self.up, np.float64))
 
-    def intrinsics(self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half") -> Array:
+    def intrinsics(
+        self, width: int | None = None, height: int | None = None, *, pixel_centres: str = "half"
+    ) -> NDArray[np.float64]:
         """Return the intrinsic matrix for a picture of this size, (3, 3) float64; see `from_intrinsics`.
 
         Raises
@@ -211,7 +211,7 @@ class Camera:
         lens = Lens.from_fov(self.fov, width, height) if self.lens is None else self.lens.resized(width, height)
         return lens.matrix(pixel_centres)
 
-    def camera_to_world(self, convention: str = "opencv") -> Array:
+    def camera_to_world(self, convention: str = "opencv") -> NDArray[np.float64]:
         """Return the pose, (4, 4) float64; see `from_intrinsics`.
 
         Examples
@@ -227,7 +227,7 @@ class Camera:
 
     def rays(
         self, width: int | None = None, height: int | None = None, rows: range | None = None
-    ) -> tuple[Array, Array]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the rays of a picture of this size, one through the centre of each pixel.
 
         Parameters
@@ -273,7 +273,9 @@ class Camera:
         check_memory(f"the rays of {len(rows):,} rows", len(rows) * width * per_ray, SceneError)
         return self._make_rays(width, height, *pixel_centres_of(width, height, rows))
 
-    def rays_at(self, pixels: ArrayLike, width: int | None = None, height: int | None = None) -> tuple[Array, Array]:
+    def rays_at(
+        self, pixels: ArrayLike, width: int | None = None, height: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the rays through points of the picture: the inverse of `project`.
 
         Parameters
@@ -330,7 +332,9 @@ class Camera:
         seen = self._ray_model(width, height).sees(*pixel_centres_of(width, height, range(height)))
         return np.array(np.broadcast_to(seen, (height, width)))
 
-    def project(self, points: ArrayLike, width: int | None = None, height: int | None = None) -> tuple[Array, Array]:
+    def project(
+        self, points: ArrayLike, width: int | None = None, height: int | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return where points appear in a picture of this size.
 
         Parameters
@@ -368,7 +372,7 @@ class Camera:
         film_x, film_y = self._ray_model(width, height).film(x, y, z)
         return np.stack(((film_x + 1) * (width / 2), (1 - film_y) * (height / 2)), axis=-1), z
 
-    def cosines(self, width: int | None = None, height: int | None = None) -> Array:
+    def cosines(self, width: int | None = None, height: int | None = None) -> NDArray[np.float64]:
         """Return the cosine between each pixel's ray and the optical axis: depth is t times this.
 
         Parameters
@@ -462,7 +466,9 @@ class Camera:
         """Return how points of a picture of this size become rays."""
         return find_ray_model(self.projection, self.lens, self.fov, width, height)
 
-    def _make_rays(self, width: int, height: int, film_x: Array, film_y: Array) -> tuple[Array, Array]:
+    def _make_rays(
+        self, width: int, height: int, film_x: NDArray[np.float64], film_y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the rays through points of the picture, which broadcast."""
         model, (right, up, forward) = self._ray_model(width, height), self.axes()
         x, y, z = (np.asarray(part, np.float64)[..., None] for part in model.directions(film_x, film_y))

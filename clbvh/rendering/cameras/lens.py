@@ -94,7 +94,7 @@ class Lens:
             )
         object.__setattr__(self, "distortion", read_distortion(self.distortion))
         if self.distortion is not None:
-            check_invertible(self.window, self.distortion)
+            check_invertible(window_of(self), self.distortion)
 
     @classmethod
     def from_matrix(
@@ -212,12 +212,12 @@ class Lens:
         # The sum of both arc tangents, without cancellation where the principal point is far outside the picture.
         return math.degrees(math.atan2(above + below, 1 - above * below))
 
-    @property
-    def window(self) -> Window:
-        """The picture in the plane at distance 1."""
-        half_width, half_height = self.width / 2, self.height / 2
-        centre_x, centre_y = (half_width - self.cx) / self.fx, (self.cy - half_height) / self.fy
-        return Window(half_width / self.fx, half_height / self.fy, centre_x, centre_y, self.skew / self.fx)
+
+def window_of(lens: Lens) -> Window:
+    """Return the picture of a lens in the plane at distance 1."""
+    half_width, half_height = lens.width / 2, lens.height / 2
+    centre_x, centre_y = (half_width - lens.cx) / lens.fx, (lens.cy - half_height) / lens.fy
+    return Window(half_width / lens.fx, half_height / lens.fy, centre_x, centre_y, lens.skew / lens.fx)
 
 
 def check_size(width: Any, height: Any) -> tuple[int, int]:

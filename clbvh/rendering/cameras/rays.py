@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .lens import Coefficients, Lens, Window, distort, is_near, undistort, upwards
+from .lens import Coefficients, Lens, Window, distort, is_near, undistort, upwards, window_of
 from .projection import Fisheye, Orthographic, Panorama, Projection
 
 _Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def find_ray_model(projection: Projection | None, lens: Lens | None, fov: float,
     """Return how the points of a picture of this size become rays; `fov` is that of a camera without a lens."""
     if lens is not None:
         distortion = None if lens.distortion is None else upwards(lens.distortion)
-        return RayModel(None, lens.resized(width, height).window, distortion)
+        return RayModel(None, window_of(lens.resized(width, height)), distortion)
     match projection:
         case Fisheye():
             shorter = min(width, height)

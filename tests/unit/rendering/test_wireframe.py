@@ -160,7 +160,7 @@ def test_neither_light_nor_exposure_changes_the_colour(shading):
 def test_lines_are_those_of_the_surface_that_shows_through_a_hole(shading):
     glass = clbvh.Material("hole", alpha=0.0)
     scene = clbvh.Scene(SQUARE)
-    view = {"camera": CAMERAS["perspective"], "shading": shading, "samples": 4}
+    view = {"camera": CAMERAS["perspective"], "shading": shading, "samples": 4, "background": (0.5, 0.5, 0.5)}
     expected, _ = draw_share(scene, **view)
     # A dense sheet with other edges, through which everything is seen.
     sheet = clbvh.make_shape("terrain", triangles=200)
