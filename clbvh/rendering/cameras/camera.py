@@ -14,7 +14,7 @@ from ..settings import Vector, check_settings, number, setting, vector
 from .arrays import as_vector, read_array
 from .lens import Lens, check_size
 from .pose import find_signs, make_axes, read_pose, rotate_about_axis
-from .projection import DEFAULT_FOV, DEFAULT_UP, PROJECTION, Orthographic, Projection, check_focus, name_of
+from .projection import DEFAULT_FOV, DEFAULT_UP, PROJECTION, Fisheye, Orthographic, Panorama, check_focus, name_of
 from .rays import RayModel, find_ray_model, pixel_centres_of
 
 # Directions and a copy of them on the way, and as much for origins; the coordinates of curved projections and their
@@ -77,7 +77,7 @@ class Camera:
     up: Vector = setting(DEFAULT_UP, "Up in the picture.", vector())
     fov: float = setting(DEFAULT_FOV, "Vertical field of view in degrees.", number(above=0, below=180))
     lens: Lens | None = None
-    projection: Projection | None = setting(None, "None: perspective.", PROJECTION)
+    projection: Orthographic | Fisheye | Panorama | None = setting(None, "None: perspective.", PROJECTION)
     aperture: float = setting(0.0, "Diameter of the lens's opening.", number(0))
     focus_distance: float | None = setting(None, "Depth that is sharp.", number(above=0))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clbvh import AllHits, Mesh, Tracer, build
+from clbvh import AllHits, Mesh, Scene, Tracer, Transform, build, make_shape
 from clbvh.integrations.trimesh.ray import order_by_depth
 from clbvh.support import host_threads
 from clbvh.trace.hits import all_hits as crossings_module
@@ -199,3 +199,16 @@ def test_bad_rays_are_named(tracer):
     for query in (tracer.all_hits, tracer.count_hits):
         with pytest.raises(ValueError, match=r"origins\[3\] is not finite"):
             query(origins, np.ones((5, 3)))
+
+
+def test_locations_in_a_scene_are_on_the_instance_that_is_hit(session):
+    scene = Scene()
+    ball = scene.add(make_shape("icosphere", triangles=320))
+    for x in (-3.0, 0.0, 3.0):
+        scene.place(ball, Transform(scale=(1, 2, 1), translate=(x, 1, 0)))
+    with Tracer(scene, device=session.info) as tracer:
+        hits = tracer.all_hits([-9.0, 1.1, 0.2], [1.0, 0.0, 0.0], with_locations=True)
+        later = tracer.all_hits([-9.0, 1.1, 0.2], [1.0, 0.0, 0.0])
+    assert hits.instance_id.tolist() == [0, 0, 1, 1, 2, 2]
+    np.testing.assert_array_equal(hits.locations, later.locations)
+    assert (np.abs(hits.locations[:, 0] - np.repeat([-3, 0, 3], 2)) <= 1).all()
