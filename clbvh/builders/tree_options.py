@@ -1,6 +1,7 @@
 """The choice of a builder and its options, of threads and of a cache. The command line derives its options from it.
 
 So it can be imported without numpy: builders are imported when a choice is checked.
+Apart from `options.py`, which `build.py` imports: a choice is checked by that.
 """
 
 from __future__ import annotations

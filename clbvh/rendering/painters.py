@@ -83,7 +83,7 @@ class Band(NamedTuple):
         self.memory.session.run(kernel, size, tile, **arguments)
 
     def take(self, name: str, size: int) -> Any:
-        """Return a buffer of so many bytes."""
+        """Return a buffer of at least `size` bytes."""
         return self.memory.buffer(name, for_mapping=False).take(size)
 
 

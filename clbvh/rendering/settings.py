@@ -89,13 +89,19 @@ class Setting:
     shown: str
     is_option: bool
 
-    def read(self, value: Any) -> Any:
-        """Return the value that is kept; raise `SceneError` for one that the setting does not take."""
+    def read(self, value: Any, prefix: str = "") -> Any:
+        """Return the value that is kept; raise `SceneError` for one that the setting does not take.
+
+        Parameters
+        ----------
+        prefix : str
+            Of the name in the message: that of a group, with an underscore.
+        """
         if value is False and self.kind.members is not None:
             value = None
         if value is None and self.default is None:
             return None
-        return self.kind.take(self.name, value, ", or None" if self.default is None else "")
+        return self.kind.take(prefix + self.name, value, ", or None" if self.default is None else "")
 
 
 def setting(default: Any, help: str, kind: Kind, panel: str = "", *, shown: str = "", is_option: bool = True) -> Any:
@@ -135,12 +141,12 @@ def check_settings(owner: Any, prefix: str = "") -> None:
     Parameters
     ----------
     prefix : str
-        Of the names in messages: that of a group, with an underscore.
+        See `Setting.read`.
     """
     for name, each in settings_of(type(owner)).items():
         value = getattr(owner, name)
         if value is not each.default:
-            object.__setattr__(owner, name, dataclasses.replace(each, name=prefix + name).read(value))
+            object.__setattr__(owner, name, each.read(value, prefix))
 
 
 def change_settings(owner: _Settings, changes: Mapping[str, Any]) -> _Settings:
@@ -153,13 +159,14 @@ def change_settings(owner: _Settings, changes: Mapping[str, Any]) -> _Settings:
     """
     known = settings_of(type(owner))
     direct = {name: value for name, value in changes.items() if name in known}
-    for name in changes.keys() - known.keys():
+    # In the order in which they were given, so that of several wrong names the first is said.
+    for name in [name for name in changes if name not in known]:
         group = next((each for each in known.values() if _is_member(name, each)), None)
         if group is None:
             raise SceneError(say_unknown(name, [each.name for each in list_settings(type(owner))]))
         value = direct.get(group.name, getattr(owner, group.name))
-        whole = group.kind.read(True if value is None or value is False else value)
-        direct[group.name] = change_settings(whole, {name[len(group.name) + 1 :]: changes[name]})
+        current = group.kind.read(True if value is None or value is False else value)
+        direct[group.name] = change_settings(current, {name[len(group.name) + 1 :]: changes[name]})
     return dataclasses.replace(owner, **direct)  # type: ignore[type-var]
 
 

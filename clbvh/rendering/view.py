@@ -374,6 +374,8 @@ class View:
         >>> view.eye is None, view.wireframe.width
         (True, 2.0)
         """
+        if not changes:
+            return self
         left_out: set[str] = set()
         for chosen in _CAMERA_CHOICES:
             if any(changes.get(name) is not None for name in chosen):

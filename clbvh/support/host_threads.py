@@ -73,7 +73,7 @@ class HostThreads(ContextManager):
         """
         if self.count == 1 or len(argument_lists) <= 1:
             return [task(*arguments) for arguments in argument_lists]
-        waiting = list(enumerate(argument_lists))[::-1]  # taken from the end: the first task comes first
+        pending = list(enumerate(argument_lists))[::-1]  # taken from the end: the first task comes first
         results: dict[int, _Result] = {}
         errors: dict[int, Exception] = {}
         helping: list[bool] = []  # one item for each helper at work, put there before it takes a task
@@ -81,8 +81,8 @@ class HostThreads(ContextManager):
 
         def work() -> None:
             with suppress(IndexError):
-                while waiting:
-                    index, arguments = waiting.pop()
+                while pending:
+                    index, arguments = pending.pop()
                     try:
                         results[index] = task(*arguments)
                     except Exception as error:
@@ -100,7 +100,7 @@ class HostThreads(ContextManager):
             self._wake(help_out, min(self.count, len(argument_lists)) - 1)
             work()
         finally:
-            waiting.clear()
+            pending.clear()
             _wait(helping, endings)
         if errors:
             error = errors[min(errors)]

@@ -81,7 +81,7 @@ class FollowingTracer(ABC, Generic[Known]):
 
     @abstractmethod
     def _follow_open(self, thing: Any) -> tuple[Tracer, Known]:
-        """Return a tracer of the thing as it is now, and what is known of it; called under the lock."""
+        """Return a tracer of the current mesh or scene, and its known state; the caller holds the lock."""
 
     def cast(self, thing: Any, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a ray query of the tracer; rays that it refuses hit nothing."""
