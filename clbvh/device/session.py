@@ -151,12 +151,12 @@ class DeviceSession(ContextManager):
             event = self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array), is_blocking=True)
         self.times.note("upload", event)
 
-    def copy(self, source: Any, target: Any, begin: int, size: int) -> None:
-        """Copy `size` bytes from byte `begin` of a buffer to the same place of another one."""
+    def copy(self, source: Any, target: Any, size: int, *, source_begin: int = 0, target_begin: int = 0) -> None:
+        """Copy `size` bytes of a buffer into another one, each from its own byte on."""
         if size > 0:
             with self._errors(f"copy {size / 1e6:,.1f} MB"):
                 event = self._cl.enqueue_copy(
-                    self.queue, target, source, byte_count=size, src_offset=begin, dst_offset=begin
+                    self.queue, target, source, byte_count=size, src_offset=source_begin, dst_offset=target_begin
                 )
             self.times.note("upload", event)
 

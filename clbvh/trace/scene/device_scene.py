@@ -190,8 +190,8 @@ class DeviceScene:
             source, target = other.arguments[name], owner.allocate(byte_count, writable=False)
             self.arguments[name] = target
             first, end = begin * dtype.itemsize, (begin + count) * dtype.itemsize
-            session.copy(source, target, 0, first)
-            session.copy(source, target, end, byte_count - end)
+            session.copy(source, target, first)
+            session.copy(source, target, byte_count - end, source_begin=end, target_begin=end)
         with self.mapped(session, geometry_id, write=True) as arrays:
             write(self.state.shapes[geometry_id], *arrays)
         # Queries have queues of their own, which do not wait for this one.
