@@ -20,8 +20,8 @@ from ..scene.transforms import check_transform
 from ..trace.hits.hits import Hits
 from ..trace.hits.interpolate import group_by_geometry
 from ..trace.hits.locations import turn_normals
-from ..trace.hits.scene_arrays import SurfacePoints
-from ..trace.hits.surface import SceneSurface
+from ..trace.hits.surface import Surface
+from ..trace.world.surface_arrays import SurfacePoints
 from .cameras.camera import Camera
 from .picture import Picture
 
@@ -212,8 +212,8 @@ def find_shading_normals(hits: Hits, shapes: Sequence[Shape], crease_angle: floa
         squares = np.einsum("ij,ij->i", blended, blended)
         is_direction = squares > _LEAST_SQUARE
         blended /= np.sqrt(np.where(is_direction, squares, 1.0))[:, None]
-        if hits.scene_surface is not None:
-            blended = turn_normals(hits.scene_surface.arrays, instances[rows], blended)
+        if hits.surface is not None:
+            blended = turn_normals(hits.surface.arrays, instances[rows], blended)
         # To the side of the face, on which the ray came: files do not always agree with the order of corners.
         sides = np.einsum("ij,ij->i", blended, normals[rows])
         is_kept = is_direction & (sides != 0) & np.isfinite(sides)
@@ -318,7 +318,7 @@ class NextPose:
             motion[pixels] = camera.project(locations, width, height)[0] - centres
         return motion.reshape(height, width, 2)
 
-    def _move_surface(self, picture: Picture) -> SceneSurface | None:
+    def _move_surface(self, picture: Picture) -> Surface | None:
         """Return the surface in the second pose; None if no instance moves."""
         if not len(self._ids):
             return None
@@ -326,4 +326,4 @@ class NextPose:
         if (newest := int(self._ids.max())) >= state.instance_count:
             raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
         state = state.with_transforms(self._ids, self._matrices)
-        return SceneSurface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)
+        return Surface.from_shapes(state.shapes, state.names, state.geometry_ids, state.transforms)

@@ -21,9 +21,9 @@ from ..structs import NO_PRIM
 from ..support.host_threads import HostThreads
 from ..trace.hits.hits import Hits
 from ..trace.hits.refine import RefinedHits, refine_closest
-from ..trace.hits.scene_arrays import lone_arrays
-from ..trace.hits.surface import SceneSurface
+from ..trace.hits.surface import Surface
 from ..trace.rays.batch import RayBatch, read_rays
+from ..trace.world.surface_arrays import lone_arrays
 from .cameras.camera import Camera
 from .cut import Cut
 from .image_files import encode_picture, write_picture
@@ -205,12 +205,12 @@ class Picture:
 _CHUNK_PIXELS = 1 << 20
 
 
-def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.void], cut: Cut | None = None) -> Hits:
+def refine_pixels(mesh: Mesh | Surface, camera: Camera, found: NDArray[np.void], cut: Cut | None = None) -> Hits:
     """Return the hits of a picture in float64, on the primitives that the device found.
 
     Parameters
     ----------
-    mesh : Mesh or SceneSurface
+    mesh : Mesh or Surface
         What the picture shows.
     camera : Camera
     found : (height, width) `structs.HIT`, or `structs.SCENE_HIT` for a scene
@@ -224,7 +224,7 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
     """
     height, width = found.shape
     refined = RefinedHits.make(height * width, has_instances=not isinstance(mesh, Mesh))
-    surface = lone_arrays(mesh) if isinstance(mesh, Mesh) else mesh.arrays
+    arrays = lone_arrays(mesh) if isinstance(mesh, Mesh) else mesh.arrays
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
@@ -232,13 +232,13 @@ def refine_pixels(mesh: Mesh | SceneSurface, camera: Camera, found: NDArray[np.v
             origins, directions = camera.rays(width, height, range(first_row, last_row))
             rays, _ = read_rays(origins, directions, 0.0, np.inf)
             pixels = first_row * width, last_row * width
-            of_rows = rays, surface, found[first_row:last_row].reshape(-1), refined.part(*pixels)
+            of_rows = rays, arrays, found[first_row:last_row].reshape(-1), refined.part(*pixels)
             threads.for_ranges(pixels[1] - pixels[0], partial(_refine_range, *of_rows))
             if cut is not None:
                 t = refined.t[slice(*pixels)]
                 t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
-    only, scene_surface = (mesh, None) if isinstance(mesh, Mesh) else (None, mesh)
-    return refined.as_hits((height, width), mesh=only, scene_surface=scene_surface)
+    only, surface = (mesh, None) if isinstance(mesh, Mesh) else (None, mesh)
+    return refined.as_hits((height, width), mesh=only, surface=surface)
 
 
 def _refine_range(

@@ -18,8 +18,8 @@ from ..geometry.mesh import Mesh
 from ..layouts.device_arrays import measure_device_bytes
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
-from ..trace.hits.scene_arrays import make_scene_arrays
 from ..trace.scene.top_tree import find_boxes
+from ..trace.world.surface_arrays import make_surface_arrays
 
 
 def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, traversal_cost: float) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
                 "device_bytes": {layout: measure_device_bytes(bvh, layout, shape) for layout in LAYOUT_WIDTHS},
             }
         )
-    lower, upper = find_boxes(make_scene_arrays(state.shapes, state.geometry_ids, state.transforms))
+    lower, upper = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
     # As a tracer and a renderer build it, whatever builds the others.
     top = build(box_mesh(lower, upper, "the instances"), leaf_size=1)
     # A tree of one leaf still has one node on the device.

@@ -18,10 +18,10 @@ from ..geometry import Mesh
 from ..geometry.box_mesh import mesh_of
 from ..scene.state import SceneState, dress_shapes
 from ..trace.device_tree import BRUTE, DeviceTree
-from ..trace.hits.scene_arrays import make_scene_arrays
-from ..trace.hits.surface import SceneSurface
+from ..trace.hits.surface import Surface
 from ..trace.scene.device_scene import DeviceScene
 from ..trace.traced_tree import TracedTree
+from ..trace.world.surface_arrays import make_surface_arrays
 from .cameras.bounds import SceneBounds
 from .look_tables import Looks
 from .options import RenderOptions
@@ -111,11 +111,11 @@ class World:
         return names[0] if len(names) == 1 else f"{self.state.instance_count:,} instances"
 
     @cached_property
-    def surface(self) -> SceneSurface:
+    def surface(self) -> Surface:
         """The surface of all instances, on which hits are refined."""
         state = self.state
-        arrays = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
-        return SceneSurface(arrays, state.shapes, state.names)
+        arrays = make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
+        return Surface(arrays, state.shapes, state.names)
 
     @cached_property
     def bounds(self) -> SceneBounds:

@@ -29,9 +29,9 @@ from ..geometry import Mesh
 from ..layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ..layouts.refit_arrays import RefitArrays, read_topology
 from ..structs import ENTRY_POINT_LAYOUTS, HIT, LAYOUT_WIDTHS, LAYOUTS
-from .hits.scene_arrays import lone_arrays
 from .rays.batch import TreeBox
 from .traced_tree import WideArrays
+from .world.surface_arrays import lone_arrays
 
 if TYPE_CHECKING:  # pictures need no queries
     from .launch import Caster
@@ -91,9 +91,9 @@ class DeviceTree:
     hit_dtype : numpy.dtype
         Of hits on the device.
     mesh : Mesh
-    surface : SceneArrays
+    surface : SurfaceArrays
         What hits are refined on.
-    scene_surface : SceneSurface or None
+    scene_surface : Surface or None
         The scene that is nothing but this mesh.
     most_crossings : int
         Most crossings that a ray can have.

@@ -69,7 +69,7 @@ class TracedTree(Protocol):
 
     @property
     def surface(self) -> Any:
-        """What hits are refined on, `SceneArrays`."""
+        """What hits are refined on, `SurfaceArrays`."""
 
     @property
     def most_crossings(self) -> int:

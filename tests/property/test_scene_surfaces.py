@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 
 import clbvh
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.hits.surface import SceneSurface
+from clbvh.trace.hits.surface import Surface
 
 from ..profiles import examples
 
@@ -33,11 +33,11 @@ def transforms(draw):
 
 def make_hits(shape, transform, seed):
     generator = np.random.default_rng(seed)
-    surface = SceneSurface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), transform[None])
+    surface = Surface.from_shapes([shape], ["shape"], np.zeros(1, np.int32), transform[None])
     prim_id = generator.integers(0, shape.prim_count, HITS).astype(np.int32)
     u, v = generator.uniform(0, 0.5, (2, HITS))
     is_front = generator.random(HITS) < 0.5
-    return Hits(u, u, v, prim_id, is_front=is_front, scene_surface=surface, known_instance_id=0 * prim_id)
+    return Hits(u, u, v, prim_id, is_front=is_front, surface=surface, known_instance_id=0 * prim_id)
 
 
 @examples(short=40, long=2000)

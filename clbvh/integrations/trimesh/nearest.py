@@ -19,8 +19,8 @@ from ...geometry.smooth_normals import VertexFaces
 from ...structs import NO_PRIM, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
-from ...trace.hits.scene_arrays import triangles_of
 from ...trace.points.refine import ClosestPoints, closest_on_triangle
+from ...trace.world.surface_arrays import triangles_of
 
 # Squared distances are equal when they differ by less than this share: a thousand roundings of float64.
 _ROUNDING = 2.0**-42

@@ -20,10 +20,10 @@ from ...support.loop_functions import prefetch
 from ..launch import FIRST_HITS, Call, Caster, cut_smaller_when_full
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
+from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
 from .refine import RefinedHits, store_hits
 from .refine_block import BLOCK_HITS, PREFETCH_HITS, RefineBlock, locate, refine_block
-from .scene_arrays import SceneArrays
 
 # Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
 MOST_SLOTS = 2**21
@@ -230,13 +230,13 @@ def find_all_hits(
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
-    hits = refined.as_hits((total,), mesh=tree.mesh, scene_surface=tree.scene_surface)
+    hits = refined.as_hits((total,), mesh=tree.mesh, surface=tree.scene_surface)
     return AllHits._of(hits, offsets, locations)
 
 
 def _refine_rays(
     batch: RayBatch,
-    surface: SceneArrays,
+    surface: SurfaceArrays,
     crossings: Crossings,
     begin: int,
     end: int,

@@ -46,7 +46,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
                     refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays))
 
                 caster.threads.for_ranges(len(found), refine)
-    return refined.as_hits(shape, mesh=tree.mesh, scene_surface=tree.scene_surface)
+    return refined.as_hits(shape, mesh=tree.mesh, surface=tree.scene_surface)
 
 
 @cut_smaller_when_full

@@ -15,9 +15,9 @@ from ...errors import ConfigError, QueryError
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
 from ..rays.batch import broadcast_shape, check_room, read_vectors
-from . import surface
+from ..world.surface_arrays import SurfacePoints
 from .interpolate import interpolate
-from .surface import Normals
+from .surface import Normals, Surface, find_parts
 
 # A start point, and one on each side of the triangle.
 _POINT_BYTES = 3 * 24
@@ -45,7 +45,7 @@ class Hits:
         The mesh that was hit; None for hits in a scene of several instances.
     is_front : (...,) bool or None
         Whether the ray came from the side to which `normals` point; false on a miss. None where it is not known.
-    scene_surface : SceneSurface or None
+    surface : Surface or None
         The instances of the scene that was hit; None for hits of a mesh.
     known_instance_id : (...,) int32 or None
         `instance_id`, if it was computed along with the hits; None if all are on the first instance.
@@ -88,7 +88,7 @@ class Hits:
     prim_id: NDArray[np.int32]
     mesh: Mesh | None = None
     is_front: NDArray[np.bool_] | None = field(default=None, kw_only=True)
-    scene_surface: surface.SceneSurface | None = field(default=None, kw_only=True)
+    surface: Surface | None = field(default=None, kw_only=True)
     known_instance_id: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
     @property
@@ -116,7 +116,7 @@ class Hits:
     @property
     def geometry_id(self) -> NDArray[np.int32]:
         """(...,) int32: the geometry that was hit; 0 for every hit of a mesh, -1 on a miss."""
-        return self.instance_id if self.scene_surface is None else self.scene_surface.geometry_ids(self._points())
+        return self.instance_id if self.surface is None else self.surface.geometry_ids(self._points())
 
     @property
     def part_id(self) -> NDArray[np.int32]:
@@ -142,7 +142,7 @@ class Hits:
         >>> square.parts[hits.part_id[0]].name
         'upper'
         """
-        return surface.find_parts(self._known_shapes(), self.prim_id, self.geometry_id)
+        return find_parts(self._known_shapes(), self.prim_id, self.geometry_id)
 
     @property
     def locations(self) -> NDArray[np.float64]:
@@ -217,7 +217,7 @@ class Hits:
         array([0.25, 0.25, 0.5 ])
         """
         shapes = self._known_shapes()
-        names = [shape.name for shape in shapes] if self.scene_surface is None else self.scene_surface.names
+        names = [shape.name for shape in shapes] if self.surface is None else self.surface.names
         return interpolate(shapes, names, attribute, self.prim_id, self.geometry_id, self.u, self.v)
 
     def offset_origins(self, *, towards: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -318,7 +318,7 @@ class Hits:
         t, u, v, prim_id = (change(values) for values in (self.t, self.u, self.v, self.prim_id))
         return Hits(
             t, u, v, prim_id, self.mesh,
-            is_front=is_front, scene_surface=self.scene_surface, known_instance_id=instance_id,
+            is_front=is_front, surface=self.surface, known_instance_id=instance_id,
         )  # fmt: skip
 
     def _refuse_wrong(self, directions: NDArray[Any], shape: tuple[int, ...]) -> None:
@@ -331,13 +331,13 @@ class Hits:
             place = f" of the hit {tuple(map(int, first))}" if shape else ""
             raise QueryError(f"towards must be finite directions of length above 0, not {wrong}{place}")
 
-    def _known_surface(self) -> surface.SceneSurface:
-        if self.mesh is None and self.scene_surface is not None:
-            return self.scene_surface
-        return surface.SceneSurface.of_mesh(self._known_mesh())
+    def _known_surface(self) -> Surface:
+        if self.mesh is None and self.surface is not None:
+            return self.surface
+        return Surface.of_mesh(self._known_mesh())
 
     def _known_shapes(self) -> Sequence[Shape]:
-        return (self._known_mesh(),) if self.scene_surface is None else self.scene_surface.shapes
+        return (self._known_mesh(),) if self.surface is None else self.surface.shapes
 
     def _known_mesh(self) -> Mesh:
         if self.mesh is None:
@@ -356,8 +356,8 @@ class Hits:
             np.where(self.is_front[..., None], normals, -normals) if facing and self.is_front is not None else normals
         )
 
-    def _points(self) -> surface.SurfacePoints:
-        return surface.SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
+    def _points(self) -> SurfacePoints:
+        return SurfacePoints(self.prim_id, self.instance_id, self.u, self.v)
 
     def __repr__(self) -> str:
         return f"Hits(shape={self.shape}, hits={self.count:,})"

@@ -17,8 +17,8 @@ from ...geometry import Mesh, Shape
 from ...geometry.arrays import has_masked_values
 from ...structs import NO_PRIM
 from ..rays.batch import check_room
+from ..world.surface_arrays import SurfaceArrays, SurfacePoints
 from .locations import turn_normals
-from .scene_arrays import SceneArrays, SurfacePoints
 
 
 def group_by_geometry(geometry_id: NDArray[np.int32]) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -186,7 +186,7 @@ _LEAST_SQUARE = 2.0**-40
 
 
 def find_smooth_normals(
-    arrays: SceneArrays,
+    arrays: SurfaceArrays,
     shapes: Sequence[Shape],
     points: SurfacePoints,
     geometry_id: NDArray[np.int32],
@@ -196,7 +196,7 @@ def find_smooth_normals(
 
     Parameters
     ----------
-    arrays : SceneArrays
+    arrays : SurfaceArrays
     shapes : sequence of Mesh or Spheres
         Of each geometry.
     points : SurfacePoints

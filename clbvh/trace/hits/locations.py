@@ -12,7 +12,7 @@ from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.loop_functions import cross, dot, subtract
-from .scene_arrays import SceneArrays, SurfacePoints, place_point
+from ..world.surface_arrays import SurfaceArrays, SurfacePoints, place_point
 from .spheres import sphere_point
 
 _SPHERES = PRIM_KINDS["spheres"]
@@ -78,7 +78,7 @@ def _find_across(a, b, c):
     return x / length, y / length, z / length
 
 
-def find_locations(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
+def find_locations(arrays: SurfaceArrays, points: SurfacePoints) -> NDArray[np.float64]:
     """Return (..., 3) float64, world units: where the primitives are hit; NaN without one.
 
     On a triangle ``a + (u (b - a) + v (c - a))``. The point is computed in the object and then placed, so a shared edge
@@ -87,7 +87,7 @@ def find_locations(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.flo
     return for_points(_locate, arrays, points)
 
 
-def find_normals(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float64]:
+def find_normals(arrays: SurfaceArrays, points: SurfacePoints) -> NDArray[np.float64]:
     """Return (..., 3) float64: unit normals in the world, on the object's outer side; NaN without a primitive.
 
     The outer side of a triangle is the one from which its corners run anticlockwise in the object, and that of a sphere
@@ -98,13 +98,13 @@ def find_normals(arrays: SceneArrays, points: SurfacePoints) -> NDArray[np.float
 
 
 def turn_normals(
-    arrays: SceneArrays, instance_id: NDArray[np.int32], object_normals: NDArray[np.float64]
+    arrays: SurfaceArrays, instance_id: NDArray[np.int32], object_normals: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return (n, 3) float64: unit normals in the world of (n, 3) vectors normal to surfaces of objects.
 
     Parameters
     ----------
-    arrays : SceneArrays
+    arrays : SurfaceArrays
     instance_id : (n,) int32
         None is -1.
     object_normals : (n, 3) float64
@@ -116,7 +116,7 @@ def turn_normals(
 
 
 def for_points(
-    compute: Callable[..., None], arrays: SceneArrays, points: SurfacePoints, *more: NDArray[Any]
+    compute: Callable[..., None], arrays: SurfaceArrays, points: SurfacePoints, *more: NDArray[Any]
 ) -> NDArray[np.float64]:
     """Return (..., 3) float64: the vectors that a compiled function writes for points, given more arrays of theirs."""
     vectors = np.empty((*points.prim_id.shape, 3))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
+from ..world.surface_arrays import SurfaceArrays, SurfacePoints, place_vector, to_object
 from .locations import find_corners, for_points, make_normal, turn_normal
-from .scene_arrays import SceneArrays, SurfacePoints, place_vector, to_object
 from .spheres import sphere_point
 
 # Unit roundoffs of float32 and float64.
@@ -65,7 +65,7 @@ _MOST_GROWTH = 0.5
 
 
 def find_offset_points(
-    arrays: SceneArrays,
+    arrays: SurfaceArrays,
     scene_reach: float,
     points: SurfacePoints,
     locations: NDArray[np.float64],
@@ -75,7 +75,7 @@ def find_offset_points(
 
     Parameters
     ----------
-    arrays : SceneArrays
+    arrays : SurfaceArrays
     scene_reach : float
         No coordinate of any instance is farther from the middle of the scene's box, in world units.
     points : SurfacePoints
@@ -85,7 +85,7 @@ def find_offset_points(
         Whether the outer side is above.
     """
 
-    def offset(arrays: SceneArrays, *of_points: NDArray[Any]) -> None:
+    def offset(arrays: SurfaceArrays, *of_points: NDArray[Any]) -> None:
         _offset(arrays, scene_reach, *of_points)
 
     return for_points(offset, arrays, points, locations, is_front)

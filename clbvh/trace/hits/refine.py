@@ -15,10 +15,10 @@ from ...geometry import Mesh
 from ...structs import HIT_PRIM_ID, NO_PRIM, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ..rays.batch import RayRows
+from ..world.surface_arrays import SurfaceArrays
 from .hits import Hits
 from .refine_block import BLOCK_HITS, TUV, RefineBlock, refine_block
-from .scene_arrays import SceneArrays
-from .surface import SceneSurface
+from .surface import Surface
 
 # The t of a hit beyond float64: infinity is the t of a miss.
 _MOST_T = np.finfo(np.float64).max
@@ -48,24 +48,24 @@ class RefinedHits(NamedTuple):
         part = slice(begin, end)
         return RefinedHits(*(values[part] for values in self))  # type: ignore[arg-type]
 
-    def as_hits(self, shape: tuple[int, ...], *, mesh: Mesh | None, scene_surface: SceneSurface | None = None) -> Hits:
+    def as_hits(self, shape: tuple[int, ...], *, mesh: Mesh | None, surface: Surface | None = None) -> Hits:
         """Return the hits of rays of a leading shape, on a mesh or in a scene."""
         t, u, v = (values.reshape(shape) for values in (self.t, self.u, self.v))
         return Hits(
             t, u, v, self.prim_id.reshape(shape), mesh,
-            is_front=self.is_front.reshape(shape), scene_surface=scene_surface,
+            is_front=self.is_front.reshape(shape), surface=surface,
             known_instance_id=self.instance_id.reshape(shape) if mesh is None else None,
         )  # fmt: skip
 
 
-def refine_closest(rays: RayRows, surface: SceneArrays, found: NDArray[np.void], hits: RefinedHits) -> None:
+def refine_closest(rays: RayRows, surface: SurfaceArrays, found: NDArray[np.void], hits: RefinedHits) -> None:
     """Write one hit for each ray in float64.
 
     Parameters
     ----------
     rays : RayRows
         The rays that were cast, as the user gave them.
-    surface : SceneArrays
+    surface : SurfaceArrays
     found : (n,) `structs.HIT` or `structs.SCENE_HIT`
         What the device found.
     hits : RefinedHits of (n,) arrays, written

@@ -19,8 +19,8 @@ from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.loop_functions import add_scaled, cross, dot, exponent_of, prefetch, subtract, times_power_of_two
 from ..rays.batch import row_step
+from ..world.surface_arrays import to_object_by
 from .locations import locate_point
-from .scene_arrays import to_object_by
 from .spheres import sphere_crossing, sphere_uv
 
 # Hits of a block.

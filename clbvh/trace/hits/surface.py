@@ -16,28 +16,28 @@ from numpy.typing import NDArray
 
 from ...geometry import Mesh, Shape
 from ...structs import NO_PRIM
+from ..world.surface_arrays import SurfaceArrays, SurfacePoints, lone_arrays, make_surface_arrays
 from .interpolate import find_smooth_normals
 from .locations import find_locations, find_normals
 from .offsets import find_offset_points, find_sides
-from .scene_arrays import SceneArrays, SurfacePoints, lone_arrays, make_scene_arrays
 
 
 @dataclass(frozen=True, eq=False)
-class SceneSurface:
+class Surface:
     """The surfaces of a scene's instances in world coordinates, as they were when the rays were cast.
 
     Its methods are functions of points; where a point is on no primitive, they return NaN.
 
     Attributes
     ----------
-    arrays : SceneArrays
+    arrays : SurfaceArrays
     shapes : sequence of Mesh or Spheres
         The shape of each geometry.
     names : sequence of str
         The name of each geometry.
     """
 
-    arrays: SceneArrays
+    arrays: SurfaceArrays
     shapes: Sequence[Shape]
     names: Sequence[str]
 
@@ -48,12 +48,12 @@ class SceneSurface:
         names: Sequence[str],
         geometry_id: NDArray[np.integer],
         transforms: NDArray[np.float64],
-    ) -> SceneSurface:
-        """Return the surfaces of instances; see `make_scene_arrays`."""
-        return cls(make_scene_arrays(shapes, geometry_id, transforms), shapes, names)
+    ) -> Surface:
+        """Return the surfaces of instances; see `make_surface_arrays`."""
+        return cls(make_surface_arrays(shapes, geometry_id, transforms), shapes, names)
 
     @classmethod
-    def of_mesh(cls, mesh: Mesh) -> SceneSurface:
+    def of_mesh(cls, mesh: Mesh) -> Surface:
         """Return the surface of one mesh in the file's coordinates."""
         return cls(lone_arrays(mesh), (mesh,), (mesh.name,))
 

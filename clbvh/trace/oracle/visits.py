@@ -38,7 +38,6 @@ from ...structs import (
 )
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads, cut_range
-from ..hits.scene_arrays import make_scene_arrays
 from ..host.lanes import cross_corners, make_host_ray, pick, shear_corner
 from ..host.walk import FIELD_COUNT, walk
 from ..rays.batch import TreeBox, read_rays
@@ -46,6 +45,7 @@ from ..rays.pack import pack_rays
 from ..scene.device_scene import arrange_geometries, blocks_by_kind, list_ranges
 from ..scene.top_tree import make_records
 from ..traced_tree import WideArrays
+from ..world.surface_arrays import make_surface_arrays
 
 # Rays that a thread takes at a time: rays of one picture differ much in their steps, so threads take many small shares.
 _CHUNK_RAYS = 1 << 12
@@ -162,7 +162,7 @@ class HostTraversal:
         arrays = arrange_geometries(state, trees, "bvh2")
         ranges = list_ranges(state, arrays)
         blocks = blocks_by_kind(ranges, arrays)
-        surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        surface = make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
         records = make_records(surface, ranges, state.masks, top)
         made = cls.__new__(cls)
         made._trees = HostTrees.join([each.nodes for each in arrays], blocks["triangles"], blocks["spheres"])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, times_power_of_two
-from ..hits.scene_arrays import SceneArrays, place_point, place_vector
 from ..rays.batch import TreeBox
+from ..world.surface_arrays import SurfaceArrays, place_point, place_vector
 from .ellipsoid import find_axes, find_shares
 
 # A point further away than this many times half the box's size is moved to that distance, towards the centre: beyond
@@ -213,7 +213,7 @@ class FoundPoints(NamedTuple):
 
 def refine_points(
     points: NDArray[Any],
-    arrays: SceneArrays,
+    arrays: SurfaceArrays,
     box: TreeBox,
     order: NDArray[np.int32],
     prims: NDArray[Any],
@@ -224,7 +224,7 @@ def refine_points(
     Parameters
     ----------
     points : (n, 3) float, contiguous, the scene's coordinates
-    arrays : SceneArrays
+    arrays : SurfaceArrays
     box : TreeBox
         Of the tree.
     order : (m,) int32

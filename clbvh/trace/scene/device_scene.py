@@ -22,10 +22,10 @@ from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_array
 from ...scene.state import SceneState
 from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PRIM_KINDS, SCENE_HIT
 from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
-from ..hits.scene_arrays import SceneArrays, make_scene_arrays, move_instances
-from ..hits.surface import SceneSurface
+from ..hits.surface import Surface
 from ..rays.batch import TreeBox
 from ..rays.pack import NEAR_SHARE
+from ..world.surface_arrays import SurfaceArrays, make_surface_arrays, move_instances
 from .top_tree import BuildTree, TopTree
 
 # No builder's tree is deeper, so that all scenes share one compiled kernel.
@@ -60,7 +60,7 @@ class DeviceScene:
     layout : str
         Of the geometries' trees. The one over the instances is `bvh2` in any case. Without trees the layout is
         ``"brute"``, whatever is asked: each primitive of an instance is tested against each ray that meets its box.
-    surface : SceneArrays, optional
+    surface : SurfaceArrays, optional
         Of the state, if they are there already.
 
     Raises
@@ -75,7 +75,7 @@ class DeviceScene:
     Attributes
     ----------
     state : SceneState
-    surface : SceneArrays
+    surface : SurfaceArrays
         What hits are refined on.
     trees : tuple of Bvh
         Empty in the layout ``"brute"``.
@@ -99,7 +99,7 @@ class DeviceScene:
         build_top: BuildTree,
         layout: str = "auto",
         *,
-        surface: SceneArrays | None = None,
+        surface: SurfaceArrays | None = None,
     ) -> None:
         if len(state.transforms) == 0:
             raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
@@ -121,7 +121,7 @@ class DeviceScene:
         blocks = blocks_by_kind(self._ranges, arrays)
         joined = {"nodes": [each.nodes for each in arrays], "blocks": blocks["triangles"], "spheres": blocks["spheres"]}
         self._dtypes = {name: pieces[0].dtype for name, pieces in joined.items() if pieces}
-        self.surface = surface or make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        self.surface = surface or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
         for name, pieces in joined.items():
             self._upload(session, name, pieces)
         self._put_top(session, session)
@@ -153,7 +153,7 @@ class DeviceScene:
         """Return the scene with a geometry whose vertices or spheres have moved, given what writes its arrays anew."""
         moved = self._copy(state)
         moved._refit(self, owner, session, geometry_id, write)
-        moved.surface = make_scene_arrays(state.shapes, state.geometry_ids, state.transforms)
+        moved.surface = make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
         moved._put_top(owner, session)
         return moved
 
@@ -223,9 +223,9 @@ class DeviceScene:
         return LoneSpheres(self, int(ranges[2]))
 
     @property
-    def scene_surface(self) -> SceneSurface:
+    def scene_surface(self) -> Surface:
         """What hits keep of the scene."""
-        return SceneSurface(self.surface, self.state.shapes, self.state.names)
+        return Surface(self.surface, self.state.shapes, self.state.names)
 
     def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
         """Return the shapes that some instances place, or all of them for None."""

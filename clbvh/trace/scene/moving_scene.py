@@ -30,7 +30,7 @@ from ...scene.state import SceneState
 from ...scene.transforms import check_transforms
 from ...support.host_threads import HostThreads
 from ..device_tree import DeviceTree, TreeCopies
-from ..hits.surface import SceneSurface
+from ..hits.surface import Surface
 from ..launch import Caster
 from ..rays.batch import TreeBox
 from .device_scene import DeviceScene
@@ -71,7 +71,7 @@ class MovingScene:
             bvh = self._first_tree(int(self._opened.geometry_ids[0]))
             tree = DeviceTree(session, bvh.mesh, bvh, layout)
             # For the ids and the names that hits know.
-            tree.scene_surface = SceneSurface.from_shapes(
+            tree.scene_surface = Surface.from_shapes(
                 self._opened.shapes, self._opened.names, self._opened.geometry_ids, self._opened.transforms
             )
             return tree, TreeBox.around(bvh)

@@ -21,7 +21,7 @@ from ...geometry.box_mesh import box_mesh
 from ...layouts.device_arrays import make_bvh2_nodes
 from ...structs import INSTANCE, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
-from ..hits.scene_arrays import SceneArrays
+from ..world.surface_arrays import SurfaceArrays
 
 BuildTree = Callable[[Mesh], Bvh]
 
@@ -45,7 +45,7 @@ class TopTree:
 
     @classmethod
     def build(
-        cls, arrays: SceneArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
+        cls, arrays: SurfaceArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
     ) -> TopTree:
         """Build the tree over the instances of a scene; see `make_records`.
 
@@ -84,7 +84,7 @@ _FIRST_NODE, _FIRST_BLOCK, _BLOCK_COUNT = _lane("first_node"), _lane("first_bloc
 _KIND, _MASK, _ID = _lane("kind"), _lane("mask"), _lane("instance_id")
 
 
-def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def find_boxes(arrays: SurfaceArrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners of the instances' boxes in the scene's coordinates, each (n, 3) float64.
 
     A ray that hits an instance meets its box, as far as float32 can tell.
@@ -98,13 +98,13 @@ def find_boxes(arrays: SceneArrays) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def make_records(
-    arrays: SceneArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], top: Bvh
+    arrays: SurfaceArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], top: Bvh
 ) -> NDArray[np.void]:
     """Return the instances as the device takes them, in the order of the leaves of the tree over them.
 
     Parameters
     ----------
-    arrays : SceneArrays
+    arrays : SurfaceArrays
         Of n instances.
     ranges : (geometries, 4) int32
         First node, first block, number of blocks and kind of primitives of each geometry, see `structs.INSTANCE`.

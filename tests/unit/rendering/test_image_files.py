@@ -10,7 +10,7 @@ from clbvh import Mesh
 from clbvh.errors import ConfigError
 from clbvh.rendering import image_files as files
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.hits.surface import SceneSurface
+from clbvh.trace.hits.surface import Surface
 
 RGB = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
 HITS = Hits(np.float32([[1.5, np.inf]]), np.float32([[0.25, 0]]), np.float32([[0.5, 0]]), np.int32([[7, -1]]))
@@ -66,9 +66,9 @@ def test_hits_name_the_parts_of_all_meshes(tmp_path):
 
     meshes = [make(1, ()), make(2, "ab"), make(3, "cde")]
     ids = np.array([0, 1, 2, 2, -1], np.int32)
-    surface = SceneSurface.from_shapes(meshes, ("a", "b", "c"), np.arange(3), np.tile(np.eye(4), (3, 1, 1)))
+    surface = Surface.from_shapes(meshes, ("a", "b", "c"), np.arange(3), np.tile(np.eye(4), (3, 1, 1)))
     t = np.zeros(5)
-    hits = Hits(t, t, t, np.array([0, 1, 0, 2, -1], np.int32), scene_surface=surface, known_instance_id=ids)
+    hits = Hits(t, t, t, np.array([0, 1, 0, 2, -1], np.int32), surface=surface, known_instance_id=ids)
     files.write_hits(tmp_path / "h.npz", hits, ("a", "b", "c"), ("a", "b", "c"))
     with np.load(tmp_path / "h.npz") as loaded:
         assert loaded["part_id"].tolist() == [-1, 1, 2, 4, -1]

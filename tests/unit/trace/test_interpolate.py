@@ -7,7 +7,7 @@ import clbvh
 from clbvh.errors import ConfigError, QueryError
 from clbvh.trace.hits import interpolate as module
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.hits.surface import SceneSurface
+from clbvh.trace.hits.surface import Surface
 
 KNOT = clbvh.make_shape("knot", triangles=1000)
 BALLS = clbvh.Spheres(np.random.default_rng(0).normal(size=(20, 3)), 0.25)
@@ -28,12 +28,12 @@ def knot_hits(count, seed=0, shape=None):
 def scene_hits(count, seed=0):
     """Hits of a scene of two geometries, on three instances."""
     generator = np.random.default_rng(seed)
-    surface = SceneSurface.from_shapes([KNOT, BALLS], ["knot", "balls"], np.array([1, 0, 1]), np.stack([np.eye(4)] * 3))
+    surface = Surface.from_shapes([KNOT, BALLS], ["knot", "balls"], np.array([1, 0, 1]), np.stack([np.eye(4)] * 3))
     u, v = generator.uniform(0, 0.5, (2, count))
     instance_id = generator.integers(-1, 3, count).astype(np.int32)
     prim_id = generator.integers(0, 20, count).astype(np.int32)
     prim_id[instance_id == -1] = -1
-    return Hits(u, u, v, prim_id, scene_surface=surface, known_instance_id=instance_id)
+    return Hits(u, u, v, prim_id, surface=surface, known_instance_id=instance_id)
 
 
 def test_vertices_give_the_bytes_of_the_locations():
@@ -102,9 +102,9 @@ def test_a_mesh_is_a_scene_of_one_geometry():
 
 
 def test_a_mesh_in_a_scene_has_the_ids_and_names_of_the_scene():
-    surface = SceneSurface.from_shapes([BALLS, KNOT], ["a", "b"], np.array([1]), np.eye(4)[None])
+    surface = Surface.from_shapes([BALLS, KNOT], ["a", "b"], np.array([1]), np.eye(4)[None])
     plain = knot_hits(100)
-    hits = Hits(plain.t, plain.u, plain.v, plain.prim_id, KNOT, scene_surface=surface)
+    hits = Hits(plain.t, plain.u, plain.v, plain.prim_id, KNOT, surface=surface)
     assert hits.locations.tobytes() == plain.locations.tobytes()
     np.testing.assert_array_equal(hits.instance_id, np.minimum(plain.prim_id, 0))
     np.testing.assert_array_equal(hits.geometry_id, np.where(plain.is_hit, 1, -1))

@@ -10,7 +10,7 @@ import trimesh
 import clbvh
 from clbvh.errors import ConfigError
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.hits.surface import SceneSurface
+from clbvh.trace.hits.surface import Surface
 
 BALL = clbvh.make_shape("icosphere", triangles=1280)
 THIRD = np.full(BALL.face_count, 1 / 3)
@@ -21,10 +21,10 @@ MIDDLES = Hits(
 
 
 def placed(mesh, transform, hits):
-    surface = SceneSurface.from_shapes([mesh], ["mesh"], np.zeros(1, np.int32), np.asarray(transform)[None])
+    surface = Surface.from_shapes([mesh], ["mesh"], np.zeros(1, np.int32), np.asarray(transform)[None])
     return Hits(
         hits.t, hits.u, hits.v, hits.prim_id, is_front=hits.is_front,
-        scene_surface=surface, known_instance_id=hits.instance_id,
+        surface=surface, known_instance_id=hits.instance_id,
     )  # fmt: skip
 
 
@@ -173,12 +173,10 @@ def test_smooth_normals_of_an_ellipsoid_are_those_of_the_formula(unit):
 
 def test_smooth_normals_of_spheres_and_meshes_in_one_scene():
     spheres = clbvh.Spheres([[0, 0, 0], [3, 0, 0]], [1, 2])
-    surface = SceneSurface.from_shapes(
-        [spheres, BALL], ["spheres", "ball"], np.array([1, 0, 1]), np.stack([np.eye(4)] * 3)
-    )
+    surface = Surface.from_shapes([spheres, BALL], ["spheres", "ball"], np.array([1, 0, 1]), np.stack([np.eye(4)] * 3))
     hits = Hits(
         *np.full((3, 4), 0.25), np.array([0, 1, -1, 7], np.int32),
-        scene_surface=surface, known_instance_id=np.array([2, 1, -1, 0], np.int32),
+        surface=surface, known_instance_id=np.array([2, 1, -1, 0], np.int32),
     )  # fmt: skip
     smooth = hits.normals(smooth=True)
     np.testing.assert_array_equal(smooth[1], hits.normals[1])

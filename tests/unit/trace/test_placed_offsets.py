@@ -79,7 +79,7 @@ def find_hopeless(hits, origins, is_inside):
 
     How far they have moved is known to the rounding of their world coordinates.
     """
-    arrays = hits.scene_surface.arrays
+    arrays = hits.surface.arrays
     if len(arrays.spheres) == 0:
         return np.zeros(len(hits), bool)
     inverse = arrays.inverse[hits.instance_id]

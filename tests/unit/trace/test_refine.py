@@ -6,8 +6,8 @@ import pytest
 from clbvh import Mesh
 from clbvh.structs import HIT
 from clbvh.trace.hits.refine import RefinedHits, refine_closest
-from clbvh.trace.hits.scene_arrays import lone_arrays
 from clbvh.trace.rays.batch import read_rays
+from clbvh.trace.world.surface_arrays import lone_arrays
 
 MESH = Mesh.from_arrays([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]])
 BESIDE = 2.0**-30

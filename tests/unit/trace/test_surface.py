@@ -6,7 +6,7 @@ import pytest
 import clbvh
 from clbvh.errors import ConfigError
 from clbvh.trace.hits.hits import Hits
-from clbvh.trace.hits.surface import SceneSurface
+from clbvh.trace.hits.surface import Surface
 
 KNOT = clbvh.make_shape("knot", triangles=2000)
 BALLS = clbvh.Spheres(np.random.default_rng(7).normal(size=(40, 3)), np.linspace(0.01, 1, 40))
@@ -14,7 +14,7 @@ BALLS = clbvh.Spheres(np.random.default_rng(7).normal(size=(40, 3)), np.linspace
 
 def place(shapes, geometry_id, transforms):
     names = [shape.name for shape in shapes]
-    return SceneSurface.from_shapes(shapes, names, np.asarray(geometry_id), np.asarray(transforms))
+    return Surface.from_shapes(shapes, names, np.asarray(geometry_id), np.asarray(transforms))
 
 
 def random_transforms(count, generator):
@@ -34,13 +34,13 @@ def random_hits(surface, count, generator):
     return Hits(
         np.where(is_hit, 1.0, np.inf), u, v, np.where(is_hit, prim_id, -1).astype(np.int32),
         is_front=is_hit & (generator.random(count) < 0.5),
-        scene_surface=surface, known_instance_id=np.where(is_hit, instance_id, -1).astype(np.int32),
+        surface=surface, known_instance_id=np.where(is_hit, instance_id, -1).astype(np.int32),
     )  # fmt: skip
 
 
 def corners_of(hits, hit):
     """(3, 3) float64: the corners of a triangle that was hit, in its object's coordinates."""
-    mesh = hits.scene_surface.shapes[hits.geometry_id[hit]]
+    mesh = hits.surface.shapes[hits.geometry_id[hit]]
     return mesh.vertices[mesh.faces[hits.prim_id[hit]]]
 
 
@@ -50,8 +50,8 @@ def ball_normal(hits, hit):
 
 
 def expected_point(hits, hit):
-    transform = hits.scene_surface.arrays.linear[hits.instance_id[hit]], hits.scene_surface.arrays.offset
-    shape = hits.scene_surface.shapes[hits.geometry_id[hit]]
+    transform = hits.surface.arrays.linear[hits.instance_id[hit]], hits.surface.arrays.offset
+    shape = hits.surface.shapes[hits.geometry_id[hit]]
     if isinstance(shape, clbvh.Spheres):
         prim = hits.prim_id[hit]
         point = shape.centres[prim] + shape.radii[prim] * ball_normal(hits, hit)
@@ -83,7 +83,7 @@ def test_ids_of_hits_in_a_scene():
     nothing = np.zeros(4)
     hits = Hits(
         nothing, nothing, nothing, np.array([5, 6, -1, 7], np.int32),
-        scene_surface=surface, known_instance_id=np.array([0, 1, -1, 2], np.int32),
+        surface=surface, known_instance_id=np.array([0, 1, -1, 2], np.int32),
     )  # fmt: skip
     assert hits.mesh is None
     assert hits.geometry_id.tolist() == [1, 0, -1, 1]
@@ -108,7 +108,7 @@ def test_ids_of_hits_of_a_mesh_are_zero_for_hits():
 def test_an_empty_scene_has_misses_only():
     surface = place([], np.empty(0, int), np.empty((0, 4, 4)))
     misses = np.full(2, -1, np.int32)
-    hits = Hits(np.full(2, np.inf), *np.zeros((2, 2)), misses, scene_surface=surface, known_instance_id=misses)
+    hits = Hits(np.full(2, np.inf), *np.zeros((2, 2)), misses, surface=surface, known_instance_id=misses)
     assert hits.geometry_id.tolist() == [-1, -1]
     assert np.isnan(hits.locations).all()
     assert np.isnan(hits.normals).all()
@@ -146,11 +146,11 @@ def test_normals_of_a_mirrored_object_stay_on_its_outer_side():
     assert surface.arrays.is_mirrored.all()
     faces = np.arange(sphere.face_count, dtype=np.int32)
     third = np.full(len(faces), 1 / 3)
-    hits = Hits(third, third, third, faces, scene_surface=surface, known_instance_id=0 * faces)
+    hits = Hits(third, third, third, faces, surface=surface, known_instance_id=0 * faces)
     assert ((hits.normals * hits.locations).sum(axis=1) > 0.9).all()
     balls = Hits(
         *np.full((3, 40), 0.125), np.arange(40, dtype=np.int32),
-        scene_surface=surface, known_instance_id=np.ones(40, np.int32),
+        surface=surface, known_instance_id=np.ones(40, np.int32),
     )  # fmt: skip
     outwards = (balls.locations - BALLS.centres * [-1, 1, 1]) / BALLS.radii[:, None]
     np.testing.assert_allclose(balls.normals, outwards, atol=1e-13)

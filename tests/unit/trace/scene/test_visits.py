@@ -11,9 +11,9 @@ from clbvh import Mesh, Scene, Spheres, Tracer, build, make_shape
 from clbvh.builders.build import build_shape
 from clbvh.geometry.box_mesh import box_mesh
 from clbvh.support.host_threads import HostThreads
-from clbvh.trace.hits.scene_arrays import make_scene_arrays
 from clbvh.trace.oracle.visits import HostTraversal, count_visits
 from clbvh.trace.scene.top_tree import find_boxes
+from clbvh.trace.world.surface_arrays import make_surface_arrays
 
 from ..scene_states import affine, make_state, random_linear
 
@@ -25,7 +25,7 @@ build_top = partial(build, leaf_size=1)
 
 
 def open_traversal(state):
-    boxes = find_boxes(make_scene_arrays(state.shapes, state.geometry_ids, state.transforms))
+    boxes = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
     trees = [build_shape(shape) for shape in state.shapes]
     return HostTraversal.of_scene(state, trees, build_top(box_mesh(*boxes, "boxes")))
 

@@ -67,7 +67,7 @@ _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
 _TRIANGLES, _SPHERES = PRIM_KINDS["triangles"], PRIM_KINDS["spheres"]
 
 
-class SceneArrays(NamedTuple):
+class SurfaceArrays(NamedTuple):
     """What compiled functions need of a scene.
 
     A hit of instance i is on the geometry ``g = geometry_id[i]``, whose primitive p is row ``first_face[g] + p`` of
@@ -135,23 +135,23 @@ class SceneArrays(NamedTuple):
 _ZERO_ROW = np.zeros(1, np.int64)
 
 # The lone mesh; its own arrays are missing.
-_LONE = SceneArrays(
+_LONE = SurfaceArrays(
     np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty((0, 4)), np.array([_TRIANGLES], np.int32),
     _ZERO_ROW, _ZERO_ROW, _ZERO_ROW, np.zeros((1, 3)), np.ones(1), np.zeros((1, 3)),
     np.zeros(1, np.int32), np.eye(3)[None], np.zeros((1, 3)), np.eye(3)[None], np.ones(1), np.zeros(1, np.bool_), True,
 )  # fmt: skip
 
 
-def lone_arrays(mesh: Mesh) -> SceneArrays:
+def lone_arrays(mesh: Mesh) -> SurfaceArrays:
     """Return the arrays of a mesh that lies where its coordinates say; nothing is copied."""
     return _LONE._replace(
         vertices=mesh.vertices, faces=mesh.faces, origin=np.array([mesh.origin]), scale=np.array([mesh.scale])
     )
 
 
-def make_scene_arrays(
+def make_surface_arrays(
     shapes: Sequence[Shape], geometry_id: NDArray[np.integer], transforms: NDArray[np.float64]
-) -> SceneArrays:
+) -> SurfaceArrays:
     """Return the arrays of a scene.
 
     Parameters
@@ -165,7 +165,7 @@ def make_scene_arrays(
 
     Returns
     -------
-    SceneArrays
+    SurfaceArrays
         In a scene of several meshes, 24 bytes for each vertex and 12 for each face are copied; 32
         for each sphere.
 
@@ -191,10 +191,10 @@ def make_scene_arrays(
     return move_instances(no_instances, transforms)
 
 
-def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> SceneArrays:
+def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> SurfaceArrays:
     """Return the boxes of geometries, without their primitives and without instances."""
     empty, no_rows = np.empty(0), np.zeros(len(shapes), np.int64)
-    return SceneArrays(
+    return SurfaceArrays(
         empty.reshape(0, 3), np.empty((0, 3), np.int32), empty.reshape(0, 4),
         np.array([_TRIANGLES if isinstance(shape, Mesh) else _SPHERES for shape in shapes], np.int32),
         no_rows, no_rows, no_rows,
@@ -206,19 +206,19 @@ def _frames_of(shapes: Sequence[Shape], geometry_id: NDArray[np.integer]) -> Sce
     )  # fmt: skip
 
 
-def move_instances(arrays: SceneArrays, transforms: NDArray[np.float64]) -> SceneArrays:
+def move_instances(arrays: SurfaceArrays, transforms: NDArray[np.float64]) -> SurfaceArrays:
     """Return the arrays of a scene whose instances have other transforms; those of the geometries are shared.
 
     Parameters
     ----------
-    arrays : SceneArrays
+    arrays : SurfaceArrays
     transforms : (n, 4, 4) float64
         The map of each instance from object to world.
 
     Raises
     ------
     SceneError
-        See `make_scene_arrays`.
+        See `make_surface_arrays`.
     """
     count = len(transforms)
     moved = arrays._replace(

@@ -1,0 +1,1 @@
+"""What is traced: shapes, instances, and their arrays."""
