@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from clbvh.geometry import Mesh
 from clbvh.structs import NO_PRIM
 from clbvh.support.compiled import compiled
+from clbvh.trace.check.triangle import judge_triangle, make_frame, project
 from clbvh.trace.hits.hits import AllHits, Hits
-from clbvh.trace.oracle.triangle import judge_triangle, make_frame, project
 
 # How far the device's float32 may be off, in units of the rounding of the largest coordinate that the test sees,
 # 2^-24 times the distance from the ray's origin. The watertight test rounds each coordinate about six times.

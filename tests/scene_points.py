@@ -15,8 +15,8 @@ from clbvh.geometry.mesh import Mesh
 from clbvh.structs import NO_PRIM
 from clbvh.support.compiled import compiled
 from clbvh.support.loop_functions import cross, dot, subtract
-from clbvh.trace.oracle.placement import Blur, Placement, SceneLike, place_instances, scene_radius
-from clbvh.trace.oracle.scene_crossings import Rays, find_crossings
+from clbvh.trace.check.instances import Instance, SceneState, Tolerance, find_instances, world_radius
+from clbvh.trace.check.intersections import Rays, find_intersections
 
 # Directions along which crossings are counted, one after the other, until one meets no edge.
 _DIRECTIONS = np.array(
@@ -72,15 +72,15 @@ class ScenePoints:
         Or anything with its fields `shapes`, `geometry_ids`, `transforms` and `masks`.
     mask : int, optional
         Instances whose mask shares no bit with it do not count.
-    blur : Blur, optional
+    blur : Tolerance, optional
         How far the device may be off.
     """
 
-    def __init__(self, scene: SceneLike, mask: int = 0xFFFFFFFF, blur: Blur | None = None) -> None:
+    def __init__(self, scene: SceneState, mask: int = 0xFFFFFFFF, blur: Tolerance | None = None) -> None:
         self._scene = scene
-        self._blur = blur or Blur()
-        all_placements = place_instances(scene)
-        self._size = scene_radius(all_placements) if all_placements else 0.0
+        self._blur = blur or Tolerance()
+        all_placements = find_instances(scene)
+        self._size = world_radius(all_placements) if all_placements else 0.0
         self._all_placements = all_placements
         self._placements = [placed for placed in all_placements if placed.mask & mask]
         self._mask = mask
@@ -177,7 +177,7 @@ class ScenePoints:
             if count == 0 or lie.is_decided.all():
                 return
             rays = Rays.make(points, direction[None], mask=self._mask)
-            crossings = find_crossings(self._scene, rays, self._blur, self._all_placements)
+            crossings = find_intersections(self._scene, rays, self._blur, self._all_placements)
             ray_id = crossings.ray_id
             for column, placed in enumerate(self._placements):
                 if not isinstance(placed.shape, Mesh):
@@ -189,7 +189,7 @@ class ScenePoints:
                 lie.is_inside[is_new, column] = found[is_new] % 2 == 1
                 lie.is_decided[is_new, column] = True
 
-    def _slack(self, placed: Placement, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _slack(self, placed: Instance, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return by how much float32 may be wrong about the distance of points from an instance, world units.
 
         Without an advance to before it: a far point's distance is a large number.
@@ -202,7 +202,7 @@ class ScenePoints:
 
 
 def _find_nearest(
-    placed: Placement, points: NDArray[np.float64], prim: int = NO_PRIM
+    placed: Instance, points: NDArray[np.float64], prim: int = NO_PRIM
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Return distance, point and primitive of one instance for each point; of one primitive, if it is given."""
     seen = placed.to_unit(points)
@@ -223,7 +223,7 @@ def _find_nearest(
     return distance * placed.unit, placed.centre + point * placed.unit, prim_id
 
 
-def _are_in_spheres(placed: Placement, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _are_in_spheres(placed: Instance, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return whether any sphere of an instance contains each point."""
     shape = placed.shape
     assert not isinstance(shape, Mesh)

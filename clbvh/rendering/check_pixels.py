@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValidationError
+from ..trace.check.intersections import Rays
+from ..trace.check.reference import Difference, Reference
 from ..trace.hits.hits import Hits
-from ..trace.oracle.scene_crossings import Rays
-from ..trace.oracle.scene_reference import SceneDifference, SceneReference
 from .cut import Cut
 from .picture import Picture
 
@@ -51,20 +51,20 @@ def check_pixels(picture: Picture) -> Picture:
     return replace(picture, validated_pixels=len(pixels))
 
 
-def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[SceneDifference]:
+def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[Difference]:
     height, width = picture.found.shape
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
     # Pictures show all instances but those that no ray sees.
-    reference = SceneReference(picture.world.state)
+    reference = Reference(picture.world.state)
     if picture.cut is not None:
         return _find_differences_beside(picture.cut, reference, origins, directions, hits)
     return reference.find_differences(Rays.make(origins, directions), hits)
 
 
 def _find_differences_beside(
-    cut: Cut, reference: SceneReference, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
-) -> Sequence[SceneDifference]:
+    cut: Cut, reference: Reference, origins: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+) -> Sequence[Difference]:
     """Compare the hits before a cut, and, of the rays that have none there, those behind it."""
     begin, end = cut.ranges(origins, directions)
     is_cut = begin <= end
@@ -72,7 +72,7 @@ def _find_differences_beside(
     behind = np.maximum(end, 0.0)
     is_before = hits.is_hit & (hits.t <= before)
 
-    differences: list[SceneDifference] = []
+    differences: list[Difference] = []
     for chosen, t_min, t_max in (
         (is_before, np.zeros_like(before), before),
         (~is_before & is_cut, behind, np.full_like(behind, np.inf)),
@@ -90,5 +90,5 @@ def _find_differences_beside(
         ray = int(rays[number])
         expected = float(nearest.t[number]), int(nearest.instance_id[number]), int(nearest.prim_id[number])
         obtained = float(hits.t[ray]), int(hits.instance_id[ray]), int(hits.prim_id[ray])
-        differences.append(SceneDifference(ray, "a primitive before the cut is surely hit", obtained, expected))
+        differences.append(Difference(ray, "a primitive before the cut is surely hit", obtained, expected))
     return differences

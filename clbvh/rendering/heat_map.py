@@ -16,7 +16,7 @@ from ..bvh import Bvh
 from ..errors import ConfigError
 from ..geometry import Mesh
 from ..support.host_threads import HostThreads
-from ..trace.oracle.visits import HostTraversal, Visits, count_visits
+from ..trace.check.visits import HostTraversal, Visits, count_visits
 from .cameras.camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
 from .world import World

@@ -28,7 +28,7 @@ OTHER_LIBRARIES = (
 # Builders, readers and references that nobody asked for.
 OTHER_PARTS = (
     "clbvh.builders.hlbvh", "clbvh.builders.ladder.steps", "clbvh.builders.reinsertion", "clbvh.geometry.loading.gltf",
-    "clbvh.geometry.loading.obj", "clbvh.trace.oracle.scene_reference",
+    "clbvh.geometry.loading.obj", "clbvh.trace.check.reference",
 )  # fmt: skip
 
 HIT = """

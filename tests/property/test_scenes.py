@@ -8,14 +8,14 @@ import clbvh
 from clbvh import Mesh, Tracer
 from clbvh.builders.build import build_over
 from clbvh.structs import LAYOUT_WIDTHS
+from clbvh.trace.check import intersections
+from clbvh.trace.check.instances import Tolerance, find_instances
+from clbvh.trace.check.intersections import Rays, find_intersections
+from clbvh.trace.check.reference import Reference
 from clbvh.trace.device_tree import BRUTE
-from clbvh.trace.oracle import scene_crossings
-from clbvh.trace.oracle.placement import Blur, place_instances
-from clbvh.trace.oracle.scene_crossings import Rays, find_crossings
-from clbvh.trace.oracle.scene_reference import SceneReference
 
+from ..all_hits_reference import find_wrong_crossings
 from ..profiles import examples, seeds
-from ..scene_crossings import find_wrong_crossings
 from ..state_tracer import StateTracer, open_tracer
 from ..unit.trace.scene_states import affine, flatten, make_state
 from .random_scenes import KINDS, LINEAR, MESH_KINDS, RAY_MASKS, RAYS, make_scene, random_scenes, scale_scene
@@ -79,11 +79,11 @@ def make_limits(scene, first):
 
 def check_against_the_oracle(scene, answers, limits):
     """Compare all answers with the oracle's; return the number of rays whose closest hit is decided."""
-    reference = SceneReference(scene.state)
+    reference = Reference(scene.state)
     decided = 0
     for suffix, given_limits in (("", {}), (", limits", limits)):
         rays = Rays.make(scene.origins, scene.directions, **given_limits)
-        known = reference.crossings(rays)
+        known = reference.intersections(rays)
         closest, crossings = answers["closest_hit" + suffix], answers["all_hits" + suffix]
         assert [str(one) for one in reference.find_differences(rays, closest, known)] == []
         assert find_wrong_crossings(reference, rays, crossings, known).tolist() == []
@@ -208,8 +208,8 @@ def test_meshes_are_hit_as_in_the_flattened_mesh(opened, scene):
         flat, ids = Mesh.from_arrays(vertices, faces[keep]), ids[keep]
     with Tracer(flat, device=opened.info) as tracer:
         flat_hits = tracer.closest_hit(scene.origins, scene.directions)
-    one = SceneReference(scene.state).closest_hit(rays)
-    other = SceneReference(make_state([flat], (0, affine()))).closest_hit(rays)
+    one = Reference(scene.state).closest_hit(rays)
+    other = Reference(make_state([flat], (0, affine()))).closest_hit(rays)
     both = one.is_decided & other.is_decided
     named = np.where(flat_hits.is_hit[:, None], ids[flat_hits.prim_id], -1)[both]
     np.testing.assert_array_equal(np.column_stack((hits.instance_id, hits.prim_id))[both], named)
@@ -254,7 +254,7 @@ def test_the_first_of_all_hits_is_the_closest_one_far_away(opened):
 def test_the_oracle_leaves_out_no_instance_that_a_ray_may_meet(scene):
     """Instances that a ray passes by are left out of it before anything else is computed of them."""
     rays = Rays.make(scene.origins, scene.directions, mask=scene.generator.choice(RAY_MASKS, len(scene.origins)))
-    found = find_crossings(scene.state, rays)
+    found = find_intersections(scene.state, rays)
 
     def find_all(bound, origins, directions, masks, near):
         seen = np.flatnonzero(masks & bound.mask)
@@ -262,8 +262,8 @@ def test_the_oracle_leaves_out_no_instance_that_a_ray_may_meet(scene):
         return len(seen)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scene_crossings, "_find_near", find_all)
-        expected = find_crossings(scene.state, rays)
+        patch.setattr(intersections, "_find_near", find_all)
+        expected = find_intersections(scene.state, rays)
     for name in expected._fields:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
 
@@ -271,10 +271,10 @@ def test_the_oracle_leaves_out_no_instance_that_a_ray_may_meet(scene):
 def test_most_instances_are_left_out():
     """So that the test above can fail, and the oracle is as fast as it is meant to be."""
     scene = make_scene(3, ("cube", "ball"), tuple(LINEAR))
-    bound = scene_crossings._bound(place_instances(scene.state)[0], Blur(), 100.0)
+    bound = intersections._bound(find_instances(scene.state)[0], Tolerance(), 100.0)
     directions = scene.directions / np.linalg.norm(scene.directions, axis=1)[:, None]
     masks, near = np.full(RAYS, 2**32 - 1, np.uint32), np.empty(RAYS, np.int64)
-    assert 0 < scene_crossings._find_near(bound, scene.origins, directions, masks, near) < 0.7 * RAYS
+    assert 0 < intersections._find_near(bound, scene.origins, directions, masks, near) < 0.7 * RAYS
 
 
 def test_workers_build_the_same_trees_and_so_the_same_hits(opened, pools):

@@ -11,7 +11,7 @@ from ...errors import DeviceError
 from ...layouts.device_arrays import measure_device_bytes
 from ...rendering.heat_map import QUANTITIES, count_picture, draw_heat_map
 from ...structs import LAYOUT_WIDTHS
-from ...trace.oracle.visits import HostTraversal, count_wide_visits
+from ...trace.check.visits import HostTraversal, count_wide_visits
 from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..experiment import Experiment, published

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from ...rendering.heat_map import draw_heat_map_of
 from ...support.host_threads import HostThreads, usable_cores
-from ...trace.oracle.visits import HostTraversal
+from ...trace.check.visits import HostTraversal
 from ..bench import Bench
 from ..experiment import Experiment, curve, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import BuildOptions, Mesh, build, make_shape, sah_cost, validate_tree
 from clbvh.builders.reinsertion import build_high as optimise
-from clbvh.trace.oracle.visits import count_visits
+from clbvh.trace.check.visits import count_visits
 
 
 def cast(mesh, count=4000, seed=3):

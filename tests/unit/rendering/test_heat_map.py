@@ -9,7 +9,7 @@ from clbvh import Camera, Fisheye, build, make_shape
 from clbvh.errors import ConfigError
 from clbvh.rendering.cameras.framing import frame_mesh
 from clbvh.rendering.heat_map import _colour_of, count_picture, draw_heat_map, draw_heat_map_of
-from clbvh.trace.oracle.visits import count_visits
+from clbvh.trace.check.visits import count_visits
 
 
 def lightness(colours):

@@ -10,9 +10,9 @@ from clbvh.device.session import DeviceSession
 from clbvh.errors import DeviceError, QueryError
 from clbvh.structs import NO_PRIM
 from clbvh.trace import launch
+from clbvh.trace.check.visits import count_wide_visits
 from clbvh.trace.hits.closest import _cast_rays
 from clbvh.trace.host.walk import count_steps
-from clbvh.trace.oracle.visits import count_wide_visits
 from clbvh.trace.rays.batch import read_rays
 
 from ...profiles import seeds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Tracer, build, make_shape
-from clbvh.trace.oracle.visits import count_visits
+from clbvh.trace.check.visits import count_visits
 
 from ...rays import centred, hard_rays
 from ...soup import make_soup

@@ -7,7 +7,7 @@ import pytest
 
 from clbvh import build, make_shape
 from clbvh.support.host_threads import HostThreads
-from clbvh.trace.oracle.visits import HostTraversal, count_visits, count_wide_visits
+from clbvh.trace.check.visits import HostTraversal, count_visits, count_wide_visits
 
 from ...rays import centred, hard_rays
 from ..hand_made import make_leaf

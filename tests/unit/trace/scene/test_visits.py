@@ -11,7 +11,7 @@ from clbvh import Mesh, Scene, Spheres, Tracer, build, make_shape
 from clbvh.builders.build import build_shape
 from clbvh.geometry.box_mesh import box_mesh
 from clbvh.support.host_threads import HostThreads
-from clbvh.trace.oracle.visits import HostTraversal, count_visits
+from clbvh.trace.check.visits import HostTraversal, count_visits
 from clbvh.trace.scene.top_tree import find_boxes
 from clbvh.trace.world.surface_arrays import make_surface_arrays
 

@@ -8,22 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clbvh.support.compiled import compiled
-from clbvh.trace.oracle.scene_crossings import Crossings, Rays
-from clbvh.trace.oracle.scene_reference import _RIGHT, SceneReference, _ids, _is_twin, _limited, _slack
+from clbvh.trace.check.intersections import Intersections, Rays
+from clbvh.trace.check.reference import _RIGHT, Reference, _ids, _is_twin, _limited, _slack
 
 
 def find_wrong_crossings(
-    reference: SceneReference, rays: Rays, hits: Any, crossings: Crossings | None = None
+    reference: Reference, rays: Rays, hits: Any, intersections: Intersections | None = None
 ) -> NDArray[np.int64]:
     """Return the rays whose crossings cannot be all that there are, or not in this order.
 
     Parameters
     ----------
-    reference : SceneReference
+    reference : Reference
     rays : Rays
     hits : AllHits
         The answers of a traversal for these rays, with their ids.
-    crossings : Crossings, optional
+    intersections : Intersections, optional
         Of these rays, if they are known already.
 
     Returns
@@ -33,7 +33,7 @@ def find_wrong_crossings(
         too often; whose crossings are not in the order of t; or where twins are not in the order of their ids, or
         one of them is missing.
     """
-    known = reference.crossings(rays) if crossings is None else crossings
+    known = reference.intersections(rays) if intersections is None else intersections
     t, instance, prim = _ids(hits)
     is_wrong, meant = np.zeros(len(rays.t_min), np.bool_), np.full(len(t), -1, np.int64)
     offsets = np.asarray(hits.offsets, np.int64)

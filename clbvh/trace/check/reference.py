@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...geometry.mesh import Mesh
 from ...structs import NO_PRIM
 from ...support.compiled import compiled
-from .placement import Blur, Placement, SceneLike, place_instances, scene_radius
-from .scene_crossings import Crossings, Rays, find_crossings
+from .instances import Instance, SceneState, Tolerance, find_instances, world_radius
+from .intersections import Intersections, Rays, find_intersections
 
 # Of u + v, in float64 and in float32.
 _MOST_UV = 1.0 + 2.0**-20
@@ -48,7 +48,7 @@ class ReferenceHits(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SceneDifference:
+class Difference:
     """A ray whose answer is wrong.
 
     Attributes
@@ -86,36 +86,36 @@ _REASONS = {
 }
 
 
-class SceneReference:
+class Reference:
     """Answers about one scene, by every primitive.
 
     Parameters
     ----------
     scene : SceneState
         Or anything with its fields `shapes`, `geometry_ids`, `transforms` and `masks`.
-    blur : Blur, optional
+    blur : Tolerance, optional
         How far the device may be off.
     """
 
-    def __init__(self, scene: SceneLike, blur: Blur | None = None) -> None:
+    def __init__(self, scene: SceneState, blur: Tolerance | None = None) -> None:
         self._scene = scene
-        self._blur = blur or Blur()
-        self._placements = place_instances(scene)
+        self._blur = blur or Tolerance()
+        self._placements = find_instances(scene)
 
-    def crossings(self, rays: Rays) -> Crossings:
+    def intersections(self, rays: Rays) -> Intersections:
         """Return every crossing that there can be."""
-        return find_crossings(self._scene, rays, self._blur, self._placements)
+        return find_intersections(self._scene, rays, self._blur, self._placements)
 
-    def closest_hit(self, rays: Rays, crossings: Crossings | None = None) -> ReferenceHits:
+    def closest_hit(self, rays: Rays, intersections: Intersections | None = None) -> ReferenceHits:
         """Return the nearest crossing of each ray that is sure; at equal t that of the smaller (instance, primitive).
 
         Parameters
         ----------
         rays : Rays
-        crossings : Crossings, optional
+        intersections : Intersections, optional
             Of these rays, if they are known already.
         """
-        known = self.crossings(rays) if crossings is None else crossings
+        known = self.intersections(rays) if intersections is None else intersections
         first, is_decided = np.empty(len(rays.t_min), np.int64), np.empty(len(rays.t_min), np.bool_)
         _find_closest(known, first, is_decided)
         return ReferenceHits(
@@ -128,10 +128,10 @@ class SceneReference:
 
         A query for any hit is right if it is true where the least is above 0, and false where the greatest is 0.
         """
-        known = self.crossings(rays)
+        known = self.intersections(rays)
         return known.sure_counts, np.diff(known.offsets)
 
-    def find_differences(self, rays: Rays, hits: Any, crossings: Crossings | None = None) -> list[SceneDifference]:
+    def find_differences(self, rays: Rays, hits: Any, intersections: Intersections | None = None) -> list[Difference]:
         """Return the rays whose closest hit cannot be right.
 
         Parameters
@@ -139,17 +139,17 @@ class SceneReference:
         rays : Rays
         hits : Hits
             The answers of a traversal for these rays, with their ids.
-        crossings : Crossings, optional
+        intersections : Intersections, optional
             Of these rays, if they are known already.
 
         Returns
         -------
-        list of SceneDifference
+        list of Difference
             A hit is right when its primitive is crossed, or too close to call, at that t; u and v name a point of it on
             the ray; and no primitive is surely crossed before it, nor a twin of it has smaller ids. A miss is right
             when no primitive is surely crossed.
         """
-        known = self.crossings(rays) if crossings is None else crossings
+        known = self.intersections(rays) if intersections is None else intersections
         t, instance, prim = _ids(hits)
         reasons, meant = np.empty(len(t), np.int64), np.full(len(t), -1, np.int64)
         _judge(known, rays.t_min, rays.t_max, t, instance, prim, reasons, meant)
@@ -159,7 +159,7 @@ class SceneReference:
         reasons[(prim == NO_PRIM) & (miss_ids != NO_PRIM).any(axis=0)] = _MISS_WITH_T
         expected = self.closest_hit(rays, known)
         return [
-            SceneDifference(
+            Difference(
                 int(ray), _REASONS[int(reasons[ray])], (float(t[ray]), int(instance[ray]), int(prim[ray])),
                 (float(expected.t[ray]), int(expected.instance_id[ray]), int(expected.prim_id[ray])),
             )
@@ -170,7 +170,7 @@ class SceneReference:
         self,
         rays: Rays,
         hits: Any,
-        known: Crossings,
+        known: Intersections,
         indices: NDArray[np.int64],
         ray_ids: NDArray[np.int64],
         meant: NDArray[np.int64],
@@ -184,7 +184,7 @@ class SceneReference:
         geometry = np.asarray(hits.geometry_id, np.int64).reshape(-1)
         u, v = (np.asarray(values, np.float64).reshape(-1) for values in (hits.u, hits.v))
         is_refined = np.asarray(hits.t).dtype == np.float64
-        size = scene_radius(self._placements) if self._placements else 0.0
+        size = world_radius(self._placements) if self._placements else 0.0
         named = instance[indices]
         for instance_id in np.unique(named).tolist():
             placed, mine = self._placements[instance_id], np.flatnonzero(named == instance_id)
@@ -234,14 +234,14 @@ class _Seen(NamedTuple):
     blurs: NDArray[np.float64]
 
 
-def _see(placed: Placement, blur: Blur, size: float, rays: Rays, of_rays: NDArray[np.int64]) -> _Seen:
+def _see(placed: Instance, blur: Tolerance, size: float, rays: Rays, of_rays: NDArray[np.int64]) -> _Seen:
     origins = placed.to_unit(rays.origins[of_rays])
     directions = rays.directions[of_rays] / rays.lengths[of_rays, None]
     return _Seen(origins, directions, placed.blurs(blur, origins, size)[0])
 
 
 def _place_points(
-    placed: Placement, prims: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
+    placed: Instance, prims: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the points (u, v) of primitives in the instance's unit, and whether they are in the primitives."""
     shape = placed.shape
@@ -258,7 +258,7 @@ def _place_points(
 
 
 def _see_triangles(
-    placed: Placement, prims: NDArray[np.int64], seen: _Seen
+    placed: Instance, prims: NDArray[np.int64], seen: _Seen
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how the device's own u and v magnify the blur, and the sine of the angle between ray and triangle.
 

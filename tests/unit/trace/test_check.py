@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from clbvh import Mesh, Spheres, make_shape
-from clbvh.trace.oracle.placement import Blur, place_instances, scene_radius
-from clbvh.trace.oracle.scene_crossings import Rays
-from clbvh.trace.oracle.scene_reference import SceneReference
+from clbvh.trace.check.instances import Tolerance, find_instances, world_radius
+from clbvh.trace.check.intersections import Rays
+from clbvh.trace.check.reference import Reference
 
-from ...scene_crossings import find_wrong_crossings
+from ...all_hits_reference import find_wrong_crossings
 from .scene_states import affine, make_state, random_linear, turn
 
 SQUARE = Mesh.from_arrays([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
@@ -28,7 +28,7 @@ MISS = hit(np.inf, -1, -1, -1, 0.0, 0.0)
 
 
 def reasons(state, ray, hits, **limits):
-    return [found.reason for found in SceneReference(state).find_differences(Rays.make(*ray, **limits), hits)]
+    return [found.reason for found in Reference(state).find_differences(Rays.make(*ray, **limits), hits)]
 
 
 class TestTriangles:
@@ -40,7 +40,7 @@ class TestTriangles:
 
     def test_the_formula_is_right(self):
         assert reasons(self.STATE, self.DOWN, self.RIGHT) == []
-        found = SceneReference(self.STATE).closest_hit(Rays.make(*self.DOWN))
+        found = Reference(self.STATE).closest_hit(Rays.make(*self.DOWN))
         assert (found.t, found.instance_id, found.geometry_id, found.prim_id) == (2.0, 0, 0, 0)
         assert found.is_decided
 
@@ -71,7 +71,7 @@ class TestTriangles:
             assert reasons(self.STATE, away, wrong) == ["a miss has no t and no ids"]
 
     def test_a_difference_is_one_sentence(self):
-        (found,) = SceneReference(self.STATE).find_differences(Rays.make(*self.DOWN), MISS)
+        (found,) = Reference(self.STATE).find_differences(Rays.make(*self.DOWN), MISS)
         assert str(found) == (
             "ray 0: obtained t = inf on primitive -1 of instance -1, expected t = 2 on primitive 0 of instance 0: "
             "a primitive is surely hit"
@@ -80,13 +80,13 @@ class TestTriangles:
     def test_near_an_edge_it_cannot_be_decided(self):
         for beside, decided in ((1e-7, False), (-1e-7, False), (1e-3, True), (-1e-3, True)):
             rays = Rays.make([[1 + beside, 0.25, 2]], [[0, 0, -1]])
-            found = SceneReference(self.STATE).closest_hit(rays)
+            found = Reference(self.STATE).closest_hit(rays)
             assert found.is_decided[0] == decided, beside
             assert found.prim_id[0] >= 0 if beside == -1e-3 else True
-            assert len(SceneReference(self.STATE).find_differences(rays, MISS)) == (beside == -1e-3)
+            assert len(Reference(self.STATE).find_differences(rays, MISS)) == (beside == -1e-3)
 
     def test_limits(self):
-        reference = SceneReference(self.STATE)
+        reference = Reference(self.STATE)
         for limits, expected, decided in (
             ({"t_min": 2.5}, 1, True), ({"t_max": 1.5}, -1, True), ({"t_min": 2.5, "t_max": 2.75}, -1, True),
             ({"t_max": 2.0}, -1, False), ({"t_min": 2.0}, 1, False),
@@ -108,21 +108,21 @@ class TestTriangles:
         t = generator.uniform(0.5, 2, 50)
         directions = generator.normal(size=(50, 3)) * scale
         rays = Rays.make(points - t[:, None] * directions, directions)
-        found = SceneReference(state).closest_hit(rays)
+        found = Reference(state).closest_hit(rays)
         assert found.is_decided.sum() > 40
         assert (found.prim_id[found.is_decided] == 0).all()
         np.testing.assert_allclose(found.t[found.is_decided], t[found.is_decided], rtol=1e-6)
         hits = hit(t, np.zeros(50, int), np.zeros(50, int), np.zeros(50, int), u, v)
-        assert SceneReference(state).find_differences(rays, hits) == []
+        assert Reference(state).find_differences(rays, hits) == []
         hits.u = u + 0.01
-        assert len(SceneReference(state).find_differences(rays, hits)) == 50
+        assert len(Reference(state).find_differences(rays, hits)) == 50
 
 
 class TestTies:
     def test_of_coincident_instances_the_first_wins(self):
         state = make_state([SQUARE], (0, affine(SHEAR)), (0, affine(SHEAR)), (0, affine(SHEAR), 2))
         ray = ([[0.5, 0.125, 2]], [[0, 0, -1]])
-        found = SceneReference(state).closest_hit(Rays.make(*ray))
+        found = Reference(state).closest_hit(Rays.make(*ray))
         assert found.is_decided
         assert found.instance_id == 0
         u, v = 0.15625, 0.5625
@@ -147,13 +147,13 @@ class TestTies:
     def test_instances_that_only_touch_are_undecided(self):
         state = make_state([SQUARE], (0, affine()), (0, affine((1, 1, 2))))
         ray = ([[0.5, 0.25, 2]], [[0, 0, -1]])
-        assert not SceneReference(state).closest_hit(Rays.make(*ray)).is_decided
+        assert not Reference(state).closest_hit(Rays.make(*ray)).is_decided
         for instance in (0, 1):
             assert reasons(state, ray, hit(2.0, instance, 0, 0, 0.125, 0.625)) == []
 
 
 def all_hits(*rows):
-    """Crossings (t, instance, prim, u, v) of one ray; the geometry's id is 0."""
+    """Intersections (t, instance, prim, u, v) of one ray; the geometry's id is 0."""
     t, instance, prim, u, v = np.array(rows, np.float64).reshape(-1, 5).T
     hits = hit(t, instance.astype(int), np.zeros(len(t), int), prim.astype(int), u, v)
     hits.offsets = np.array([0, len(t)])
@@ -168,11 +168,11 @@ class TestAllCrossings:
     ROWS = ((1, 0, 0, 0.125, 0.625), (1, 2, 0, 0.125, 0.625), (2, 1, 0, 0.125, 0.625))
 
     def wrong(self, *rows):
-        return find_wrong_crossings(SceneReference(self.STATE), Rays.make(*self.RAY), all_hits(*rows)).tolist()
+        return find_wrong_crossings(Reference(self.STATE), Rays.make(*self.RAY), all_hits(*rows)).tolist()
 
     def test_the_formula_is_right(self):
         assert self.wrong(*self.ROWS) == []
-        assert SceneReference(self.STATE).count_range(Rays.make(*self.RAY)) == (3, 3)
+        assert Reference(self.STATE).count_range(Rays.make(*self.RAY)) == (3, 3)
 
     @pytest.mark.parametrize("missing", range(3))
     def test_a_missing_one_is_found(self, missing):
@@ -194,7 +194,7 @@ class TestAllCrossings:
         assert self.wrong(*self.ROWS[:2], (2.0001, 1, 0, 0.125, 0.625)) == [0]
 
     def test_the_twin_of_one_at_an_edge_is_there_or_both_are_not(self):
-        reference = SceneReference(self.STATE)
+        reference = Reference(self.STATE)
         rays = Rays.make([[1.0, 0.25, 2]], [[0, 0, -1]])
         first, second, third = ((t, instance, prim, 0.375, 0.625) for t, instance, prim, _, _ in self.ROWS)
         for rows, expected in (((first, second, third), []), ((first, second), []), ((), []), ((first, third), [0])):
@@ -204,23 +204,23 @@ class TestAllCrossings:
 class TestSpheres:
     def test_both_crossings_by_formula(self):
         state = make_state([BALL], (0, affine((2, 1, 1), (0, 0, 5))))
-        reference = SceneReference(state)
+        reference = Reference(state)
         rays = Rays.make([[-4, 0, 5], [0, 0, 5], [4, 0, 5], [0, 0, 0]], [[2, 0, 0], [0, 1, 0], [2, 0, 0], [0, 0, 1]])
         assert [part.tolist() for part in reference.count_range(rays)] == [[2, 1, 0, 2], [2, 1, 0, 2]]
-        found = reference.crossings(rays)
+        found = reference.intersections(rays)
         np.testing.assert_allclose(found.t, [1, 3, 1, 4, 6], rtol=1e-12)
         assert found.side.tolist() == [-1, 1, 1, -1, 1]
         np.testing.assert_allclose(reference.closest_hit(rays).t, [1, 1, np.inf, 4], rtol=1e-12)
 
     def test_a_tangent_is_undecided(self):
-        reference = SceneReference(make_state([BALL], (0, affine())))
+        reference = Reference(make_state([BALL], (0, affine())))
         for beside, least, most in ((1 - 1e-7, 0, 2), (1 + 1e-7, 0, 2), (1 - 1e-4, 2, 2), (1 + 1e-4, 0, 0)):
             counts = reference.count_range(Rays.make([[beside, 0, -3]], [[0, 0, 1]]))
             assert counts == (least, most), beside
 
     def test_near_a_tangent_t_may_be_anywhere_on_the_chord(self):
-        reference = SceneReference(make_state([BALL], (0, affine())))
-        found = reference.crossings(Rays.make([[1 - 1e-6, 0, -3]], [[0, 0, 1]]))
+        reference = Reference(make_state([BALL], (0, affine())))
+        found = reference.intersections(Rays.make([[1 - 1e-6, 0, -3]], [[0, 0, 1]]))
         # Half of it is the root of 2e-6.
         assert (found.t_low <= 3).all()
         assert (found.t_high >= 3).all()
@@ -249,7 +249,7 @@ class TestSpheres:
         o, d = ((np.linalg.inv(linear) @ values.T).T for values in (origins - move, directions))
         a, b, c = (d * d).sum(axis=1), (o * d).sum(axis=1), (o * o).sum(axis=1) - 1
         root = np.sqrt(b * b - a * c)
-        found = SceneReference(state).crossings(Rays.make(origins, directions))
+        found = Reference(state).intersections(Rays.make(origins, directions))
         for side, t in ((-1, (-b - root) / a), (1, (-b + root) / a)):
             seen = found.side == side
             ray = found.ray_id[seen]
@@ -262,14 +262,14 @@ class TestTheBlur:
         state = make_state([SQUARE], (0, affine()))
         widths = []
         for height in (1.0, 10.0, 100.0, 1000.0):
-            found = SceneReference(state).crossings(Rays.make([[0.5, 0.25, height]], [[0, 0, -1]]))
+            found = Reference(state).intersections(Rays.make([[0.5, 0.25, height]], [[0, 0, -1]]))
             widths.append(float(found.t_high[0] - found.t_low[0]))
         assert widths[0] < widths[1] < widths[2]
         assert widths[3] == pytest.approx(widths[2], rel=1e-4)
 
     def test_a_scale_along_axes_does_not_matter_and_a_shear_does(self):
         growths = [
-            place_instances(make_state([SQUARE], (0, affine(linear))))[0].growth
+            find_instances(make_state([SQUARE], (0, affine(linear))))[0].growth
             for linear in ((1, 1, 1), (1, 1e-3, 1e3), SHEAR, turn(2, 0.5))
         ]
         assert growths[:2] == [1, 1]
@@ -279,25 +279,25 @@ class TestTheBlur:
     def test_it_is_a_parameter(self):
         state = make_state([SQUARE], (0, affine()))
         rays = Rays.make([[1 - 1e-3, 0.25, 2]], [[0, 0, -1]])
-        assert SceneReference(state).closest_hit(rays).is_decided
-        assert not SceneReference(state, replace(Blur(), entering=2.0**-8)).closest_hit(rays).is_decided
+        assert Reference(state).closest_hit(rays).is_decided
+        assert not Reference(state, replace(Tolerance(), entering=2.0**-8)).closest_hit(rays).is_decided
 
     def test_far_away_instances_are_compared_in_float32(self):
         far = (0, 0, -1e7)
         state = make_state([SQUARE], (0, affine(offset=far)), (0, affine(offset=(0, 0, -1e7 - 0.5))), (0, affine()))
         down = ([[0.5, 0.25, -3]], [[0, 0, -1]])
-        assert not SceneReference(state).closest_hit(Rays.make(*down)).is_decided
+        assert not Reference(state).closest_hit(Rays.make(*down)).is_decided
         # One of them alone is as certain as one here.
-        found = SceneReference(state).crossings(Rays.make(*down))
+        found = Reference(state).intersections(Rays.make(*down))
         assert (found.t_high - found.t_low < 4e-4).all()
 
 
 def test_an_empty_scene_has_no_hits():
     state = make_state([SQUARE])
     rays = Rays.make([[0, 0, 1]], [[0, 0, -1]])
-    assert SceneReference(state).closest_hit(rays).prim_id == -1
-    assert SceneReference(state).find_differences(rays, MISS) == []
-    assert len(find_wrong_crossings(SceneReference(state), rays, all_hits())) == 0
+    assert Reference(state).closest_hit(rays).prim_id == -1
+    assert Reference(state).find_differences(rays, MISS) == []
+    assert len(find_wrong_crossings(Reference(state), rays, all_hits())) == 0
 
 
 def test_a_placed_icosphere_agrees_with_its_flattened_mesh():
@@ -309,7 +309,7 @@ def test_a_placed_icosphere_agrees_with_its_flattened_mesh():
     targets = move + generator.normal(size=(500, 3)) @ linear.T / 2
     origins = move + generator.normal(size=(500, 3)) * 4
     rays = Rays.make(origins, targets - origins)
-    one, other = SceneReference(placed).closest_hit(rays), SceneReference(flat).closest_hit(rays)
+    one, other = Reference(placed).closest_hit(rays), Reference(flat).closest_hit(rays)
     both = one.is_decided & other.is_decided
     assert both.sum() > 450
     np.testing.assert_array_equal(one.prim_id[both], other.prim_id[both])
@@ -319,4 +319,4 @@ def test_a_placed_icosphere_agrees_with_its_flattened_mesh():
 
 def test_the_size_of_a_scene_is_that_of_all_instances():
     state = make_state([BALL], (0, affine(offset=(-3, 0, 0))), (0, affine(offset=(3, 0, 0))))
-    assert scene_radius(place_instances(state)) == pytest.approx(np.sqrt(16 + 1 + 1), rel=0.3)
+    assert world_radius(find_instances(state)) == pytest.approx(np.sqrt(16 + 1 + 1), rel=0.3)

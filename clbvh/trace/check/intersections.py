@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from ...geometry.mesh import Mesh
 from ...geometry.spheres import Shape
 from ...support.compiled import compiled
-from .placement import Blur, Placement, SceneLike, place_instances, scene_radius
+from .instances import Instance, SceneState, Tolerance, find_instances, world_radius
 from .triangle import judge_triangle, make_frame, project
 
-# Crossings that there is room for at first, for each ray of an instance.
+# Intersections that there is room for at first, for each ray of an instance.
 _FIRST_ROOM = 4
 
-# The rays of a scene are advanced to within this many times `Blur.near` radii of it; beyond, t does not grow.
+# The rays of a scene are advanced to within this many times `Tolerance.near` radii of it; beyond, t does not grow.
 _ADVANCED = 2.0
 
 # Room for rounding where a ray is said to pass an instance by, as a share of the bound and of the way to the instance;
@@ -69,8 +69,8 @@ class Rays(NamedTuple):
         return cls(np.ascontiguousarray(one), np.ascontiguousarray(other), least, most, masks, lengths)
 
 
-class Crossings(NamedTuple):
-    """Crossings that there can be, ray by ray, each ray's in the order of (t, instance, primitive).
+class Intersections(NamedTuple):
+    """Intersections that there can be, ray by ray, each ray's in the order of (t, instance, primitive).
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Crossings(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Crossings of one instance: index of the ray, primitive, side, whether it is sure, and distances along the ray."""
+    """Intersections of one instance: ray, primitive, side, whether it is sure, and distances along the ray."""
 
     rays: NDArray[np.int64]
     prims: NDArray[np.int64]
@@ -141,28 +141,28 @@ class _SeenRays(NamedTuple):
     local_blurs: NDArray[np.float64]
 
 
-def find_crossings(
-    scene: SceneLike, rays: Rays, blur: Blur | None = None, known_placements: list[Placement] | None = None
-) -> Crossings:
+def find_intersections(
+    scene: SceneState, rays: Rays, blur: Tolerance | None = None, known_placements: list[Instance] | None = None
+) -> Intersections:
     """Return every crossing that there can be.
 
     Parameters
     ----------
     scene : SceneState
     rays : Rays
-    blur : Blur, optional
+    blur : Tolerance, optional
         How far the device may be off.
-    known_placements : list of Placement, optional
-        What `place_instances` returns for the scene.
+    known_placements : list of Instance, optional
+        What `find_instances` returns for the scene.
 
     Notes
     -----
     O(rays x primitives of all instances), less those whose bounding sphere a ray passes by.
     """
-    granted = blur or Blur()
-    placements = place_instances(scene) if known_placements is None else known_placements
+    granted = blur or Tolerance()
+    placements = find_instances(scene) if known_placements is None else known_placements
     twins = _find_twins(scene)
-    size = scene_radius(placements) if placements else 0.0
+    size = world_radius(placements) if placements else 0.0
     with np.errstate(over="ignore"):
         slack_of_rays = granted.order * _ADVANCED * granted.near * size / rays.lengths
     longest = np.abs(rays.directions).max(axis=1, keepdims=True)
@@ -180,7 +180,7 @@ def find_crossings(
 class _Bound(NamedTuple):
     """The sphere around an instance, its mask, and what blurs rays of it; lengths as shares of `size`, of the scene.
 
-    `entering` is that of `Blur` times the growth, and from farther away than `near` it does not grow.
+    `entering` is that of `Tolerance` times the growth, and from farther away than `near` it does not grow.
     """
 
     x: float
@@ -194,7 +194,7 @@ class _Bound(NamedTuple):
     size: float
 
 
-def _bound(placed: Placement, blur: Blur, size: float) -> _Bound:
+def _bound(placed: Instance, blur: Tolerance, size: float) -> _Bound:
     size = size if size > 0.0 else 1.0
     x, y, z = placed.centre.tolist()
     radius = placed.radius * (placed.unit / size)
@@ -228,16 +228,16 @@ def _find_near(bound, origins, directions, masks, near):
 
 
 def _cross(
-    placed: Placement,
+    placed: Instance,
     rays: Rays,
     directions: NDArray[np.float64],
     near: NDArray[np.int64],
-    blur: Blur,
+    blur: Tolerance,
     size: float,
     slack_of_rays: NDArray[np.float64],
     twins: _Twins,
 ) -> tuple[NDArray, ...]:
-    """Return the fields of `Crossings` of one instance and some rays, with the ray in place of the offsets."""
+    """Return the fields of `Intersections` of one instance and some rays, with the ray in place of the offsets."""
     seen, indices = _see(placed, rays.origins[near], directions[near], blur, size)
     indices = near[indices]
     found = _find(placed.shape, placed, seen)
@@ -257,7 +257,7 @@ def _cross(
 
 
 def _see(
-    placed: Placement, origins: NDArray[np.float64], directions: NDArray[np.float64], blur: Blur, size: float
+    placed: Instance, origins: NDArray[np.float64], directions: NDArray[np.float64], blur: Tolerance, size: float
 ) -> tuple[_SeenRays, NDArray[np.int64]]:
     """Return the rays that can meet an instance as it sees them, and their indices; the directions are 1 long."""
     origins = placed.to_unit(origins)
@@ -275,7 +275,7 @@ def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.flo
     return np.einsum("ni,ni->n", one, other)
 
 
-def _find(shape: Shape, placed: Placement, seen: _SeenRays) -> _Found:
+def _find(shape: Shape, placed: Instance, seen: _SeenRays) -> _Found:
     """Return the crossings of the rays with the primitives of an instance; distances in units."""
     found = _Found.make(_FIRST_ROOM * len(seen.shifts) + 1)
     while True:
@@ -366,7 +366,7 @@ class _Twins(NamedTuple):
     prims: list[NDArray[np.int64]]
 
 
-def _find_twins(scene: SceneLike) -> _Twins:
+def _find_twins(scene: SceneState) -> _Twins:
     transforms = np.ascontiguousarray(scene.transforms, np.float64).reshape(-1, 16)
     keys = np.concatenate((np.asarray(scene.geometry_ids, np.float64)[:, None], transforms), axis=1)
     prims = []
@@ -386,12 +386,12 @@ def _first_equal(rows: NDArray[np.floating]) -> NDArray[np.int64]:
     return first[inverse.reshape(-1)]
 
 
-def _sort(parts: list[tuple[NDArray, ...]], ray_count: int) -> Crossings:
+def _sort(parts: list[tuple[NDArray, ...]], ray_count: int) -> Intersections:
     if not parts:
         ids, numbers = np.empty(0, np.int64), np.empty(0)
         nothing = ids, ids, ids, numbers, numbers, numbers, numbers, np.empty(0, np.bool_), ids, ids, ids
-        return Crossings(np.zeros(ray_count + 1, np.int64), *nothing)
+        return Intersections(np.zeros(ray_count + 1, np.int64), *nothing)
     ray, *fields = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((fields[2], fields[0], fields[3], ray))
     offsets = np.concatenate(([0], np.cumsum(np.bincount(ray, minlength=ray_count))))
-    return Crossings(offsets, *(values[order] for values in fields))
+    return Intersections(offsets, *(values[order] for values in fields))

@@ -7,12 +7,13 @@ its distance from zero costs a digit.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry.spheres import Shape
+from ...scene.state import SceneState
 
 # Rotations, mirrors and uniform scales in float64 stretch all directions alike, but for this.
 _SIMILAR = 2.0**-40
@@ -24,28 +25,8 @@ _CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T == 1
 _ROOM = 1.0 + 2.0**-20
 
 
-class SceneLike(Protocol):
-    """The fields of a `SceneState` that the oracle reads."""
-
-    @property
-    def shapes(self) -> tuple[Shape, ...]:
-        """The shape of each geometry."""
-
-    @property
-    def geometry_ids(self) -> NDArray[np.int32]:
-        """(n,) int32: the geometry of each instance."""
-
-    @property
-    def transforms(self) -> NDArray[np.float64]:
-        """(n, 4, 4) float64: from a geometry's coordinates to the world's."""
-
-    @property
-    def masks(self) -> NDArray[np.uint32]:
-        """(n,) uint32."""
-
-
 @dataclass(frozen=True)
-class Blur:
+class Tolerance:
     """How far the device may be off; the bound that the oracle grants it.
 
     Attributes
@@ -71,7 +52,7 @@ class Blur:
     order: float = 2.0**-22
 
 
-class Placement(NamedTuple):
+class Instance(NamedTuple):
     """An instance, in a unit of about its size around the zero of its geometry's local coordinates.
 
     Attributes
@@ -111,13 +92,13 @@ class Placement(NamedTuple):
         return (points - self.centre) / self.unit
 
     def blurs(
-        self, blur: Blur, origins: NDArray[np.float64], size: float
+        self, blur: Tolerance, origins: NDArray[np.float64], size: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return how far the device may see rays from where they are, in units, and in local units.
 
         Parameters
         ----------
-        blur : Blur
+        blur : Tolerance
         origins : (n, 3) float64, units, seen from the centre
         size : float, world units
             The radius of the scene.
@@ -129,7 +110,7 @@ class Placement(NamedTuple):
         return self.growth * entering + rounded, self.local_growth * (entering + rounded)
 
 
-def place_instances(scene: SceneLike) -> list[Placement]:
+def find_instances(scene: SceneState) -> list[Instance]:
     """Return the placements of all instances, in the order of their ids."""
     geometry_ids = np.asarray(scene.geometry_ids, np.int64)
     transforms = np.asarray(scene.transforms, np.float64).reshape(-1, 4, 4)
@@ -151,7 +132,7 @@ def place_instances(scene: SceneLike) -> list[Placement]:
     local_growths = np.abs(to_local).sum(axis=2).max(axis=1)
     radii = np.ldexp(radii, -exponents)
     return [
-        Placement(
+        Instance(
             index, geometry_id, int(scene.masks[index]), scene.shapes[geometry_id], float(units[index]), centres[index],
             to_world[index], to_local[index], float(radii[index]), float(growths[index]), float(local_growths[index]),
         )
@@ -160,7 +141,7 @@ def place_instances(scene: SceneLike) -> list[Placement]:
 
 
 def _find_radii(
-    scene: SceneLike, geometry_ids: NDArray[np.int64], local_to_world: NDArray[np.float64]
+    scene: SceneState, geometry_ids: NDArray[np.int64], local_to_world: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return (n,) float64: the distance of the farthest corner of each instance's box from local zero."""
     boxes = np.array([shape.local_box for shape in scene.shapes], np.float64)
@@ -174,7 +155,7 @@ def _find_radii(
     return np.where(is_similar, stretches[:, 0] * farthest, radii) * _ROOM
 
 
-def scene_radius(placements: list[Placement]) -> float:
+def world_radius(placements: list[Instance]) -> float:
     """Return half the diagonal of the box around the bounding spheres of all instances, in the world's unit."""
     lower = np.min([placed.centre - placed.radius * placed.unit for placed in placements], axis=0)
     upper = np.max([placed.centre + placed.radius * placed.unit for placed in placements], axis=0)
