@@ -114,9 +114,9 @@ HIT_PRIM_ID = _lane(HIT, "prim_id")
 
 # What float32 has rounded off the origin and the direction of a packed ray in a scene, and the ray's mask: only the
 # instances whose mask shares a bit with it are visible. The rays of a camera share one.
-SCENE_LOW = np.dtype([("origin", "f4", 3), ("mask", "u4"), ("direction", "f4", 3), ("spare", "f4")])
-SCENE_LOW_LANES = _lane_count(SCENE_LOW)
-SCENE_LOW_DIRECTION = _lane(SCENE_LOW, "direction")
+RAY_LOW = np.dtype([("origin", "f4", 3), ("mask", "u4"), ("direction", "f4", 3), ("spare", "f4")])
+RAY_LOW_LANES = _lane_count(RAY_LOW)
+RAY_LOW_DIRECTION = _lane(RAY_LOW, "direction")
 
 # A point in a scene, in the scene's local coordinates, and what float32 has rounded off it. Only the instances whose
 # mask shares a bit with the point's are visible to it.
@@ -155,7 +155,7 @@ FAR_RADII = 32
 
 # Where the rays of a tile begin in a scene, see cl/instances/start.cl.
 MAX_TILE_LEAVES = 14
-SCENE_TILE = np.dtype(
+TILE = np.dtype(
     [
         # Leaves that the tile's beam meets, as slots 2 * node + child; or -1: its rays traverse the tree over the
         # instances from `top_node` on.
@@ -172,7 +172,7 @@ SCENE_TILE = np.dtype(
 
 # A hit in a scene. The prim_id counts within the geometry. Of a sphere, u is 0 where the ray enters and 1 where it
 # leaves.
-SCENE_HIT = np.dtype(
+WORLD_HIT = np.dtype(
     [
         ("t", "f4"),
         ("u", "f4"),
@@ -183,10 +183,10 @@ SCENE_HIT = np.dtype(
         ("t_inside", "f4"),
     ]
 )
-SCENE_HIT_INSTANCE_ID = _lane(SCENE_HIT, "instance_id")
+WORLD_HIT_INSTANCE_ID = _lane(WORLD_HIT, "instance_id")
 
 # A primitive of an instance, both NO_PRIM where there is none.
-SCENE_PRIM = np.dtype([("prim_id", "i4"), ("instance_id", "i4")])
+WORLD_PRIM = np.dtype([("prim_id", "i4"), ("instance_id", "i4")])
 
 # A point over which rays are drawn, with the unit normal around which they are, in local coordinates: a scene point,
 # the length of the rays, and the number of the point, from which its samples are derived. Without a scene, what float32
@@ -406,13 +406,13 @@ DEVICE_STRUCTS = {
     "sphere8_t": SPHERE_BLOCKS[8],
     "packed_ray_t": PACKED_RAY,
     "hit_t": HIT,
-    "scene_low_t": SCENE_LOW,
+    "ray_low_t": RAY_LOW,
     "instance_t": INSTANCE,
     "scene_point_t": SCENE_POINT,
     "hemisphere_t": HEMISPHERE,
-    "scene_tile_t": SCENE_TILE,
-    "scene_hit_t": SCENE_HIT,
-    "scene_prim_t": SCENE_PRIM,
+    "tile_t": TILE,
+    "world_hit_t": WORLD_HIT,
+    "world_prim_t": WORLD_PRIM,
     "view_t": VIEW,
     "look_t": LOOK,
     "material_t": MATERIAL,
@@ -459,6 +459,9 @@ DEVICE_CONSTANTS = {
     **{"SHADE_" + name.upper().replace("+", "_"): number for name, number in SHADINGS.items()},
 }
 
+# Of kernels that are compiled without them, see cl/world/world.cl.
+_DEFAULT_MACROS = {"LONE": 1, "HAS_SPHERES": 0}
+
 # Bytes of a vector of four words, the longest load of a GPU.
 _LARGEST_ALIGNMENT = 16
 
@@ -472,6 +475,7 @@ def c_declarations() -> str:
     compiler adds no padding, and the struct is the same on every device.
     """
     lines = [f"#define {name} ({value})" for name, value in DEVICE_CONSTANTS.items()]
+    lines += [f"#ifndef {name}\n#define {name} {value}\n#endif" for name, value in _DEFAULT_MACROS.items()]
     for name, dtype in DEVICE_STRUCTS.items():
         lines += [
             f"typedef struct {_c_alignment(dtype)}{{",

@@ -3,7 +3,7 @@
 #include "structs.cl"
 #include "math/vectors.cl"
 #include "shading/shade.cl"
-#include "world/world.cl"
+#include "world/surface.cl"
 
 // The share of the radius within which shadows are shown in full.
 #define GROUND_CORE 0.5f

@@ -7,7 +7,7 @@
 #include "looks/looks.cl"
 #include "sampling/sampler.cl"
 #include "world/cut.cl"
-#include "world/world.cl"
+#include "world/surface.cl"
 
 typedef struct {
     world_t world;

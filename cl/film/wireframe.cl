@@ -6,7 +6,7 @@
 // the distance to the line of the edge, in pixels: exactly in a perspective and in an orthographic picture.
 
 #include "rays/camera.cl"
-#include "world/world.cl"
+#include "world/surface.cl"
 
 #if HAS_WIREFRAME
 

@@ -6,8 +6,7 @@
 // HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_search leaves it
 // at triangles.
 //
-// LONE_SPHERES, if defined as 1 beside HAS_INSTANCES and HAS_SPHERES: the scene is the spheres of instance 0 in their
-// place, so rays are cast at their tree as at that of a mesh.
+// LONE: see world/world.cl. HAS_SPHERES with LONE: all primitives are spheres.
 
 #include "hits/crossing.cl"
 #include "rays/ray.cl"
@@ -20,13 +19,13 @@
 #define QUERY_FIRST 2
 
 // A hit in the heap.
-#if HAS_INSTANCES
-typedef scene_hit_t kept_hit_t;
+#if !LONE
+typedef world_hit_t kept_hit_t;
 #else
 typedef hit_t kept_hit_t;
 #endif
 
-#if HAS_INSTANCES
+#if !LONE
 // More than the rounding of a t that is moved from the ray inside an instance to the one outside, and back.
 #define T_SLACK ERROR_BOUND(4)
 #endif
@@ -36,7 +35,7 @@ typedef struct {
     int count;
     int max_count;            // at least 1
     global kept_hit_t *heap;  // [max_count]: binary heap with the farthest hit on top
-#if HAS_INSTANCES
+#if !LONE
     // The instance in which crossings are found now, and where its ray begins on the ray outside, see
     // instances/instance.cl. After a traversal for the nearest crossing: those of the nearest crossing.
     int instance_index;
@@ -50,9 +49,9 @@ typedef struct {
 
 INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 {
-#if LONE_SPHERES
-    const search_t search = {no_crossing(), 0, max_count, heap, 0, 0, 0.0f, KIND_SPHERES};
-#elif HAS_INSTANCES
+#if LONE && HAS_SPHERES
+    const search_t search = {no_crossing(), 0, max_count, heap, KIND_SPHERES};
+#elif !LONE
     const search_t search = {no_crossing(), 0, max_count, heap, -1, -1, 0.0f};
 #else
     const search_t search = {no_crossing(), 0, max_count, heap};
@@ -63,7 +62,7 @@ INLINED search_t make_search(const int max_count, global kept_hit_t *heap)
 // A crossing as it is kept in the heap.
 INLINED kept_hit_t as_kept_hit(const search_t *search, const crossing_t *crossing)
 {
-#if HAS_INSTANCES
+#if !LONE
     const kept_hit_t hit = {
         crossing->t + search->t_shift, crossing->u, crossing->v, crossing->prim_id, search->instance_id, crossing->t};
     return hit;
@@ -86,7 +85,7 @@ INLINED float search_limit(const search_t *search, const ray_t *ray, const int q
     }
     if (query == QUERY_FIRST && search->count >= search->max_count) {
         const float farthest = search->heap[0].t;
-#if HAS_INSTANCES
+#if !LONE
         // As t in the instance, rounded up.
         return farthest - search->t_shift + farthest * T_SLACK;
 #else
@@ -105,7 +104,7 @@ INLINED bool precedes(const float t, const int prim_id, const float other_t, con
 // The order of hits along a ray.
 INLINED bool comes_first(const kept_hit_t *a, const kept_hit_t *b)
 {
-#if HAS_INSTANCES
+#if !LONE
     if (a->t == b->t && a->instance_id != b->instance_id) {
         return a->instance_id < b->instance_id;
     }

@@ -28,7 +28,7 @@ INLINED bool is_in_spheres(
 
 INLINED bool is_in_instance(
     const global instance_t *instance, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const scene_point_pair_t *point)
+    const global float *spheres, const point_pair_t *point)
 {
     const global node_t *root = nodes + instance->first_node;
     const global block_t *own_blocks = find_blocks(instance, blocks, spheres);
@@ -49,7 +49,7 @@ INLINED bool is_in_instance(
 // the primitive at the largest of the distances from the point to the surfaces of these instances.
 INLINED bool is_in_scene(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const scene_point_pair_t *point, scene_prim_t *deepest)
+    const global block_t *blocks, const global float *spheres, const point_pair_t *point, world_prim_t *deepest)
 {
     bool is_inside = false;
     float depth = -1.0f;

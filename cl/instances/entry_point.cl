@@ -58,7 +58,7 @@ INLINED bool bound_inside(
 }
 
 // Inserts a leaf into the list of a tile, which is in the order of t_near. Assumes that there is room.
-INLINED void list_leaf(global scene_tile_t *tile, const int count, const int slot, const float t_near)
+INLINED void list_leaf(global tile_t *tile, const int count, const int slot, const float t_near)
 {
     int index = count;
     for (; index > 0 && tile->t_near[index - 1] > t_near; index--) {
@@ -70,7 +70,7 @@ INLINED void list_leaf(global scene_tile_t *tile, const int count, const int slo
 }
 
 // Lists the leaves that a beam meets. If they are too many, rays begin at the deepest node that has all of them.
-INLINED void list_leaves(const global bvh2_node_t *top_nodes, const beam_t *beam, global scene_tile_t *tile)
+INLINED void list_leaves(const global bvh2_node_t *top_nodes, const beam_t *beam, global tile_t *tile)
 {
     int stack[TOP_STACK_SIZE];
     int stack_count = 0;
@@ -117,7 +117,7 @@ INLINED void list_leaves(const global bvh2_node_t *top_nodes, const beam_t *beam
 }
 
 // Lets the rays of a tile begin at the root.
-INLINED void skip_scene_tile(global scene_tile_t *tile)
+INLINED void skip_tile(global tile_t *tile)
 {
     tile->instance_index = NO_INSTANCE;
     tile->top_node = 0;
@@ -125,12 +125,12 @@ INLINED void skip_scene_tile(global scene_tile_t *tile)
 }
 
 // Finds where the rays of a tile begin, from their bounds and the bits of all their masks.
-INLINED void find_scene_tile(
+INLINED void find_tile(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const ray_bounds_t *bounds, const uint mask, global scene_tile_t *tile, global node_t *entry_point)
+    const ray_bounds_t *bounds, const uint mask, global tile_t *tile, global node_t *entry_point)
 {
     const beam_t beam = make_beam(bounds);
-    skip_scene_tile(tile);
+    skip_tile(tile);
     if (beam.is_empty) {
         tile->leaf_count = 0;
     }

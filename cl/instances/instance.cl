@@ -21,17 +21,17 @@ typedef struct {
     float3 origin_low;
     float3 direction_low;
     uint mask;
-} scene_ray_pair_t;
+} ray_pair_t;
 
 // The ray in float32, as the boxes of instances are tested.
-INLINED ray_t rounded_ray(const scene_ray_pair_t *ray)
+INLINED ray_t rounded_ray(const ray_pair_t *ray)
 {
     return make_ray(ray->origin, ray->direction, ray->t_min, ray->t_max);
 }
 
-INLINED scene_ray_pair_t unpack_scene_ray(const global packed_ray_t *packed, const global scene_low_t *low)
+INLINED ray_pair_t unpack_ray_pair(const global packed_ray_t *packed, const global ray_low_t *low)
 {
-    const scene_ray_pair_t pair = {
+    const ray_pair_t pair = {
         load3(packed->origin), load3(packed->direction), packed->t_min, packed->t_max, load3(low->origin),
         load3(low->direction), low->mask};
     return pair;
@@ -46,7 +46,7 @@ INLINED float3 transform_vector(const global float rows[3][3], const float3 v)
 // Returns the ray in the geometry's local coordinates. Its t is that of the ray outside less *t_shift, which is not
 // negative.
 INLINED ray_t enter_instance(
-    const scene_ray_pair_t *outside, const global instance_t *instance, const float t_max, float *t_shift)
+    const ray_pair_t *outside, const global instance_t *instance, const float t_max, float *t_shift)
 {
     float3 low;
     const float3 difference = add_exactly(outside->origin, -load3(instance->centre), &low);

@@ -19,7 +19,7 @@
 
 // The distance for the primitives of one instance, along a unit normal, both in the scene's local coordinates.
 INLINED float lift_over_instance(
-    const global instance_t *instance, const scene_point_pair_t *point, const float3 normal)
+    const global instance_t *instance, const point_pair_t *point, const float3 normal)
 {
     const float3 way = way_to_instance(instance, point->position, point->position_low);
     const float3 size = magnitude(transform_vector(instance->to_object, -way));
@@ -46,7 +46,7 @@ INLINED float lift_over_instance(
 
 // The largest of the distances for the visible instances around a point.
 INLINED float lift_over_instances(
-    const global bvh2_node_t *top_nodes, const global instance_t *instances, const scene_point_pair_t *point,
+    const global bvh2_node_t *top_nodes, const global instance_t *instances, const point_pair_t *point,
     const float3 normal)
 {
     float lift = 0.0f;

@@ -15,18 +15,18 @@ typedef struct {
     float3 position;
     float3 position_low;
     uint mask;
-} scene_point_pair_t;
+} point_pair_t;
 
-INLINED scene_point_pair_t unpack_scene_point(const global scene_point_t *packed)
+INLINED point_pair_t unpack_scene_point(const global scene_point_t *packed)
 {
-    const scene_point_pair_t point = {load3(packed->position), load3(packed->position_low), packed->mask};
+    const point_pair_t point = {load3(packed->position), load3(packed->position_low), packed->mask};
     return point;
 }
 
 // The nearest primitive so far.
 typedef struct {
     float distance;  // in the scene's local coordinates
-    scene_prim_t prim;
+    world_prim_t prim;
 } scene_nearest_t;
 
 INLINED scene_nearest_t no_scene_nearest(void)
@@ -35,13 +35,13 @@ INLINED scene_nearest_t no_scene_nearest(void)
     return none;
 }
 
-INLINED bool is_visible(const scene_point_pair_t *point, const global instance_t *instance)
+INLINED bool is_visible(const point_pair_t *point, const global instance_t *instance)
 {
     return (point->mask & instance->mask) != 0;
 }
 
 // Returns a search in an instance for a primitive that is not farther than `limit`, in the scene's local coordinates.
-INLINED nearest_t make_nearest(const global instance_t *instance, const scene_point_pair_t *point, const float limit)
+INLINED nearest_t make_nearest(const global instance_t *instance, const point_pair_t *point, const float limit)
 {
     const float3 way = way_to_instance(instance, point->position, point->position_low);
     nearest_t nearest;
@@ -59,7 +59,7 @@ INLINED nearest_t make_nearest(const global instance_t *instance, const scene_po
 // Takes the primitive of an instance that is nearest to the point into account.
 INLINED void visit_instance_near(
     const global instance_t *instance, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const scene_point_pair_t *point, scene_nearest_t *best)
+    const global float *spheres, const point_pair_t *point, scene_nearest_t *best)
 {
     if (!is_visible(point, instance)) {
         return;
@@ -97,9 +97,9 @@ INLINED bool may_instance_be_nearer(
     return *distance_squared <= limit * limit && *distance_squared < INFINITY;
 }
 
-INLINED scene_prim_t find_nearest_in_scene(
+INLINED world_prim_t find_nearest_in_scene(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const scene_point_pair_t *point)
+    const global block_t *blocks, const global float *spheres, const point_pair_t *point)
 {
     scene_nearest_t best = no_scene_nearest();
     int stack[TOP_STACK_SIZE];

@@ -3,7 +3,7 @@
 // The beam of a tile's rays meets few instances, or none. Their leaves are listed, so that its rays need not find them
 // in the tree over the instances; and of a single instance, its rays begin at an entry point of the geometry's tree.
 //
-// tiles[tile_count]            scene_tile_t: see instances/entry_point.cl, which finds them. NULL: all rays begin at
+// tiles[tile_count]            tile_t: see instances/entry_point.cl, which finds them. NULL: all rays begin at
 //                              the root
 // entry_points[tile_count]     node_t: see traversal/entry_point.cl; written for tiles with an instance_index only
 
@@ -16,26 +16,26 @@
 #define NO_LIST -1
 
 typedef struct {
-    const global scene_tile_t *tile;   // lists the leaves; NULL if the tree is traversed
+    const global tile_t *tile;   // lists the leaves; NULL if the tree is traversed
     int top_node;                      // where that begins
     int instance_index;                // the only instance that is visited, untested; or NO_INSTANCE
     const global node_t *entry_point;  // of that instance; NULL: the root
-} scene_start_t;
+} instance_start_t;
 
-INLINED scene_start_t start_at_root(void)
+INLINED instance_start_t start_at_root(void)
 {
-    const scene_start_t start = {0, 0, NO_INSTANCE, 0};
+    const instance_start_t start = {0, 0, NO_INSTANCE, 0};
     return start;
 }
 
 // The start of this work-item's ray.
-INLINED scene_start_t find_scene_start(const global scene_tile_t *tiles, const global node_t *entry_points)
+INLINED instance_start_t find_instance_start(const global tile_t *tiles, const global node_t *entry_points)
 {
-    scene_start_t start = start_at_root();
+    instance_start_t start = start_at_root();
 #if HAS_ENTRY_POINTS
     if (tiles) {
         const int index = find_tile_index();
-        const global scene_tile_t *tile = tiles + index;
+        const global tile_t *tile = tiles + index;
         start.tile = tile->leaf_count == NO_LIST ? 0 : tile;
         start.top_node = tile->top_node;
         start.instance_index = tile->instance_index;

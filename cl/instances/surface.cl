@@ -63,7 +63,7 @@ INLINED placed_surface_t place_surface(const global instance_t *instance, const 
 // The surface where a ray's nearest crossing with the scene is.
 INLINED placed_surface_t scene_surface_at(
     const global instance_t *instances, const global block_t *blocks, const global float *spheres,
-    const scene_ray_pair_t *ray, const search_t *search)
+    const ray_pair_t *ray, const search_t *search)
 {
     const global instance_t *instance = instances + search->instance_index;
     const global block_t *own_blocks = find_blocks(instance, blocks, spheres);

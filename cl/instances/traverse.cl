@@ -21,7 +21,7 @@
 // tree, or at its root if that is NULL.
 INLINED void visit_instance(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search,
+    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search,
     const int query)
 {
     const global instance_t *instance = instances + index;
@@ -79,28 +79,28 @@ INLINED void visit_instance(
 
 CALLED void visit_for_closest(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
     visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_CLOSEST);
 }
 
 CALLED void visit_for_count(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
     visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_COUNT);
 }
 
 CALLED void visit_for_first(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search)
+    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search)
 {
     visit_instance(instances, index, nodes, blocks, spheres, entry_point, ray, search, QUERY_FIRST);
 }
 
 INLINED void visit_for(
     const global instance_t *instances, const int index, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const global node_t *entry_point, const scene_ray_pair_t *ray, search_t *search,
+    const global float *spheres, const global node_t *entry_point, const ray_pair_t *ray, search_t *search,
     const int query)
 {
     if (query == QUERY_CLOSEST) {
@@ -113,7 +113,7 @@ INLINED void visit_for(
 }
 
 // The largest t outside at which a crossing can still change the answer.
-INLINED float scene_limit(const search_t *search, const scene_ray_pair_t *ray, const int query)
+INLINED float scene_limit(const search_t *search, const ray_pair_t *ray, const int query)
 {
     if (query == QUERY_CLOSEST) {
         return smaller(search->nearest.t, ray->t_max);
@@ -124,7 +124,7 @@ INLINED float scene_limit(const search_t *search, const scene_ray_pair_t *ray, c
 // Where a ray is on its way from leaf to leaf of the tree over the instances.
 typedef struct {
     padded_ray_t padded;
-    const global scene_tile_t *tile;  // its leaves, one after the other; NULL: the tree is traversed
+    const global tile_t *tile;  // its leaves, one after the other; NULL: the tree is traversed
     int next_leaf;                    // in the list of the tile
     int node;                         // whose children are tested next; NO_NODE if a stack entry is next
     int stack_count;
@@ -189,10 +189,10 @@ INLINED int find_next_leaf(const global bvh2_node_t *top_nodes, const float limi
     }
 }
 
-INLINED void traverse_scene(
+INLINED void traverse_instances(
     const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const scene_start_t start,
-    const scene_ray_pair_t *ray, search_t *search, const int query)
+    const global block_t *blocks, const global float *spheres, const instance_start_t start,
+    const ray_pair_t *ray, search_t *search, const int query)
 {
 #if HAS_ENTRY_POINTS
     if (start.instance_index != NO_INSTANCE) {

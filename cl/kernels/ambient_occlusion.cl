@@ -11,11 +11,10 @@
 
 #include "occlusion/hemisphere.cl"
 #include "occlusion/subtrees.cl"
+#include "world/world.cl"
 
 kernel void ambient_occlusion(
-    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global hemisphere_t *restrict points, global int *restrict open_counts, const int point_count,
-    const int first_ray, const int ray_count, const uint seed)
+    WORLD_ARGUMENTS, const global hemisphere_t *restrict points, global int *restrict open_counts, const int point_count, const int first_ray, const int ray_count, const uint seed)
 {
     const int index = get_global_id(0);
     if (index >= point_count) {

@@ -8,10 +8,10 @@
 // Work-items: (point_count), rounded up to whole work-groups.
 
 #include "nearest/nearest.cl"
+#include "world/world.cl"
 
 kernel void closest_point(
-    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global float *restrict points, global int *restrict prim_ids, const int point_count)
+    WORLD_ARGUMENTS, const global float *restrict points, global int *restrict prim_ids, const int point_count)
 {
     const int point = get_global_id(0);
     if (point >= point_count) {

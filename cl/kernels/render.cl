@@ -28,10 +28,8 @@ INLINED float3 find_colour(const global view_t *view, const global float *instan
 }
 
 kernel void render(
-    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
-    const global float *restrict spheres, const global scene_tile_t *restrict tiles,
-    const global node_t *restrict entry_points, const global float *restrict instance_colours,
+    WORLD_ARGUMENTS, const global tile_t *restrict tiles, const global node_t *restrict entry_points,
+    const global float *restrict instance_colours,
     const global view_t *restrict view, const int first_row, const int row_count, global uchar4 *restrict colours,
     global kept_hit_t *restrict hits)
 {
@@ -42,8 +40,7 @@ kernel void render(
     }
     const int pixel = band_row * view->width + column;
     const int row = first_row + band_row;
-    const world_t world = {
-        find_world_start(nodes, tiles, entry_points), nodes, blocks, block_count, top_nodes, instances, spheres};
+    const world_t world = WORLD(find_start(nodes, tiles, entry_points));
 
     world_ray_t ray;
     const bool is_seen = world_camera_ray(view, pixel_centre(view, column, row), LENS_CENTRE, &ray);

@@ -56,10 +56,7 @@ INLINED float3 draw_lines(
 #endif
 
 kernel void render_samples(
-    const global node_t *restrict nodes, const global block_t *restrict blocks, const int block_count,
-    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
-    const global float *restrict spheres, const global scene_tile_t *restrict tiles,
-    const global node_t *restrict entry_points,
+    WORLD_ARGUMENTS, const global tile_t *restrict tiles, const global node_t *restrict entry_points,
     const global look_t *restrict looks, const global uint *restrict corner_normals,
     const global uint *restrict corner_colours, const global float *restrict corner_uvs,
     const global int *restrict material_ids, const global material_t *restrict materials,
@@ -87,7 +84,7 @@ kernel void render_samples(
     const int pixel = band_row * width + column;
     const int row = first_row + band_row;
     const stage_t stage = {
-        {find_world_start(nodes, tiles, entry_points), nodes, blocks, block_count, top_nodes, instances, spheres},
+        WORLD(find_start(nodes, tiles, entry_points)),
         {looks, corner_normals, corner_colours, corner_uvs, material_ids, materials,
          {textures, texels, decoded_srgb}, view->surface_colour},
         view};

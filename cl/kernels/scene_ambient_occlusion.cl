@@ -7,12 +7,10 @@
 
 #include "instances/lift.cl"
 #include "occlusion/hemisphere.cl"
+#include "world/world.cl"
 
 kernel void scene_ambient_occlusion(
-    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
-    const global node_t *restrict nodes, const global block_t *restrict blocks, const global float *restrict spheres,
-    const global hemisphere_t *restrict points, global int *restrict open_counts, const int point_count,
-    const int first_ray, const int ray_count, const uint seed)
+    WORLD_ARGUMENTS, const global hemisphere_t *restrict points, global int *restrict open_counts, const int point_count, const int first_ray, const int ray_count, const uint seed)
 {
     const int index = get_global_id(0);
     if (index >= point_count) {
@@ -20,7 +18,7 @@ kernel void scene_ambient_occlusion(
     }
     const global hemisphere_t *point = points + index;
     const float3 normal = load3(point->normal);
-    const scene_point_pair_t below = {load3(point->position), load3(point->position_low), point->mask};
+    const point_pair_t below = {load3(point->position), load3(point->position_low), point->mask};
     float3 low;
     const float3 position =
         add_exactly(below.position, lift_over_instances(top_nodes, instances, &below, normal) * normal, &low);
@@ -31,11 +29,11 @@ kernel void scene_ambient_occlusion(
         directions_t directions;
         draw_directions(point, seed, first_ray + begin, count, &directions);
         for (int i = 0; i < count; i++) {
-            const scene_ray_pair_t ray = {
+            const ray_pair_t ray = {
                 position, direction_of(&directions, i), 0.0f, point->t_max, below.position_low + low, (float3)(0.0f),
                 point->mask};
             search_t search = make_search(1, 0);
-            traverse_scene(
+            traverse_instances(
                 top_nodes, instances, nodes, blocks, spheres, start_at_root(), &ray, &search, QUERY_COUNT);
             open_count += search.count == 0;
         }

@@ -7,16 +7,15 @@
 // Work-items: (point_count), rounded up to whole work-groups.
 
 #include "instances/around.cl"
+#include "world/world.cl"
 
 kernel void scene_inside(
-    const global bvh2_node_t *restrict top_nodes, const global instance_t *restrict instances,
-    const global node_t *restrict nodes, const global block_t *restrict blocks, const global float *restrict spheres,
-    const global scene_point_t *restrict points, global uchar *restrict inside, const int point_count)
+    WORLD_ARGUMENTS, const global scene_point_t *restrict points, global uchar *restrict inside, const int point_count)
 {
     const int index = get_global_id(0);
     if (index >= point_count) {
         return;
     }
-    const scene_point_pair_t point = unpack_scene_point(points + index);
+    const point_pair_t point = unpack_scene_point(points + index);
     inside[index] = is_in_scene(top_nodes, instances, nodes, blocks, spheres, &point, 0);
 }

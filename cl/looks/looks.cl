@@ -14,7 +14,7 @@
 // HAS_NORMAL_MAPS, if defined as 1: some material has a texture of normals.
 
 #include "looks/texture.cl"
-#include "world/world.cl"
+#include "world/surface.cl"
 
 // The material of shapes that have none; its colour is the picture's own.
 #define DEFAULT_MATERIAL 0

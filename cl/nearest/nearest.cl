@@ -9,7 +9,7 @@
 #include "nearest/search.cl"
 #if HAS_SPHERES
 #include "nearest/point_sphere.cl"
-#if HAS_INSTANCES
+#if !LONE
 #include "nearest/placed_sphere.cl"
 #endif
 #endif

@@ -8,12 +8,12 @@
 // HAS_SPHERES, if defined as 1: the primitives may be spheres, and `kind` says whether they are. make_nearest leaves it
 // at triangles.
 //
-// HAS_INSTANCES, if defined as 1: the tree is that of a placed geometry, and distances are those of the scene, see
+// LONE, see world/world.cl, defined as 0: the tree is that of an instance, and distances are those of the world, see
 // nearest/metric.cl.
 
 #include "structs.cl"
 #include "math/vectors.cl"
-#if HAS_INSTANCES
+#if !LONE
 #include "nearest/metric.cl"
 #endif
 
@@ -30,7 +30,7 @@
 #define NEAREST_SLACK ERROR_BOUND(NEAREST_ROUNDINGS)
 
 typedef struct {
-#if HAS_INSTANCES
+#if !LONE
     metric_t metric;
 #else
     float3 point;
@@ -43,7 +43,7 @@ typedef struct {
 #endif
 } nearest_t;
 
-#if !HAS_INSTANCES
+#if LONE
 INLINED nearest_t make_nearest(const float3 point)
 {
     const nearest_t nearest = {point, INFINITY, INFINITY, NO_PRIM};
@@ -52,7 +52,7 @@ INLINED nearest_t make_nearest(const float3 point)
 #endif
 
 // Whether a primitive in a box may be as near as the nearest so far; *distance_squared is that of the box.
-#if !HAS_INSTANCES
+#if LONE
 INLINED bool may_be_nearer(
     const nearest_t *nearest, const float3 aabb_min, const float3 aabb_max, float *distance_squared)
 {

@@ -5,7 +5,7 @@
 #include "triangles/single.cl"
 #if HAS_SPHERES
 #include "nearest/point_sphere.cl"
-#if HAS_INSTANCES
+#if !LONE
 #include "nearest/placed_sphere.cl"
 #endif
 #endif
@@ -13,7 +13,7 @@
 // A corner or a centre in the coordinates whose zero is the point.
 INLINED point_t relative_corner(const nearest_t *nearest, const float3 corner)
 {
-#if HAS_INSTANCES
+#if !LONE
     return place_point(&nearest->metric, corner.x, corner.y, corner.z);
 #else
     const float3 moved = corner - nearest->point;
@@ -37,7 +37,7 @@ INLINED void test_triangle(nearest_t *nearest, const global block_t *blocks, con
 #if HAS_SPHERES
 INLINED void test_sphere(nearest_t *nearest, const global sphere_block_t *sphere)
 {
-#if HAS_INSTANCES
+#if !LONE
     const point_t centre = {sphere->centre[0], sphere->centre[1], sphere->centre[2]};
     const float squared = distance_squared_to_placed_sphere(nearest, centre, sphere->radius);
 #else

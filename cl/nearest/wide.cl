@@ -8,7 +8,7 @@
 #include "traversal/wide.cl"
 #if HAS_SPHERES
 #include "nearest/point_sphere.cl"
-#if HAS_INSTANCES
+#if !LONE
 #include "nearest/placed_sphere.cl"
 #endif
 #endif
@@ -30,7 +30,7 @@ INLINED lanes_t distance_along_axis(
 // least distance that a primitive in each box can have.
 INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *nearest, lanes_t *distance)
 {
-#if HAS_INSTANCES
+#if !LONE
     const point_t lower = {
         load_lanes(node->aabb_min[0]), load_lanes(node->aabb_min[1]), load_lanes(node->aabb_min[2])};
     const point_t upper = {
@@ -53,7 +53,7 @@ INLINED uint children_may_be_nearer(const global node_t *node, const nearest_t *
 // One corner of each triangle in the coordinates whose zero is the point.
 INLINED point_t relative_corners(const nearest_t *nearest, const global block_t *block, const int corner)
 {
-#if HAS_INSTANCES
+#if !LONE
     return place_point(
         &nearest->metric, load_lanes(block->corners[corner][0]), load_lanes(block->corners[corner][1]),
         load_lanes(block->corners[corner][2]));
@@ -85,7 +85,7 @@ INLINED void test_block(nearest_t *nearest, const global block_t *blocks, const 
 #if HAS_SPHERES
     if (nearest->kind != KIND_TRIANGLES) {
         const global sphere_block_t *spheres = (const global sphere_block_t *)blocks + block_index;
-#if HAS_INSTANCES
+#if !LONE
         const point_t centres = {
             load_lanes(spheres->centre[0]), load_lanes(spheres->centre[1]), load_lanes(spheres->centre[2])};
         const lanes_t squared = distance_squared_to_placed_sphere(nearest, centres, load_lanes(spheres->radius));

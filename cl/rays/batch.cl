@@ -3,25 +3,12 @@
 // A batch has rows of `row_length` rays. The rays of a picture keep its rows, and tiles are rectangles of pixels; any
 // other batch is a single row, and a tile is a piece of it.
 //
-// Arguments that the ray kernels (any_hit, closest_hit, count_hits, first_hits) share, and in part the kernel
-// of the tiles' entry points:
-//
-// nodes[node_count]           node_t: the tree in its layout, see clbvh/structs.py
-// blocks[block_count]         block_t: triangles in leaf order, local coordinates
-// rays[ray_count]             packed_ray_t: local coordinates; t in lengths of the direction
-// row_length                  rays per row
-// order[ray_count]            ray_id of each ray: its number on the host, which is the index of its results. Neighbours
-//                             in the batch should be close together in space, see clbvh/trace/rays/coherence.py. NULL:
-//                             the identity
-// entry_points[tile_count]    node_t: the node at which the rays of each tile begin, see cl/traversal/entry_point.cl.
-//                             NULL: all begin at the root
+// order[ray_count]     ray_id of each ray: its number on the host, which is the index of its results. Neighbours in the
+//                      batch should be close together in space, see clbvh/trace/rays/coherence.py. NULL: the identity
 //
 // Work-items: (row_length, rows), rounded up to whole tiles.
 
 #include "rays/ray.cl"
-
-// Prefetch distance in rays: in the same row of a picture, three tiles on.
-#define PREFETCH_RAYS 24
 
 // The ray_id of work-items beyond the edges of the batch.
 #define NO_RAY -1
@@ -38,13 +25,6 @@ INLINED int find_ray_index(const int ray_count, const int row_length)
 INLINED int find_ray_id(const int ray_index, const global int *order)
 {
     return order ? order[ray_index] : ray_index;
-}
-
-// Loads a ray of the batch, and asks for a later one.
-INLINED ray_t load_ray(const global packed_ray_t *rays, const int ray_index)
-{
-    WILL_READ(rays + ray_index + PREFETCH_RAYS);
-    return unpack_ray(rays + ray_index);
 }
 
 INLINED int find_tile_index(void)

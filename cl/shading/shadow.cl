@@ -1,6 +1,6 @@
 // Shadows: whether the directed light reaches a surface.
 
-#include "world/world.cl"
+#include "world/surface.cl"
 
 // Whether nothing lies between a surface and the light. Without shadows, nothing does.
 INLINED bool sees_light(const global view_t *view, const world_t *world, const world_surface_t *surface)

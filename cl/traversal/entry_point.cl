@@ -25,7 +25,7 @@ INLINED const global node_t *find_start_node(const global node_t *nodes, const g
 }
 
 // Whether no ray that begins at a node can hit anything.
-INLINED bool meets_nothing(const global node_t *start)
+INLINED bool node_meets_nothing(const global node_t *start)
 {
 #if HAS_ENTRY_POINTS
     return !has_children(start);

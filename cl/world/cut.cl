@@ -30,7 +30,7 @@ INLINED cut_range_t find_slab_range(const float origin, const float direction, c
 INLINED cut_range_t find_cut_range(const global view_t *view, const world_ray_t *ray)
 {
     float3 origin = ray->origin - load3(view->eye);
-#if HAS_INSTANCES
+#if !LONE
     origin += ray->origin_low - load3(view->eye_low);
 #endif
     const float3 direction = ray->direction;

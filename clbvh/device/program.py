@@ -29,6 +29,9 @@ STRUCTS_INCLUDE = "structs.cl"
 # An entry point in the expanded text: its name, and its arguments.
 _ENTRY_POINT = re.compile(r"^kernel void (\w+)\(([^)]*)\)", re.MULTILINE)
 
+# Arguments that several kernels share: a macro and its text.
+_SHARED_ARGUMENTS = re.compile(r"^#define (\w+_ARGUMENTS) ((?:.*\\\n)*.*)", re.MULTILINE)
+
 # An argument that is a number, and the types of these.
 _NUMBER = re.compile(r"(?:^|,)\s*(?:const )?(int|uint|float) (\w+)\s*(?=,|$)")
 _NUMBER_TYPES: dict[str, type[Any]] = {"int": np.int32, "uint": np.uint32, "float": np.float32}
@@ -176,8 +179,11 @@ def find_arguments(source: str) -> dict[str, dict[str, type[Any] | None]]:
 
     From the text and not from the driver: a driver that loads a compiled program from a cache may have forgotten them.
     """
+    shared = dict(_SHARED_ARGUMENTS.findall(source))
     found = {}
     for name, arguments in _ENTRY_POINT.findall(source):
+        while macro := next((each for each in shared if re.search(rf"\b{each}\b", arguments)), None):
+            arguments = re.sub(rf"\b{macro}\b", shared[macro].replace("\\", ""), arguments)
         text = " ".join(arguments.split())
         numbers = {argument: _NUMBER_TYPES[kind] for kind, argument in _NUMBER.findall(text)}
         found[name] = {argument: numbers.get(argument) for argument in re.findall(r"(\w+)\s*(?:,|$)", text)}

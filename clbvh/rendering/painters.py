@@ -126,7 +126,7 @@ class FrameRenderer:
         -------
         colours : (height, width, 4) uint8
             Red, green, blue, and 255 where something is hit.
-        hits : (height, width) `structs.HIT` or `structs.SCENE_HIT`
+        hits : (height, width) `structs.HIT` or `structs.WORLD_HIT`
 
         Raises
         ------
@@ -179,9 +179,6 @@ def _render_bands(
         session.download(buffers["hits"], hits[rows])
 
 
-# Those that a mesh without a scene, or a scene, has none of.
-_NONE: dict[str, Any] = {"top_nodes": None, "instances": None, "spheres": None, "block_count": np.int32(0)}
-
 # Macros of kernels for views without a cut and without lines.
 NO_PARTS = {"HAS_CUT": 0, "HAS_WIREFRAME": 0}
 
@@ -201,12 +198,11 @@ class _ViewEntryPoints:
         if self._kernel is None:
             return _AT_THE_ROOT
         memory, has_instances = band.memory, self._tree.has_instances
-        others = {} if has_instances else {"top_nodes": None, "instances": None, "tiles": None}
         return _AT_THE_ROOT | find_entry_points(
             memory.session, self._tree, self._kernel, memory.buffer("entry points", for_mapping=False),
             band.size, self._tile, margin=self._margin,
             tile_buffer=memory.buffer("tiles", for_mapping=False) if has_instances else None,
-            **others, **band.rows,
+            **band.rows,
         )  # fmt: skip
 
 
@@ -248,7 +244,7 @@ class OneRayPainter:
         own = np.full((1, 3), np.nan) if colours is None else colours
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
-        self._arguments = _NONE | tree.arguments | {"instance_colours": session.upload(rows)}
+        self._arguments = tree.arguments | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
         self._kernel = build_kernel(session, "render", {**tree.defines, **parts})
         self._entry_points = _ViewEntryPoints(session, tree, self._tile, 0.0)
@@ -329,7 +325,7 @@ class _SampleShading:
 
     def __init__(self, session: DeviceSession, tree: TracedTree, shading: str, parts: Mapping[str, int]) -> None:
         self.tile = session.settings.tile
-        self.arguments = _NONE | tree.arguments | _NO_LIGHTS
+        self.arguments = tree.arguments | _NO_LIGHTS
         defines = {**tree.defines, "SHADING": SHADINGS[shading], **parts}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, _DEVELOP)

@@ -213,7 +213,7 @@ def refine_pixels(mesh: Mesh | Surface, camera: Camera, found: NDArray[np.void],
     mesh : Mesh or Surface
         What the picture shows.
     camera : Camera
-    found : (height, width) `structs.HIT`, or `structs.SCENE_HIT` for a scene
+    found : (height, width) `structs.HIT`, or `structs.WORLD_HIT` for a scene
     cut : Cut, optional
         What the picture does not show: t is moved out of it by what the device has rounded.
 

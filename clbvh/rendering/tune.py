@@ -106,8 +106,11 @@ def tune(
 
             def run() -> None:
                 for rays in orders:
-                    described = {"rays": rays, "ray_count": np.int32(ray_count), "row_length": np.int32(ray_count)}
-                    starts: dict[str, Any] = {"entry_points": None}
+                    described = {
+                        "rays": rays, "lows": None, "low_step": np.int32(0), "ray_count": np.int32(ray_count),
+                        "row_length": np.int32(ray_count),
+                    }  # fmt: skip
+                    starts: dict[str, Any] = {"entry_points": None, "tiles": None}
                     if rays is neighbours and starts_kernel is not None:
                         starts = find_entry_points(session, tree, starts_kernel, buffer, work, group, **described)
                     session.run(kernel, work, group, **tree.arguments, **described, **starts, hits=results, order=None)

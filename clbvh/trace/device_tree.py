@@ -115,7 +115,10 @@ class DeviceTree:
         arrays = list_prims(mesh) if bvh is None else make_device_arrays(bvh, self.layout)
         stack_size = pad_stack(self.layout, arrays.stack_size, 0 if bvh is None else bvh.depth)
         self.buffers = TreeBuffers(session, arrays)
-        self.arguments: dict[str, Any] = {**self.buffers.arguments, "block_count": np.int32(len(arrays.blocks))}
+        self.arguments: dict[str, Any] = {
+            **self.buffers.arguments, "block_count": np.int32(len(arrays.blocks)), "top_nodes": None, "instances": None,
+            "spheres": None,
+        }  # fmt: skip
         self.defines = make_defines(self.layout, stack_size)
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         self.node_bytes = arrays.nodes.itemsize
@@ -166,7 +169,7 @@ def resolve_layout(layout: str, session: DeviceSession) -> str:
 
 def make_defines(layout: str, stack_size: int) -> dict[str, int]:
     """Return the macros of every traversal kernel of a tree."""
-    return {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": stack_size}
+    return {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": stack_size, "LONE": 1}
 
 
 def pad_stack(layout: str, needed: int, depth: int) -> int:

@@ -25,7 +25,7 @@ from ..device.context import Kernel
 from ..device.program import build_kernel
 from ..device.session import DeviceSession, ReusableBuffer
 from ..errors import DeviceMemoryError
-from ..structs import HIT, PACKED_POINT, PACKED_RAY, SCENE_LOW, SCENE_POINT
+from ..structs import HIT, PACKED_POINT, PACKED_RAY, RAY_LOW, SCENE_POINT
 from ..support.context_manager import ContextManager
 from ..support.host_threads import HostThreads
 from .host.walk import cast_on_host, count_steps
@@ -33,7 +33,7 @@ from .rays.batch import RayBatch, TreeBox
 from .rays.pack import find_shared_low, pack_rays
 from .rays.pieces import CHUNK_RAYS, MOST_SAMPLED_BYTES, Progress, RayPiece, StepCounter, cut_points, cut_rays
 from .running_calls import MemoryLoan, RunningCalls
-from .traced_tree import ENTRY_POINT_KERNEL, SCENE_ENTRY_POINT_KERNEL, TracedTree, WideArrays, find_entry_points
+from .traced_tree import ENTRY_POINT_KERNEL, TracedTree, WideArrays, find_entry_points
 
 _Rest = ParamSpec("_Rest")
 _Result = TypeVar("_Result")
@@ -58,7 +58,7 @@ class Query(NamedTuple):
 
     def over(self, tree: TracedTree) -> Query:
         """Return the query as the kernels for a tree or a scene answer it."""
-        kernel = f"scene_{self.kernel}" if tree.has_instances else self.kernel
+        kernel = f"scene_{self.kernel}" if tree.has_instances and "hit" not in self.kernel else self.kernel
         return Query(kernel, self.results, tree.hit_dtype if self.dtype == HIT else self.dtype)
 
 
@@ -296,7 +296,7 @@ class Call(MemoryLoan):
         if has_instances:
             described |= self._fill_scene_rays(batch, piece, pack)
         else:
-            described["rays"] = self._fill("packed", PACKED_RAY, count, pack)
+            described |= {"rays": self._fill("packed", PACKED_RAY, count, pack), "lows": None, "low_step": np.int32(0)}
         order = None
         if piece.order is not None and in_ray_order:
             order = self._fill("order", piece.order.dtype, count, partial(_copy, piece.order))
@@ -304,11 +304,11 @@ class Call(MemoryLoan):
         work_size, settings = (row_length, -(-count // row_length)), self._session.settings
         work_group = settings.tile if piece.row_length else (settings.work_group_size, 1)
         described["row_length"] = np.int32(row_length)
-        starts: dict[str, Any] = {"entry_points": None} | ({"tiles": None} if has_instances else {})
+        starts: dict[str, Any] = {"entry_points": None, "tiles": None}
         if piece.is_coherent and self._tree.has_entry_points:
             starts = find_entry_points(
                 self._session, self._tree,
-                self.caster.kernel(SCENE_ENTRY_POINT_KERNEL if has_instances else ENTRY_POINT_KERNEL),
+                self.caster.kernel(ENTRY_POINT_KERNEL),
                 self._buffer("entry points"), work_size, work_group,
                 tile_buffer=self._buffer("tiles") if has_instances else None, **described,
             )  # fmt: skip
@@ -324,10 +324,10 @@ class Call(MemoryLoan):
                 "packed", PACKED_RAY, count, lambda *part: are_shared.append(pack(*part, shared_low=shared))
             )
             if all(are_shared):
-                lows = self._fill("lows", SCENE_LOW, 1, partial(_copy, shared))
+                lows = self._fill("lows", RAY_LOW, 1, partial(_copy, shared))
                 return {"rays": rays, "lows": lows, "low_step": np.int32(0)}
-        lows = self._buffer("lows").take(count * SCENE_LOW.itemsize)
-        with self._session.mapped(lows, count, SCENE_LOW, write=True) as items:
+        lows = self._buffer("lows").take(count * RAY_LOW.itemsize)
+        with self._session.mapped(lows, count, RAY_LOW, write=True) as items:
             rays = self._fill(
                 "packed", PACKED_RAY, count,
                 lambda first, last, packed: pack(first, last, packed, lows=items[first:last]),

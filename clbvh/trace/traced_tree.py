@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..device.context import Kernel
 from ..device.session import DeviceSession, ReusableBuffer
-from ..structs import SCENE_TILE
+from ..structs import TILE
 
 
 class TracedTree(Protocol):
@@ -45,7 +45,7 @@ class TracedTree(Protocol):
 
     @property
     def hit_dtype(self) -> np.dtype:
-        """Of hits on the device: `structs.HIT`, or `structs.SCENE_HIT` with ids of instances."""
+        """Of hits on the device: `structs.HIT`, or `structs.WORLD_HIT` with ids of instances."""
 
     @property
     def advances_rays(self) -> bool:
@@ -112,9 +112,8 @@ class WideArrays(NamedTuple):
         )  # fmt: skip
 
 
-# Kernels that find the entry points of rays in memory: in a tree, and in a scene.
+# The kernel that finds the entry points of rays in memory.
 ENTRY_POINT_KERNEL = "tile_entry_points"
-SCENE_ENTRY_POINT_KERNEL = f"scene_{ENTRY_POINT_KERNEL}"
 
 # Tiles of a work-group.
 _WORK_GROUP = (16, 1)
@@ -153,12 +152,9 @@ def find_entry_points(
     columns, rows = (-(-length // edge) for length, edge in zip(work_size, tile, strict=True))
     tile_count = columns * rows
     written = {"entry_points": buffer.take(tile_count * tree.node_bytes)}
-    read = {"nodes": tree.arguments["nodes"]}
-    if tile_buffer is not None:
-        written["tiles"] = tile_buffer.take(tile_count * SCENE_TILE.itemsize)
-        read |= {name: tree.arguments[name] for name in ("top_nodes", "instances")}
+    written["tiles"] = None if tile_buffer is None else tile_buffer.take(tile_count * TILE.itemsize)
     session.run(
         kernel, (columns, rows), _WORK_GROUP,
-        tile_width=np.int32(tile[0]), tile_height=np.int32(tile[1]), **read, **written, **arguments,
+        tile_width=np.int32(tile[0]), tile_height=np.int32(tile[1]), **tree.arguments, **written, **arguments,
     )  # fmt: skip
     return written

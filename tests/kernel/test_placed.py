@@ -11,7 +11,7 @@ COUNT = 4000
 ROUNDING = 2.0**-24
 
 BUNDLE = "placed_shells"
-DEFINES = {"LAYOUT": LAYOUTS["brute"], "HAS_INSTANCES": 1, "HAS_SPHERES": 1}
+DEFINES = {"LAYOUT": LAYOUTS["brute"], "LONE": 0, "HAS_SPHERES": 1}
 
 KINDS = ["similar", "scale", "shear", "flat"]
 

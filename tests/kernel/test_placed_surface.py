@@ -10,7 +10,7 @@ from clbvh.structs import INSTANCE, LAYOUTS, TRIANGLE
 from .test_surface import make_corners, make_weights
 
 FLOAT3 = (np.float32, (3,))
-DEFINES = {"LAYOUT": LAYOUTS["brute"], "HAS_INSTANCES": 1, "HAS_SPHERES": 0, "TOP_STACK_SIZE": 4, "STACK_SIZE": 16}
+DEFINES = {"LAYOUT": LAYOUTS["brute"], "LONE": 0, "HAS_SPHERES": 0, "TOP_STACK_SIZE": 4, "STACK_SIZE": 16}
 ROUNDING = 2.0**-24
 
 # Roundings that move a point above its triangle, relative to what the entries of both matrices may add up to: twice

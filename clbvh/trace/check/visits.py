@@ -31,7 +31,7 @@ from ...structs import (
     NO_PRIM,
     PACKED_RAY,
     PACKED_RAY_LANES,
-    SCENE_LOW,
+    RAY_LOW,
     SPHERE,
     TRIANGLE_LANES,
     TRIANGLE_PRIM_ID,
@@ -202,7 +202,7 @@ class HostTraversal:
         """
         batch, _ = read_rays(origins, directions, t_min, t_max)
         rays, instances = np.empty(batch.ray_count, PACKED_RAY), self._instances
-        lows = np.zeros(0 if instances is None else batch.ray_count, SCENE_LOW)
+        lows = np.zeros(0 if instances is None else batch.ray_count, RAY_LOW)
         counts, nearest = np.zeros((batch.ray_count, _FIELDS), np.int32), np.empty(batch.ray_count, np.float32)
         start = TreeStart(0, 0, False, self._stack_size)
 

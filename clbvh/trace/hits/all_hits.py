@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import HIT_PRIM_ID, NO_PRIM, SCENE_HIT, SCENE_HIT_INSTANCE_ID
+from ...structs import HIT_PRIM_ID, NO_PRIM, WORLD_HIT, WORLD_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.loop_functions import prefetch
 from ..launch import FIRST_HITS, Call, Caster, cut_smaller_when_full
@@ -62,7 +62,7 @@ class Crossings(NamedTuple):
     segment_begins : (segments + 1,) int64
         Begin of each segment in `found`.
     found : (m, lanes) float32
-        `structs.HIT` or `structs.SCENE_HIT` as lanes.
+        `structs.HIT` or `structs.WORLD_HIT` as lanes.
     """
 
     counts: NDArray[np.int32]
@@ -221,7 +221,7 @@ def find_all_hits(
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
     tree, surface = caster.tree, caster.tree.surface
-    refined = RefinedHits.make(total, has_instances=tree.hit_dtype == SCENE_HIT)
+    refined = RefinedHits.make(total, has_instances=tree.hit_dtype == WORLD_HIT)
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int) -> None:
@@ -289,7 +289,7 @@ def _refine(rays, surface, crossings, found_ints, block, slot, hits, locations):
             prim_id[block.targets[hit]] = found_ints[block.sources[hit], HIT_PRIM_ID]
         if len(instance_id) > 0:
             for hit in range(count):
-                instance_id[block.targets[hit]] = found_ints[block.sources[hit], SCENE_HIT_INSTANCE_ID]
+                instance_id[block.targets[hit]] = found_ints[block.sources[hit], WORLD_HIT_INSTANCE_ID]
         refine_block(rays, surface, found_ints, block, count)
         store_hits(rays.t_min, rays.t_max, block, count, hits)
         if locations is not None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import PACKED_RAY_LANES, SCENE_HIT
+from ...structs import PACKED_RAY_LANES, WORLD_HIT
 from ...support.compiled import compiled
 from ..host.walk import FIELD_COUNT, walk
 from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Call, Caster, Query, cut_smaller_when_full
@@ -32,7 +32,7 @@ def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: P
     count = batch.ray_count
     check_room(count, _HIT_BYTES)
     tree, surface = caster.tree, caster.tree.surface
-    refined = RefinedHits.make(count, has_instances=tree.hit_dtype == SCENE_HIT)
+    refined = RefinedHits.make(count, has_instances=tree.hit_dtype == WORLD_HIT)
     with caster.open_call() as call:
         if (host_tree := call.on_host(count)) is not None:
             call.run_on_host(_find_closest_on_host, host_tree, call.box, batch, surface, refined)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Mesh
-from ...structs import HIT_PRIM_ID, NO_PRIM, SCENE_HIT_INSTANCE_ID
+from ...structs import HIT_PRIM_ID, NO_PRIM, WORLD_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ..rays.batch import RayRows
 from ..world.surface_arrays import SurfaceArrays
@@ -66,7 +66,7 @@ def refine_closest(rays: RayRows, surface: SurfaceArrays, found: NDArray[np.void
     rays : RayRows
         The rays that were cast, as the user gave them.
     surface : SurfaceArrays
-    found : (n,) `structs.HIT` or `structs.SCENE_HIT`
+    found : (n,) `structs.HIT` or `structs.WORLD_HIT`
         What the device found.
     hits : RefinedHits of (n,) arrays, written
         Where float64 sees the ray pass beside the primitive, by less than float32 resolves, t, u and v are those of the
@@ -86,7 +86,7 @@ def refine_found(rays, surface, found_ints, block, hits):
         prim = found_ints[ray, HIT_PRIM_ID]
         prim_id[ray] = prim
         if len(instance_id) > 0:
-            instance_id[ray] = found_ints[ray, SCENE_HIT_INSTANCE_ID] if prim != NO_PRIM else NO_PRIM
+            instance_id[ray] = found_ints[ray, WORLD_HIT_INSTANCE_ID] if prim != NO_PRIM else NO_PRIM
         if prim == NO_PRIM:
             t[ray], u[ray], v[ray], is_front[ray] = np.inf, 0.0, 0.0, False
         else:

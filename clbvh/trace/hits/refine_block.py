@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, SCENE_HIT_INSTANCE_ID
+from ...structs import HIT_PRIM_ID, HIT_U, PRIM_KINDS, WORLD_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.loop_functions import add_scaled, cross, dot, exponent_of, prefetch, subtract, times_power_of_two
 from ..rays.batch import row_step
@@ -222,7 +222,7 @@ def gather_placed(rays, arrays, found_ints, block, count):
     x_offset, y_offset, z_offset = 0.0, 0.0, 0.0
     for hit in range(count):
         origin_id, direction_id = block.rays[hit] * origin_step, block.rays[hit] * direction_step
-        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        instance = np.int64(found_ints[sources[hit], WORLD_HIT_INSTANCE_ID])
         if instance != known:
             known, geometry = instance, arrays.geometry_id[instance]
             is_sphere = arrays.kind[geometry] == _SPHERES
@@ -247,7 +247,7 @@ def gather_placed(rays, arrays, found_ints, block, count):
             _write_triangle_across(vectors, hit)
             continue
         coming = sources[min(hit + PREFETCH_HITS, count - 1)]
-        if found_ints[coming, SCENE_HIT_INSTANCE_ID] == instance:
+        if found_ints[coming, WORLD_HIT_INSTANCE_ID] == instance:
             prefetch(faces, 3 * (first_face + found_ints[coming, HIT_PRIM_ID]))
         face = first_face + found_ints[sources[hit], HIT_PRIM_ID]
         a, b, c = first_vertex + faces[face, 0], first_vertex + faces[face, 1], first_vertex + faces[face, 2]
@@ -293,7 +293,7 @@ def finish_placed(rays, arrays, found_ints, block, count):
     spheres, first_sphere = arrays.spheres, arrays.first_sphere
     vectors, volumes, sources = block.vectors, block.volumes, block.sources
     for hit in range(count):
-        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        instance = np.int64(found_ints[sources[hit], WORLD_HIT_INSTANCE_ID])
         geometry = geometry_id[instance]
         if kind[geometry] != _SPHERES:
             if is_mirrored[instance]:
@@ -322,7 +322,7 @@ def finish_placed(rays, arrays, found_ints, block, count):
         volumes[hit] = -1.0 if is_leaving else 1.0
     # In a loop of their own the calls of atan2 take half the time.
     for hit in range(count):
-        instance = np.int64(found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        instance = np.int64(found_ints[sources[hit], WORLD_HIT_INSTANCE_ID])
         if kind[geometry_id[instance]] == _SPHERES:
             x, y, z = vectors[CORNER, 0, hit], vectors[CORNER, 1, hit], vectors[CORNER, 2, hit]
             vectors[TUV, 1, hit], vectors[TUV, 2, hit] = sphere_uv(x, y, z)
@@ -347,7 +347,7 @@ def locate(arrays, found_ints, block, count, locations):
     """Write the points of a block's hits to their targets, in the scene's coordinates."""
     vectors, sources, targets = block.vectors, block.sources, block.targets
     for hit in range(count):
-        instance = np.int64(0 if arrays.is_lone else found_ints[sources[hit], SCENE_HIT_INSTANCE_ID])
+        instance = np.int64(0 if arrays.is_lone else found_ints[sources[hit], WORLD_HIT_INSTANCE_ID])
         prim, u, v = found_ints[sources[hit], HIT_PRIM_ID], vectors[TUV, 1, hit], vectors[TUV, 2, hit]
         point = locate_point(arrays, instance, prim, u, v)
         locations[targets[hit], 0], locations[targets[hit], 1], locations[targets[hit], 2] = point

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...structs import NO_PRIM, SCENE_PRIM
+from ...structs import NO_PRIM, WORLD_PRIM
 from ..hits.closest import count_hits
 from ..launch import CLOSEST_POINT, Call, Caster, Query, cut_smaller_when_full
 from ..rays.batch import Broadcast, TreeBox, check_room, read_masks, read_points, read_rays
@@ -24,9 +24,9 @@ from ..scene.top_tree import prune_top
 from .pack import find_point_order, pack_points, take_masks, take_points
 from .refine import ClosestPoints, FoundPoints, SceneClosestPoints, refine_points
 
-_SCENE_CLOSEST_POINT = Query("closest_point", "prims", SCENE_PRIM)
+_SCENE_CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
 _INSIDE = Query("inside", "inside", np.dtype(np.uint8))
-_DEPTH = Query("depth", "prims", SCENE_PRIM)
+_DEPTH = Query("depth", "prims", WORLD_PRIM)
 
 # Distance, point and ids of a point.
 _POINT_BYTES = 40

@@ -229,7 +229,7 @@ def refine_points(
         Of the tree.
     order : (m,) int32
         Indices of the points that were cast, one after the other.
-    prims : (m,) `structs.SCENE_PRIM`, or int32 of a lone mesh
+    prims : (m,) `structs.WORLD_PRIM`, or int32 of a lone mesh
         Primitives that the device found, in that order.
     found : FoundPoints of n points, written
         Only for the points in `order`. Without a primitive the distance is infinite, the point NaN, and the ids

@@ -23,9 +23,9 @@ from ...structs import (
     PACKED_RAY_LANES,
     PACKED_RAY_T_MAX,
     PACKED_RAY_T_MIN,
-    SCENE_LOW,
-    SCENE_LOW_DIRECTION,
-    SCENE_LOW_LANES,
+    RAY_LOW,
+    RAY_LOW_DIRECTION,
+    RAY_LOW_LANES,
 )
 from ...support.compiled import compiled
 from ...support.loop_functions import exponent_of, power_of_two, prefetch, times_power_of_two
@@ -60,7 +60,7 @@ ALL_GOOD = -1
 _NOT_SHARED = -2
 
 # No `lows`.
-NO_LOWS = np.empty((0, SCENE_LOW_LANES), np.float32)
+NO_LOWS = np.empty((0, RAY_LOW_LANES), np.float32)
 
 # Origins that are compared before rays are packed as those of one camera.
 _SAMPLED_ORIGINS = 16
@@ -107,9 +107,9 @@ def pack_rays(
         Rays to write, by their indices in the part; all in their own order without it.
     first_ray : int, optional
         Index of the part's first ray in the batch.
-    lows : (n,) `structs.SCENE_LOW`, optional, written
+    lows : (n,) `structs.RAY_LOW`, optional, written
         For the rays of a scene.
-    shared_low : (1,) `structs.SCENE_LOW`, optional
+    shared_low : (1,) `structs.RAY_LOW`, optional
         Instead of `lows`, from `find_shared_low`.
 
     Returns
@@ -143,7 +143,7 @@ def pack_rays(
 def find_shared_low(
     batch: RayBatch, box: TreeBox, begin: int, end: int, *, reads_direction: bool
 ) -> NDArray[np.void] | None:
-    """Return the `structs.SCENE_LOW` that rays `begin` to `end` share, (1,), or None if a sample says that they do not.
+    """Return the `structs.RAY_LOW` that rays `begin` to `end` share, (1,), or None if a sample says that they do not.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def find_shared_low(
         sample = batch.origins.take(np.linspace(begin, end - 1, _SAMPLED_ORIGINS).astype(np.int64)).items
         if (sample != sample[0]).any():
             return None
-    packed, low = np.empty(1, PACKED_RAY), np.zeros(1, SCENE_LOW)
+    packed, low = np.empty(1, PACKED_RAY), np.zeros(1, RAY_LOW)
     pack_rays(batch, batch.part(begin, begin + 1), box, packed, first_ray=begin, lows=low)
     low["direction"] = 0.0
     return low
@@ -278,9 +278,9 @@ def _write_low(packed, lows, slot, ray):
     lows[slot, 0] = ray.x - np.float64(packed[slot, 0])
     lows[slot, 1] = ray.y - np.float64(packed[slot, 1])
     lows[slot, 2] = ray.z - np.float64(packed[slot, 2])
-    lows[slot, SCENE_LOW_DIRECTION] = ray.dx - np.float64(packed[slot, PACKED_RAY_DIRECTION])
-    lows[slot, SCENE_LOW_DIRECTION + 1] = ray.dy - np.float64(packed[slot, PACKED_RAY_DIRECTION + 1])
-    lows[slot, SCENE_LOW_DIRECTION + 2] = ray.dz - np.float64(packed[slot, PACKED_RAY_DIRECTION + 2])
+    lows[slot, RAY_LOW_DIRECTION] = ray.dx - np.float64(packed[slot, PACKED_RAY_DIRECTION])
+    lows[slot, RAY_LOW_DIRECTION + 1] = ray.dy - np.float64(packed[slot, PACKED_RAY_DIRECTION + 1])
+    lows[slot, RAY_LOW_DIRECTION + 2] = ray.dz - np.float64(packed[slot, PACKED_RAY_DIRECTION + 2])
 
 
 @compiled

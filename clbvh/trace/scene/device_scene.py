@@ -20,7 +20,7 @@ from ...geometry import Mesh
 from ...geometry.spheres import Shape, Spheres
 from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
 from ...scene.state import SceneState
-from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PRIM_KINDS, SCENE_HIT
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, PRIM_KINDS, WORLD_HIT
 from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
 from ..hits.surface import Surface
 from ..rays.batch import TreeBox
@@ -38,7 +38,7 @@ _ROUNDING_ROOM = 1 - 2.0**-10
 def make_scene_defines(layout: str, stack_size: int, *, has_spheres: bool) -> dict[str, int]:
     """Return the macros of every traversal kernel of a scene."""
     return make_defines(layout, stack_size) | {
-        "HAS_INSTANCES": 1,
+        "LONE": 0,
         "HAS_SPHERES": int(has_spheres),
         "TOP_STACK_SIZE": _TOP_STACK_SIZE,
     }
@@ -88,7 +88,7 @@ class DeviceScene:
     """
 
     has_instances = True
-    hit_dtype = SCENE_HIT
+    hit_dtype = WORLD_HIT
     mesh = None
 
     def __init__(
@@ -110,7 +110,7 @@ class DeviceScene:
         self._build_top = build_top
         arrays = arrange_geometries(state, trees, self.layout)
         self._ranges = list_ranges(state, arrays)
-        self.arguments: dict[str, Any] = {}
+        self.arguments: dict[str, Any] = {"block_count": np.int32(0)}
         self._byte_counts: dict[str, int] = {}
         depth = max((bvh.depth for bvh in self.trees), default=0)
         stack_size = pad_stack(self.layout, max(each.stack_size for each in arrays), depth)
@@ -295,7 +295,7 @@ class LoneSpheres:
 
     has_instances = False
     advances_rays = False
-    hit_dtype = SCENE_HIT
+    hit_dtype = WORLD_HIT
     mesh = None
     ray_tree = None
 
@@ -308,9 +308,10 @@ class LoneSpheres:
             "nodes": scene.arguments["nodes"],
             "blocks": scene.arguments["spheres"],
             "block_count": np.int32(block_count),
+            **dict.fromkeys(("top_nodes", "instances", "spheres")),
         }
-        self.defines = {name: scene.defines[name] for name in ("LAYOUT", "STACK_SIZE", "HAS_INSTANCES", "HAS_SPHERES")}
-        self.defines["LONE_SPHERES"] = 1
+        self.defines = {name: scene.defines[name] for name in ("LAYOUT", "STACK_SIZE", "LONE", "HAS_SPHERES")}
+        self.defines["LONE"] = 1
         self.has_entry_points = self.layout in ENTRY_POINT_LAYOUTS
         spheres = scene.state.shapes[scene.state.geometry_ids[0]]
         half = np.abs(spheres.local_box).max(axis=0).astype(np.float64) + _MARGIN

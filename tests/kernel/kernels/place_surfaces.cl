@@ -33,7 +33,7 @@ kernel void place_surfaces(
     vstore3(placed.above_low, i, lows);
     vstore3(placed.normal, i, normals);
 
-    const scene_ray_pair_t ray = {
+    const ray_pair_t ray = {
         placed.above, vload3(i, leaving), 0.0f, INFINITY, placed.above_low, (float3)(0.0f), 1};
     float t_shift;
     const ray_t inside = enter_instance(&ray, instances + i, INFINITY, &t_shift);

@@ -145,7 +145,7 @@ def test_every_shipped_kernel_builds_in_every_layout_without_a_warning(session, 
     # What the compiler says would end up on the user's screen.
     options = ["-cl-std=CL1.2", "-Werror", f"-DLAYOUT={LAYOUTS[layout]}", "-DSTACK_SIZE=4"]
     if path.stem.startswith("scene_"):
-        options += ["-DHAS_INSTANCES=1", "-DHAS_SPHERES=1", "-DTOP_STACK_SIZE=4"]
+        options += ["-DLONE=0", "-DHAS_SPHERES=1", "-DTOP_STACK_SIZE=4"]
     program = cl.Program(session.context, expand_source(f"kernels/{path.stem}.cl")).build(options)
     names = {kernel.function_name for kernel in program.all_kernels()}
     assert (path.stem in names) == (layout in ENTRY_POINT_LAYOUTS or not path.stem.endswith("entry_points"))

@@ -6,7 +6,7 @@ import pytest
 import clbvh
 from clbvh import Tracer
 from clbvh.rendering.cameras.framing import frame_mesh
-from clbvh.structs import ENTRY_POINT_LAYOUTS, SCENE_TILE
+from clbvh.structs import ENTRY_POINT_LAYOUTS, TILE
 from clbvh.trace import launch
 from clbvh.trace.rays import pieces
 
@@ -39,7 +39,7 @@ def tiles(monkeypatch):
     def record(session, tree, kernel, buffer, work_size, tile, **arguments):
         starts = find(session, tree, kernel, buffer, work_size, tile, **arguments)
         columns, rows = (-(-length // edge) for length, edge in zip(work_size, tile, strict=True))
-        with session.mapped(starts["tiles"], columns * rows, SCENE_TILE, write=False) as items:
+        with session.mapped(starts["tiles"], columns * rows, TILE, write=False) as items:
             found.append(items.copy())
         return starts
 
