@@ -186,17 +186,17 @@ def _spheres_reader(suffix: str, originals: Sequence[bytes]) -> Reader:
 
 def _tree_reader() -> Reader:
     tree = build(make_soup(12, seed=3), leaf_size=2)
-    facts_bytes, header_bytes = serialize._FACTS.size, serialize._HEADER_BYTES
+    header_bytes = serialize._HEADER.size
     words = np.concatenate([tree.nodes["first"], tree.nodes["count"], tree.prim_ids]).astype("<i4")
     facts = (serialize.MAGIC, serialize.FORMAT_VERSION, tree.node_count, tree.mesh.face_count, tree.mesh.fingerprint)
 
     def seal(content: bytes) -> bytes:
         """Return a file whose digests fit its content, so that what lies behind them is reached."""
         digest = hashlib.sha256(content[header_bytes:]).digest()[:_DIGEST_BYTES]
-        sealed = content[: facts_bytes - _DIGEST_BYTES] + digest
+        sealed = content[: header_bytes - 2 * _DIGEST_BYTES] + digest
         return sealed + hashlib.sha256(sealed).digest()[:_DIGEST_BYTES] + content[header_bytes:]
 
-    original = seal(serialize._FACTS.pack(*facts, bytes(_DIGEST_BYTES)) + bytes(_DIGEST_BYTES) + words.tobytes())
+    original = seal(serialize._HEADER.pack(*facts, b"", b"") + words.tobytes())
 
     def make(generator: Random) -> bytes:
         """Damage the bytes, or exchange and change links and leave the digests right."""

@@ -30,11 +30,11 @@ def path(tmp_path):
     return path
 
 
-def forge(path, links, prim_ids, *, node_count=None):
+def forge(path, links, prim_ids, *, node_count=None, mesh=None):
     """Write a file whose sums are right, whatever its links are: (first, count) of each node."""
     payload = np.concatenate([np.array(links, "<i4").reshape(-1, 2).T.ravel(), np.array(prim_ids, "<i4")]).tobytes()
     facts = struct.pack("<8sIII", b"\x8bBVH\r\n\x1a\n", 2, node_count or len(links), len(prim_ids))
-    facts += make_tree().mesh.fingerprint + hashlib.sha256(payload).digest()[:16]
+    facts += (mesh or make_tree().mesh).fingerprint + hashlib.sha256(payload).digest()[:16]
     path.write_bytes(facts + hashlib.sha256(facts).digest()[:16] + payload)
 
 
@@ -179,6 +179,15 @@ def test_a_forged_number_of_nodes_allocates_nothing(tmp_path, count):
 def test_links_that_make_no_tree_are_refused(tmp_path, links, prim_ids):
     forge(tmp_path / "a.tree", links, prim_ids)
     assert "its nodes make no tree" in refused(tmp_path / "a.tree")
+
+
+def test_a_large_forged_file_is_refused_in_a_short_sentence(tmp_path):
+    bvh = build(make_soup(50_000, 1))
+    links = np.stack((bvh.nodes["first"], bvh.nodes["count"]), axis=1)
+    for leaves, prim_ids in ((links[:, 0], np.zeros_like(bvh.prim_ids)), (0 * links[:, 0], bvh.prim_ids)):
+        links[:, 0] = np.where(links[:, 1] > 0, leaves, links[:, 0])
+        forge(tmp_path / "a.tree", links, prim_ids, mesh=bvh.mesh)
+        assert len(refused(tmp_path / "a.tree", bvh.mesh)) < 500
 
 
 @pytest.mark.parametrize("count", [3, 5])
