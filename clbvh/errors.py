@@ -235,3 +235,8 @@ class InternalError(ClbvhError, RuntimeError):
     >>> issubclass(clbvh.InternalError, clbvh.ClbvhError)
     True
     """
+
+
+def shorten_message(message: object) -> str:
+    """Return what a library says as one line of at most 200 characters."""
+    return " ".join(str(message).split())[:200]

@@ -9,8 +9,10 @@ from typing import TypeAlias
 from ..bvh import Bvh
 from ..errors import SceneError
 from ..geometry import MeshLike, Spheres
-from ..scene.parts import HasGraph, is_saved_scene
+from ..scene.parts import HasGraph
 from ..scene.scene import Scene
+from ..scene.state import SAVED_SCENE
+from ..support.archive import begins_with_member
 from ..support.folders import find_folder
 from .view import View
 
@@ -80,7 +82,7 @@ def open_scene(source: str | os.PathLike[str]) -> tuple[Scene, View]:
         from .scene_file import read_scene_file  # most pictures are of mesh files
 
         return read_scene_file(shipped or Path(text))
-    if is_saved_scene(text):
+    if begins_with_member(text, SAVED_SCENE):
         from ..scene.serialize import read_scene
         from .scene_file import view_of_plain
 

@@ -23,13 +23,9 @@ from ..geometry.loading.file_parts import FileNode, FileParts, join_nodes, multi
 from ..geometry.loading.load import LoadedParts
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape
-from ..support.files import open_regular
 from .handles import ALL_BITS, Colour, shorten
 from .names import name_of_file
 from .transforms import check_transform
-
-# The text in a saved scene, see `serialize.py`, and where its name begins in the first header of a ZIP archive.
-FIRST_MEMBER, _NAME, _NAME_AT = "clbvh_scene", b"clbvh_scene.npy", 30
 
 # A last row of a node's matrix that is as near to 0, 0, 0, 1 as this is that, but for rounding.
 _AFFINE_TOLERANCE = 1e-6
@@ -155,13 +151,3 @@ def make_affine(matrix: Any) -> NDArray[np.float64]:
     if affine.shape == (4, 4) and np.allclose(affine[3], (0, 0, 0, 1), rtol=0, atol=_AFFINE_TOLERANCE):
         affine[3] = (0, 0, 0, 1)
     return affine
-
-
-def is_saved_scene(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins as those of `Scene.save` do: an archive of this first member."""
-    try:
-        with open_regular(Path(path)) as file:
-            head = file.read(_NAME_AT + len(_NAME))
-    except (OSError, ValueError):  # it cannot be read
-        return False
-    return head.startswith(b"PK\3\4") and head[_NAME_AT:] == _NAME

@@ -24,31 +24,32 @@ from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
-from zipfile import ZIP_STORED, ZipFile
 
 import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from ..errors import MeshError, SceneError
+from ..errors import MeshError, SceneError, shorten_message
 from ..geometry.appearance.appearance import Appearance
 from ..geometry.appearance.material import Material, Texture
-from ..geometry.loading.spheres_file import read_member
 from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, Spheres
+from ..support.archive import begins_with_member, read_members
 from ..support.files import as_path, open_regular, read_errors_as, write_atomically
 from ..support.memory import check_memory
 from .names import Named
-from .parts import FIRST_MEMBER, is_saved_scene
-from .state import SceneState
+from .state import SAVED_SCENE, SceneState
 from .transforms import check_transforms
 
 FORMAT_VERSION = 1
 
-
-_MESH_ARRAYS, _SPHERES_ARRAYS = ("vertices", "faces"), ("centres", "radii")
-_LOOKS_ARRAYS = ("normals", "uvs", "colours", "material_ids")
+# By the kinds of shapes: the class, and its arrays.
+_KINDS: dict[str, tuple[type[Shape], tuple[str, str]]] = {
+    "mesh": (Mesh, ("vertices", "faces")),
+    "spheres": (Spheres, ("centres", "radii")),
+}
+_LOOKS_ARRAYS = "normals", "uvs", "colours", "material_ids"
 # The shapes of their rows, and their dtypes.
 _INSTANCE_ARRAYS: dict[str, tuple[tuple[int, ...], type]] = {
     "transforms": ((4, 4), np.float64),
@@ -58,7 +59,6 @@ _INSTANCE_ARRAYS: dict[str, tuple[tuple[int, ...], type]] = {
     "material_ids": ((), np.int32),
 }
 _SETTING = "settings_"
-_MAX_DETAIL_LENGTH = 200  # characters of a library's message
 
 
 @cache
@@ -125,7 +125,6 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     ConfigError
         The folder does not exist, the path is a folder, or is no path at all.
     """
-    target = as_path(path)
     looks = [shape.appearance or Appearance() for shape in state.shapes]
     materials = chain(*(each.materials for each in looks), state.materials)
     textures = dict.fromkeys(texture for material in materials for texture in material.textures)
@@ -133,13 +132,13 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     arrays: dict[str, Any] = {f"texture_{number}": texture.pixels for texture, number in numbers.items()}
     geometries = []
     for number, (shape, name, look) in enumerate(zip(state.shapes, state.names, looks, strict=True)):
-        is_mesh = isinstance(shape, Mesh)
-        for owner, names in ((shape, _MESH_ARRAYS if is_mesh else _SPHERES_ARRAYS), (look, _LOOKS_ARRAYS)):
-            found = {f"geometry_{number}_{each}": getattr(owner, each) for each in names}
-            arrays |= {each: values for each, values in found.items() if values is not None}
+        kind = "mesh" if isinstance(shape, Mesh) else "spheres"
+        found = {each: getattr(shape, each) for each in _KINDS[kind][1]}
+        found |= {each: getattr(look, each) for each in _LOOKS_ARRAYS}
+        arrays |= {f"geometry_{number}_{each}": values for each, values in found.items() if values is not None}
         geometries.append(
             {
-                "kind": "mesh" if is_mesh else "spheres",
+                "kind": kind,
                 "name": name,
                 "shape_name": str(shape.name),
                 "parts": shape.parts if isinstance(shape, Mesh) else (),
@@ -156,8 +155,8 @@ def write_scene(path: str | os.PathLike[str], state: SceneState, settings: dict[
     }
     arrays |= {name: getattr(state, name) for name in _INSTANCE_ARRAYS}
     arrays |= {_SETTING + name: value for name, value in settings.items() if isinstance(value, np.ndarray)}
-    first = {FIRST_MEMBER: np.frombuffer(json.dumps(text).encode(), np.uint8)}
-    write_atomically(target, lambda file: np.savez(file, **first | arrays))
+    first = {SAVED_SCENE: np.frombuffer(json.dumps(text).encode(), np.uint8)}
+    write_atomically(as_path(path), lambda file: np.savez(file, **first | arrays))
 
 
 def _describe(material: Material, numbers: dict[Texture, int]) -> dict[str, Any]:
@@ -182,33 +181,28 @@ def read_scene(path: str | os.PathLike[str]) -> tuple[SceneState, dict[str, Any]
     """
     with read_errors_as(SceneError, path), open_regular(Path(path)) as file:
         size = os.fstat(file.fileno()).st_size
-        if not is_saved_scene(path):
+        if not begins_with_member(path, SAVED_SCENE):
             raise SceneError(f"{path}: this is not a saved scene")
         check_memory(f"{path}: a scene of {size:,} bytes", 2 * size, SceneError)
         try:
-            with ZipFile(file) as archive:
-                return _read(archive, size)
+            return _read(read_members(file))
         except Exception as error:  # of zipfile, numpy, json and msgspec, and our own
-            detail = " ".join(str(error).split())[:_MAX_DETAIL_LENGTH]
+            detail = shorten_message(error)
+            fault = f"the file is damaged or was cut off ({type(error).__name__}: {detail})"
             if isinstance(error, SceneError | MeshError | msgspec.ValidationError):
-                raise SceneError(f"{path}: the file makes no scene: {detail}: save the scene again") from error
-            raise SceneError(
-                f"{path}: the file is damaged or was cut off ({type(error).__name__}: {detail}): save the scene again"
-            ) from error
+                fault = f"the file makes no scene: {detail}"
+            raise SceneError(f"{path}: {fault}: save the scene again") from error
 
 
-def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
-    members = archive.infolist()
-    if any(each.compress_type != ZIP_STORED for each in members) or sum(each.file_size for each in members) > size:
-        raise SceneError("its arrays are packed, or larger than the file")
-    names = {each.filename.removesuffix(".npy") for each in members}
-    values = json.loads(read_member(archive, FIRST_MEMBER).tobytes())
+def _read(arrays: dict[str, NDArray[Any]]) -> tuple[SceneState, dict[str, Any]]:
+    values = json.loads(arrays[SAVED_SCENE].tobytes())
     version = values.get("format") if isinstance(values, dict) else None
     if version != FORMAT_VERSION:
         raise SceneError(f"it has the format {version!r}, and this version of clbvh reads format {FORMAT_VERSION}")
     text = msgspec.convert(values, _Text)
+    # An array is dropped once it is used, so that a large scene does not need memory for both.
     textures = [
-        Texture(each.name, read_member(archive, f"texture_{number}"), each.is_srgb, each.wrap)
+        Texture(each.name, arrays.pop(f"texture_{number}"), each.is_srgb, each.wrap)
         for number, each in enumerate(text.textures)
     ]
 
@@ -217,35 +211,32 @@ def _read(archive: ZipFile, size: int) -> tuple[SceneState, dict[str, Any]]:
 
     shapes: list[Shape] = []
     for number, each in enumerate(text.geometries):
-        stored = {name: f"geometry_{number}_{name}" for name in (*_MESH_ARRAYS, *_SPHERES_ARRAYS, *_LOOKS_ARRAYS)}
-        arrays = {name: read_member(archive, member) for name, member in stored.items() if member in names}
-        shapes.append(_make_shape(each, arrays, make_materials(each.materials)))
-    arrays = {name: read_member(archive, name) for name in _INSTANCE_ARRAYS}
-    _check_instances(arrays, len(text.instance_names), len(shapes), len(text.materials))
-    for kind, given in (("a geometry", [each.name for each in text.geometries]), ("an instance", text.instance_names)):
-        taken = Named[None](kind)
-        for name in given:
+        kind, names = _KINDS[each.kind]
+        given = [arrays.pop(f"geometry_{number}_{name}") for name in names]
+        looks: dict[str, Any] = {name: arrays.pop(f"geometry_{number}_{name}", None) for name in _LOOKS_ARRAYS}
+        looks["materials"] = make_materials(each.materials)
+        if kind is Mesh:
+            appearance = Appearance(**looks)
+            looks = {"appearance": None if appearance.is_empty else appearance, "parts": each.parts}
+        else:
+            del looks["normals"], looks["uvs"]
+        shapes.append(kind.from_arrays(*given, name=each.shape_name, **looks))
+    instances = {name: arrays[name] for name in _INSTANCE_ARRAYS}
+    _check_instances(instances, len(text.instance_names), len(shapes), len(text.materials))
+    names_of = {"a geometry": tuple(each.name for each in text.geometries), "an instance": tuple(text.instance_names)}
+    for what, given_names in names_of.items():
+        taken = Named[None](what)
+        for name in given_names:
             taken[taken.check(name)] = None
     state = SceneState(
         shapes=tuple(shapes),
-        names=tuple(each.name for each in text.geometries),
-        instance_names=tuple(text.instance_names),
+        names=names_of["a geometry"],
+        instance_names=names_of["an instance"],
         materials=make_materials(text.materials),
-        **arrays,
+        **instances,
     )
-    own = {name.removeprefix(_SETTING): read_member(archive, name) for name in names if name.startswith(_SETTING)}
-    return state, text.settings | own
-
-
-def _make_shape(text: _Geometry, arrays: dict[str, NDArray[Any]], materials: tuple[Material, ...]) -> Shape:
-    looks: dict[str, Any] = {name: arrays.get(name) for name in _LOOKS_ARRAYS}
-    if text.kind == "spheres":
-        del looks["normals"], looks["uvs"]
-        centres, radii = arrays["centres"], arrays["radii"]
-        return Spheres(centres, radii, name=text.shape_name, materials=materials, **looks)
-    appearance: Any = Appearance(**looks, materials=materials)
-    looks = {"appearance": None if appearance.is_empty else appearance, "parts": text.parts}
-    return Mesh.from_arrays(arrays["vertices"], arrays["faces"], name=text.shape_name, **looks)
+    settings = {name.removeprefix(_SETTING): array for name, array in arrays.items() if name.startswith(_SETTING)}
+    return state, text.settings | settings
 
 
 def _check_instances(arrays: dict[str, NDArray[Any]], count: int, geometry_count: int, material_count: int) -> None:

@@ -14,6 +14,9 @@ from ..geometry.mesh import Mesh
 from ..geometry.spheres import Shape, with_material
 from .handles import ALL_BITS
 
+# The first array in the file of a saved scene, which tells it from other files: see `serialize.py`.
+SAVED_SCENE = "clbvh_scene"
+
 
 @dataclass(frozen=True, eq=False)
 class SceneState:

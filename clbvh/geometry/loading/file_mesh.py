@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import AppearanceWarning, MeshError
+from ...errors import AppearanceWarning, MeshError, shorten_message
 from ...support.files import read_regular
 from ..appearance.appearance import Appearance, find_flat_normals, make_unchecked, normalize
 from ..appearance.material import Material
@@ -58,7 +58,6 @@ def read_named(path: Path, *, max_bytes: int | None = None) -> bytes:
 
 
 _MAX_SHOWN = 3  # problems in a warning
-_MAX_DETAIL_LENGTH = 200  # characters of an error's message
 _PACKAGE = Path(__file__).parents[2]
 
 
@@ -81,7 +80,7 @@ class Problems:
         try:
             yield
         except Exception as error:
-            detail = " ".join(str(error).split())[:_MAX_DETAIL_LENGTH] or type(error).__name__
+            detail = shorten_message(error) or type(error).__name__
             self.add(f"{subject} cannot be used: {detail}")
 
     def warn(self, source: str) -> None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MeshError
+from ...errors import MeshError, shorten_message
 from ...support.files import read_errors_as, read_regular
 from ..mesh import Mesh, Part
 from ..smooth_normals import flatten
@@ -35,7 +35,6 @@ _BEGINNINGS = {
     "stl": re.compile(rb"\s*solid\s", re.IGNORECASE),
     "obj": re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:mtllib|usemtl|o|g|s|v|vn|vt)[ \t]"),
 }
-_MAX_DETAIL_LENGTH = 200  # characters of a library's message
 
 
 def load_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -203,7 +202,7 @@ def _read(
     except MemoryError as error:
         raise _no_memory(source) from error
     except Exception as error:  # numbers that are none, and other damage that no reader looks for
-        detail = " ".join(f"{type(error).__name__}: {error}".split())[:_MAX_DETAIL_LENGTH]
+        detail = shorten_message(f"{type(error).__name__}: {error}")
         raise MeshError(f"{source}: the {file_format.upper()} file is damaged or incomplete ({detail})") from error
     problems.warn(source)
     return result

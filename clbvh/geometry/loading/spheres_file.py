@@ -7,16 +7,15 @@ are never unpacked. What the numbers may be, `Spheres` checks.
 from __future__ import annotations
 
 import io
-import math
 import os
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MeshError
+from ...errors import MeshError, shorten_message
+from ...support.archive import read_member
 from ...support.files import read_errors_as, read_regular
 from ...support.memory import check_memory
 
@@ -24,8 +23,6 @@ SPHERES_SUFFIXES = (".npz", ".csv")
 
 _CENTRES, _RADII = "centres", "radii"
 _WITH_RADII = 4  # columns of a table: x, y, z, radius
-
-_MAX_DETAIL_LENGTH = 200  # characters of a library's message
 
 # A line of text takes this many bytes at least ("1,2,3" and its end); of that and its floats while it is parsed.
 _LEAST_LINE_BYTES = 6
@@ -64,7 +61,7 @@ def read_spheres(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDA
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:  # damage that the libraries report in their own ways
-        detail = " ".join(f"{type(error).__name__}: {error}".split())[:_MAX_DETAIL_LENGTH]
+        detail = shorten_message(f"{type(error).__name__}: {error}")
         raise MeshError(f"{path}: the file of spheres is damaged ({detail})") from error
 
 
@@ -84,26 +81,10 @@ def _read_archive(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]
     return centres, radii
 
 
-# By the versions of the format in which numpy writes arrays of numbers.
-_HEADER_READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-
-
 def _read_numbers(archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
     check_memory("a file of spheres", 3 * archive.getinfo(f"{name}.npy").file_size, MeshError)
     with np.errstate(over="ignore", invalid="ignore"):  # a wider dtype, a signalling NaN: refused by the spheres
         return read_member(archive, name).astype(np.float64, order="C")
-
-
-def read_member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """Return an array of numbers; its size is that of the archive's directory, not that of its header."""
-    with archive.open(f"{name}.npy") as file:
-        shape, is_fortran, dtype = _HEADER_READERS[np.lib.format.read_magic(file)](file)
-        if dtype.kind not in "iuf":
-            raise MeshError(f"{name} must be numbers, not {dtype}")
-        values = np.frombuffer(file.read(), dtype)
-    if values.size != math.prod(shape):
-        raise MeshError(f"{name} has {values.size:,} numbers instead of {math.prod(shape):,}: the archive is cut off")
-    return values.reshape(shape, order="F" if is_fortran else "C")
 
 
 def _read_table(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:

@@ -256,7 +256,7 @@ class TestForgedText:
             (["geometries"], [], "instance 0 has 0 among its geometry_ids, of 0"),
             (["geometries", 0], 5, "Expected `object`, got `int`"),
             (["geometries", 0, "kind"], "teapot", "Invalid enum value 'teapot'"),
-            (["geometries", 0, "kind"], "spheres", "KeyError: 'centres'"),
+            (["geometries", 0, "kind"], "spheres", "KeyError: 'geometry_0_centres'"),
             (["geometries", 0, "name"], "Sterne ★", "geometry with the name 'Sterne ★' already"),
             (["geometries", 0, "name"], "", "must be a text"),
             (["geometries", 0, "name"], 5, r"Expected `str`, got `int` - at `\$.geometries\[0\].name`"),
@@ -321,7 +321,7 @@ class TestForgedArrays:
             assert f"its array '{name}' does not fit 3 instances" in refused(path)
         del arrays[name]
         forge(path, text, arrays)
-        assert f"There is no item named '{name}.npy'" in refused(path)
+        assert f"KeyError: '{name}'" in refused(path)
 
 
 def scramble(rng, path, text, arrays):
