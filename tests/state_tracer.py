@@ -1,8 +1,7 @@
 """The queries of a tracer in a scene whose trees are given, or left out."""
 
-import functools
-
-from clbvh import Tracer, build
+from clbvh import Tracer
+from clbvh.builders.build import build_top
 from clbvh.device.session import DeviceSession
 from clbvh.trace.device_tree import BRUTE
 from clbvh.trace.launch import Caster
@@ -16,7 +15,7 @@ class StateTracer(RayQueries, PointQueries):
 
     def __init__(self, state, device, trees=None):
         session = DeviceSession(device)
-        tree = DeviceScene(session, state, trees, functools.partial(build, leaf_size=1))
+        tree = DeviceScene(session, state, trees, build_top)
         self._caster = Caster(session, tree, tree.box)
 
     def close(self):

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from ..bvh import Bvh
 from ..errors import ConfigError
-from ..geometry import Mesh, MeshLike, Shape, Spheres, as_mesh
-from ..geometry.box_mesh import mesh_of
+from ..geometry import MeshLike, Shape, Spheres, as_mesh
+from ..geometry.corners import Bounded, Boxes
 from ..support.host_threads import usable_cores
 from .executor import Executor, ThreadExecutor
 from .ladder.variants import VARIANTS
@@ -32,7 +32,7 @@ PRIMS_PER_WORKER = 10_000
 # nearly the same. The wide layouts, which choose their own leaves, are as fast with any (2-core x86-64 server, PoCL).
 _SPHERE_TRAVERSAL_COST = 3.0
 
-Builder = Callable[[Mesh, Executor, BuildOptions], Bvh]
+Builder = Callable[[Bounded, Executor, BuildOptions], Bvh]
 
 BUILDERS = (DEFAULT_BUILDER, *VARIANTS)
 
@@ -134,9 +134,9 @@ def build(
 
 
 def build_tree(
-    mesh: Mesh, builder: str, pool: SubtreePool | None, options: BuildOptions, workers: int | None = None
+    shape: Bounded, builder: str, pool: SubtreePool | None, options: BuildOptions, workers: int | None = None
 ) -> Bvh:
-    """Build a tree as `build` does, with the options in one struct."""
+    """Build a tree over any shape as `build` does over a mesh, with the options in one struct."""
     check_workers(workers)
     if workers is not None and pool is not None:
         raise ConfigError("a build has threads of its own or the workers of a pool: leave workers or pool out")
@@ -144,34 +144,30 @@ def build_tree(
     if builder in VARIANTS:
         uses_pool = VARIANTS[builder].parallel
     else:
-        uses_pool = options.task_threshold is not None or mesh.face_count >= 2 * PRIMS_PER_WORKER
+        uses_pool = options.task_threshold is not None or shape.prim_count >= 2 * PRIMS_PER_WORKER
     if pool is not None and uses_pool:
         from .processes.pool import open_executor
 
         with open_executor(pool) as executor:
-            return run(mesh, executor, options)
-    with ThreadExecutor(choose_workers(mesh.face_count, builder, options, workers)) as executor:
-        return run(mesh, executor, options)
+            return run(shape, executor, options)
+    with ThreadExecutor(choose_workers(shape.prim_count, builder, options, workers)) as executor:
+        return run(shape, executor, options)
 
 
-def choose_workers(face_count: int, builder: str, options: BuildOptions, workers: int | None) -> int:
+def choose_workers(prim_count: int, builder: str, options: BuildOptions, workers: int | None) -> int:
     """Return the number of threads that build a tree without a pool."""
     if builder in VARIANTS and not VARIANTS[builder].parallel:
         return 1
     most = int(workers or usable_cores())
-    return most if options.task_threshold is not None else max(1, min(most, face_count // PRIMS_PER_WORKER))
-
-
-def build_over(shape: Shape, builder: str, pool: SubtreePool | None, options: BuildOptions) -> Bvh:
-    """Build a tree over a shape with any builder.
-
-    Its mesh is the shape, or, of spheres, the mesh of their boxes: `prim_ids` are the indices of the spheres, and
-    origin and scale are theirs.
-    """
-    return build_tree(mesh_of(shape), builder, pool, options)
+    return most if options.task_threshold is not None else max(1, min(most, prim_count // PRIMS_PER_WORKER))
 
 
 def build_shape(shape: Shape) -> Bvh:
     """Build a tree over a shape as `build` does; over spheres with leaves that suit them."""
     options = BuildOptions(traversal_cost=_SPHERE_TRAVERSAL_COST) if isinstance(shape, Spheres) else BuildOptions()
-    return build_over(shape, DEFAULT_BUILDER, None, options)
+    return build_tree(shape, DEFAULT_BUILDER, None, options)
+
+
+def build_top(boxes: Boxes) -> Bvh:
+    """Build the tree over the boxes of instances, one in each leaf."""
+    return build_tree(boxes, DEFAULT_BUILDER, None, BuildOptions(leaf_size=1))

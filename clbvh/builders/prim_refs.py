@@ -21,7 +21,7 @@ from ..structs import BOX_LANES, PRIM_REF_ID
 from ..support.compiled import compiled
 
 if TYPE_CHECKING:
-    from ..geometry import Mesh
+    from ..geometry.corners import Corners
 
 # The bounds of a set of primitives: (2, 8) float32, two rows of `boxes`.
 Bounds = NDArray[np.float32]
@@ -29,48 +29,45 @@ BOUNDS_BOX = 0  # the row with the box of the primitives
 BOUNDS_CENTROIDS = 1  # the row with the box of their centroids
 
 
-class MeshSlice(NamedTuple):
-    """A range of a mesh's primitives, for one thread.
+class PrimSlice(NamedTuple):
+    """A range of primitives, for one thread.
 
     Attributes
     ----------
-    vertices : (V, 3) float32
-    faces : (F, 3) int32
+    points : (m, 3) float32
+    ids : (n, 3) int32
+        The corners of all primitives.
     begin, end : int
     """
 
-    vertices: NDArray[np.float32]
-    faces: NDArray[np.int32]
+    points: NDArray[np.float32]
+    ids: NDArray[np.int32]
     begin: int
     end: int
 
 
 @compiled
-def box_of(vertices, faces, prim):
+def box_of(points, ids, prim):
     """Return the box of one primitive."""
-    a, b, c = (
-        load_point(vertices, faces[prim, 0]),
-        load_point(vertices, faces[prim, 1]),
-        load_point(vertices, faces[prim, 2]),
-    )
+    a, b, c = load_point(points, ids[prim, 0]), load_point(points, ids[prim, 1]), load_point(points, ids[prim, 2])
     return unite(c, unite(b, a))
 
 
 @compiled
-def fill_prim_refs(mesh_slice, refs, bounds):
+def fill_prim_refs(prim_slice, refs, bounds):
     """Write the references of a slice's primitives, and their common bounds.
 
     Parameters
     ----------
-    mesh_slice : MeshSlice
-    refs : (F, 8) float32, written
+    prim_slice : PrimSlice
+    refs : (n, 8) float32, written
     bounds : (2, 8) float32, written
     """
-    vertices, faces = mesh_slice.vertices, mesh_slice.faces
+    points, ids = prim_slice.points, prim_slice.ids
     ref_ints = refs.view(np.int32)
     box, centroid_box = empty_box(), empty_box()
-    for prim in range(mesh_slice.begin, mesh_slice.end):
-        ref = box_of(vertices, faces, prim)
+    for prim in range(prim_slice.begin, prim_slice.end):
+        ref = box_of(points, ids, prim)
         store_box(refs, prim, ref)
         ref_ints[prim, PRIM_REF_ID] = prim
         box = unite(ref, box)
@@ -79,8 +76,8 @@ def fill_prim_refs(mesh_slice, refs, bounds):
     store_box(bounds, BOUNDS_CENTROIDS, centroid_box)
 
 
-def fill_slice(mesh: Mesh, begin: int, end: int, prim_refs: NDArray[np.float32]) -> Bounds:
-    """Write the references of primitives `begin` to `end` of a mesh into (F, 8) `prim_refs`; return their bounds."""
+def fill_slice(corners: Corners, begin: int, end: int, prim_refs: NDArray[np.float32]) -> Bounds:
+    """Write the references of primitives `begin` to `end` into (n, 8) `prim_refs`; return their bounds."""
     bounds = np.empty((2, BOX_LANES), np.float32)
-    fill_prim_refs(MeshSlice(mesh.local_vertices, mesh.faces, begin, end), prim_refs, bounds)
+    fill_prim_refs(PrimSlice(*corners, begin, end), prim_refs, bounds)
     return bounds

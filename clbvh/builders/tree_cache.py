@@ -1,6 +1,6 @@
-"""The tree of a mesh: built, or taken from a folder that keeps trees for later runs.
+"""The tree over a shape: built, or taken from a folder that keeps trees for later runs.
 
-Owns that decision, the names of the files, one per mesh and set of build options, and the size of them all: trees that
+Owns that decision, the names of the files, one per shape and set of build options, and the size of them all: trees that
 have not been used for the longest time go first. Their content, which is not trusted, belongs to `bvh.serialize`.
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ..bvh import Bvh
 from ..errors import ConfigError, TreeFileError
-from ..geometry import Mesh
+from ..geometry import Shape
 from ..support.folders import __version__, find_cache
 from ..support.stopwatch import Stopwatch
 from .build import build_tree, choose_workers
@@ -61,8 +61,8 @@ class BuildResult:
     notes: tuple[str, ...] = ()
 
 
-def get_tree(mesh: Mesh, options: TreeOptions) -> BuildResult:
-    """Return the tree of a mesh, from the cache if it is there.
+def get_tree(shape: Shape, options: TreeOptions) -> BuildResult:
+    """Return the tree over a mesh or spheres, from the cache if it is there.
 
     Raises
     ------
@@ -78,15 +78,15 @@ def get_tree(mesh: Mesh, options: TreeOptions) -> BuildResult:
         except OSError as error:
             reason = error.strerror or error
             raise ConfigError(f"{options.cache}: trees cannot be kept in this folder: {reason}") from error
-        path = cache_path(options.cache, mesh, options.builder, options.build)
-        bvh, note = take_tree(path, mesh)
+        path = cache_path(options.cache, shape, options.builder, options.build)
+        bvh, note = take_tree(path, shape)
         notes.append(note)
         watch.lap("cache")
 
     workers = 0
     if bvh is None:
-        workers = choose_workers(mesh.face_count, options.builder, options.build, options.workers)
-        bvh = build_tree(mesh, options.builder, None, options.build, options.workers)
+        workers = choose_workers(shape.prim_count, options.builder, options.build, options.workers)
+        bvh = build_tree(shape, options.builder, None, options.build, options.workers)
         watch.lap("build")
         if path is not None:
             notes.append(keep_tree(path, bvh))
@@ -100,25 +100,25 @@ def find_tree_cache() -> Path:
     return find_cache() / "trees"
 
 
-def cache_path(folder: Path, mesh: Mesh, builder: str, options: BuildOptions) -> Path:
-    """Return the path for the tree of a mesh.
+def cache_path(folder: Path, shape: Shape, builder: str, options: BuildOptions) -> Path:
+    """Return the path for the tree over a shape.
 
-    The name identifies the mesh, by its fingerprint, and everything that determines the tree: the builder, its options
+    The name identifies the shape, by its fingerprint, and everything that determines the tree: the builder, its options
     without the task threshold, and the version of clbvh.
     """
     recipe = dataclasses.asdict(options) | {"builder": builder, "version": __version__}
     del recipe["task_threshold"]
     digest = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
-    return folder / f"{mesh.fingerprint.hex()[:_MESH_DIGITS]}-{digest[:_RECIPE_DIGITS]}{SUFFIX}"
+    return folder / f"{shape.fingerprint.hex()[:_MESH_DIGITS]}-{digest[:_RECIPE_DIGITS]}{SUFFIX}"
 
 
-def take_tree(path: Path, mesh: Mesh) -> tuple[Bvh | None, str]:
+def take_tree(path: Path, shape: Shape) -> tuple[Bvh | None, str]:
     """Return the tree in a file, or None and the reason in one sentence, which is empty if there is no such file."""
     if not path.exists():
         return None, ""
     unusable = "the tree in the cache cannot be used and is built again"
     try:
-        bvh = Bvh.load(path, mesh)
+        bvh = Bvh.load(path, shape)
     except TreeFileError as error:
         return None, f"{unusable}: {error}"
     with suppress(OSError):

@@ -1,4 +1,4 @@
-"""A finished tree: nodes, the order of the primitives, the mesh they index; its depth and its expected cost.
+"""A finished tree: nodes, the order of the primitives, the shape they index; its depth and its expected cost.
 
 It must not know how it was built, nor who traverses it.
 """
@@ -9,11 +9,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import Mesh
+from ..geometry import Mesh, Shape
+from ..geometry.corners import Bounded
 from ..support.compiled import compiled
 from ..support.stopwatch import Stopwatch
 from .refit import fit_nodes
@@ -53,13 +55,15 @@ class Bvh:
     Attributes
     ----------
     nodes : (N,) `structs.NODE`
-        In the mesh's local coordinates. Node 0 is the root. Siblings are neighbours, and the left child's subtree
+        In the shape's local coordinates. Node 0 is the root. Siblings are neighbours, and the left child's subtree
         comes before the right one's. All nodes are used.
     prim_ids : (F,) int32
         A permutation of the mesh's faces: leaf `nodes[i]` holds
         ``prim_ids[first : first + count]``.
+    shape : Mesh
+        What `prim_ids` refers to. In the trees of a scene also spheres, or the boxes of its instances.
     mesh : Mesh
-        The mesh that `prim_ids` refers to.
+        The shape.
     timings_ms : mapping of str to float
         Wall time of each phase of the build, or of `refit` or `load`, in milliseconds.
 
@@ -73,8 +77,13 @@ class Bvh:
 
     nodes: NDArray[np.void]
     prim_ids: NDArray[np.int32]
-    mesh: Mesh
+    shape: Bounded
     timings_ms: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh that `prim_ids` refers to, in the trees of `clbvh.build`."""
+        return cast(Mesh, self.shape)
 
     @property
     def node_count(self) -> int:
@@ -150,10 +159,10 @@ class Bvh:
         >>> again.nodes.tobytes() == bvh.nodes.tobytes()
         True
         """
-        write_tree(path, self.nodes, self.prim_ids, self.mesh)
+        write_tree(path, self.nodes, self.prim_ids, cast(Shape, self.shape))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], mesh: Mesh) -> Bvh:
+    def load(cls, path: str | os.PathLike[str], mesh: Shape) -> Bvh:
         """Read a tree that was saved.
 
         Parameters
@@ -192,7 +201,7 @@ class Bvh:
         return cls(nodes, prim_ids, mesh, watch.laps_ms)
 
     def __repr__(self) -> str:
-        return f"Bvh({self.mesh.name!r}, nodes={self.node_count:,}, depth={self.depth})"
+        return f"Bvh({self.shape.name!r}, nodes={self.node_count:,}, depth={self.depth})"
 
 
 def sah_cost(bvh: Bvh, *, traversal_cost: float = 1.0, intersection_cost: float = 1.0) -> float:

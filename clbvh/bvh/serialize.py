@@ -7,14 +7,14 @@ The file, all numbers little-endian:
     4       format version, uint32
     4       number of nodes N, uint32
     4       number of primitives F, uint32
-    32      fingerprint of the mesh
+    32      fingerprint of the shape
     16      digest of everything behind the header
     16      digest of the header so far
     4 N     `first` of every node, int32
     4 N     `count` of every node, int32
     4 F     prim_ids, int32
 
-The boxes are not stored. They follow from the links and the mesh, and computing them takes no longer than reading and
+The boxes are not stored. They follow from the links and the shape, and computing them takes no longer than reading and
 checking them would, so the file has 8 bytes per node instead of 32, and no box can be wrong.
 """
 
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import TreeFileError, ValidationError
-from ..geometry import Mesh
+from ..geometry import Shape
 from ..support.files import as_path, open_regular, read_errors_as, write_atomically
 from .links import check_links
 from .refit import fit_nodes
@@ -43,7 +43,9 @@ _HEADER = struct.Struct(f"<8sIII32s{_DIGEST_BYTES}s{_DIGEST_BYTES}s")
 _WORD = np.dtype("<i4")
 
 
-def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: NDArray[np.int32], mesh: Mesh) -> None:
+def write_tree(
+    path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: NDArray[np.int32], shape: Shape
+) -> None:
     """Write a tree into a file, which appears complete or not at all.
 
     Parameters
@@ -52,7 +54,7 @@ def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: 
         A file of this name is replaced.
     nodes : (N,) `structs.NODE`
     prim_ids : (F,) int32
-    mesh : Mesh
+    shape : Mesh or Spheres
         Only its fingerprint goes into the file.
 
     Raises
@@ -61,24 +63,24 @@ def write_tree(path: str | os.PathLike[str], nodes: NDArray[np.void], prim_ids: 
         The folder does not exist, the path is a folder, or is no path at all.
     """
     payload = np.concatenate([nodes["first"], nodes["count"], prim_ids]).astype(_WORD, copy=False).data
-    facts = MAGIC, FORMAT_VERSION, len(nodes), len(prim_ids), mesh.fingerprint, _digest(payload)
+    facts = MAGIC, FORMAT_VERSION, len(nodes), len(prim_ids), shape.fingerprint, _digest(payload)
     header = _HEADER.pack(*facts, b"")[:-_DIGEST_BYTES]
     write_atomically(as_path(path), lambda file: file.writelines((header, _digest(header), payload)))
 
 
-def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void], NDArray[np.int32]]:
+def read_tree(path: str | os.PathLike[str], shape: Shape) -> tuple[NDArray[np.void], NDArray[np.int32]]:
     """Read a tree that `write_tree` wrote.
 
     Parameters
     ----------
     path : str or path
-    mesh : Mesh
-        The mesh that the tree was built over: the same faces and local vertices.
+    shape : Mesh or Spheres
+        What the tree was built over: the same faces and local vertices, or local centres and radii.
 
     Returns
     -------
     nodes : (N,) `structs.NODE`
-        A valid tree over the mesh, by the rules of `validate_tree`.
+        A valid tree over the shape, by the rules of `validate_tree`.
     prim_ids : (F,) int32
 
     Raises
@@ -89,10 +91,10 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
 
     Notes
     -----
-    O(N + F), with memory for twice the largest tree over the mesh, whatever sizes the file claims.
+    O(N + F), with memory for twice the largest tree over the shape, whatever sizes the file claims.
     """
     # A tree over F primitives has at most 2 F - 1 nodes; a longer file is seen to be one.
-    payload = np.empty(5 * mesh.face_count, _WORD)
+    payload = np.empty(5 * shape.prim_count, _WORD)
     with read_errors_as(TreeFileError, path), open_regular(Path(path)) as file:
         header, size = file.read(_HEADER.size), file.readinto(payload.data.cast("B"))
     damaged = TreeFileError(f"{path}: the file is damaged or was cut off: build and save the tree again")
@@ -108,10 +110,10 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
         )
     if header_digest != _digest(header[:-_DIGEST_BYTES]):
         raise damaged
-    if fingerprint != mesh.fingerprint:
-        raise TreeFileError(f"{path}: the tree was built over another mesh than {mesh.name}: build it again")
+    if fingerprint != shape.fingerprint:
+        raise TreeFileError(f"{path}: the tree was built over another mesh than {shape.name}: build it again")
     word_count = 2 * node_count + prim_count
-    if prim_count != mesh.face_count or node_count == 0 or size != word_count * _WORD.itemsize:
+    if prim_count != shape.prim_count or node_count == 0 or size != word_count * _WORD.itemsize:
         raise damaged
     payload = payload[:word_count]
     if _digest(payload.data) != digest:
@@ -124,7 +126,7 @@ def read_tree(path: str | os.PathLike[str], mesh: Mesh) -> tuple[NDArray[np.void
         raise TreeFileError(
             f"{path}: the file is whole, but its nodes make no tree ({error}): build and save the tree again"
         ) from error
-    return fit_nodes(first, count, prim_ids, mesh), prim_ids.copy()
+    return fit_nodes(first, count, prim_ids, shape), prim_ids.copy()
 
 
 def _digest(data: bytes | memoryview) -> bytes:

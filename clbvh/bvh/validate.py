@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ValidationError
+from ..geometry.corners import Corners, find_corners
 from ..structs import NODE
 from .bvh import Bvh
 from .links import check_links, refuse_nodes
 
 
 def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int | None = None) -> None:
-    """Check a tree against its mesh.
+    """Check a tree against its shape.
 
     Parameters
     ----------
@@ -25,7 +26,7 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     ValidationError
         An invariant does not hold; the message names the first node that breaks it. The invariants: nodes and
         primitives have the right types and counts; siblings lie behind their parent; each node is reached once; each
-        primitive lies in exactly one leaf; each leaf's box is exactly the box of its triangles, each interior box
+        primitive lies in exactly one leaf; each leaf's box is exactly the box of its primitives, each interior box
         exactly the union of its children's.
 
     Notes
@@ -42,12 +43,12 @@ def validate_tree(bvh: Bvh, *, max_depth: int | None = None, max_leaf_size: int 
     Traceback (most recent call last):
     clbvh.errors.ValidationError: ...
     """
-    nodes, prim_ids, faces = bvh.nodes, bvh.prim_ids, bvh.mesh.faces
+    nodes, prim_ids, corners = bvh.nodes, bvh.prim_ids, find_corners(bvh.shape)
     if nodes.dtype != NODE or prim_ids.dtype != np.int32:
         raise ValidationError(f"the tree's arrays have the wrong dtypes: {nodes.dtype}, {prim_ids.dtype}")
     first, count = nodes["first"].astype(np.int64), nodes["count"].astype(np.int64)
-    check_links(first, count, prim_ids, len(faces))
-    _check_boxes(bvh)
+    check_links(first, count, prim_ids, len(corners.ids))
+    _check_boxes(bvh, corners)
     if max_depth is not None:
         _check_depth(first, count, max_depth)
     if max_leaf_size is not None and count.max() > max_leaf_size:
@@ -65,15 +66,15 @@ def _check_depth(first: NDArray[np.int64], count: NDArray[np.int64], max_depth: 
         level, depth = np.concatenate([children, children + 1]), depth + 1
 
 
-def _check_boxes(bvh: Bvh) -> None:
+def _check_boxes(bvh: Bvh, corners: Corners) -> None:
     """Check that every box is exactly the union of the boxes below it."""
     nodes = bvh.nodes
     leaves = np.flatnonzero(nodes["count"] > 0)
     leaves = leaves[np.argsort(nodes["first"][leaves], kind="stable")]
-    corners = bvh.mesh.local_vertices[bvh.mesh.faces[bvh.prim_ids]]
+    points = corners.points[corners.ids[bvh.prim_ids]]
     starts = nodes["first"][leaves]
-    expected_min = np.minimum.reduceat(corners.min(axis=1), starts)
-    expected_max = np.maximum.reduceat(corners.max(axis=1), starts)
+    expected_min = np.minimum.reduceat(points.min(axis=1), starts)
+    expected_max = np.maximum.reduceat(points.max(axis=1), starts)
 
     interior = np.flatnonzero(nodes["count"] == 0)
     left = nodes["first"][interior]

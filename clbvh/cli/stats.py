@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ..bvh import Bvh
-    from ..geometry import Mesh
+    from ..geometry import Shape
     from ..rendering.view import View
     from ..scene.state import SceneState
     from ..stats import TreeStats
@@ -219,10 +219,10 @@ def _show_scene_stats(state: SceneState, wanted: TreeOptions, watch: Stopwatch, 
 
     workers = 1
 
-    def build_tree(mesh: Mesh) -> Bvh:
+    def build_tree(shape: Shape) -> Bvh:
         nonlocal workers
         watch.lap("measure")
-        made = get_tree(mesh, wanted)
+        made = get_tree(shape, wanted)
         watch.lap("build")
         workers = max(workers, made.workers)
         return made.bvh

@@ -10,7 +10,7 @@ import math
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MeshError
 
@@ -23,6 +23,37 @@ _POINTS_PER_ROW = 512
 # Half the largest side of a box lies between these powers of two, or is zero. Float64 then holds the scale, its
 # inverse, and the product of either with a direction's power of two.
 _LEAST_EXPONENT, _MOST_EXPONENT = -500, 500
+
+
+class LocalFrame:
+    """A shape with local coordinates.
+
+    Attributes
+    ----------
+    origin : (3,) float64
+    scale : float
+    """
+
+    origin: NDArray[np.float64]
+    scale: float
+
+    def to_local(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return points in local coordinates.
+
+        Parameters
+        ----------
+        points : (..., 3) float, the coordinates of the vertices or centres
+
+        Examples
+        --------
+        >>> import clbvh
+        >>> mesh = clbvh.Mesh.from_arrays([[100, 0, 0], [104, 0, 0], [100, 4, 0]], [[0, 1, 2]])
+        >>> mesh.origin, mesh.scale
+        (array([102.,   2.,   0.]), 0.25)
+        >>> mesh.to_local([104, 4, 1])
+        array([0.5 , 0.5 , 0.25])
+        """
+        return (np.asarray(points, np.float64) - self.origin) * self.scale
 
 
 def find_bounds(points: NDArray[_Float]) -> tuple[NDArray[_Float], NDArray[_Float]]:

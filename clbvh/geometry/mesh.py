@@ -19,7 +19,7 @@ from ..errors import MeshError
 from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit
 from .arrays import as_array, check_numbers, copy_as_float64
-from .local_frame import find_bounds, find_frame, shift_and_scale
+from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .topology import find_points, find_vertex_normals, is_closed
 
 # A tree over n primitives has up to 2n - 1 nodes, and both are counted in int32.
@@ -53,7 +53,7 @@ class Part(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(LocalFrame):
     """Triangles in the file's coordinates, and in local coordinates.
 
     Scans in survey coordinates lie millions of units from zero, where float32 resolves half a unit; and a square of
@@ -196,24 +196,6 @@ class Mesh:
         if "_is_joined" in vars(self):  # cached: it depends on the faces alone
             vars(moved)["_is_joined"] = self._is_joined
         return moved
-
-    def to_local(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return points in local coordinates.
-
-        Parameters
-        ----------
-        points : (..., 3) float, the file's coordinates
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> mesh = clbvh.Mesh.from_arrays([[100, 0, 0], [104, 0, 0], [100, 4, 0]], [[0, 1, 2]])
-        >>> mesh.origin, mesh.scale
-        (array([102.,   2.,   0.]), 0.25)
-        >>> mesh.to_local([104, 4, 1])
-        array([0.5 , 0.5 , 0.25])
-        """
-        return (np.asarray(points, np.float64) - self.origin) * self.scale
 
     @property
     def face_count(self) -> int:

@@ -20,13 +20,13 @@ from ..support.memory import check_memory
 from .appearance.appearance import Appearance, check_fit, make_unchecked
 from .appearance.material import Material
 from .arrays import as_array, check_numbers, copy_as_float64
-from .local_frame import find_bounds, find_frame, shift_and_scale
+from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
 from .mesh import MAX_FACE_COUNT, Mesh
 
 # Centre and radius in the user's coordinates and in local ones.
 _BYTES_PER_SPHERE = 48
 
-# Boxes of spheres are larger than the spheres by rounding and by the margin of `sphere_boxes`. Room for that stays
+# Boxes of spheres are larger than the spheres by rounding and by the margin of `bound_spheres`. Room for that stays
 # between the outermost sphere and the end of local coordinates.
 _ROOM = 1.0 + 2.0**-16
 
@@ -35,7 +35,7 @@ _LEAST_LOCAL_RADIUS = np.finfo(np.float32).tiny
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class Spheres:
+class Spheres(LocalFrame):
     """Spheres, each with a centre and a radius: particles, atoms, stars.
 
     Rays hit their surfaces from outside and from inside. Spheres may overlap, and lie within each other. As in a
@@ -178,24 +178,6 @@ class Spheres:
         moved = Spheres(centres, self.radii if radii is None else radii, name=self.name)
         object.__setattr__(moved, "appearance", self.appearance)
         return moved
-
-    def to_local(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return points in local coordinates.
-
-        Parameters
-        ----------
-        points : (..., 3) float, the coordinates of the centres
-
-        Examples
-        --------
-        >>> import clbvh
-        >>> spheres = clbvh.Spheres([[100, 0, 0], [104, 0, 0]], 1)
-        >>> spheres.origin, spheres.scale
-        (array([102.,   0.,   0.]), 0.25)
-        >>> spheres.to_local([104, 4, 1])
-        array([0.5 , 1.  , 0.25])
-        """
-        return (np.asarray(points, np.float64) - self.origin) * self.scale
 
     @property
     def prim_count(self) -> int:

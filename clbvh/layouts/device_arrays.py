@@ -7,6 +7,7 @@ boxes of both children.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,24 +53,22 @@ class DeviceArrays:
     stack_size: int
 
 
-def make_device_arrays(bvh: Bvh, layout: str, shape: Shape | None = None) -> DeviceArrays:
+def make_device_arrays(bvh: Bvh, layout: str) -> DeviceArrays:
     """Return a tree in a layout.
 
     Parameters
     ----------
     bvh : Bvh
+        Over a mesh or spheres.
     layout : str
         One of `structs.LAYOUT_WIDTHS`.
-    shape : Mesh or Spheres, optional
-        What the tree was built over, see `builders.build.build_over`; the tree's own mesh if left out.
     """
-    width = LAYOUT_WIDTHS[layout]
-    prims = shape if isinstance(shape, Spheres) else bvh.mesh
+    width, shape = LAYOUT_WIDTHS[layout], cast(Shape, bvh.shape)
     if width == 2:
-        blocks = gather_blocks(prims, bvh.prim_ids.reshape(-1, 1))
+        blocks = gather_blocks(shape, bvh.prim_ids.reshape(-1, 1))
         return DeviceArrays(make_bvh2_nodes(bvh), blocks, bvh.depth)
     tree = widen(bvh, width)
-    blocks = gather_blocks(prims, tree.blocks)
+    blocks = gather_blocks(shape, tree.blocks)
     # An entry point, see cl/traversal/entry_point.cl, can push up to width - 1 children that a descent from the root
     # would not push.
     return DeviceArrays(tree.nodes, blocks, tree.stack_size + width - 1)
@@ -81,10 +80,10 @@ def list_prims(shape: Shape) -> DeviceArrays:
     return DeviceArrays(np.empty(0, BVH2_NODE), gather_blocks(shape, order), 0)
 
 
-def measure_device_bytes(bvh: Bvh, layout: str, shape: Shape | None = None) -> int:
+def measure_device_bytes(bvh: Bvh, layout: str) -> int:
     """Return the size of the arrays; the blocks are only counted, not made."""
     width = LAYOUT_WIDTHS[layout]
-    is_spheres = isinstance(shape, Spheres)
+    is_spheres = isinstance(bvh.shape, Spheres)
     if width == 2:
         # A tree of one leaf still has one node on the device.
         prim_bytes = (SPHERE if is_spheres else TRIANGLE).itemsize

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Mesh, Shape
-from ..geometry.box_mesh import bound_sphere, sphere_reach
+from ..geometry.corners import bound_sphere, sphere_reach
 from ..structs import BOX_NEGATED_MAX, NO_PRIM, SPHERE, SPHERE_BLOCKS, TRIANGLE, TRIANGLE_BLOCKS
 from ..support.compiled import compiled
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.bvh import Bvh
+from ..geometry.corners import find_corners
 from ..structs import NO_PRIM, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX, WIDE_NODES
 from ..support.compiled import compiled
 
@@ -266,13 +267,12 @@ def split_leaves(bvh: Bvh, leaf_size: int) -> NDArray[np.float32]:
         return nodes
     grown = np.empty((len(nodes) + int((2 * (leaf_counts - 1)).sum()), NODE_LANES), np.float32)
     grown[: len(nodes)] = nodes
-    mesh = bvh.mesh
-    _split_leaves(grown, grown.view(np.int32), len(nodes), leaf_size, bvh.prim_ids, mesh.local_vertices, mesh.faces)
+    _split_leaves(grown, grown.view(np.int32), len(nodes), leaf_size, bvh.prim_ids, *find_corners(bvh.shape))
     return grown
 
 
 @compiled
-def _split_leaves(nodes, node_ints, node_count, leaf_size, prim_ids, vertices, faces):
+def _split_leaves(nodes, node_ints, node_count, leaf_size, prim_ids, points, ids):
     node = 0
     while node < node_count:
         count = node_ints[node, NODE_COUNT]
@@ -281,8 +281,8 @@ def _split_leaves(nodes, node_ints, node_count, leaf_size, prim_ids, vertices, f
             first = node_ints[node, NODE_FIRST]
             left_count = (count // leaf_size + (count % leaf_size > 0) + 1) // 2 * leaf_size
             right_first, right_count = first + left_count, count - left_count
-            _write_leaf(nodes, node_ints, node_count, first, left_count, prim_ids, vertices, faces)
-            _write_leaf(nodes, node_ints, node_count + 1, right_first, right_count, prim_ids, vertices, faces)
+            _write_leaf(nodes, node_ints, node_count, first, left_count, prim_ids, points, ids)
+            _write_leaf(nodes, node_ints, node_count + 1, right_first, right_count, prim_ids, points, ids)
             node_ints[node, NODE_FIRST] = node_count
             node_ints[node, NODE_COUNT] = 0
             node_count += 2
@@ -290,13 +290,13 @@ def _split_leaves(nodes, node_ints, node_count, leaf_size, prim_ids, vertices, f
 
 
 @compiled
-def _write_leaf(nodes, node_ints, node, first, count, prim_ids, vertices, faces):
+def _write_leaf(nodes, node_ints, node, first, count, prim_ids, points, ids):
     node_ints[node, NODE_FIRST] = first
     node_ints[node, NODE_COUNT] = count
     for axis in range(3):
         least, most = np.inf, -np.inf
         for index in range(first, first + count):
             for corner in range(3):
-                coordinate = vertices[faces[prim_ids[index], corner], axis]
+                coordinate = points[ids[prim_ids[index], corner], axis]
                 least, most = min(least, coordinate), max(most, coordinate)
         nodes[node, axis], nodes[node, NODE_MAX + axis] = least, most

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..choices import REPORT_SHADINGS, SHADINGS, TONE_CURVES
 from ..errors import SceneError
-from ..geometry import Mesh
 from ..geometry.appearance.srgb import linear_to_srgb
+from ..geometry.corners import Bounded
 from ..structs import CUTS, PROJECTIONS, VIEW
 from .cameras.bounds import SceneBounds
 from .cameras.camera import Camera
@@ -44,23 +44,24 @@ _ROUNDED_UP = 1.0 + 1e-5
 def make_kernel_view(
     settings: View,
     camera: Camera,
-    mesh: Mesh,
+    space: Bounded,
     local_box: NDArray[np.floating] | None = None,
     ground: Ground | None = None,
     framed_box: NDArray[np.floating] | None = None,
     is_studio_lit: bool = False,
 ) -> NDArray[np.void]:
-    """Return the view of a mesh, (1,) `structs.VIEW`.
+    """Return a view for the kernels, (1,) `structs.VIEW`.
 
     Parameters
     ----------
     settings : View
         Complete, see `ViewFinder`.
     camera : Camera
-        In the scene's coordinates; the view is in the mesh's local ones.
-    mesh : Mesh
+        In the scene's coordinates; the view is in local ones.
+    space : Mesh, Spheres or Boxes
+        Has the local coordinates.
     local_box : (2, 3) float, local coordinates, optional
-        The box around all objects; by default the mesh's.
+        The box around all objects; by default that of `space`.
     ground : Ground, optional
         In the scene's coordinates.
     framed_box : (2, 3) float, local coordinates, optional
@@ -76,11 +77,11 @@ def make_kernel_view(
     """
     view = np.zeros(1, VIEW)
     right, up, forward = camera.axes()
-    eye = _locate_eye(camera, mesh)
+    eye = _locate_eye(camera, space)
     view["eye"] = eye
     view["eye_low"] = eye - view["eye"]
     view["optical_axis"] = forward
-    _set_projection(view, camera, mesh.scale, settings.width, settings.height)
+    _set_projection(view, camera, space.scale, settings.width, settings.height)
 
     view["is_studio_lit"] = is_studio_lit
     if settings.light.direction is None:
@@ -96,7 +97,7 @@ def make_kernel_view(
     view["surface_colour"] = settings.surface
     view["background_top"], view["background_bottom"] = settings.background
 
-    box = (mesh.local_box if local_box is None else local_box).astype(np.float64)
+    box = (space.local_box if local_box is None else local_box).astype(np.float64)
     is_round = isinstance(camera.projection, Fisheye | Panorama)
     framed = box if framed_box is None else framed_box.astype(np.float64)
     nearest, farthest = _range_around(framed, eye) if is_round else _range_along(framed, eye, forward)
@@ -107,8 +108,8 @@ def make_kernel_view(
     half_diagonal = np.linalg.norm(np.ptp(box, axis=0)) / 2
     if ground is not None:
         gap = GROUND_GAP * half_diagonal if settings.shading == "path" else 0.0
-        view["ground_point"] = mesh.to_local(ground.point) - gap * ground.normal
-        view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * mesh.scale
+        view["ground_point"] = space.to_local(ground.point) - gap * ground.normal
+        view["ground_normal"], view["ground_radius"] = ground.normal, ground.radius * space.scale
     view["objects_centre"], view["objects_radius"] = box.mean(axis=0), _ROUNDED_UP * half_diagonal
     view["objects_half_size"] = _ROUNDED_UP * np.ptp(box, axis=0) / 2 + (_ROUNDED_UP - 1.0) * half_diagonal
     view["occlusion_reach"] = _OCCLUSION_REACH * np.linalg.norm(np.ptp(framed, axis=0)) / 2
@@ -123,9 +124,9 @@ def make_kernel_view(
         view["cut"] = CUTS[cut.kind]
         with np.errstate(over="ignore"):
             if cut.kind == "plane":
-                view["cut_normal"], view["cut_height"] = cut.normal, (eye - mesh.to_local(cut.first)) @ cut.normal
+                view["cut_normal"], view["cut_height"] = cut.normal, (eye - space.to_local(cut.first)) @ cut.normal
             else:
-                view["cut_lower"], view["cut_upper"] = mesh.to_local(cut.first) - eye, mesh.to_local(cut.second) - eye
+                view["cut_lower"], view["cut_upper"] = space.to_local(cut.first) - eye, space.to_local(cut.second) - eye
     if settings.wireframe is not None:
         view["line_width"] = settings.wireframe.width
         # After the exposure and the tone curve of the picture.
@@ -148,10 +149,10 @@ def sky_direction(settings: View, camera: Camera) -> NDArray[np.float64]:
     return to_sky / np.linalg.norm(to_sky)
 
 
-def _locate_eye(camera: Camera, mesh: Mesh) -> NDArray[np.float64]:
+def _locate_eye(camera: Camera, space: Bounded) -> NDArray[np.float64]:
     """Return the eye in local coordinates."""
     with np.errstate(over="ignore"):
-        eye = mesh.to_local(camera.eye)
+        eye = space.to_local(camera.eye)
         distance = np.abs(eye).max()
     if not distance < _MOST_DISTANCE:
         raise SceneError(

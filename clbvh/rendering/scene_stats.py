@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..builders.build import build
+from ..builders.build import build_top
 from ..bvh.bvh import Bvh, sah_cost
 from ..errors import SceneError
-from ..geometry.box_mesh import box_mesh, mesh_of
-from ..geometry.mesh import Mesh
+from ..geometry import Mesh, Shape
+from ..geometry.corners import Boxes
 from ..layouts.device_arrays import measure_device_bytes
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
@@ -22,7 +22,7 @@ from ..trace.scene.top_tree import find_boxes
 from ..trace.world.surface_arrays import make_surface_arrays
 
 
-def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, traversal_cost: float) -> dict[str, Any]:
+def measure_scene(state: SceneState, build_tree: Callable[[Shape], Bvh], *, traversal_cost: float) -> dict[str, Any]:
     """Build the trees of a scene and measure them.
 
     Parameters
@@ -30,7 +30,7 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
     state : SceneState
         At least one instance.
     build_tree : function
-        Returns the tree of a geometry's mesh; of spheres it gets the mesh of their boxes.
+        Returns the tree over a geometry's mesh or spheres.
     traversal_cost : float
         Cost of an interior node, in primitive tests.
 
@@ -59,7 +59,7 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
     placed = np.bincount(state.geometry_ids, minlength=state.geometry_count).tolist()
     geometries = []
     for name, shape, instance_count in zip(state.names, state.shapes, placed, strict=True):
-        bvh = build_tree(mesh_of(shape))
+        bvh = build_tree(shape)
         geometries.append(
             {
                 "name": name,
@@ -68,12 +68,12 @@ def measure_scene(state: SceneState, build_tree: Callable[[Mesh], Bvh], *, trave
                 "instance_count": instance_count,
                 **describe(bvh),
                 "host_bytes": bvh.nodes.nbytes + bvh.prim_ids.nbytes,
-                "device_bytes": {layout: measure_device_bytes(bvh, layout, shape) for layout in LAYOUT_WIDTHS},
+                "device_bytes": {layout: measure_device_bytes(bvh, layout) for layout in LAYOUT_WIDTHS},
             }
         )
     lower, upper = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
     # As a tracer and a renderer build it, whatever builds the others.
-    top = build(box_mesh(lower, upper, "the instances"), leaf_size=1)
+    top = build_top(Boxes.from_arrays(lower, upper, "the instances"))
     # A tree of one leaf still has one node on the device.
     top_bytes = max(1, top.node_count // 2) * BVH2_NODE.itemsize + state.instance_count * INSTANCE.itemsize
     return {

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.build import build, leaf_limit
+from ..builders.build import build_top, leaf_limit
 from ..builders.options import MAX_DEPTH
 from ..builders.tree_cache import BuildResult, get_tree
 from ..bvh import Bvh, sah_cost, validate_tree
 from ..device.session import DeviceSession
 from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
-from ..geometry.box_mesh import mesh_of
+from ..geometry.corners import Bounded
 from ..scene.state import SceneState, dress_shapes
 from ..trace.device_tree import BRUTE, DeviceTree
 from ..trace.hits.surface import Surface
@@ -87,7 +87,7 @@ class World:
         return int(prim_counts[self.state.geometry_ids].sum())
 
     def _build(self) -> None:
-        made = [get_tree(mesh_of(shape), self._options) for shape in self.state.shapes]
+        made = [get_tree(shape, self._options) for shape in self.state.shapes]
         self.trees = tuple(each.bvh for each in made)
         self.made = BuildResult(
             made[0].bvh,
@@ -126,19 +126,18 @@ class World:
             return SceneBounds(self.state.shapes, self.state.geometry_ids, self.state.transforms)
 
     @property
-    def space(self) -> Mesh:
-        """The mesh whose local coordinates are those of pictures: the only one, or the boxes of the instances."""
+    def space(self) -> Bounded:
+        """The shape whose local coordinates are those of pictures: the only one, or the boxes of the instances."""
         if self.mesh is not None:
             return self.mesh
         assert self.top is not None  # made by `put`
-        return self.top.mesh
+        return self.top.shape
 
     def put(self, session: DeviceSession) -> TracedTree:
         """Put everything on the device."""
         if self.mesh is not None:
             return DeviceTree(session, self.mesh, self.bvh, self._options.chosen_layout)
         layout, trees = self._options.chosen_layout, self.trees or None
-        build_top = partial(build, leaf_size=1)
         tree = DeviceScene(session, self.state, trees, build_top, layout, surface=self.surface.arrays)
         self.top = tree.top.bvh
         return tree

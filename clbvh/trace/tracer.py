@@ -6,7 +6,6 @@ Its queries are in `ray_queries` and `point_queries`, its changes in `moves`.
 from __future__ import annotations
 
 import threading
-from functools import partial
 from typing import TypeAlias
 
 from ..bvh import Bvh
@@ -138,9 +137,9 @@ class Tracer(RayQueries, PointQueries):
 
 def _open_scene(contents: Scene) -> MovingScene:
     """Return the scene with the trees of its geometries."""
-    from ..builders.build import build, build_shape
+    from ..builders.build import build_shape, build_top
 
-    return MovingScene(contents, build_shape, partial(build, leaf_size=1))
+    return MovingScene(contents, build_shape, build_top)
 
 
 def _find_tree(source: Bvh | MeshLike) -> Bvh:

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from clbvh import build, make_shape, open_scene, sah_cost
-from clbvh.builders.build import build_over
+from clbvh.builders.build import build_tree
 from clbvh.builders.options import BuildOptions
 from clbvh.cli import stats as scene_stats
 from clbvh.layouts.device_arrays import measure_device_bytes
@@ -57,10 +57,10 @@ def test_json_has_both_levels(scene):
     assert knots["sah_cost"] == sah_cost(bvh)
     assert knots["device_bytes"] == {layout: measure_device_bytes(bvh, layout) for layout in knots["device_bytes"]}
     shape = open_scene(scene)[0].geometries[1].shape
-    spheres = build_over(shape, "sah", None, BuildOptions())
+    spheres = build_tree(shape, "sah", None, BuildOptions())
     assert (stars["name"], stars["kind"], stars["instance_count"]) == ("stars", "spheres", 1)
     assert (stars["prim_count"], stars["node_count"]) == (300, spheres.node_count)
-    assert stars["device_bytes"]["bvh8"] == measure_device_bytes(spheres, "bvh8", shape)
+    assert stars["device_bytes"]["bvh8"] == measure_device_bytes(spheres, "bvh8")
 
     top = report["scene"]["instances"]
     # A leaf has one instance.

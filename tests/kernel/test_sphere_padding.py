@@ -7,7 +7,7 @@ box makes room; see docs/internals/padding.md.
 import numpy as np
 import pytest
 
-from clbvh.geometry.box_mesh import sphere_boxes
+from clbvh.geometry.corners import bound_spheres
 from clbvh.structs import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM, SPHERE
 
 from ..profiles import seeds
@@ -51,7 +51,7 @@ def hits(request, run_shell, make_rays):
         "cross_spheres", [rays, given], [(HIT, (2,)), HIT, np.int32], "sphere_shells",
         {"LAYOUT": LAYOUTS["brute"], "STACK_SIZE": 1, "HAS_SPHERES": 1},
     )  # fmt: skip
-    boxes = sphere_boxes(spheres).local_vertices.reshape(-1, 2, 3)
+    boxes = bound_spheres(spheres)
     is_hit = found["prim_id"] != NO_PRIM
     assert is_hit.mean() > 0.3
     which, _ = np.nonzero(is_hit)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions
-from clbvh.builders.build import build_over
+from clbvh.builders.build import build_tree
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.layouts.leaf_blocks import gather_blocks
 from clbvh.structs import BVH2_NODE, HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
@@ -31,9 +31,9 @@ def check_all_layouts_agree(run_shell, spheres, rays, **options):
     count = spheres.prim_count
     all_spheres = gather_blocks(spheres, np.arange(count, dtype=np.int32).reshape(-1, 1))
     expected = trace(run_shell, rays, np.zeros(1, BVH2_NODE), all_spheres, "brute", count)
-    bvh = build_over(spheres, "sah", None, BuildOptions(**options))
+    bvh = build_tree(spheres, "sah", None, BuildOptions(**options))
     for layout in LAYOUT_WIDTHS:
-        arrays = make_device_arrays(bvh, layout, spheres)
+        arrays = make_device_arrays(bvh, layout)
         assert arrays.stack_size <= STACK_SIZE
         obtained = trace(run_shell, rays, arrays.nodes, arrays.blocks, layout, count)
         for name, one, other in zip(("closest", "counts", "first", "nearest"), obtained, expected, strict=True):
@@ -102,7 +102,7 @@ def test_limits_cut_both_ends(run_shell, make_rays):
 def test_a_tree_that_is_one_leaf(run_shell, make_rays, count):
     generator = np.random.default_rng([94, count])
     spheres = spheres_as_on_device(generator.uniform(-0.5, 0.5, (count, 3)), 0.25)
-    assert build_over(spheres, "sah", None, BuildOptions(traversal_cost=100)).node_count == 1
+    assert build_tree(spheres, "sah", None, BuildOptions(traversal_cost=100)).node_count == 1
     rays = make_rays(*sphere_rays(spheres, 3000, generator))
     closest, *_ = check_all_layouts_agree(run_shell, spheres, rays, traversal_cost=100)
     assert set(range(count)) <= set(closest["prim_id"].tolist())

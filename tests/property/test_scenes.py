@@ -6,7 +6,7 @@ from hypothesis import given
 
 import clbvh
 from clbvh import Mesh, Tracer
-from clbvh.builders.build import build_over
+from clbvh.builders.build import build_tree
 from clbvh.structs import LAYOUT_WIDTHS
 from clbvh.trace.check import intersections
 from clbvh.trace.check.instances import Tolerance, find_instances
@@ -289,7 +289,7 @@ def test_workers_build_the_same_trees_and_so_the_same_hits(opened, pools):
     options = clbvh.BuildOptions(task_threshold=5000)
     trees, answers = {}, {}
     for workers, pool in ((0, None), *list(pools.items())[:2]):
-        trees[workers] = [build_over(shape, "sah", pool, options) for shape in state.shapes]
+        trees[workers] = [build_tree(shape, "sah", pool, options) for shape in state.shapes]
         with StateTracer(state, opened.info, trees[workers]) as tracer:
             answers[workers] = as_bytes(tracer.all_hits(origins, directions))
     for workers in (1, 2):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh
-from ...geometry import Mesh
+from ...geometry.corners import Bounded, Corners, find_corners
 from ...structs import BOX_LANES, NODE, NODE_COUNT, NODE_FIRST
 from ...support.compiled import compiled
 from ...support.host_threads import cut_range
@@ -23,10 +23,10 @@ from ...support.stopwatch import Stopwatch
 from ..executor import Arrays, Executor
 from ..invariants import Placement, order_top, place_subtree
 from ..options import MAX_DEPTH, BuildOptions
-from ..prim_refs import BOUNDS_CENTROIDS, MeshSlice
+from ..prim_refs import BOUNDS_CENTROIDS, PrimSlice
 from ..sah.subtree import Rule, make_rule
 from .grow import TREELET_DEPTH, build_box_tree, grow_treelets
-from .treelets import bound_vertices, count_cells, cut_treelets, fill_treelets, make_grid
+from .treelets import bound_points, count_cells, cut_treelets, fill_treelets, make_grid
 
 # The grid that treelets are made of, and its number of cells.
 _AXIS_BITS = 5
@@ -39,7 +39,7 @@ _TREELET_SIZE = 1024
 _TASKS_PER_WORKER = 8
 
 
-def build_hlbvh(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+def build_hlbvh(shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     """Build in as few milliseconds as possible; see `clbvh.build` for the options.
 
     Returns
@@ -49,15 +49,15 @@ def build_hlbvh(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
 
     Notes
     -----
-    O(n log n) in the number of triangles. Besides the mesh and the result it needs 70 bytes per triangle.
+    O(n log n) in the number of primitives. Besides the shape and the result it needs 70 bytes per primitive.
     """
     watch = Stopwatch()
     rule = make_rule(options)
-    executor.create("prim_refs", (2, mesh.face_count, BOX_LANES), np.float32)
-    executor.create("prim_ids", (mesh.face_count,), np.int32)
+    executor.create("prim_refs", (2, shape.prim_count, BOX_LANES), np.float32)
+    executor.create("prim_ids", (shape.prim_count,), np.int32)
 
     # One primitive reference per primitive, those of neighbours in one treelet.
-    treelets = _fill_treelets(mesh, executor)
+    treelets = _fill_treelets(find_corners(shape), executor)
     watch.lap("treelets")
 
     # Each treelet becomes a subtree.
@@ -68,17 +68,17 @@ def build_hlbvh(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     top = build_box_tree(boxes, len(boxes), MAX_DEPTH - TREELET_DEPTH, rule.bins)
     nodes, prim_ids = join_treelets(executor, top, treelets, node_counts)
     watch.lap("compact")
-    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
+    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, shape, watch.laps_ms)
 
 
-def _fill_treelets(mesh: Mesh, executor: Executor) -> NDArray[np.int64]:
+def _fill_treelets(corners: Corners, executor: Executor) -> NDArray[np.int64]:
     """Write all primitive references into their treelets; return begin and end of each, (k, 2)."""
-    run, workers = executor.threads.run, executor.workers
-    slices = [MeshSlice(mesh.local_vertices, mesh.faces, *cut) for cut in cut_range(0, mesh.face_count, workers)]
-    grid = _make_mesh_grid(mesh, executor)
+    run, workers, count = executor.threads.run, executor.workers, len(corners.ids)
+    slices = [PrimSlice(*corners, *cut) for cut in cut_range(0, count, workers)]
+    grid = _make_shape_grid(corners.points, executor)
 
-    # Primitives in each cell, for each slice of the mesh.
-    cells = np.empty(mesh.face_count, np.uint16)
+    # Primitives in each cell, for each slice.
+    cells = np.empty(count, np.uint16)
     counts = np.zeros((workers, _CELL_COUNT), np.int32)
     run(count_cells, [(part, grid, cells, counts[number]) for number, part in enumerate(slices)])
     treelet_of_cell = np.zeros(_CELL_COUNT, np.int32)
@@ -96,11 +96,11 @@ def _fill_treelets(mesh: Mesh, executor: Executor) -> NDArray[np.int64]:
     return np.stack([begins, ends], axis=1)
 
 
-def _make_mesh_grid(mesh: Mesh, executor: Executor) -> NDArray[np.float32]:
-    """Return the grid over all centroids of a mesh, see `make_grid`."""
-    parts = cut_range(0, len(mesh.local_vertices), executor.workers)
+def _make_shape_grid(points: NDArray[np.float32], executor: Executor) -> NDArray[np.float32]:
+    """Return the grid over the centroids of all primitives, given their corners; see `make_grid`."""
+    parts = cut_range(0, len(points), executor.workers)
     bounds = np.empty((executor.workers, 2, BOX_LANES), np.float32)
-    executor.threads.run(bound_vertices, [(mesh.local_vertices, *cut, bounds[part]) for part, cut in enumerate(parts)])
+    executor.threads.run(bound_points, [(points, *cut, bounds[part]) for part, cut in enumerate(parts)])
     whole = np.minimum.reduce(bounds)
     grid: NDArray[np.float32] = make_grid(whole, BOUNDS_CENTROIDS, _AXIS_BITS)
     return grid

@@ -47,18 +47,18 @@ def make_grid(centroid_bounds, row, axis_bits):
 
 
 @compiled
-def bound_vertices(vertices, begin, end, bounds):
-    """Bound the vertices from `begin` to `end`: no centroid lies outside.
+def bound_points(points, begin, end, bounds):
+    """Bound the points from `begin` to `end`: no centroid lies outside.
 
     Parameters
     ----------
-    vertices : (V, 3) float32
+    points : (m, 3) float32
     bounds : (2, 8) float32, written
         Their box, and the box of their doubled coordinates, as centroids are doubled.
     """
     box = empty_box()
-    for vertex in range(begin, end):
-        box = unite(load_point(vertices, vertex), box)
+    for point in range(begin, end):
+        box = unite(load_point(points, point), box)
     store_box(bounds, BOUNDS_BOX, box)
     for lane in range(BOX_LANES):
         bounds[BOUNDS_CENTROIDS, lane] = 2 * bounds[BOUNDS_BOX, lane]
@@ -72,20 +72,20 @@ def code_of(box, lower, scales):
 
 
 @compiled
-def count_cells(mesh_slice, grid, cells, counts):
+def count_cells(prim_slice, grid, cells, counts):
     """Find the cell of each primitive of a slice, by its centroid, and count the primitives of each cell.
 
     Parameters
     ----------
-    mesh_slice : MeshSlice
+    prim_slice : PrimSlice
     grid : (2, 8) float32
     cells : (F,) uint16, written
     counts : (cells,) int32, added to
     """
-    vertices, faces = mesh_slice.vertices, mesh_slice.faces
+    points, ids = prim_slice.points, prim_slice.ids
     lower, scales = load_box(grid, 0), load_box(grid, 1)
-    for prim in range(mesh_slice.begin, mesh_slice.end):
-        box = box_of(vertices, faces, prim)
+    for prim in range(prim_slice.begin, prim_slice.end):
+        box = box_of(points, ids, prim)
         cell = code_of(box, lower, scales)
         cells[prim] = cell
         counts[cell] += 1
@@ -130,12 +130,12 @@ def cut_treelets(counts, limit, treelet_of_cell, first_cells):
 
 
 @compiled
-def fill_treelets(mesh_slice, cells, treelet_of_cell, next_slots, refs):
-    """Write the primitive references of one slice of the mesh into their treelets, in their order.
+def fill_treelets(prim_slice, cells, treelet_of_cell, next_slots, refs):
+    """Write the primitive references of one slice into their treelets, in their order.
 
     Parameters
     ----------
-    mesh_slice : MeshSlice
+    prim_slice : PrimSlice
     cells : (F,) uint16
         The cell of each primitive.
     treelet_of_cell
@@ -144,11 +144,11 @@ def fill_treelets(mesh_slice, cells, treelet_of_cell, next_slots, refs):
         The slot of the slice's first primitive reference in each treelet.
     refs : (2F, 8) float32, written
     """
-    vertices, faces = mesh_slice.vertices, mesh_slice.faces
+    points, ids = prim_slice.points, prim_slice.ids
     ref_ints = refs.view(np.int32)
-    for prim in range(mesh_slice.begin, mesh_slice.end):
+    for prim in range(prim_slice.begin, prim_slice.end):
         treelet = treelet_of_cell[cells[prim]]
         slot = next_slots[treelet]
         next_slots[treelet] = slot + 1
-        store_box(refs, slot, box_of(vertices, faces, prim))
+        store_box(refs, slot, box_of(points, ids, prim))
         ref_ints[slot, PRIM_REF_ID] = prim

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...errors import PoolError
-from ...geometry import Mesh
+from ...geometry.corners import Bounded, find_corners
 from ...structs import NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
@@ -86,13 +86,13 @@ DEFAULT_BINS = 8
 _TASKS_PER_WORKER = 8
 
 
-def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+def build_variant(variant: Variant, shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     """Build a tree by one variant of the ladder.
 
     Parameters
     ----------
     variant : Variant
-    mesh : Mesh
+    shape : Mesh, Spheres or Boxes
     executor : Executor
         The workers of a pool, as in the report, or threads; one thread for a variant that is not parallel.
     options : BuildOptions
@@ -101,8 +101,8 @@ def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: Bui
     Returns
     -------
     Bvh
-        The same bytes for any executor and any threshold. No leaf lies deeper than 64. Its phases: "share" (the mesh
-        for the workers), "metadata", "top" (tasks that divide one range each), "subtrees", and "flatten" or
+        The same bytes for any executor and any threshold. No leaf lies deeper than 64. Its phases: "share" (the
+        corners for the workers), "metadata", "top" (tasks that divide one range each), "subtrees", and "flatten" or
         "convert" (linked nodes are flattened) or "compact" (nodes move to their indices in the tree).
 
     Raises
@@ -112,13 +112,13 @@ def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: Bui
 
     Notes
     -----
-    O(n log n) in the number of triangles, from `median` on; O(n log² n) for the variants that sort.
+    O(n log n) in the number of primitives, from `median` on; O(n log² n) for the variants that sort.
     """
     watch = Stopwatch()
-    count = mesh.face_count
+    count = shape.prim_count
     rule = Rule(variant.how, options.bins or DEFAULT_BINS, variant.leaf_size(options), variant.copies)
-    executor.share("vertices", mesh.local_vertices)
-    executor.share("faces", mesh.faces)
+    for name, array in zip(("vertices", "faces"), find_corners(shape), strict=True):
+        executor.share(name, array)
     prim_ids = executor.create("prim_ids", (count,), np.int32)
     prim_ids[:] = np.arange(count)
     watch.lap("share")
@@ -142,7 +142,7 @@ def build_variant(variant: Variant, mesh: Mesh, executor: Executor, options: Bui
     # The subtrees, one task each, and the flat tree.
     finish = {Nodes.HEAP: _finish_linked, Nodes.COUNTER: _finish_counted, Nodes.ROWS: _finish_rows}[variant.nodes]
     nodes = finish(variant, executor, root, rule, watch)
-    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
+    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, shape, watch.laps_ms)
 
 
 def _choose_threshold(variant: Variant, executor: Executor, count: int, options: BuildOptions) -> int:

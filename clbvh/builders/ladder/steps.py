@@ -2,8 +2,8 @@
 
 The arrays, for n primitives; which of them there are depends on the variant:
 
-    vertices   (V, 3) float32   the mesh
-    faces      (n, 3) int32     the mesh
+    vertices   (V, 3) float32   corners of the primitives
+    faces      (n, 3) int32     the three of each primitive
     aabbs      (n, 6) float32   box of each primitive, from `cached` on
     centroids  (n, 3) float32   and its centroid
     prim_ids   (n,) int32       the index array; result

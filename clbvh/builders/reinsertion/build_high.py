@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh import Bvh, sah_cost
-from ...geometry import Mesh
+from ...geometry.corners import Bounded, find_corners
 from ...structs import BOX_LANES, EXPANDED_FIRST, NODE
 from ...support.stopwatch import Stopwatch
 from ..executor import Executor
@@ -37,7 +37,7 @@ _SMALLEST_PART = 4096  # a few milliseconds: nothing to share
 _PASSES = 4
 
 
-def build_high(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+def build_high(shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     """Build the default tree and optimise it; see `clbvh.build` for the parameters.
 
     Returns
@@ -47,33 +47,33 @@ def build_high(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
 
     Notes
     -----
-    Rearranges in threads of this process, as many as there are workers. Besides the mesh and two trees it takes about
-    110 bytes per triangle.
+    Rearranges in threads of this process, as many as there are workers. Besides the shape and two trees it takes about
+    110 bytes per primitive.
     """
-    start = _build_start(mesh, executor, options)
+    start = _build_start(shape, executor, options)
     watch = Stopwatch()
     tree = _expand(start)
     watch.lap("expand_leaves")
 
-    order = np.empty(2 * mesh.face_count, np.int32)
+    order = np.empty(2 * shape.prim_count, np.int32)
     parts = _choose_parts(tree.links, _list_nodes(tree.links, order))
     executor.threads.run(_rearrange, [(tree, *part) for part in parts])
     watch.lap("reinsert")
 
-    better = _collapse(tree, _list_nodes(tree.links, order), mesh, options)
+    better = _collapse(tree, _list_nodes(tree.links, order), shape, options)
     cheapest = start if better is None else _cheapest((start, better), options)
     watch.lap("collapse")
     return replace(cheapest, timings_ms={**start.timings_ms, **watch.laps_ms})
 
 
-def _build_start(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+def _build_start(shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     """Return the cheaper one of two finished trees."""
     plain = replace(options, quality=DEFAULT_QUALITY)
-    start = build_sah(mesh, executor, plain)
+    start = build_sah(shape, executor, plain)
     if options.bins is not None:
         return start
     watch = Stopwatch()
-    finer = build_sah(mesh, executor, replace(plain, bins=_FINER_BINS))
+    finer = build_sah(shape, executor, replace(plain, bins=_FINER_BINS))
     cheapest = _cheapest((start, finer), options)
     watch.lap("finer bins")
     return replace(cheapest, timings_ms={**start.timings_ms, **watch.laps_ms})
@@ -85,10 +85,10 @@ def _cheapest(trees: Iterable[Bvh], options: BuildOptions) -> Bvh:
 
 
 def _expand(bvh: Bvh) -> ExpandedTree:
-    """Return the tree with every triangle as a leaf of its own."""
-    count = bvh.mesh.face_count
+    """Return the tree with every primitive as a leaf of its own."""
+    count = bvh.shape.prim_count
     prim_refs = np.empty((count, BOX_LANES), np.float32)
-    fill_slice(bvh.mesh, 0, count, prim_refs)
+    fill_slice(find_corners(bvh.shape), 0, count, prim_refs)
     nodes = np.ascontiguousarray(bvh.nodes).view(np.float32).reshape(-1, BOX_LANES)
     boxes = np.zeros((2 * count, BOX_LANES), np.float32)
     tree = ExpandedTree(boxes, boxes.view(np.int32), np.zeros(count, np.int32))
@@ -96,15 +96,15 @@ def _expand(bvh: Bvh) -> ExpandedTree:
     return tree
 
 
-def _collapse(tree: ExpandedTree, order: NDArray[np.int32], mesh: Mesh, options: BuildOptions) -> Bvh | None:
+def _collapse(tree: ExpandedTree, order: NDArray[np.int32], shape: Bounded, options: BuildOptions) -> Bvh | None:
     """Return the finished tree, None if it would be too deep."""
     is_leaf = np.empty(len(tree.boxes), np.bool_)
     if choose_leaves(tree, options.leaf_size, options.traversal_cost, order, is_leaf) > MAX_DEPTH:
         return None
     nodes = np.empty_like(tree.boxes)
-    prim_ids = np.empty(mesh.face_count, np.int32)
+    prim_ids = np.empty(shape.prim_count, np.int32)
     node_count = collapse(tree, is_leaf, nodes, nodes.view(np.int32), prim_ids)
-    return Bvh(nodes[:node_count].copy().view(NODE).reshape(-1), prim_ids, mesh)
+    return Bvh(nodes[:node_count].copy().view(NODE).reshape(-1), prim_ids, shape)
 
 
 def _list_nodes(links: NDArray[np.int32], order: NDArray[np.int32]) -> NDArray[np.int32]:

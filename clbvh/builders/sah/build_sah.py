@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...bvh import Bvh
-from ...geometry import Mesh
+from ...geometry.corners import Bounded, Corners, find_corners
 from ...structs import BOX_LANES, NODE
 from ...support.host_threads import cut_range
 from ...support.stopwatch import Stopwatch
@@ -30,7 +30,7 @@ _RANGES_PER_WORKER = 16
 _SMALLEST_RANGE = 10_000
 
 
-def build_sah(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
+def build_sah(shape: Bounded, executor: Executor, options: BuildOptions) -> Bvh:
     """Build with the surface area heuristic; see `clbvh.build` for the options.
 
     Returns
@@ -40,15 +40,15 @@ def build_sah(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
 
     Notes
     -----
-    O(n log n) in the number of triangles. Besides the mesh and the result it needs 64 bytes per triangle.
+    O(n log n) in the number of primitives. Besides the shape and the result it needs 64 bytes per primitive.
     """
     watch = Stopwatch()
-    count = mesh.face_count
+    count = shape.prim_count
     executor.create("prim_refs", (2, count, BOX_LANES), np.float32)
     prim_ids = executor.create("prim_ids", (count,), np.int32)
 
     # One primitive reference per primitive.
-    root = Range(0, count, 0, 0, _fill_prim_refs(mesh, executor))
+    root = Range(0, count, 0, 0, _fill_prim_refs(find_corners(shape), executor))
     watch.lap("metadata")
 
     # All threads together, until there are enough subtrees for all workers.
@@ -62,14 +62,14 @@ def build_sah(mesh: Mesh, executor: Executor, options: BuildOptions) -> Bvh:
     # Into depth-first order, without gaps.
     nodes = compact(executor, root)
     watch.lap("compact")
-    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, mesh, watch.laps_ms)
+    return Bvh(nodes.view(NODE).reshape(-1), prim_ids, shape, watch.laps_ms)
 
 
-def _fill_prim_refs(mesh: Mesh, executor: Executor) -> Bounds:
+def _fill_prim_refs(corners: Corners, executor: Executor) -> Bounds:
     """Write all primitive references into the first buffer; return their bounds."""
     refs = executor.arrays["prim_refs"][0]
-    slices = cut_range(0, mesh.face_count, executor.workers)
-    bounds: Bounds = np.minimum.reduce(executor.threads.run(fill_slice, [(mesh, *part, refs) for part in slices]))
+    slices = cut_range(0, len(corners.ids), executor.workers)
+    bounds: Bounds = np.minimum.reduce(executor.threads.run(fill_slice, [(corners, *part, refs) for part in slices]))
     return bounds
 
 

@@ -92,7 +92,7 @@ class TreeBox(NamedTuple):
         """Return the box around a tree."""
         root = bvh.nodes[0]
         half = np.maximum(np.abs(root["aabb_min"]), np.abs(root["aabb_max"])).astype(np.float64)
-        return cls(bvh.mesh.origin, bvh.mesh.scale, half)
+        return cls(bvh.shape.origin, bvh.shape.scale, half)
 
 
 def read_rays(

@@ -330,7 +330,7 @@ def arrange_geometries(state: SceneState, trees: Sequence[Bvh] | None, layout: s
     """Return the arrays of each geometry; without trees, those have none, whatever the layout."""
     if trees is None:
         return [list_prims(shape) for shape in state.shapes]
-    return [make_device_arrays(bvh, layout, shape) for bvh, shape in zip(trees, state.shapes, strict=True)]
+    return [make_device_arrays(bvh, layout) for bvh in trees]
 
 
 def list_ranges(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:

@@ -21,7 +21,7 @@ from ...bvh.refit import fit_nodes
 from ...device.session import DeviceSession
 from ...errors import SceneError
 from ...geometry import Mesh, Shape
-from ...geometry.box_mesh import mesh_of
+from ...geometry.corners import Boxes
 from ...geometry.spheres import Spheres
 from ...layouts.refit_arrays import RefitArrays, read_topology
 from ...scene.handles import Geometry, Instance
@@ -49,10 +49,10 @@ class MovingScene:
     build_tree : function
         Builds the tree of a mesh or of spheres.
     build_top : function
-        Builds the tree over a mesh of the instances' boxes.
+        Builds the tree over the instances' boxes.
     """
 
-    def __init__(self, contents: Scene, build_tree: Callable[[Shape], Bvh], build_top: Callable[[Mesh], Bvh]) -> None:
+    def __init__(self, contents: Scene, build_tree: Callable[[Shape], Bvh], build_top: Callable[[Boxes], Bvh]) -> None:
         self._contents = contents
         self._build_tree, self._build_top = build_tree, build_top
         self._opened: SceneState = contents.snapshot()
@@ -201,7 +201,7 @@ class MovingScene:
             bvh = rebuilt.get(geometry_id)
             if bvh is None:
                 bvh = tree.trees[geometry_id] if isinstance(tree, DeviceScene) else self._first_tree(geometry_id)
-                bvh = bvh if shape is built else _refit_tree(bvh, mesh_of(shape))
+                bvh = bvh if shape is built else _refit_tree(bvh, shape)
             now.append(bvh)
         return now
 
@@ -220,9 +220,9 @@ class MovingScene:
         return caster.over(scene, scene.box)
 
 
-def _refit_tree(bvh: Bvh, mesh: Mesh) -> Bvh:
-    """Return a tree of the same topology over a mesh with as many faces."""
-    return Bvh(fit_nodes(bvh.nodes["first"], bvh.nodes["count"], bvh.prim_ids, mesh), bvh.prim_ids, mesh)
+def _refit_tree(bvh: Bvh, shape: Shape) -> Bvh:
+    """Return a tree of the same topology over a shape with as many primitives."""
+    return Bvh(fit_nodes(bvh.nodes["first"], bvh.nodes["count"], bvh.prim_ids, shape), bvh.prim_ids, shape)
 
 
 class RefitGeometry:

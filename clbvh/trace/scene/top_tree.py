@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from ...bvh import Bvh
 from ...errors import SceneError
-from ...geometry import Mesh
-from ...geometry.box_mesh import box_mesh
+from ...geometry.corners import Boxes
 from ...layouts.device_arrays import make_bvh2_nodes
 from ...structs import INSTANCE, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
 from ..world.surface_arrays import SurfaceArrays
 
-BuildTree = Callable[[Mesh], Bvh]
+BuildTree = Callable[[Boxes], Bvh]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +53,7 @@ class TopTree:
         SceneError
             An instance is too small beside the scene.
         """
-        bvh = build_tree(box_mesh(*find_boxes(arrays), "the instances"))
+        bvh = build_tree(Boxes.from_arrays(*find_boxes(arrays), "the instances"))
         return cls(make_bvh2_nodes(bvh), make_records(arrays, ranges, masks, bvh), bvh)
 
 
@@ -121,7 +120,7 @@ def make_records(
         An instance is too small or too flat beside the scene.
     """
     lanes = np.zeros((len(masks), _LANES), np.float32)
-    centre, scale = top.mesh.origin, float(top.mesh.scale)
+    centre, scale = top.shape.origin, float(top.shape.scale)
     bad = _write_records(arrays, ranges, masks.view(np.int32), top.prim_ids, centre, scale, lanes, lanes.view(np.int32))
     if bad >= 0:
         raise SceneError(
@@ -220,7 +219,7 @@ def prune_top(top: TopTree, instance_ids: NDArray[np.integer]) -> dict[str, NDAr
     pruned = np.empty((2 * len(instances) - 1, NODE_LANES), np.float32)
     count = _prune(nodes, nodes.view(np.int32), is_left, pruned, pruned.view(np.int32))
     # Only the links and the boxes are read, not the primitives.
-    bvh = Bvh(pruned[:count].view(NODE).reshape(-1), top.bvh.prim_ids, top.bvh.mesh)
+    bvh = Bvh(pruned[:count].view(NODE).reshape(-1), top.bvh.prim_ids, top.bvh.shape)
     return {"top_nodes": make_bvh2_nodes(bvh), "instances": instances}
 
 

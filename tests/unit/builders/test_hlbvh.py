@@ -17,9 +17,9 @@ from clbvh.builders.hlbvh.clusters import (
     sort_prim_refs,
     sweep_cluster,
 )
-from clbvh.builders.hlbvh.treelets import bound_vertices, count_cells, cut_treelets, make_grid
+from clbvh.builders.hlbvh.treelets import bound_points, count_cells, cut_treelets, make_grid
 from clbvh.builders.options import MAX_DEPTH
-from clbvh.builders.prim_refs import MeshSlice
+from clbvh.builders.prim_refs import PrimSlice
 from clbvh.builders.sah.subtree import Rule
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.structs import BOX_LANES, NODE
@@ -38,9 +38,9 @@ def interleave(x, y, z, bits):
 
 def find_cells(mesh, axis_bits):
     bounds = np.empty((2, BOX_LANES), np.float32)
-    bound_vertices(mesh.local_vertices, 0, len(mesh.local_vertices), bounds)
+    bound_points(mesh.local_vertices, 0, len(mesh.local_vertices), bounds)
     cells, counts = np.empty(mesh.face_count, np.uint16), np.zeros(1 << 3 * axis_bits, np.int32)
-    whole = MeshSlice(mesh.local_vertices, mesh.faces, 0, mesh.face_count)
+    whole = PrimSlice(mesh.local_vertices, mesh.faces, 0, mesh.face_count)
     count_cells(whole, make_grid(bounds, 1, axis_bits), cells, counts)
     return cells, counts
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clbvh.builders.prim_refs import fill_slice
+from clbvh.geometry.corners import find_corners
 from clbvh.structs import BOX_LANES, BOX_TALLY
 
 from ...soup import make_soup
@@ -40,14 +41,14 @@ def test_slices_together_give_what_one_gives(cuts):
     mesh = make_soup(100, seed=3)
     prim_refs, bounds = make_prim_refs(mesh)
     sliced = np.zeros_like(prim_refs)
-    parts = [fill_slice(mesh, begin, end, sliced[0]) for begin, end in itertools.pairwise(cuts)]
+    parts = [fill_slice(find_corners(mesh), begin, end, sliced[0]) for begin, end in itertools.pairwise(cuts)]
     assert np.minimum.reduce(parts).tobytes() == bounds.tobytes()
     assert sliced.tobytes() == prim_refs.tobytes()
 
 
 def test_an_empty_slice_has_empty_bounds():
     mesh = make_soup(5, seed=4)
-    assert (fill_slice(mesh, 3, 3, np.zeros((5, BOX_LANES), np.float32))[:, :BOX_TALLY] == np.inf).all()
+    assert (fill_slice(find_corners(mesh), 3, 3, np.zeros((5, BOX_LANES), np.float32))[:, :BOX_TALLY] == np.inf).all()
 
 
 def test_no_lane_holds_a_negative_zero():

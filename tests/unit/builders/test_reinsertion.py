@@ -21,6 +21,7 @@ from clbvh.builders.reinsertion.expanded_tree import (
 )
 from clbvh.builders.reinsertion.reinsert import reinsert_below
 from clbvh.bvh.refit import fit_nodes
+from clbvh.geometry.corners import find_corners
 from clbvh.structs import EXPANDED_FIRST, EXPANDED_PRIM_ID, NODE
 
 from ...soup import make_soup
@@ -29,7 +30,7 @@ from ..hand_made import FACE_COUNT, make_leaf, make_mesh, make_tree
 
 def make_prim_refs(mesh):
     prim_refs = np.empty((mesh.face_count, 8), np.float32)
-    fill_slice(mesh, 0, mesh.face_count, prim_refs)
+    fill_slice(find_corners(mesh), 0, mesh.face_count, prim_refs)
     return prim_refs
 
 

@@ -164,7 +164,7 @@ def test_a_list_of_another_length_is_found():
 def test_another_mesh_is_found():
     bvh = make_tree()
     other = mesh_as_on_device(bvh.mesh.local_vertices[::-1], bvh.mesh.faces)
-    assert "the box of node 1 is not" in refusal(dataclasses.replace(bvh, mesh=other))
+    assert "the box of node 1 is not" in refusal(dataclasses.replace(bvh, shape=other))
 
 
 def test_the_limits_are_kept_or_the_node_is_named():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, build, sah_cost
-from clbvh.builders.build import DEFAULT_BUILDER, build_over
-from clbvh.geometry.box_mesh import sphere_boxes
+from clbvh.builders.build import DEFAULT_BUILDER, build_tree
+from clbvh.geometry.corners import find_corners
 from clbvh.layouts import refit_arrays
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.layouts.refit_arrays import NO_CHILD, RefitArrays, read_topology
@@ -31,9 +31,10 @@ def write(arrays, layout, mesh, threads=1):
     return refit, nodes, blocks
 
 
-def assert_tight(topology, nodes, blocks, mesh):
-    """Walk the tree: every child's box is the smallest one around the triangles below it."""
+def assert_tight(topology, nodes, blocks, shape):
+    """Walk the tree: every child's box is the smallest one around the primitives below it."""
     is_wide = topology.prims.shape[1] > 1
+    points, ids = find_corners(shape)
 
     def visit(node):
         prims = []
@@ -45,13 +46,13 @@ def assert_tight(topology, nodes, blocks, mesh):
                 continue
             below = visit(child) if child > 0 else blocks["prim_id"][slice(*topology.leaves[~child])].reshape(-1)
             below = below[below != NO_PRIM]
-            corners = mesh.local_vertices[mesh.faces[below]].reshape(-1, 3)
+            corners = points[ids[below]].reshape(-1, 3)
             assert box[0].tobytes() == (corners.min(axis=0) + np.float32(0)).tobytes()
             assert box[1].tobytes() == (corners.max(axis=0) + np.float32(0)).tobytes()
             prims.append(below)
         return np.concatenate(prims)
 
-    np.testing.assert_array_equal(np.sort(visit(0)), np.arange(mesh.face_count))
+    np.testing.assert_array_equal(np.sort(visit(0)), np.arange(shape.prim_count))
 
 
 def assert_blocks_hold(blocks, mesh, *, is_wide):
@@ -156,7 +157,7 @@ def test_the_topology_has_no_coordinates_and_no_memory_of_the_device():
 
 
 def tree_over(spheres, leaf_size):
-    return build_over(spheres, DEFAULT_BUILDER, None, BuildOptions(leaf_size=leaf_size))
+    return build_tree(spheres, DEFAULT_BUILDER, None, BuildOptions(leaf_size=leaf_size))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -167,7 +168,7 @@ def test_spheres_that_did_not_move_give_the_same_bytes(layout, leaf_size, count)
     # Some of them touch the planes through zero.
     spheres = Spheres(generator.integers(-8, 9, (count, 3)) / 8, generator.choice([1e-30, 0.125, 0.5], count))
     bvh = tree_over(spheres, leaf_size)
-    arrays = make_device_arrays(bvh, layout, spheres)
+    arrays = make_device_arrays(bvh, layout)
     _, nodes, blocks = write(arrays, layout, spheres)
     assert nodes.tobytes() == arrays.nodes.tobytes()
     assert blocks.tobytes() == arrays.blocks.tobytes()
@@ -179,11 +180,10 @@ def test_spheres_that_moved_lie_in_tight_boxes(layout, threads, monkeypatch):
     monkeypatch.setattr(refit_arrays, "_PRIMS_PER_PART", 100)
     generator = np.random.default_rng(8)
     spheres = Spheres(generator.normal(size=(700, 3)), generator.uniform(0.01, 0.1, 700))
-    arrays = make_device_arrays(tree_over(spheres, 4), layout, spheres)
+    arrays = make_device_arrays(tree_over(spheres, 4), layout)
     moved = spheres.with_spheres(spheres.centres[::-1] + 5, spheres.radii * 2)
     refit, nodes, blocks = write(arrays, layout, moved, threads)
-    boxes = sphere_boxes(moved)
-    assert_tight(refit.topology, nodes, blocks, boxes)
+    assert_tight(refit.topology, nodes, blocks, moved)
     prims = blocks["prim_id"].reshape(-1)
     is_wide = refit.topology.prims.shape[1] > 1
     centres = np.moveaxis(blocks["centre"], 1, 2).reshape(-1, 3) if is_wide else blocks["centre"]
@@ -191,4 +191,4 @@ def test_spheres_that_moved_lie_in_tight_boxes(layout, threads, monkeypatch):
     np.testing.assert_array_equal(centres[is_there], moved.local_centres[prims[is_there]])
     np.testing.assert_array_equal(blocks["radius"].reshape(-1)[is_there], moved.local_radii[prims[is_there]])
     assert np.isnan(centres[~is_there]).all()
-    np.testing.assert_array_equal(refit.half, np.abs(boxes.local_vertices).max(axis=0))
+    np.testing.assert_array_equal(refit.half, np.abs(find_corners(moved).points).max(axis=0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clbvh import BuildOptions, Mesh, Spheres, build, make_shape
-from clbvh.builders.build import build_over
+from clbvh.builders.build import build_tree as build_any
 from clbvh.layouts.device_arrays import make_device_arrays, measure_device_bytes
 from clbvh.structs import BVH2_NODE, LAYOUT_WIDTHS, NO_PRIM, SPHERE, SPHERE_BLOCKS
 
@@ -19,14 +19,14 @@ def make_spheres(count):
 
 
 def build_tree(spheres, **options):
-    return build_over(spheres, "sah", None, BuildOptions(**options))
+    return build_any(spheres, "sah", None, BuildOptions(**options))
 
 
 @pytest.mark.parametrize("count", [1, 2, 500])
 def test_single_spheres_are_in_the_order_of_the_leaves(count):
     spheres = make_spheres(count)
     bvh = build_tree(spheres)
-    arrays = make_device_arrays(bvh, "bvh2", spheres)
+    arrays = make_device_arrays(bvh, "bvh2")
     blocks = arrays.blocks
     assert (arrays.nodes.dtype, blocks.dtype, arrays.stack_size) == (BVH2_NODE, SPHERE, bvh.depth)
     assert blocks["prim_id"].tolist() == bvh.prim_ids.tolist()
@@ -38,7 +38,7 @@ def test_single_spheres_are_in_the_order_of_the_leaves(count):
 @pytest.mark.parametrize("count", [1, 2, 13, 500])
 def test_blocks_hold_every_sphere_once_and_nan_in_the_lanes_left_over(layout, count):
     spheres = make_spheres(count)
-    blocks = make_device_arrays(build_tree(spheres), layout, spheres).blocks
+    blocks = make_device_arrays(build_tree(spheres), layout).blocks
     assert blocks.dtype == SPHERE_BLOCKS[LAYOUT_WIDTHS[layout]]
     empty = blocks["prim_id"] == NO_PRIM
     assert (np.isnan(blocks["radius"]) == empty).all()
@@ -54,8 +54,8 @@ def test_blocks_hold_every_sphere_once_and_nan_in_the_lanes_left_over(layout, co
 def test_the_size_is_that_of_the_arrays(layout, count):
     spheres = make_spheres(count)
     bvh = build_tree(spheres)
-    arrays = make_device_arrays(bvh, layout, spheres)
-    assert measure_device_bytes(bvh, layout, spheres) == arrays.nodes.nbytes + arrays.blocks.nbytes
+    arrays = make_device_arrays(bvh, layout)
+    assert measure_device_bytes(bvh, layout) == arrays.nodes.nbytes + arrays.blocks.nbytes
 
 
 def make_icospheres(spheres):
@@ -71,13 +71,5 @@ def make_icospheres(spheres):
 def test_spheres_take_a_fiftieth_of_icospheres_of_80_triangles(layout):
     spheres = make_spheres(500)
     icospheres = make_icospheres(spheres)
-    of_spheres = measure_device_bytes(build_tree(spheres), layout, spheres)
+    of_spheres = measure_device_bytes(build_tree(spheres), layout)
     assert of_spheres < measure_device_bytes(build(icospheres), layout) / 50
-
-
-@pytest.mark.parametrize("layout", LAYOUT_WIDTHS)
-def test_the_shape_of_a_mesh_is_its_own(layout):
-    spheres = make_spheres(50)
-    bvh = build_tree(spheres)
-    one, other = make_device_arrays(bvh, layout), make_device_arrays(bvh, layout, bvh.mesh)
-    assert one.blocks.tobytes() == other.blocks.tobytes()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import clbvh
-from clbvh.geometry.box_mesh import box_mesh
+from clbvh.builders.build import build_tree
+from clbvh.geometry.corners import Boxes
 from clbvh.structs import INSTANCE
 from clbvh.trace.scene.top_tree import prune_top
 
@@ -16,8 +17,8 @@ def top_over(count, leaf_size, seed):
     generator = np.random.default_rng(seed)
     lower = generator.uniform(-1, 1, (count, 3))
     lower[generator.random(count) < 0.3] = lower[0]
-    mesh = box_mesh(lower, lower + generator.uniform(0, 0.3, (count, 3)), "boxes")
-    bvh = clbvh.build(mesh, leaf_size=leaf_size)
+    boxes = Boxes.from_arrays(lower, lower + generator.uniform(0, 0.3, (count, 3)), "boxes")
+    bvh = build_tree(boxes, "sah", None, clbvh.BuildOptions(leaf_size=leaf_size))
     instances = np.zeros(count, INSTANCE)
     instances["instance_id"], instances["mask"] = bvh.prim_ids, 1 + bvh.prim_ids
     return SimpleNamespace(instances=instances, bvh=bvh)
@@ -59,7 +60,7 @@ def test_the_tree_holds_the_chosen_instances_in_tight_boxes(count, leaf_size, sh
         np.testing.assert_array_equal(least, top.bvh.nodes["aabb_min"][0])
         np.testing.assert_array_equal(most, top.bvh.nodes["aabb_max"][0])
     if leaf_size == 1:
-        corners = top.bvh.mesh.local_vertices[top.bvh.mesh.faces[chosen]].reshape(-1, 3)
+        corners = top.bvh.shape.corners[chosen].reshape(-1, 3)
         np.testing.assert_array_equal((least, most), (corners.min(axis=0), corners.max(axis=0)))
 
 

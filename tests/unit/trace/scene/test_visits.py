@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 from clbvh import Mesh, Scene, Spheres, Tracer, build, make_shape
-from clbvh.builders.build import build_shape
-from clbvh.geometry.box_mesh import box_mesh
+from clbvh.builders.build import build_shape, build_top
+from clbvh.geometry.corners import Boxes
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.check.visits import HostTraversal, count_visits
 from clbvh.trace.scene.top_tree import find_boxes
@@ -21,13 +19,11 @@ TRIANGLE = Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
 KNOT = make_shape("knot", triangles=2000)
 DOWN = (0.0, 0.0, -1.0)
 
-build_top = partial(build, leaf_size=1)
-
 
 def open_traversal(state):
     boxes = find_boxes(make_surface_arrays(state.shapes, state.geometry_ids, state.transforms))
     trees = [build_shape(shape) for shape in state.shapes]
-    return HostTraversal.of_scene(state, trees, build_top(box_mesh(*boxes, "boxes")))
+    return HostTraversal.of_scene(state, trees, build_top(Boxes.from_arrays(*boxes, "boxes")))
 
 
 def counts_of(visits):

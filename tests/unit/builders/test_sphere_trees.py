@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clbvh import BuildOptions, Mesh, Spheres, validate_tree
-from clbvh.builders.build import build_over, build_tree
+from clbvh import BuildOptions, Spheres, validate_tree
+from clbvh.builders.build import build_tree
 from clbvh.builders.ladder.variants import VARIANTS
 from clbvh.builders.options import MAX_DEPTH, QUALITIES
-from clbvh.geometry.box_mesh import sphere_boxes
 
 
 def make_spheres(count, seed=0):
@@ -24,21 +23,13 @@ RECIPES = [("sah", quality) for quality in QUALITIES] + [(name, "default") for n
 @pytest.mark.parametrize("count", [1, 2, 700])
 def test_every_builder_builds_a_valid_tree_over_spheres(builder, quality, count):
     spheres = make_spheres(count)
-    bvh = build_over(spheres, builder, None, BuildOptions(quality=quality))
+    bvh = build_tree(spheres, builder, None, BuildOptions(quality=quality))
     validate_tree(bvh, max_depth=MAX_DEPTH)
     assert sorted(bvh.prim_ids.tolist()) == list(range(count))
-    assert (bvh.mesh.scale, bvh.mesh.origin.tolist()) == (spheres.scale, spheres.origin.tolist())
-    boxes = sphere_boxes(spheres)
-    assert bvh.mesh.local_vertices.tobytes() == boxes.local_vertices.tobytes()
+    assert bvh.shape is spheres
 
 
 @pytest.mark.parametrize(("builder", "quality"), [("sah", "default"), ("sah", "fast"), ("frontier", "default")])
 def test_spheres_within_each_other_have_a_tree(builder, quality):
     spheres = Spheres(np.zeros((300, 3)), np.geomspace(1e-30, 1, 300))
-    validate_tree(build_over(spheres, builder, None, BuildOptions(quality=quality)), max_depth=MAX_DEPTH)
-
-
-def test_a_mesh_has_the_tree_that_it_always_had():
-    mesh = Mesh.from_arrays(np.random.default_rng(1).normal(size=(90, 3)), np.arange(90).reshape(-1, 3))
-    one, other = (make(mesh, "sah", None, BuildOptions()) for make in (build_over, build_tree))
-    assert one.nodes.tobytes() == other.nodes.tobytes()
+    validate_tree(build_tree(spheres, builder, None, BuildOptions(quality=quality)), max_depth=MAX_DEPTH)

@@ -1,0 +1,153 @@
+"""Corners, by which builders see the primitives of any shape; and boxes, a shape that has nothing else.
+
+The box of a primitive is that of its three corners. A sphere, or an instance of a scene, has two opposite corners of
+its box, one of them twice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MeshError
+from ..support.compiled import compiled
+from .local_frame import LocalFrame, find_bounds, find_frame, shift_and_scale
+from .mesh import Mesh
+from .spheres import Spheres
+
+# A box grows by this share of the largest half side of all boxes, which is at most 1 in local coordinates and at least
+# 1/2 there: rounding a coordinate to float32 moves it by 2^-25 of that at most.
+_GROWTH = 2.0**-23
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes(LocalFrame):
+    """Boxes that a tree can be built over, in local coordinates.
+
+    Attributes
+    ----------
+    corners : (n, 2, 3) float32, local coordinates
+    origin : (3,) float64
+    scale : float
+        As those of a `Mesh`.
+    name : str
+        For messages.
+    """
+
+    corners: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    scale: float
+    name: str
+
+    @classmethod
+    def from_arrays(cls, lower: NDArray[np.float64], upper: NDArray[np.float64], name: str) -> Boxes:
+        """Return boxes, each of which contains what float64 has of it.
+
+        Parameters
+        ----------
+        lower, upper : (n, 3) float64
+            At least one, with ``lower <= upper``.
+        name : str
+
+        Raises
+        ------
+        MeshError
+            A corner is not finite, or the boxes together are too small or too large, see `Mesh.from_arrays`.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # refused below
+            growth = _GROWTH * float(np.max(upper.max(axis=0) / 2 - lower.min(axis=0) / 2))
+            corners = np.stack((lower - growth, upper + growth), axis=1)
+        if not np.isfinite(corners).all():
+            raise MeshError(f"{name}: a corner of the box around them is not finite: give it in another unit")
+        points = corners.reshape(-1, 3)
+        origin, scale = find_frame(*find_bounds(points), name, subject="the group is")
+        return cls(shift_and_scale(points, origin, scale).reshape(corners.shape), origin, scale, name)
+
+    @property
+    def prim_count(self) -> int:
+        """Number of primitives: the boxes."""
+        return len(self.corners)
+
+    @property
+    def local_box(self) -> NDArray[np.float32]:
+        """(2, 3) float32: the least and the greatest local coordinates of the boxes."""
+        return np.stack(find_bounds(self.corners.reshape(-1, 3)))
+
+
+Bounded: TypeAlias = Mesh | Spheres | Boxes
+"""A shape that a tree can be over. All have `prim_count`, `origin`, `scale` and `name`."""
+
+
+class Corners(NamedTuple):
+    """The corners of primitives.
+
+    Attributes
+    ----------
+    points : (m, 3) float32, local coordinates
+    ids : (n, 3) int32
+        The three points of each primitive, as the faces of a mesh have them.
+    """
+
+    points: NDArray[np.float32]
+    ids: NDArray[np.int32]
+
+
+def find_corners(shape: Bounded) -> Corners:
+    """Return the corners of a shape's primitives: the mesh's own arrays, or new ones.
+
+    Notes
+    -----
+    O(n), in this thread: about 20 ms for 1,000,000 spheres, 36 bytes each.
+    """
+    if isinstance(shape, Mesh):
+        return Corners(shape.local_vertices, shape.faces)
+    corners = shape.corners if isinstance(shape, Boxes) else bound_spheres(shape)
+    first = 2 * np.arange(len(corners), dtype=np.int32)
+    return Corners(corners.reshape(-1, 3), np.stack((first, first + 1, first), axis=1))
+
+
+# A box grows by this share of its sphere's radius: the rounding of the sphere test, see docs/internals/padding.md.
+_MARGIN = 2.0**-18
+
+# The share of a coordinate that rounding it to float32 moves it by, a little more than 2^-24; and the same of numbers
+# below the normal ones.
+_ROUNDING, _LEAST_ROUNDING = 2.0**-24 + 2.0**-40, 2.0**-149
+
+
+def bound_spheres(spheres: Spheres) -> NDArray[np.float32]:
+    """Return the boxes of spheres, (n, 2, 3) float32, in local coordinates.
+
+    Each contains the local sphere and a margin of 2^-18 of its radius; no coordinate is beyond -1 or 1.
+    """
+    corners = np.empty((spheres.prim_count, 2, 3), np.float32)
+    _bound_spheres(spheres.local_centres, spheres.local_radii, corners)
+    return corners
+
+
+@compiled
+def sphere_reach(radius):
+    """Return how far the box of a sphere reaches from its centre, before rounding: float64, local coordinates."""
+    return radius * (1.0 + _MARGIN)
+
+
+@compiled
+def bound_sphere(centre, reach):
+    """Return the least and the greatest coordinate of a sphere's box along an axis: float32, rounded outwards."""
+    lower = np.float64(centre) - reach
+    upper = np.float64(centre) + reach
+    return (
+        np.float32(lower - (abs(lower) * _ROUNDING + _LEAST_ROUNDING)),
+        np.float32(upper + (abs(upper) * _ROUNDING + _LEAST_ROUNDING)),
+    )
+
+
+@compiled
+def _bound_spheres(centres, radii, corners):
+    """Write the two corners of each box."""
+    for sphere in range(len(radii)):
+        reach = sphere_reach(radii[sphere])
+        for axis in range(3):
+            corners[sphere, 0, axis], corners[sphere, 1, axis] = bound_sphere(centres[sphere, axis], reach)
