@@ -150,6 +150,28 @@ INSTANCE = np.dtype(
     ]
 )
 
+# What distances within an instance need of its matrix, see clbvh/trace/world/metrics.py. Lengths are in the scene's
+# local coordinates, for one unit of the geometry's. Matrices are by rows.
+METRIC = np.dtype(
+    [
+        # Rotated axes: unit vectors, in which the map from the geometry is triangular.
+        ("turn", "f4", (3, 3)),
+        # The diagonal of the triangular matrix, not negative; and above it: of y to x, of z to x and of z to y.
+        ("stretch", "f4", 3),
+        ("shear", "f4", 3),
+        ("is_sheared", "i4"),
+        # The sum of all entries of the map.
+        ("reach", "f4"),
+        # The ellipsoid that the map makes of a sphere of radius 1: unit vectors, and half lengths along them. Only of
+        # spheres.
+        ("axes", "f4", (3, 3)),
+        ("half_lengths", "f4", 3),
+        # Whether it is a sphere.
+        ("keeps_spheres", "i4"),
+        ("spare", "i4", 2),
+    ]
+)
+
 # A ray that begins farther away than this many radii of an instance is advanced to just before it.
 FAR_RADII = 32
 
@@ -408,6 +430,7 @@ DEVICE_STRUCTS = {
     "hit_t": HIT,
     "ray_low_t": RAY_LOW,
     "instance_t": INSTANCE,
+    "metric_record_t": METRIC,
     "scene_point_t": SCENE_POINT,
     "hemisphere_t": HEMISPHERE,
     "tile_t": TILE,

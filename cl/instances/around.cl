@@ -48,8 +48,9 @@ INLINED bool is_in_instance(
 // Whether a visible instance contains the point. With `deepest`, all such instances are visited, and *deepest becomes
 // the primitive at the largest of the distances from the point to the surfaces of these instances.
 INLINED bool is_in_scene(
-    const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const point_pair_t *point, world_prim_t *deepest)
+    const global bvh2_node_t *top_nodes, const global instance_t *instances, const global metric_record_t *metrics,
+    const global node_t *nodes, const global block_t *blocks, const global float *spheres,
+    const point_pair_t *point, world_prim_t *deepest)
 {
     bool is_inside = false;
     float depth = -1.0f;
@@ -67,7 +68,7 @@ INLINED bool is_in_scene(
         }
         is_inside = true;
         scene_nearest_t nearest = no_scene_nearest();
-        visit_instance_near(instance, nodes, blocks, spheres, point, &nearest);
+        visit_instance_near(instance, metrics, nodes, blocks, spheres, point, &nearest);
         const bool wins_tie = instance->instance_id < deepest->instance_id;
         if (nearest.distance > depth || (nearest.distance == depth && wins_tie)) {
             depth = nearest.distance;

@@ -4,7 +4,9 @@
 // The order of primitives is that of (distance, instance_id, prim_id). It does not depend on the layout, because every
 // primitive that may be the first is tested, and its distance has the same bits in every layout.
 //
-// Arguments that the kernels share: see instances/traverse.cl. Assumes TOP_STACK_SIZE as there.
+// metrics[]    metric_record_t: of the instances, by their ids
+//
+// Other arguments that the kernels share: see instances/traverse.cl. Assumes TOP_STACK_SIZE as there.
 
 #include "instances/blocks.cl"
 #include "nearest/metric.cl"
@@ -41,11 +43,13 @@ INLINED bool is_visible(const point_pair_t *point, const global instance_t *inst
 }
 
 // Returns a search in an instance for a primitive that is not farther than `limit`, in the scene's local coordinates.
-INLINED nearest_t make_nearest(const global instance_t *instance, const point_pair_t *point, const float limit)
+INLINED nearest_t make_nearest(
+    const global instance_t *instance, const global metric_record_t *metrics, const point_pair_t *point,
+    const float limit)
 {
     const float3 way = way_to_instance(instance, point->position, point->position_low);
     nearest_t nearest;
-    nearest.metric = make_metric(instance, way);
+    nearest.metric = make_metric(instance, metrics + instance->instance_id, way);
 #if HAS_SPHERES
     nearest.kind = instance->kind;
 #endif
@@ -58,13 +62,13 @@ INLINED nearest_t make_nearest(const global instance_t *instance, const point_pa
 
 // Takes the primitive of an instance that is nearest to the point into account.
 INLINED void visit_instance_near(
-    const global instance_t *instance, const global node_t *nodes, const global block_t *blocks,
-    const global float *spheres, const point_pair_t *point, scene_nearest_t *best)
+    const global instance_t *instance, const global metric_record_t *metrics, const global node_t *nodes,
+    const global block_t *blocks, const global float *spheres, const point_pair_t *point, scene_nearest_t *best)
 {
     if (!is_visible(point, instance)) {
         return;
     }
-    nearest_t nearest = make_nearest(instance, point, best->distance);
+    nearest_t nearest = make_nearest(instance, metrics, point, best->distance);
     find_nearest(
         nodes + instance->first_node, find_blocks(instance, blocks, spheres), instance->block_count, &nearest);
     if (nearest.prim_id == NO_PRIM) {
@@ -98,8 +102,9 @@ INLINED bool may_instance_be_nearer(
 }
 
 INLINED world_prim_t find_nearest_in_scene(
-    const global bvh2_node_t *top_nodes, const global instance_t *instances, const global node_t *nodes,
-    const global block_t *blocks, const global float *spheres, const point_pair_t *point)
+    const global bvh2_node_t *top_nodes, const global instance_t *instances, const global metric_record_t *metrics,
+    const global node_t *nodes, const global block_t *blocks, const global float *spheres,
+    const point_pair_t *point)
 {
     scene_nearest_t best = no_scene_nearest();
     int stack[TOP_STACK_SIZE];
@@ -129,7 +134,7 @@ INLINED world_prim_t find_nearest_in_scene(
                 const int first = top_nodes[next >> 1].first[next & 1];
                 const int end = first + top_nodes[next >> 1].count[next & 1];
                 for (int index = first; index < end; index++) {
-                    visit_instance_near(instances + index, nodes, blocks, spheres, point, &best);
+                    visit_instance_near(instances + index, metrics, nodes, blocks, spheres, point, &best);
                 }
             }
             float distance_squared;

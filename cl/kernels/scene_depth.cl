@@ -2,6 +2,7 @@
 // the primitive of it that is nearest to the point.
 //
 // Shared arguments: see cl/instances/traverse.cl.
+// metrics[]               metric_record_t: of the instances, by their ids
 // points[point_count]     scene_point_t: local coordinates of the scene
 // prims[point_count]      world_prim_t, written: NO_PRIM for points that no instance contains
 //
@@ -11,7 +12,8 @@
 #include "world/world.cl"
 
 kernel void scene_depth(
-    WORLD_ARGUMENTS, const global scene_point_t *restrict points, global world_prim_t *restrict prims, const int point_count)
+    WORLD_ARGUMENTS, const global metric_record_t *restrict metrics, const global scene_point_t *restrict points,
+    global world_prim_t *restrict prims, const int point_count)
 {
     const int index = get_global_id(0);
     if (index >= point_count) {
@@ -19,6 +21,6 @@ kernel void scene_depth(
     }
     const point_pair_t point = unpack_scene_point(points + index);
     scene_nearest_t none = no_scene_nearest();
-    is_in_scene(top_nodes, instances, nodes, blocks, spheres, &point, &none.prim);
+    is_in_scene(top_nodes, instances, metrics, nodes, blocks, spheres, &point, &none.prim);
     prims[index] = none.prim;
 }

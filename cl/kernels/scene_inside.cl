@@ -17,5 +17,5 @@ kernel void scene_inside(
         return;
     }
     const point_pair_t point = unpack_scene_point(points + index);
-    inside[index] = is_in_scene(top_nodes, instances, nodes, blocks, spheres, &point, 0);
+    inside[index] = is_in_scene(top_nodes, instances, 0, nodes, blocks, spheres, &point, 0);
 }

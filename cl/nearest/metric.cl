@@ -1,22 +1,14 @@
 // Distances within an instance are those of the scene: corners are moved into the scene, with the point at zero. A box
-// becomes a parallelepiped there. It is measured in rotated axes, in which the map is triangular (QR decomposition), by
-// the box around it. That box is the parallelepiped itself if the map scales along the local axes and rotates then; for
-// any map, the two differ by no more than their own size.
+// becomes a parallelepiped there. It is measured in rotated axes, in which the map is
+// triangular (METRIC in clbvh/structs.py), by the box around it. That box is the parallelepiped itself if the map scales
+// along the local axes and rotates then; for any map, the two differ by no more than their own size.
 //
-// Lengths are in units of the metric: the power of two that brings the way to the instance, or its radius, to about 1,
-// so that no product leaves float32, however small the instance is.
+// Lengths are in units of the metric: the power of two that brings the way to the instance, or its radius, to about
+// 1, so that no product leaves float32, however small the instance is.
 
 #include "instances/instance.cl"
 #include "math/vectors.cl"
 #include "nearest/point_triangle.cl"
-
-// Columns of the map with a cosine up to this are orthogonal, and lengths that differ by this share are equal: so much
-// is left of a rotation in float32.
-#define ORTHOGONAL_SLACK ERROR_BOUND(4)
-#define EQUAL_SLACK ERROR_BOUND(16)
-
-// Sweeps of rotations; a sweep squares the cosines that are left.
-#define SWEEPS 6
 
 typedef struct {
     float to_scene[3][3];  // from the geometry's local coordinates into the scene, by rows
@@ -29,10 +21,7 @@ typedef struct {
     float3 start;  // the offset
     float slack;   // bound on the error of a primitive's distance minus that of its box
 #if HAS_SPHERES
-    // The ellipsoid that the map makes of a sphere of radius 1.
-    float3 axes[3];       // orthogonal unit vectors
-    float3 half_lengths;  // along the axes
-    bool keeps_spheres;   // whether it is a sphere
+    const global metric_record_t *record;
 #endif
 } metric_t;
 
@@ -45,11 +34,6 @@ INLINED point_t place_point(const metric_t *metric, const real_t x, const real_t
         metric->to_scene[1][0] * x + metric->to_scene[1][1] * y + metric->to_scene[1][2] * z + metric->offset.y,
         metric->to_scene[2][0] * x + metric->to_scene[2][1] * y + metric->to_scene[2][2] * z + metric->offset.z};
     return result;
-}
-
-INLINED float3 load_row(const metric_t *metric, const int row)
-{
-    return (float3)(metric->to_scene[row][0], metric->to_scene[row][1], metric->to_scene[row][2]);
 }
 
 INLINED void add_shear(
@@ -87,91 +71,6 @@ INLINED float sum_of(const float3 v)
     return v.x + v.y + v.z;
 }
 
-// Rotates two rows, of which `a` and `b` are entries of one column, so that b becomes zero and a is not negative.
-INLINED void rotate_rows(const float a, const float b, float4 *row, float4 *other)
-{
-    const float size = sqrt(a * a + b * b);
-    if (size > 0.0f) {
-        const float cosine = a / size;
-        const float sine = b / size;
-        const float4 rotated = cosine * *row + sine * *other;
-        *other = cosine * *other - sine * *row;
-        *row = rotated;
-    }
-}
-
-// Finds the rotated axes (Givens, "Computation of plane unitary rotations transforming a general matrix to triangular
-// form", 1958), and the slack.
-INLINED void rotate_axes(metric_t *metric)
-{
-    float4 rows[3];
-    for (int row = 0; row < 3; row++) {
-        rows[row].xyz = load_row(metric, row);
-    }
-    rows[0].w = metric->offset.x;
-    rows[1].w = metric->offset.y;
-    rows[2].w = metric->offset.z;
-    rotate_rows(rows[0].x, rows[1].x, rows, rows + 1);
-    rotate_rows(rows[0].x, rows[2].x, rows, rows + 2);
-    rotate_rows(rows[1].y, rows[2].y, rows + 1, rows + 2);
-    rows[2] = rows[2].z < 0.0f ? -rows[2] : rows[2];
-    metric->stretch = (float3)(rows[0].x, rows[1].y, rows[2].z);
-    metric->shear = (float3)(rows[0].y, rows[0].z, rows[1].z);
-    metric->start = (float3)(rows[0].w, rows[1].w, rows[2].w);
-
-    // No coordinate within the geometry is above 1. A distance has about 16 roundings, see NEAREST_SLACK; a rotation
-    // has four for each entry, and a shear that is left out counts as 8.
-    float rounding = sum_of(magnitude(metric->offset));
-    for (int row = 0; row < 3; row++) {
-        rounding += sum_of(magnitude(load_row(metric, row)));
-    }
-    metric->slack = ERROR_BOUND(64) * rounding;
-    const float3 shear = magnitude(metric->shear);
-    metric->is_sheared = larger(shear.x, larger(shear.y, shear.z)) > ERROR_BOUND(8) * rounding;
-}
-
-#if HAS_SPHERES
-// Finds the axes of the ellipsoids: the columns of the map are rotated in pairs until they are orthogonal (one-sided
-// Jacobi: Hestenes, "Inversion of matrices by biorthogonalization and related results", 1958).
-INLINED void find_axes(metric_t *metric)
-{
-    float3 columns[3];
-    for (int column = 0; column < 3; column++) {
-        columns[column] =
-            (float3)(metric->to_scene[0][column], metric->to_scene[1][column], metric->to_scene[2][column]);
-    }
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        for (int pair = 0; pair < 3; pair++) {
-            const int one = pair == 2 ? 1 : 0;
-            const int other = pair == 0 ? 1 : 2;
-            const float3 a = columns[one];
-            const float3 b = columns[other];
-            const float shared = dot_product(a, b);
-            const float a_squared = dot_product(a, a);
-            const float b_squared = dot_product(b, b);
-            if (fabs(shared) > ORTHOGONAL_SLACK * sqrt(a_squared) * sqrt(b_squared)) {
-                const float cotangent = (b_squared - a_squared) / (2.0f * shared);
-                const float size = fabs(cotangent) + sqrt(1.0f + cotangent * cotangent);
-                const float tangent = cotangent < 0.0f ? -1.0f / size : 1.0f / size;
-                const float cosine = 1.0f / sqrt(1.0f + tangent * tangent);
-                columns[one] = cosine * a - (cosine * tangent) * b;
-                columns[other] = (cosine * tangent) * a + cosine * b;
-            }
-        }
-    }
-    const float3 lengths = sqrt((float3)(
-        dot_product(columns[0], columns[0]), dot_product(columns[1], columns[1]),
-        dot_product(columns[2], columns[2])));
-    metric->half_lengths = lengths;
-    metric->axes[0] = columns[0] / lengths.x;
-    metric->axes[1] = columns[1] / lengths.y;
-    metric->axes[2] = columns[2] / lengths.z;
-    const float least = smaller(lengths.x, smaller(lengths.y, lengths.z));
-    const float most = larger(lengths.x, larger(lengths.y, lengths.z));
-    metric->keeps_spheres = most - least <= EQUAL_SLACK * most;
-}
-#endif
-
 // The way from a point to the zero of an instance's local coordinates.
 INLINED float3 way_to_instance(const global instance_t *instance, const float3 position, const float3 position_low)
 {
@@ -180,38 +79,45 @@ INLINED float3 way_to_instance(const global instance_t *instance, const float3 p
     return way + (low + (load3(instance->centre_low) - position_low));
 }
 
+// Bound on the error of a primitive's distance minus that of its box. No coordinate within the geometry is above 1; a
+// distance has about 16 roundings, see NEAREST_SLACK, a rotated offset 4, and a shear that is left out counts as 8.
+INLINED float find_slack(const float3 offset, const float reach)
+{
+    return ERROR_BOUND(64) * (sum_of(magnitude(offset)) + reach);
+}
+
 // Makes the metric of an instance for a point, given the way from the point to the instance.
-INLINED metric_t make_metric(const global instance_t *instance, const float3 way)
+INLINED metric_t
+make_metric(const global instance_t *instance, const global metric_record_t *record, const float3 way)
 {
     metric_t metric;
     const float3 size = magnitude(way);
-    metric.unit = unit_scale((float3)(larger(size.x, larger(size.y, size.z)), instance->radius, 0.0f));
-    metric.offset = metric.unit * way;
+    const float unit = unit_scale((float3)(larger(size.x, larger(size.y, size.z)), instance->radius, 0.0f));
+    metric.unit = unit;
+    metric.offset = unit * way;
     for (int row = 0; row < 3; row++) {
         for (int column = 0; column < 3; column++) {
-            metric.to_scene[row][column] = metric.unit * instance->to_scene[row][column];
+            metric.to_scene[row][column] = unit * instance->to_scene[row][column];
         }
     }
-    rotate_axes(&metric);
+    metric.stretch = unit * load3(record->stretch);
+    metric.shear = unit * load3(record->shear);
+    metric.is_sheared = record->is_sheared;
+    metric.start = transform_vector(record->turn, metric.offset);
+    metric.slack = find_slack(metric.offset, unit * record->reach);
 #if HAS_SPHERES
-    if (instance->kind == KIND_SPHERES) {
-        find_axes(&metric);
-    }
+    metric.record = record;
 #endif
     return metric;
 }
 
+#if HAS_SPHERES
 // Makes the metric of a geometry's own local coordinates.
 INLINED metric_t make_local_metric(const float3 position)
 {
-    metric_t metric;
-    for (int row = 0; row < 3; row++) {
-        for (int column = 0; column < 3; column++) {
-            metric.to_scene[row][column] = row == column ? 1.0f : 0.0f;
-        }
-    }
-    metric.unit = 1.0f;
-    metric.offset = -position;
-    rotate_axes(&metric);
+    const metric_t metric = {
+        {{1.0f, 0.0f, 0.0f}, {0.0f, 1.0f, 0.0f}, {0.0f, 0.0f, 1.0f}}, -position, 1.0f, (float3)(1.0f), (float3)(0.0f),
+        false, -position, find_slack(position, 3.0f), 0};
     return metric;
 }
+#endif

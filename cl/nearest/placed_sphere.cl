@@ -15,10 +15,9 @@ INLINED float distance_squared_to_stretched_sphere(
     const metric_t *metric, const float x, const float y, const float z, const float radius)
 {
     const float3 centre = (float3)(x, y, z);
-    const float3 position = (float3)(
-        dot_product(metric->axes[0], centre), dot_product(metric->axes[1], centre),
-        dot_product(metric->axes[2], centre));
-    return distance_squared_to_ellipsoid(magnitude(position), metric->half_lengths * radius);
+    const float3 position = transform_vector(metric->record->axes, centre);
+    const float3 half_lengths = load3(metric->record->half_lengths) * (metric->unit * radius);
+    return distance_squared_to_ellipsoid(magnitude(position), half_lengths);
 }
 
 // The squared distance in units of the metric; `centre` and `radius` are in the geometry's local coordinates.
@@ -29,8 +28,8 @@ INLINED real_t distance_squared_to_placed_sphere(const nearest_t *nearest, const
     if (nearest->kind == KIND_BALLS) {
         return dot_of(placed, placed) < radius * radius ? (real_t)(0.0f) : (real_t)(INFINITY);
     }
-    if (metric->keeps_spheres) {
-        return distance_squared_to_sphere(placed, metric->half_lengths.x * radius);
+    if (metric->record->keeps_spheres) {
+        return distance_squared_to_sphere(placed, metric->record->half_lengths[0] * (metric->unit * radius));
     }
 #ifdef WIDTH
     union {

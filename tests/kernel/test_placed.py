@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from clbvh import Spheres
 from clbvh.structs import INSTANCE, LAYOUTS, PRIM_KINDS
+from clbvh.trace.world.metrics import make_metrics
+from clbvh.trace.world.surface_arrays import make_surface_arrays
 
 from ..unit.trace.scene_distances import distance_to_ellipsoid
 
@@ -29,6 +32,14 @@ def make_maps(kind, generator):
     return maps if kind in ("similar", "scale") else maps @ others
 
 
+def make_records(maps):
+    """The metrics of geometries and a scene that are in their local coordinates."""
+    arrays = make_surface_arrays(
+        [Spheres([[0, 0, 0]], 1)], np.zeros(len(maps), int), np.tile(np.eye(4), (len(maps), 1, 1))
+    )
+    return make_metrics(arrays._replace(linear=maps, scale=np.ones(1)), 1.0).records
+
+
 @pytest.fixture(scope="module", params=KINDS)
 def measured(request, run_shell):
     """The inputs in float64, and what the device makes of them."""
@@ -48,7 +59,11 @@ def measured(request, run_shell):
     inside = np.clip(boxes[:, 0] + shares * (boxes[:, 1] - boxes[:, 0]), boxes[:, 0], boxes[:, 1]).astype(np.float32)
     radii = (10.0 ** generator.uniform(-3, 0, COUNT)).astype(np.float32)
     results = run_shell(
-        "measure_placed", [instances, positions, boxes, inside, radii], [np.float32] * 4, BUNDLE, DEFINES
+        "measure_placed",
+        [instances, make_records(maps), positions, boxes, inside, radii],
+        [np.float32] * 4,
+        BUNDLE,
+        DEFINES,
     )
     # The map as the device has it.
     linear = instances["to_scene"].astype(np.float64)

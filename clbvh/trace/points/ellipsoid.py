@@ -18,53 +18,6 @@ from ...support.compiled import compiled
 # Most steps; five to seven are usual.
 _STEPS = 64
 
-# Sweeps of rotations until the axes are orthogonal; each squares the cosines that are left.
-_SWEEPS = 12
-
-# Axes with a cosine below this are orthogonal.
-_ORTHOGONAL = 2.0**-53
-
-
-@compiled(error_model="numpy")
-def find_axes(matrix, axes):
-    """Write the half axes of the ellipsoid that a matrix makes of the sphere of radius 1, one in each row.
-
-    The columns of the matrix are rotated in pairs until they are orthogonal, which keeps the digits of the short ones
-    (one-sided Jacobi: Hestenes, "Inversion of matrices by biorthogonalization and related results", 1958).
-
-    Parameters
-    ----------
-    matrix : (3, 3) float64
-        Not singular; no square of an entry leaves float64.
-    axes : (3, 3) float64, written
-    """
-    for column in range(3):
-        for row in range(3):
-            axes[column, row] = matrix[row, column]
-    for _ in range(_SWEEPS):
-        is_done = True
-        for pair in range(3):
-            one, other = 1 if pair == 2 else 0, 1 if pair == 0 else 2
-            shared, one_squared, other_squared = 0.0, 0.0, 0.0
-            for axis in range(3):
-                shared += axes[one, axis] * axes[other, axis]
-                one_squared += axes[one, axis] * axes[one, axis]
-                other_squared += axes[other, axis] * axes[other, axis]
-            if abs(shared) <= _ORTHOGONAL * np.sqrt(one_squared) * np.sqrt(other_squared):
-                continue
-            is_done = False
-            cotangent = (other_squared - one_squared) / (2.0 * shared)
-            tangent = 1.0 / (abs(cotangent) + np.sqrt(1.0 + cotangent * cotangent))
-            if cotangent < 0.0:
-                tangent = -tangent
-            cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
-            sine = cosine * tangent
-            for axis in range(3):
-                a, b = axes[one, axis], axes[other, axis]
-                axes[one, axis], axes[other, axis] = cosine * a - sine * b, sine * a + cosine * b
-        if is_done:
-            return
-
 
 @compiled(error_model="numpy")
 def find_shares(position, lengths, shares):

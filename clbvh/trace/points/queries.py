@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from ..rays.batch import Broadcast, TreeBox, check_room, read_masks, read_points
 from ..rays.pieces import Progress, cut_points
 from ..scene.top_tree import prune_top
 from .pack import find_point_order, pack_points, take_masks, take_points
-from .refine import ClosestPoints, FoundPoints, SceneClosestPoints, refine_points
+from .refine import ClosestPoints, FoundPoints, refine_points
 
 _SCENE_CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
 _INSIDE = Query("inside", "inside", np.dtype(np.uint8))
@@ -88,7 +88,7 @@ def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None =
         geometry_id = np.full(shape, NO_PRIM, np.int32)
         is_found = instance_id != NO_PRIM
         geometry_id[is_found] = caster.tree.surface.geometry_id[instance_id[is_found]]
-        return SceneClosestPoints(distance, point, prim_id, geometry_id, instance_id)
+        return ClosestPoints(distance, point, prim_id, geometry_id, instance_id)
     hidden = seen.hidden()
     if hidden is None:
         return ClosestPoints(distance, point, prim_id)
@@ -177,21 +177,24 @@ def _find_points(caster: Caster, query: Query, seen: SeenPoints, progress: Progr
     """Return the points of the primitives that a query finds, refined."""
     count = math.prod(seen.points.shape)
     check_room(count, _POINT_BYTES, "points")
-    found, arrays = FoundPoints.make(count), caster.tree.surface
+    found, tree = FoundPoints.make(count), cast(Any, caster.tree)
     with caster.open_call() as call:
+        metrics, arguments = None, {}
+        if tree.has_instances:
+            metrics, arguments["metrics"] = tree.metrics.on(caster.session, call.memory.session)
         for begin, chunk, order in _cut(call, seen.points, progress):
             part = found.part(begin, begin + len(chunk))
-            with _cast(call, query, seen.masks, begin, chunk, order) as prims:
-                ranges = partial(_refine_range, chunk, arrays, call.box, order, prims, part)
+            with _cast(call, query, seen.masks, begin, chunk, order, **arguments) as prims:
+                ranges = partial(_refine_range, chunk, tree.surface, metrics, call.box, order, prims, part)
                 call.threads.for_ranges(len(chunk), ranges)
     return found
 
 
 def _refine_range(
-    chunk: NDArray[Any], arrays: Any, box: TreeBox, order: NDArray[np.int32], prims: NDArray[Any], part: FoundPoints,
-    first: int, last: int,
+    chunk: NDArray[Any], arrays: Any, metrics: Any, box: TreeBox, order: NDArray[np.int32], prims: NDArray[Any],
+    part: FoundPoints, first: int, last: int,
 ) -> None:  # fmt: skip
-    refine_points(chunk, arrays, box, order[first:last], prims[first:last], part)
+    refine_points(chunk, arrays, metrics, box, order[first:last], prims[first:last], part)
 
 
 def _cut(
@@ -205,7 +208,13 @@ def _cut(
 
 @contextmanager
 def _cast(
-    call: Call, query: Query, masks: Broadcast | None, begin: int, chunk: NDArray[Any], order: NDArray[np.int32]
+    call: Call,
+    query: Query,
+    masks: Broadcast | None,
+    begin: int,
+    chunk: NDArray[Any],
+    order: NDArray[np.int32],
+    **arguments: Any,
 ) -> Iterator[NDArray[Any]]:
     """Cast a chunk of points and give its results in the order of the cast, valid inside the block."""
     chunk_masks = take_masks(masks, begin, begin + len(chunk))
@@ -213,5 +222,5 @@ def _cast(
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
         pack_points(chunk, chunk_masks, call.box, order[first:last], packed)
 
-    with call.cast(query, call.pack_points(len(chunk), pack)) as results:
+    with call.cast(query, call.pack_points(len(chunk), pack), **arguments) as results:
         yield results

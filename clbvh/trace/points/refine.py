@@ -1,4 +1,4 @@
-"""The closest points of the primitives that the device found, in float64: on a mesh, or on placed geometries."""
+"""The closest points of the primitives that the device found, in float64."""
 
 from __future__ import annotations
 
@@ -9,25 +9,28 @@ from numpy.typing import NDArray
 
 from ...structs import NO_PRIM, PRIM_KINDS
 from ...support.compiled import compiled
-from ...support.loop_functions import exponent_of, times_power_of_two
+from ...support.loop_functions import exponent_of, power_of_two, times_power_of_two
 from ..rays.batch import TreeBox
+from ..world.metrics import Metrics
 from ..world.surface_arrays import SurfaceArrays, place_point, place_vector
-from .ellipsoid import find_axes, find_shares
-
-# A point further away than this many times half the box's size is moved to that distance, towards the centre: beyond
-# it, float64 would round the differences to the corners more than the move changes.
-_FAR_SHARE = 2.0**20
+from .ellipsoid import find_shares
 
 
-class ClosestPoints(NamedTuple):
-    """The closest points of a surface.
+class _Points(NamedTuple):
+    distance: NDArray[np.float64]
+    point: NDArray[np.float64]
+    prim_id: NDArray[np.int32]
+
+
+class ClosestPoints(_Points):
+    """The closest points of a surface; as a tuple distance, point and prim_id.
 
     Attributes
     ----------
     distance : (...,) float64, the file's unit
     point : (..., 3) float64, the file's coordinates
     prim_id : (...,) int32
-        The face that the point is on.
+        The face, or the sphere, that the point is on.
 
     Examples
     --------
@@ -40,98 +43,34 @@ class ClosestPoints(NamedTuple):
            [0., 0., 0.]]))
     """
 
-    distance: NDArray[np.float64]
-    point: NDArray[np.float64]
-    prim_id: NDArray[np.int32]
-
-    @property
-    def geometry_id(self) -> NDArray[np.int32]:
-        """(...,) int32: the geometry that the point is on. Of a single mesh 0, and -1 where there is no point."""
-        return np.minimum(self.prim_id, 0)
-
-    @property
-    def instance_id(self) -> NDArray[np.int32]:
-        """(...,) int32: the instance that the point is on. Of a single mesh 0, and -1 where there is no point."""
-        return np.minimum(self.prim_id, 0)
-
-    def __repr__(self) -> str:
-        return f"ClosestPoints(shape={self.prim_id.shape}, found={np.count_nonzero(self.prim_id != NO_PRIM):,})"
-
-
-class SceneClosestPoints(ClosestPoints):
-    """The closest points in a scene: `ClosestPoints` that know the instance.
-
-    As a tuple they are distance, point and prim_id, like those of a mesh.
-
-    Attributes
-    ----------
-    geometry_id, instance_id : (...,) int32
-        The geometry and the instance that the point is on; -1 where there is no point.
-    """
-
-    _ids: tuple[NDArray[np.int32], NDArray[np.int32]]
+    _ids: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
 
     def __new__(
         cls,
         distance: NDArray[np.float64],
         point: NDArray[np.float64],
         prim_id: NDArray[np.int32],
-        geometry_id: NDArray[np.int32],
-        instance_id: NDArray[np.int32],
-    ) -> SceneClosestPoints:
-        """Return the closest points with their ids."""
+        geometry_id: NDArray[np.int32] | None = None,
+        instance_id: NDArray[np.int32] | None = None,
+    ) -> ClosestPoints:
+        """Return the closest points with their ids, which are 0 where there is a point unless they are given."""
         closest = super().__new__(cls, distance, point, prim_id)
-        closest._ids = geometry_id, instance_id
+        if geometry_id is not None and instance_id is not None:
+            closest._ids = geometry_id, instance_id
         return closest
 
     @property
-    def geometry_id(self) -> NDArray[np.int32]:  # noqa: D102
-        return self._ids[0]
+    def geometry_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the geometry that the point is on. Of a single mesh 0, and -1 where there is no point."""
+        return np.minimum(self.prim_id, 0) if self._ids is None else self._ids[0]
 
     @property
-    def instance_id(self) -> NDArray[np.int32]:  # noqa: D102
-        return self._ids[1]
+    def instance_id(self) -> NDArray[np.int32]:
+        """(...,) int32: the instance that the point is on. Of a single mesh 0, and -1 where there is no point."""
+        return np.minimum(self.prim_id, 0) if self._ids is None else self._ids[1]
 
-    def __getnewargs__(self) -> tuple[Any, ...]:  # for copies and pickles
-        return (*self, *self._ids)
-
-
-@compiled(error_model="numpy")
-def _refine_lone(points, order, arrays, box, far, prim_ids, found):
-    vertices, faces = arrays.vertices, arrays.faces
-    centre, scale = box.centre, box.scale
-    distance, nearest = found.distance, found.point
-    # The corners in local units, as seen from the point.
-    a, b, c, weights, away = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for slot in range(len(order)):
-        index, prim = order[slot], prim_ids[slot]
-        found.prim_id[index], found.instance_id[index] = prim, min(prim, 0)
-        if prim == NO_PRIM:
-            distance[index] = np.inf
-            nearest[index, 0] = nearest[index, 1] = nearest[index, 2] = np.nan
-            continue
-        size = 0.0
-        for axis in range(3):
-            size = max(size, abs((points[index, axis] - centre[axis]) * scale))
-        first, second, third = faces[prim, 0], faces[prim, 1], faces[prim, 2]
-        is_far = size > far
-        for axis in range(3):
-            x, share = np.float64(points[index, axis]), far / size
-            point = centre[axis] + (x - centre[axis]) * share if is_far else x
-            a[axis] = (vertices[first, axis] - point) * scale
-            b[axis] = (vertices[second, axis] - point) * scale
-            c[axis] = (vertices[third, axis] - point) * scale
-        squared = closest_on_triangle(a, b, c, weights)
-        for axis in range(3):
-            corner = vertices[first, axis]
-            to_second, to_third = vertices[second, axis] - corner, vertices[third, axis] - corner
-            nearest[index, axis] = corner + (weights[1] * to_second + weights[2] * to_third)
-            # In sizes, so that the square of a huge distance is in float64.
-            away[axis] = (nearest[index, axis] - points[index, axis]) * scale / size if is_far else 0.0
-        # Not numpy's `sum`, which takes long to compile.
-        squared_away = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
-        local = size * np.sqrt(squared_away) if is_far else np.sqrt(squared)
-        distance[index] = local / scale
+    def __repr__(self) -> str:
+        return f"ClosestPoints(shape={self.prim_id.shape}, found={np.count_nonzero(self.prim_id != NO_PRIM):,})"
 
 
 @compiled(error_model="numpy")
@@ -178,11 +117,18 @@ def _closest_inside(a, b, c, weights, squared):
     return of_plane
 
 
-# A point farther away than this many sizes of the primitive is moved to that distance, towards the primitive. Beyond
-# it, float64 would round the way to the primitive by more than the closest point changes: by a size over this number.
+# A point farther from a lone mesh than this many times half the box's size is moved to that distance, towards the
+# centre: beyond it, float64 would round the differences to the corners more than the move changes.
+_FAR_SHARE = 2.0**20
+
+# The same for an instance, in sizes of the primitive, and towards it: float64 would round the way to the primitive by
+# more than the closest point changes, by a size over this number.
 _FAR_PRIM_SHARE = 2.0**26
 
 _SPHERES = PRIM_KINDS["spheres"]
+
+# Of a lone mesh.
+_NO_METRICS = np.empty((0, 3, 3)), np.empty((0, 3))
 
 
 class FoundPoints(NamedTuple):
@@ -214,6 +160,7 @@ class FoundPoints(NamedTuple):
 def refine_points(
     points: NDArray[Any],
     arrays: SurfaceArrays,
+    metrics: Metrics | None,
     box: TreeBox,
     order: NDArray[np.int32],
     prims: NDArray[Any],
@@ -225,6 +172,8 @@ def refine_points(
     ----------
     points : (n, 3) float, contiguous, the scene's coordinates
     arrays : SurfaceArrays
+    metrics : Metrics, or None
+        Of the instances; None for a lone mesh.
     box : TreeBox
         Of the tree.
     order : (m,) int32
@@ -235,141 +184,131 @@ def refine_points(
         Only for the points in `order`. Without a primitive the distance is infinite, the point NaN, and the ids
         `NO_PRIM`.
     """
-    if arrays.is_lone:
-        _refine_lone(points, order, arrays, box, _FAR_SHARE * box.half.max(), prims, found)
-    else:
-        _refine_placed(points, order, arrays, prims["prim_id"], prims["instance_id"], found)
+    axes, half_lengths = (metrics.axes, metrics.half_lengths) if metrics else _NO_METRICS
+    far = _FAR_SHARE * box.half.max() / box.scale
+    prim_ids = prims["prim_id"] if prims.dtype.names else prims
+    instance_ids = prims["instance_id"] if prims.dtype.names else np.minimum(prims, 0)
+    _refine(points, order, arrays, axes, half_lengths, box.centre, far, prim_ids, instance_ids, found)
 
 
 class _Scratch(NamedTuple):
-    """Memory for one point after the other: four vectors, two matrices by rows, and the closest point."""
+    """Memory for one point after the other: vectors of three."""
 
-    rows: NDArray[np.float64]
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    shares: NDArray[np.float64]
     way: NDArray[np.float64]
-    matrix: NDArray[np.float64]
-    axes: NDArray[np.float64]
-    nearest: NDArray[np.float64]
 
 
 @compiled(error_model="numpy")
-def _refine_placed(points, order, arrays, prim_ids, instance_ids, found):
-    scratch = _Scratch(np.empty((4, 3)), np.empty(3), np.empty((3, 3)), np.empty((3, 3)), np.empty(3))
+def _refine(points, order, arrays, axes, half_lengths, centre, far, prim_ids, instance_ids, found):
+    scratch = _Scratch(np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3))
+    a, b, c, weights, way = scratch
+    distance, nearest = found.distance, found.point
+    vertices, faces, kind, geometry_id = arrays.vertices, arrays.faces, arrays.kind, arrays.geometry_id
     for slot in range(len(order)):
         index, prim, instance = order[slot], prim_ids[slot], instance_ids[slot]
         found.prim_id[index], found.instance_id[index] = prim, instance
         if prim == NO_PRIM:
-            found.distance[index] = np.inf
-            found.point[index, 0] = found.point[index, 1] = found.point[index, 2] = np.nan
+            distance[index] = np.inf
+            nearest[index, 0] = nearest[index, 1] = nearest[index, 2] = np.nan
             continue
-        if arrays.kind[arrays.geometry_id[instance]] == _SPHERES:
-            found.distance[index] = _close_to_sphere(points[index], arrays, instance, prim, scratch)
+        geometry = geometry_id[instance]
+        if kind[geometry] == _SPHERES:
+            distance[index] = _close_to_sphere(
+                points[index], arrays, axes[instance], half_lengths[instance], instance, prim, scratch, nearest[index]
+            )
+            continue
+
+        # The first corner and the edges from there, which are placed by themselves: far from zero they keep digits that
+        # differences of placed corners would lose.
+        face, row = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
+        first, second, third = row + faces[face, 0], row + faces[face, 1], row + faces[face, 2]
+        x, y, z = vertices[first, 0], vertices[first, 1], vertices[first, 2]
+        ux, uy, uz = vertices[second, 0] - x, vertices[second, 1] - y, vertices[second, 2] - z
+        vx, vy, vz = vertices[third, 0] - x, vertices[third, 1] - y, vertices[third, 2] - z
+
+        # The corners as seen from the point, times a power of two.
+        size, reach = 0.0, 0.0
+        if arrays.is_lone:
+            scale = arrays.scale[0]
+            for axis in range(3):
+                reach = max(reach, abs(points[index, axis] - centre[axis]))
+            is_far = reach > far
+            for axis in range(3):
+                own = np.float64(points[index, axis])
+                if is_far:
+                    own = centre[axis] + (own - centre[axis]) * (far / reach)
+                a[axis] = (vertices[first, axis] - own) * scale
+                b[axis] = (vertices[second, axis] - own) * scale
+                c[axis] = (vertices[third, axis] - own) * scale
         else:
-            found.distance[index] = _close_to_triangle(points[index], arrays, instance, prim, scratch)
-        for axis in range(3):
-            found.point[index, axis] = scratch.nearest[axis]
+            b[0], b[1], b[2] = place_vector(arrays, instance, ux, uy, uz)
+            c[0], c[1], c[2] = place_vector(arrays, instance, vx, vy, vz)
+            way[0], way[1], way[2] = place_point(arrays, instance, x, y, z)
+            for axis in range(3):
+                way[axis] -= points[index, axis]
+                size = max(size, abs(b[axis]), abs(c[axis]))
+                reach = max(reach, abs(way[axis]))
+            is_far = reach > _FAR_PRIM_SHARE * size
+            share = _FAR_PRIM_SHARE * size / reach if is_far else 1.0
+            scale = power_of_two(-exponent_of(max(reach * share, size)))
+            for axis in range(3):
+                a[axis] = way[axis] * share * scale
+                b[axis] = a[axis] + b[axis] * scale
+                c[axis] = a[axis] + c[axis] * scale
+
+        squared = closest_on_triangle(a, b, c, weights)
+        x += weights[1] * ux + weights[2] * vx
+        y += weights[1] * uy + weights[2] * vy
+        z += weights[1] * uz + weights[2] * vz
+        if not arrays.is_lone:
+            x, y, z = place_point(arrays, instance, x, y, z)
+        nearest[index, 0], nearest[index, 1], nearest[index, 2] = x, y, z
+        if is_far:
+            distance[index] = _far_distance(points[index], nearest[index], reach)
+        else:
+            distance[index] = np.sqrt(squared) / scale
 
 
 @compiled(error_model="numpy")
-def _close_to_triangle(point, arrays, instance, prim, scratch):
-    """Write the closest point of a placed triangle, and return its distance.
-
-    The edges are placed by themselves: far from zero they keep digits that differences of placed corners would lose.
-    """
-    geometry, way, nearest = arrays.geometry_id[instance], scratch.way, scratch.nearest
-    face, row = arrays.first_face[geometry] + prim, arrays.first_vertex[geometry]
-    first, second, third = row + arrays.faces[face, 0], row + arrays.faces[face, 1], row + arrays.faces[face, 2]
-    vertices = arrays.vertices
-    x, y, z = vertices[first, 0], vertices[first, 1], vertices[first, 2]
-    ux, uy, uz = vertices[second, 0] - x, vertices[second, 1] - y, vertices[second, 2] - z
-    vx, vy, vz = vertices[third, 0] - x, vertices[third, 1] - y, vertices[third, 2] - z
-    a, b, c, weights = scratch.rows[0], scratch.rows[1], scratch.rows[2], scratch.rows[3]
-    b[0], b[1], b[2] = place_vector(arrays, instance, ux, uy, uz)
-    c[0], c[1], c[2] = place_vector(arrays, instance, vx, vy, vz)
-    way[0], way[1], way[2] = place_point(arrays, instance, x, y, z)
-    size, reach = 0.0, 0.0
-    for axis in range(3):
-        way[axis] -= point[axis]
-        size = max(size, abs(b[axis]), abs(c[axis]))
-        reach = max(reach, abs(way[axis]))
-    is_far = reach > _FAR_PRIM_SHARE * size
-    share = _FAR_PRIM_SHARE * size / reach if is_far else 1.0
-    exponent = exponent_of(max(reach * share, size))
-    for axis in range(3):
-        a[axis] = times_power_of_two(way[axis] * share, -exponent)
-        b[axis] = a[axis] + times_power_of_two(b[axis], -exponent)
-        c[axis] = a[axis] + times_power_of_two(c[axis], -exponent)
-    squared = closest_on_triangle(a, b, c, weights)
-    nearest[0], nearest[1], nearest[2] = place_point(
-        arrays, instance, x + (weights[1] * ux + weights[2] * vx), y + (weights[1] * uy + weights[2] * vy),
-        z + (weights[1] * uz + weights[2] * vz),
-    )  # fmt: skip
-    if is_far:
-        return _distance_between(point, nearest)
-    return times_power_of_two(np.sqrt(squared), exponent)
-
-
-@compiled(error_model="numpy")
-def _close_to_sphere(point, arrays, instance, prim, scratch):
+def _close_to_sphere(point, arrays, axes, half_lengths, instance, prim, scratch, nearest):
     """Write the closest point of the ellipsoid that a placed sphere is, and return its distance."""
     sphere = arrays.first_sphere[arrays.geometry_id[instance]] + prim
-    spheres, radius = arrays.spheres, arrays.spheres[sphere, 3]
-    way, matrix, axes, nearest = scratch.way, scratch.matrix, scratch.axes, scratch.nearest
-    way[0], way[1], way[2] = place_point(arrays, instance, spheres[sphere, 0], spheres[sphere, 1], spheres[sphere, 2])
-    largest = 0.0
-    for row in range(3):
-        for column in range(3):
-            largest = max(largest, abs(arrays.linear[instance, row, column]))
-    # Squares of the scaled entries, and of what is scaled by the radius as well, are in float64.
-    stretch = exponent_of(largest)
-    for row in range(3):
-        for column in range(3):
-            matrix[row, column] = times_power_of_two(arrays.linear[instance, row, column], -stretch)
-    find_axes(matrix, axes)
-    unit, size = exponent_of(radius) + stretch, times_power_of_two(radius, stretch)
-    radius = times_power_of_two(radius, -exponent_of(radius))
-    position, lengths, shares = scratch.rows[0], scratch.rows[1], scratch.rows[2]
-    reach = 0.0
+    x, y, z, radius = (
+        arrays.spheres[sphere, 0], arrays.spheres[sphere, 1], arrays.spheres[sphere, 2], arrays.spheres[sphere, 3]
+    )  # fmt: skip
+    position, lengths, shares, way = scratch.a, scratch.b, scratch.shares, scratch.way
+    nearest[0], nearest[1], nearest[2] = place_point(arrays, instance, x, y, z)
+    size, reach = 0.0, 0.0
     for axis in range(3):
-        nearest[axis] = way[axis]
-        way[axis] = point[axis] - way[axis]
+        way[axis] = point[axis] - nearest[axis]
         reach = max(reach, abs(way[axis]))
+        size = max(size, half_lengths[axis] * radius)
     is_far = reach > _FAR_PRIM_SHARE * size
     share = _FAR_PRIM_SHARE * size / reach if is_far else 1.0
-    for axis in range(3):
-        way[axis] = times_power_of_two(way[axis] * share, -unit)
+    exponent = exponent_of(size)
     for row in range(3):
-        squared, along = 0.0, 0.0
-        for axis in range(3):
-            squared += axes[row, axis] * axes[row, axis]
-            along += axes[row, axis] * way[axis]
-        length = np.sqrt(squared)
-        lengths[row] = length * radius
-        position[row] = along / length
-    signs = scratch.rows[3]
-    for row in range(3):
-        signs[row] = -1.0 if position[row] < 0.0 else 1.0
-        position[row] = abs(position[row])
+        along = axes[row, 0] * way[0] + axes[row, 1] * way[1] + axes[row, 2] * way[2]
+        scratch.c[row] = -1.0 if along < 0.0 else 1.0
+        position[row] = times_power_of_two(abs(along) * share, -exponent)
+        lengths[row] = times_power_of_two(half_lengths[row] * radius, -exponent)
     find_shares(position, lengths, shares)
     squared = 0.0
     for row in range(3):
         away = position[row] - shares[row] * lengths[row]
         squared += away * away
         for axis in range(3):
-            nearest[axis] += times_power_of_two(signs[row] * shares[row] * radius * axes[row, axis], unit)
-    if is_far:
-        return _distance_between(point, nearest)
-    return times_power_of_two(np.sqrt(squared), unit)
+            nearest[axis] += scratch.c[row] * shares[row] * (half_lengths[row] * radius) * axes[row, axis]
+    return _far_distance(point, nearest, reach) if is_far else times_power_of_two(np.sqrt(squared), exponent)
 
 
 @compiled(error_model="numpy")
-def _distance_between(point, nearest):
-    """Return the distance of a point from its closest one, whose square may leave float64."""
-    largest = 0.0
-    for axis in range(3):
-        largest = max(largest, abs(nearest[axis] - point[axis]))
-    exponent = exponent_of(largest)
+def _far_distance(point, nearest, reach):
+    """Return the distance of a point from its closest one, whose square may leave float64, given about its size."""
     squared = 0.0
     for axis in range(3):
-        away = times_power_of_two(nearest[axis] - point[axis], -exponent)
+        away = (nearest[axis] - point[axis]) / reach
         squared += away * away
-    return times_power_of_two(np.sqrt(squared), exponent)
+    return reach * np.sqrt(squared)

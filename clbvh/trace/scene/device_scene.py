@@ -25,6 +25,7 @@ from ..device_tree import BRUTE, make_defines, pad_stack, resolve_layout
 from ..hits.surface import Surface
 from ..rays.batch import TreeBox
 from ..rays.pack import NEAR_SHARE
+from ..world.metrics import LazyMetrics
 from ..world.surface_arrays import SurfaceArrays, make_surface_arrays, move_instances
 from .top_tree import BuildTree, TopTree
 
@@ -82,6 +83,7 @@ class DeviceScene:
     built_shapes : tuple of Mesh or Spheres
         What the trees are around; `state` has the shapes as they are now.
     top : TopTree
+    metrics : LazyMetrics
     layout, arguments, defines, has_entry_points, node_bytes
         As in `DeviceTree`.
     ray_tree : LoneSpheres or None
@@ -200,6 +202,7 @@ class DeviceScene:
     def _put_top(self, owner: DeviceSession, session: DeviceSession) -> None:
         """Build the tree over the instances, and put it into new buffers."""
         self.top = TopTree.build(self.surface, self._ranges, self.state.masks, self._build_top)
+        self.metrics = LazyMetrics(self.surface, float(self.top.bvh.shape.scale))
         for name, array in (("top_nodes", self.top.nodes), ("instances", self.top.instances)):
             self.arguments[name] = owner.allocate(array.nbytes, writable=False)
             self._byte_counts[name] = array.nbytes

@@ -1,6 +1,7 @@
 // The metric of an instance, by row: distances in the scene's units from a box, a corner of it and a sphere.
 //
 // instances[count]          instance_t
+// metrics[count]            metric_record_t: of the instances
 // positions[3 * count]      float: of points, in the scene's local coordinates
 // boxes[6 * count]          float: least and greatest coordinates within the geometry
 // corners[3 * count]        float: a point of the box, local coordinates
@@ -19,8 +20,9 @@ INLINED point_t point_at(const float3 v)
 }
 
 kernel void measure_placed(
-    const global instance_t *restrict instances, const global float *restrict positions,
-    const global float *restrict boxes, const global float *restrict corners, const global float *restrict radii,
+    const global instance_t *restrict instances, const global metric_record_t *restrict metrics,
+    const global float *restrict positions, const global float *restrict boxes, const global float *restrict corners,
+    const global float *restrict radii,
     global float *restrict to_box, global float *restrict slack, global float *restrict to_corner,
     global float *restrict to_sphere, const int count)
 {
@@ -30,10 +32,11 @@ kernel void measure_placed(
     }
     nearest_t nearest;
     nearest.kind = KIND_SPHERES;
-    nearest.metric = make_metric(instances + i, way_to_instance(instances + i, vload3(i, positions), (float3)(0.0f)));
+    const float3 way = way_to_instance(instances + i, vload3(i, positions), (float3)(0.0f));
+    nearest.metric = make_metric(instances + i, metrics + i, way);
     const float unit = nearest.metric.unit;
-    const point_t way = way_to_box(&nearest.metric, point_at(vload3(2 * i, boxes)), point_at(vload3(2 * i + 1, boxes)));
-    to_box[i] = sqrt(dot_of(way, way)) / unit;
+    const point_t outside = way_to_box(&nearest.metric, point_at(vload3(2 * i, boxes)), point_at(vload3(2 * i + 1, boxes)));
+    to_box[i] = sqrt(dot_of(outside, outside)) / unit;
     slack[i] = nearest.metric.slack / unit;
     const float3 corner = vload3(i, corners);
     const point_t placed = place_point(&nearest.metric, corner.x, corner.y, corner.z);

@@ -1,0 +1,85 @@
+"""What distances within an instance need of its matrix, computed once for all points.
+
+An instance's box is measured in rotated axes, in which its matrix is triangular (QR decomposition); a sphere becomes an
+ellipsoid, whose axes are those of the singular value decomposition. See cl/nearest/metric.cl, which uses them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...device.session import DeviceSession
+from ...structs import METRIC, PRIM_KINDS
+from .surface_arrays import SurfaceArrays
+
+_ROUNDING = 2.0**-24
+
+# A shear up to this share of the matrix, and half lengths that differ by this share, are what float32 leaves of a
+# rotation. The slack of cl/nearest/metric.cl has room for them.
+_LEAST_SHEAR = 8 * _ROUNDING
+_EQUAL_SLACK = 16 * _ROUNDING
+
+
+class Metrics(NamedTuple):
+    """The metrics of all instances, in the order of their ids.
+
+    Attributes
+    ----------
+    records : (n,) `structs.METRIC`
+        As the device takes them.
+    axes : (n, 3, 3) float64
+        Of the ellipsoid that an instance makes of a sphere: unit vectors in the rows. Zero for an instance of a mesh.
+    half_lengths : (n, 3) float64
+        Along the axes, for a sphere of radius 1, in the world's units.
+    """
+
+    records: NDArray[np.void]
+    axes: NDArray[np.float64]
+    half_lengths: NDArray[np.float64]
+
+
+class LazyMetrics:
+    """The metrics of one world, made when points first ask for them: rays and moves need none."""
+
+    def __init__(self, arrays: SurfaceArrays, scale: float) -> None:
+        self._arrays, self._scale = arrays, scale
+        self._made: tuple[Metrics, Any] | None = None
+
+    def on(self, owner: DeviceSession, session: DeviceSession) -> tuple[Metrics, Any]:
+        """Return the metrics and their buffer, which the owner has; two threads may make the same at once."""
+        made = self._made
+        if made is None:
+            metrics = make_metrics(self._arrays, self._scale)
+            made = metrics, owner.allocate(metrics.records.nbytes, writable=False)
+            session.write(made[1], metrics.records)
+            self._made = made
+        return made
+
+
+def make_metrics(arrays: SurfaceArrays, scale: float) -> Metrics:
+    """Return the metrics of the instances, given the local units of the world in one of its units."""
+    own_scale = arrays.scale[arrays.geometry_id]
+    # Between local coordinates: neither products nor float32 overflow.
+    linear = arrays.linear / own_scale[:, None, None] * scale
+    turn, triangular = np.linalg.qr(linear)
+    signs = np.where(np.diagonal(triangular, axis1=1, axis2=2) < 0.0, -1.0, 1.0)
+    triangular *= signs[:, :, None]
+    reach = np.abs(linear).sum(axis=(1, 2))
+    records = np.zeros(len(linear), METRIC)
+    records["turn"] = signs[:, :, None] * turn.transpose(0, 2, 1)
+    records["stretch"] = triangular[:, range(3), range(3)]
+    records["shear"] = triangular[:, (0, 0, 1), (1, 2, 2)]
+    records["is_sheared"] = np.abs(records["shear"]).max(axis=1) > _LEAST_SHEAR * reach
+    records["reach"] = reach
+
+    axes, half_lengths = np.zeros_like(linear), np.zeros((len(linear), 3))
+    is_spheres = arrays.kind[arrays.geometry_id] == PRIM_KINDS["spheres"]
+    axes[is_spheres], half_lengths[is_spheres], _ = np.linalg.svd(linear[is_spheres])
+    axes = np.ascontiguousarray(axes.transpose(0, 2, 1))
+    records["axes"], records["half_lengths"] = axes, half_lengths
+    most, least = half_lengths[:, 0], half_lengths[:, 2]  # they are in descending order
+    records["keeps_spheres"] = most - least <= _EQUAL_SLACK * most
+    return Metrics(records, axes, half_lengths / scale * own_scale[:, None])
