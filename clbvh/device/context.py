@@ -216,7 +216,7 @@ def open_context(info: DeviceInfo) -> DeviceContext:
         return _contexts[info.cl_device]
 
 
-def forget_context(context: DeviceContext) -> None:
+def forget_context(context: DeviceContext | None) -> None:
     """Let sessions that open later have another context: the driver has given up on this one."""
     with _contexts_lock:
         for cl_device in [cl_device for cl_device, known in _contexts.items() if known is context]:

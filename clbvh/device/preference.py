@@ -25,9 +25,8 @@ _MAKERS = ("amd", "apple", "arm", "authenticamd", "genuineintel", "intel", "nvid
 # Short names of platforms; rusticl's, Oclgrind's, Apple's and Clover's names are short already.
 _SHORT_NAMES = {"Portable Computing Language": ("pocl",)}
 
-# Drivers for the CPU, the fastest first. Others stand between those of the two lists.
-_FASTEST_FIRST = ("Portable Computing Language", "Intel(R) OpenCL")
-_SLOWEST_LAST = ("Clover", "rusticl")
+# Drivers for the CPU, the fastest first; the empty name stands for all others.
+_FASTEST_FIRST = ("Portable Computing Language", "Intel(R) OpenCL", "", "Clover", "rusticl")
 
 
 def number_devices(
@@ -70,29 +69,19 @@ def _is_usable(device: DeviceInfo) -> bool:
 
 def _preference(device: DeviceInfo) -> tuple[Any, ...]:
     """Return a sorting key, lowest for the preferred device."""
-    rank = KINDS.index(device.kind) if device.kind in KINDS else len(KINDS)
-    if device.is_emulated:
-        rank = len(KINDS)
-    is_gpu = device.kind == "gpu"
+    is_gpu, driver = device.kind == "gpu", device.platform if device.platform in _FASTEST_FIRST else ""
     return (
         not device.is_available,
-        rank,
+        KINDS.index(device.kind) if device.kind in KINDS and not device.is_emulated else len(KINDS),
         # A graphics card before a GPU inside the CPU, which may report all of the host's memory.
         is_gpu and device.has_unified_memory,
         -device.memory_bytes if is_gpu else 0,
-        0 if is_gpu else _rank_driver(device.platform),
+        0 if is_gpu else _FASTEST_FIRST.index(driver),
         device.platform,
         # The newer one of two installed versions of a driver.
         tuple(-int(digits) for digits in re.findall(r"\d+", device.driver_version)),
         device.name,
     )
-
-
-def _rank_driver(platform: str) -> int:
-    if platform in _FASTEST_FIRST:
-        return _FASTEST_FIRST.index(platform)
-    between = len(_FASTEST_FIRST)
-    return between + 1 + _SLOWEST_LAST.index(platform) if platform in _SLOWEST_LAST else between
 
 
 def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by: str = "") -> DeviceInfo:
@@ -125,10 +114,12 @@ def pick_device(devices: Sequence[DeviceInfo], spec: str | int | None, asked_by:
         if isinstance(spec, int):
             raise DeviceError(f"there is no device {number}{asked_by}: {there_are}")
 
-    if word in KINDS:
-        matches = [device for device in devices if device.kind == word]
-    else:
-        matches = _match_names(devices, word) or _match_kind_and_names(devices, word)
+    matches = [] if word in KINDS else _match_names(devices, word)
+    kinds = [part for part in word.split() if part in KINDS]
+    if not matches and len(kinds) == 1:  # "gpu", or with a part of a name, as in "intel gpu"
+        of_kind = [device for device in devices if device.kind == kinds[0]]
+        name = " ".join(part for part in word.split() if part not in KINDS)
+        matches = _match_names(of_kind, name) if name else of_kind
     if not matches:
         hint = f"; '{word}' is only the maker of a processor here, and 'cpu' asks for it" if word in _MAKERS else ""
         hint = hint if any(word in _simplify(device.name) for device in devices) else ""
@@ -148,23 +139,12 @@ def _match_names(devices: Sequence[DeviceInfo], word: str) -> list[DeviceInfo]:
     if exact:
         return exact
     # The maker alone is no part of a CPU's name.
-    is_maker = word in _MAKERS
     return [
         device
         for device in devices
         if any(word in name for name in _platform_names(device))
-        or (word in _simplify(device.name) and not (is_maker and device.kind == "cpu"))
+        or (word in _simplify(device.name) and not (word in _MAKERS and device.kind == "cpu"))
     ]
-
-
-def _match_kind_and_names(devices: Sequence[DeviceInfo], word: str) -> list[DeviceInfo]:
-    """Return the devices that match a kind and a name, as in "intel gpu"."""
-    parts = word.split()
-    kinds = [part for part in parts if part in KINDS]
-    rest = " ".join(part for part in parts if part not in KINDS)
-    if len(kinds) != 1 or not rest:
-        return []
-    return _match_names([device for device in devices if device.kind == kinds[0]], rest)
 
 
 def _platform_names(device: DeviceInfo) -> tuple[str, ...]:

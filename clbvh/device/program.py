@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -70,9 +70,7 @@ def expand_source(name: str, folder: Path | None = None) -> str:
         A file is missing.
     """
     roots = [find_folder("cl")] if folder is None else [folder, find_folder("cl")]
-    lines: list[str] = []
-    _expand(name, roots, lines, set())
-    return "\n".join(lines) + "\n"
+    return "\n".join(_expand(name, roots, set())) + "\n"
 
 
 @cache
@@ -81,19 +79,19 @@ def _expand_shipped(name: str) -> str:
     return expand_source(name)
 
 
-def _expand(name: str, roots: list[Path], lines: list[str], seen: set[str]) -> None:
+def _expand(name: str, roots: list[Path], seen: set[str]) -> Iterator[str]:
+    """Yield the lines of a file, unless it was seen before."""
     if name in seen:
         return
     seen.add(name)
     label, text = _read(name, roots)
-    lines.append(f'#line 1 "{label}"')
+    yield f'#line 1 "{label}"'
     for number, line in enumerate(text.splitlines(), start=1):
-        match = _INCLUDE.match(line)
-        if match is None:
-            lines.append(line)
+        if match := _INCLUDE.match(line):
+            yield from _expand(match[1], roots, seen)
+            yield f'#line {number + 1} "{label}"'
         else:
-            _expand(match[1], roots, lines, seen)
-            lines.append(f'#line {number + 1} "{label}"')
+            yield line
 
 
 def _read(name: str, roots: list[Path]) -> tuple[str, str]:

@@ -1,6 +1,6 @@
 """The OpenCL devices of this machine, and the choice among them.
 
-Asks every platform for its devices and picks one, in the order of `preference.py` and by the rules of `match.py`. Must
+Asks every platform for its devices and picks one, in the order of `preference.py` and by the same file's rules. Must
 not know why a device is missing: that is `doctor.py`. `pyopencl` is imported on first use, so that a machine
 without a working OpenCL loader gets a `DeviceError` instead of a traceback.
 """

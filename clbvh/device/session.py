@@ -32,14 +32,9 @@ from .settings import Settings, find_settings
 # A buffer of no bytes is an error in OpenCL; an empty array gets this many.
 _SMALLEST_BUFFER_BYTES = 16
 
-# After these errors no later command of a context need succeed: NVIDIA's driver gives up on a context in which a kernel
-# failed.
-_CONTEXT_IS_LOST = (
-    "OUT_OF_RESOURCES",
-    "EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST",
-    "INVALID_COMMAND_QUEUE",
-    "INVALID_CONTEXT",
-)
+# OUT_OF_RESOURCES, EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST, INVALID_CONTEXT and INVALID_COMMAND_QUEUE: after them no
+# later command of a context need succeed. NVIDIA's driver gives up on a context in which a kernel failed.
+_CONTEXT_IS_LOST = (-5, -14, -34, -36)
 # MEM_OBJECT_ALLOCATION_FAILURE, OUT_OF_RESOURCES and OUT_OF_HOST_MEMORY: drivers take memory when a buffer is made, or
 # when it is first used.
 _OUT_OF_MEMORY = (-4, -5, -6)
@@ -122,7 +117,7 @@ class DeviceSession(ContextManager):
         self._buffers: set[ref[Any]] = set()
         self._held: dict[int, NDArray[np.uint8]] = {}  # arrays of `hold_mapped` by their identity
         self._unfinished = ""  # the kernel whose errors the next wait may report
-        with _DeviceErrors(cl, info, "be opened"):
+        with self._errors("be opened"):
             self.shared = shared or open_context(info)
             # It runs its commands one after the other.
             self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
@@ -293,31 +288,18 @@ class DeviceSession(ContextManager):
     def _list_buffers(self) -> list[Any]:
         return [buffer for reference in list(self._buffers) if (buffer := reference()) is not None]
 
-    def _errors(self, action: str) -> _DeviceErrors:
-        return _DeviceErrors(self._cl, self.info, action, self.shared)
-
-
-class _DeviceErrors:
-    """Refuses an action in a forked child, and turns an OpenCL error into a `DeviceError` that names the action."""
-
-    def __init__(self, cl: Any, info: DeviceInfo, action: str, shared: DeviceContext | None = None) -> None:
-        self._cl = cl
-        self._info = info
-        self._action = action
-        self._shared = shared
-
-    def __enter__(self) -> None:
+    @contextmanager
+    def _errors(self, action: str) -> Iterator[None]:
+        """Refuse an action in a forked child, and turn an OpenCL error into a `DeviceError` that names the action."""
         check_process()
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, self._cl.Error):
-            # Errors that pyopencl finds itself have no code.
-            code = getattr(error, "code", None)
-            lost = [getattr(self._cl.status_code, name) for name in _CONTEXT_IS_LOST]
-            if self._shared is not None and code in lost:
-                forget_context(self._shared)
+        try:
+            yield
+        except self._cl.Error as error:
+            code = getattr(error, "code", None)  # errors that pyopencl finds itself have none
+            if code in _CONTEXT_IS_LOST:
+                forget_context(getattr(self, "shared", None))  # none while it opens
             kind = DeviceMemoryError if code in _OUT_OF_MEMORY else DeviceError
-            raise _explain(self._info, self._action, error, kind) from error
+            raise _explain(self.info, action, error, kind) from error
 
 
 def _explain(info: DeviceInfo, action: str, reason: object, kind: type[DeviceError] = DeviceError) -> DeviceError:
