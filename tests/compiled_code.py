@@ -30,10 +30,10 @@ def run_all(tasks: list[list[str] | str]) -> None:
 
 def list_code() -> dict[str, list[str]]:
     """Return the versions of functions in this process, and what was compiled."""
-    from clbvh.support.compiled import list_compiled
+    from clbvh.support import compiled as room
 
     versions, compiled = [], []
-    for function in list_compiled():
+    for function in room._dispatchers.values():
         name = f"{function.py_func.__module__}.{function.__name__}"
         hits, misses = function.stats.cache_hits, function.stats.cache_misses
         versions += [f"{name}{types}" for types in [*hits, *misses]]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ import psutil
 from ..device.info import DeviceInfo
 from ..device.select import choose_device, survey_devices
 from ..errors import DeviceError
+from ..support.compiled import digest_sources
 from ..support.files import write_atomically
 from ..support.folders import find_folder
 from ..support.host_threads import usable_cores
@@ -184,11 +184,11 @@ def count_build(mesh: str, builder: str) -> dict[str, float]:
 
 def _run_perf(command: list[str]) -> dict[str, float]:
     """Return the counts of a command by event, or raise `NotMeasuredError`."""
-    if shutil.which("perf") is None:
-        raise NotMeasuredError("perf is not installed")
     perf = ["perf", "stat", "-x", ",", "-e", ",".join(EVENTS), "--", *command]
     try:
         ended = subprocess.run(perf, capture_output=True, text=True, timeout=_TIMEOUT_S, check=True)
+    except FileNotFoundError:
+        raise NotMeasuredError("perf is not installed") from None
     except (OSError, subprocess.SubprocessError) as error:
         raise NotMeasuredError(f"perf stat fails: {error}") from error
     counts = {}
@@ -201,14 +201,11 @@ def _run_perf(command: list[str]) -> dict[str, float]:
     return counts
 
 
-@cache
 def _digest_sources() -> str:
     """Return a digest of the code that is measured: all of it but the rooms that only present."""
-    package, digest = Path(__file__).resolve().parents[1], hashlib.sha256()
-    python = [path for path in package.rglob("*.py") if path.relative_to(package).parts[0] not in _PRESENTING_ROOMS]
-    for path in sorted([*python, *find_folder("cl").rglob("*.cl")]):
-        digest.update(path.read_bytes() + b"\0")
-    return digest.hexdigest()[:_DIGITS]
+    python = digest_sources(Path(__file__).resolve().parents[1], without=_PRESENTING_ROOMS)
+    kernels = digest_sources(find_folder("cl"), "**/*.cl")
+    return python[: _DIGITS // 2] + kernels[: _DIGITS // 2]
 
 
 def _describe(info: DeviceInfo) -> str:
