@@ -7,15 +7,16 @@ of the call where they cannot. In one process, engines disturb each other by the
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, partial
 from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,8 @@ from ..errors import ClbvhError
 from ..support.context_manager import ContextManager
 
 Array = NDArray[Any]
-# By name, the functions that a process of its own calls and times.
-Tasks = Mapping[str, Callable[[], Any]]
+# The functions that a process of its own calls and times, by the names of the queries.
+Queries = dict[str, Callable[[], Any]]
 
 # The method of an engine that answers a query, and the file of its rays or points.
 _QUERIES = {
@@ -54,18 +55,17 @@ class Engine:
         Packages that must be installed.
     threads : str
         How many threads it uses.
-    most_triangles, most_items : int or None
+    most_triangles, most_items : float
         Larger meshes and batches would take minutes: they are not measured, or cut.
     """
 
     name = ""
     packages: tuple[str, ...] = ()
     threads = "all cores"
-    most_triangles: int | None = None
-    most_items: int | None = None
+    most_triangles = most_items = math.inf
 
     def pack(self, *arrays: Array) -> Any:
-        """Return origins and directions, or points, as the methods of the queries take them."""
+        """Return origins and directions, or points, all float32, as the methods of the queries take them."""
         return arrays
 
     @classmethod
@@ -146,24 +146,19 @@ class Embreex(Engine):
     def __init__(self, vertices: Array, faces: Array) -> None:
         self._scene_class: Any = import_module("embreex.rtcore_scene").EmbreeScene
         self._mesh_class: Any = import_module("embreex.mesh_construction").TriangleMesh
-        self._vertices, self._faces = vertices.astype(np.float32), faces.astype(np.int32)
-        self._wide_vertices = vertices.astype(np.float64)
-
-    def pack(self, *arrays: Array) -> Any:
-        return [array.astype(np.float32) for array in arrays]
+        self._arrays = vertices, faces
+        self._packed = {"vertices": vertices.astype(np.float32), "indices": faces.astype(np.int32)}
 
     def build(self) -> None:
         self.scene = self._scene_class()
-        self._mesh_class(scene=self.scene, vertices=self._vertices, indices=self._faces)
+        self._mesh_class(scene=self.scene, **self._packed)
         # As above.
         self.scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
     @cached_property
     def _over(self) -> Any:
-        import trimesh
-        from trimesh.ray.ray_pyembree import RayMeshIntersector
-
-        return RayMeshIntersector(trimesh.Trimesh(self._wide_vertices, self._faces, process=False))
+        mesh = import_module("trimesh").Trimesh(*self._arrays, process=False)
+        return import_module("trimesh.ray.ray_pyembree").RayMeshIntersector(mesh)
 
     def closest(self, rays: Any) -> Any:
         return np.count_nonzero(np.asarray(self.scene.run(*rays)) >= 0)
@@ -186,7 +181,7 @@ class Trimesh(Engine):
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self._trimesh: Any = import_module("trimesh")
-        self._arrays = vertices.astype(np.float64), faces
+        self._arrays = vertices, faces
 
     def pack(self, *arrays: Array) -> Any:
         return [array.astype(np.float64) for array in arrays]
@@ -213,7 +208,7 @@ class Trimesh(Engine):
 ENGINES: dict[str, Any] = {engine.name: engine for engine in (Clbvh, Open3D, Embreex, Trimesh)}
 
 
-def open_engine(name: str, folder: str) -> Tasks:
+def open_engine(name: str, folder: str) -> Queries:
     """Return the queries of an engine whose tree is built, for the mesh, the rays and the points of a folder.
 
     Each returns the numbers of items and of answers. An engine that is slow gets an even share of the items.
@@ -221,14 +216,14 @@ def open_engine(name: str, folder: str) -> Tasks:
     vertices, faces = (np.load(f"{folder}/{file}.npy") for file in ("vertices", "faces"))
     engine = ENGINES[name](vertices, faces)
     engine.build()
-    tasks: dict[str, Callable[[], Any]] = {"build": lambda: (len(faces), engine.build())}
+    queries: Queries = {"build": lambda: (len(faces), engine.build())}
     for query, (method, file) in _QUERIES.items():
         if engine.has(query):
             arrays = np.load(f"{folder}/{file}.npy")
-            step = -(-arrays.shape[1] // (engine.most_items or arrays.shape[1]))
+            step = math.ceil(arrays.shape[1] / engine.most_items) or 1
             arrays = np.ascontiguousarray(arrays[:, ::step])
-            tasks[query] = partial(_count, getattr(engine, method), engine.pack(*arrays), arrays.shape[1])
-    return tasks
+            queries[query] = partial(_count, getattr(engine, method), engine.pack(*arrays), arrays.shape[1])
+    return queries
 
 
 def _count(method: Callable[[Any], int], packed: Any, item_count: int) -> tuple[int, int]:
@@ -239,50 +234,35 @@ class EngineError(ClbvhError, RuntimeError):
     """An engine's process failed or fell silent."""
 
 
-class Done(NamedTuple):
-    """How many milliseconds a task took in its process, and its result."""
-
-    wall_ms: float
-    result: Any
-
-
 class Rival(ContextManager):
-    """A process that does tasks, started by spawning, and idle while others are measured.
+    """The process of an engine, started by spawning, and idle while others are measured; see `open_engine`."""
 
-    Parameters
-    ----------
-    set_up : function
-        Of a module; called there with the arguments, before the first task.
-    *arguments
-        Are pickled.
-    """
-
-    def __init__(self, set_up: Callable[..., Tasks], *arguments: Any) -> None:
+    def __init__(self, name: str, folder: str) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, set_up, arguments), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, name, folder), daemon=True)
         self._process.start()
         theirs.close()
 
-    def measure(self, task: str) -> Done:
-        """Do a task.
+    def measure(self, query: str) -> tuple[float, tuple[int, int | None]]:
+        """Return the milliseconds that a query takes in its process, and its numbers of items and of answers.
 
         Raises
         ------
         EngineError
-            The set-up or the task failed, or the process died or fell silent.
+            The engine cannot be opened or fails, or its process died or fell silent.
         """
         try:
-            self._connection.send(task)
+            self._connection.send(query)
             if not self._connection.poll(_PATIENCE_S):
                 self._process.kill()
-            failure, done = self._connection.recv()
+            failure, *measured = self._connection.recv()
         except (EOFError, OSError):
             self._process.join()
             raise EngineError(f"the engine's process died (exit code {self._process.exitcode})") from None
         if failure:
             raise EngineError(f"the engine fails: {failure}")
-        return done
+        return tuple(measured)
 
     def close(self) -> None:
         """End the process. Closing twice is allowed."""
@@ -291,16 +271,16 @@ class Rival(ContextManager):
         self._connection.close()
 
 
-def _serve(connection: Connection, set_up: Callable[..., Tasks], arguments: tuple[Any, ...]) -> None:
-    """Do tasks until the other end is closed, also by the death of its process; the life of the process."""
+def _serve(connection: Connection, name: str, folder: str) -> None:
+    """Answer queries until the other end is closed, also by the death of its process; the life of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    tasks: Tasks = {}
+    queries: Queries = {}
     with suppress(EOFError):
-        while task := connection.recv():
+        while query := connection.recv():
             try:
-                tasks = tasks or set_up(*arguments)
+                queries = queries or open_engine(name, folder)
                 begin = time.perf_counter()
-                result = tasks[task]()
-                connection.send(("", Done((time.perf_counter() - begin) * 1e3, result)))
+                counts = queries[query]()
+                connection.send(("", (time.perf_counter() - begin) * 1e3, counts))
             except Exception as error:
-                connection.send((f"{type(error).__name__}: {error}", None))
+                connection.send((f"{type(error).__name__}: {error}",))

@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,11 @@ class Sample:
 
 class NotMeasuredError(Exception):
     """A case cannot be measured on this machine; the message says why, and stands on the page."""
+
+
+def cross(**values: Iterable[Any]) -> list[Case]:
+    """Return a case for each combination of the values of each key, equal values once."""
+    return [dict(zip(values, row, strict=True)) for row in product(*map(dict.fromkeys, values.values()))]
 
 
 def key_of(case: Case) -> str:

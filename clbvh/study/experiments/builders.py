@@ -11,7 +11,7 @@ from ..experiment import Experiment, curve, published
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
 from ..page import REPORT, Axis, Figure, Part, Point, Rows, Table
-from ..samples import Case, Results, Sample
+from ..samples import Case, Results, Sample, cross
 from ..scale import Scale
 from ..statistics import amdahl_speedup, fit_amdahl
 
@@ -30,8 +30,8 @@ _LARGE = 200_000
 # Workers for which the fitted law is evaluated.
 _PREDICTED = 8
 
-_THRESHOLDS = (64, 256, 1024, 4096, 16_384, 65_536)
-_QUICK_THRESHOLDS = (256, 4096, 65_536)
+# Of a full and of a quick study.
+_THRESHOLDS = (64, 256, 1024, 4096, 16_384, 65_536), (256, 4096, 65_536)
 
 # The fact that says why there are no hardware counters.
 _PROBLEM = "no_counters"
@@ -59,13 +59,9 @@ class Ladder(Experiment):
 
     def cases(self, scale: Scale) -> list[Case]:
         dragon = scale.mesh("dragon")
-        leaves_out = not scale.is_full and scale.most_triangles > _LARGE
-        return [
-            {"mesh": mesh, "builder": builder}
-            for mesh in dict.fromkeys((scale.mesh("bunny"), dragon))
-            for builder in (*VARIANTS, _DEFAULT)
-            if not (leaves_out and mesh == dragon and builder in _SLOW)
-        ]
+        left_out = _SLOW if not scale.is_full and scale.most_triangles > _LARGE else ()
+        cases = cross(mesh=(scale.mesh("bunny"), dragon), builder=(*VARIANTS, _DEFAULT))
+        return [case for case in cases if case["mesh"] != dragon or case["builder"] not in left_out]
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         bvh, values = bench.build(case["mesh"], case["builder"])
@@ -73,7 +69,7 @@ class Ladder(Experiment):
         return Sample({**values, "kernel_ms": frame.times_ms["kernel"]}, {"picture": frame.digest})
 
     def present(self, results: Results) -> Iterator[Part]:
-        says, speedups = published("ladder.says"), published("ladder.speedup")
+        says, gains = published("ladder.says"), published("ladder.speedup")
         columns = ("variant", "build, ms", "speed-up", "report's speed-up", "kernel, ms", "same picture", "report")
         for mesh in results.distinct("mesh"):
             cases = results.by("builder", mesh=mesh)
@@ -83,7 +79,7 @@ class Ladder(Experiment):
                 speedup = results.ratio(cases.get(_BEFORE.get(name)), case, "build_ms")
                 same = results.agree(cases.values(), case, "picture")
                 said = says.get(name, "the default of clbvh")
-                rows.append((name, build_ms, speedup, speedups.get(name), kernel_ms, same, said))
+                rows.append((name, build_ms, speedup, gains.get(name), kernel_ms, same, said))
             yield Table(self.say(results, "table", mesh, _PICTURE, _DEFAULT), columns, rows)
             caption = f"Build times of the variants on {mesh}, on a logarithmic scale."
             points = [("clbvh", name, build_ms) for name, build_ms, *_ in rows]
@@ -102,10 +98,10 @@ class Scaling(Experiment):
     weight = 2
 
     def cases(self, scale: Scale) -> list[Case]:
-        cores, mesh = usable_cores(), scale.mesh("dragon")
+        cores = usable_cores()
         # 1, 2, 4, 8 ... and all.
         counts = [*(1 << power for power in range((cores - 1).bit_length())), cores]
-        return [{"mesh": mesh, "builder": builder, "workers": workers} for builder in _BUILDERS for workers in counts]
+        return cross(mesh=[scale.mesh("dragon")], builder=_BUILDERS, workers=counts)
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         return Sample(bench.build(case["mesh"], case["builder"], workers=case["workers"])[1])
@@ -113,10 +109,7 @@ class Scaling(Experiment):
     def present(self, results: Results) -> Iterator[Part]:
         report_ms = curve("scaling.build_ms")
         report = {workers: report_ms[1] / ms for workers, ms in report_ms.items()}
-        rows: Rows = []
-        fits: Rows = []
-        phases = []
-        points: list[Point] = []
+        rows, fits, phases = [], [], []
         for builder in results.distinct("builder"):
             cases = results.by("workers", builder=builder)
             times = {workers: results.summary(case, "build_ms") for workers, case in cases.items()}
@@ -124,22 +117,21 @@ class Scaling(Experiment):
                 speedup = results.ratio(cases.get(1), case, "build_ms")
                 efficiency = speedup.scaled(1 / workers)
                 rows.append((builder, workers, times[workers], speedup, efficiency, report.get(workers)))
-                points.append((builder, workers, speedup))
             serial = fit_amdahl({workers: build_ms.median for workers, build_ms in times.items()})
             fits.append((builder, serial, amdahl_speedup(serial, _PREDICTED)))
             names = results.quantities(next(iter(cases.values())), PHASE)
             columns = ("workers", *(f"{phase.removesuffix('_ms')}, ms" for phase in names))
-            of_phases = [(workers, *results.summaries(case, *(PHASE + name for name in names)))
-                         for workers, case in cases.items()]  # fmt: skip
+            quantities = [PHASE + name for name in names]
+            of_phases = [(workers, *results.summaries(case, *quantities)) for workers, case in cases.items()]
             caption = f"Phases of {builder}. The phase convert is not counted, see the ladder."
             phases.append(Table(caption, columns, of_phases))
         fits.append((REPORT, fit_amdahl(report_ms), report[_PREDICTED]))
-        points += [(REPORT, *point) for point in report.items()]
         source = published("scaling.source")
         caption = f"Build by number of workers on {results.meshes}. The report: {source}, on 8 cores."
         yield Table(caption, ("builder", "workers", "build, ms", "speed-up", "efficiency", "report's speed-up"), rows)
-        ticks = sorted({1, 2, 4, 8, *results.distinct("workers")})
-        x = Axis("workers", is_log=True, ticks=ticks)
+        points: list[Point] = [(builder, workers, speedup) for builder, workers, _, speedup, *_ in rows]
+        points += [(REPORT, *point) for point in report.items()]
+        x = Axis("workers", is_log=True, ticks=sorted({1, 2, 4, 8, *results.distinct("workers")}))
         yield Figure("Speed-up over one worker; the report's as published.", points, Axis("speed-up"), x)
         columns = ("builder", "serial fraction", f"speed-up on {_PREDICTED}, by the law")
         yield Table(self.say(results, "fits", _PREDICTED), columns, fits)
@@ -159,11 +151,7 @@ class Threshold(Experiment):
     weight = 2
 
     def cases(self, scale: Scale) -> list[Case]:
-        return [
-            {"mesh": scale.mesh("dragon"), "builder": builder, "threshold": threshold}
-            for builder in _BUILDERS
-            for threshold in scale.pick(_THRESHOLDS, _QUICK_THRESHOLDS)
-        ]
+        return cross(mesh=[scale.mesh("dragon")], builder=_BUILDERS, threshold=scale.pick(*_THRESHOLDS))
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         _, values = bench.build(case["mesh"], case["builder"], task_threshold=case["threshold"])
@@ -181,7 +169,7 @@ class Threshold(Experiment):
         yield Table(self.say(results, "table"), columns, rows)
         points: list[Point] = [(builder, size, relative) for builder, size, _, relative, _ in rows]
         points += [(REPORT, *point) for point in report.items()]
-        ticks = sorted({*_THRESHOLDS[::2], *results.distinct("threshold")})
+        ticks = sorted({*_THRESHOLDS[0][::2], *results.distinct("threshold")})
         x = Axis("task threshold, triangles", is_log=True, ticks=ticks)
         yield Figure("Build time relative to the best threshold.", points, Axis("relative time"), x)
 
@@ -199,8 +187,7 @@ class Counters(Experiment):
     counts = True
 
     def cases(self, scale: Scale) -> list[Case]:
-        mesh = scale.mesh(scale.pick("dragon", "bunny"))
-        return [{"mesh": mesh, "builder": builder} for builder in VARIANTS]
+        return cross(mesh=[scale.mesh(scale.pick("dragon", "bunny"))], builder=VARIANTS)
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         work = count_ladder_work(bench.mesh(case["mesh"]), case["builder"])
@@ -212,17 +199,12 @@ class Counters(Experiment):
     def present(self, results: Results) -> Iterator[Part]:
         cases = results.by("builder")
         measured = {name: case for name, case in cases.items() if results.quantities(case, "instructions")}
-        if measured:
-            first = next(iter(measured))
+        if first := next(iter(measured), ""):
             columns = ("variant", *EVENTS, *(f"{event}: {first} over this" for event in EVENTS))
-            rows = [
-                (
-                    name,
-                    *results.summaries(case, *EVENTS.values()),
-                    *(results.ratio(measured[first], case, event) for event in EVENTS.values()),
-                )
-                for name, case in measured.items()
-            ]
+            rows: Rows = []
+            for name, case in measured.items():
+                ratios = [results.ratio(measured[first], case, event) for event in EVENTS.values()]
+                rows.append((name, *results.summaries(case, *EVENTS.values()), *ratios))
             yield Table(f"Hardware counters of one build of {results.meshes} in one process.", columns, rows)
         else:
             yield self.say(results, "missing", results.fact(results.cases[0], _PROBLEM))

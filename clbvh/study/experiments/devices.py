@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..experiment import Experiment, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
-from ..samples import Case, Results, Sample
+from ..samples import Case, Results, Sample, cross
 from ..scale import Scale
 from ..statistics import lane_use
 
@@ -56,12 +57,9 @@ class Layouts(Experiment):
     weight = 2
 
     def cases(self, scale: Scale) -> list[Case]:
-        return [
-            {"part": part, "mesh": mesh, part: name}
-            for mesh in dict.fromkeys(scale.mesh(scan) for scan in scale.pick(("bunny", "dragon"), ("dragon",)))
-            for part, names in (("builder", _FLATTENING), ("layout", tuple(LAYOUT_WIDTHS)))
-            for name in names
-        ]
+        meshes = dict.fromkeys(map(scale.mesh, scale.pick(("bunny", "dragon"), ("dragon",))))
+        parts = [("builder", name) for name in _FLATTENING] + [("layout", name) for name in LAYOUT_WIDTHS]
+        return [{"part": part, "mesh": mesh, part: name} for mesh in meshes for part, name in parts]
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         name = case["mesh"]
@@ -117,8 +115,7 @@ class Divergence(Experiment):
     counts = True
 
     def cases(self, scale: Scale) -> list[Case]:
-        meshes = dict.fromkeys(scale.mesh(name) for name in ("bunny", "dragon"))
-        return [{"mesh": mesh, "builder": builder} for mesh in meshes for builder in ("sah", "flat")]
+        return cross(mesh=map(scale.mesh, ("bunny", "dragon")), builder=("sah", "flat"))
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         mesh, builder = case["mesh"], case["builder"]
@@ -142,9 +139,11 @@ class Divergence(Experiment):
         points: list[Point] = []
         for case in results.cases:
             names = case["mesh"], case["builder"]
-            means = [results.summary(case, f"{quantity}_mean").median for quantity in QUANTITIES]
-            most = [results.count(case, f"{quantity}_most") for quantity in QUANTITIES]
-            steps.append((*names, means[0], most[0], means[1], most[1]))
+            of_quantities = [
+                (results.summary(case, f"{quantity}_mean").median, results.count(case, f"{quantity}_most"))
+                for quantity in QUANTITIES
+            ]
+            steps.append((*names, *chain(*of_quantities)))
             uses = {group: 100 * results.summary(case, "{}_{}".format(*group)).median for group in _GROUPS}
             rows.append((*names, *uses.values()))
             points += [(", ".join(names), f"{lanes} lanes", uses["tile", lanes]) for lanes in _LANES]

@@ -11,7 +11,7 @@ from ...trace.check.visits import HostTraversal
 from ..bench import Bench
 from ..experiment import Experiment, curve, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
-from ..samples import Case, Results, Sample
+from ..samples import Case, Results, Sample, cross
 from ..scale import SCANS, Scale, load_named_mesh, scan_of
 from ..statistics import Summary, growth_exponent
 
@@ -19,9 +19,10 @@ _PICTURE = (800, 450)
 _LARGE_PICTURE = (3840, 2160)
 _BUILDERS = ("sah", "flat")
 
-_SHAPES = ("knot", "terrain")
-_SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
-_QUICK_SIZES = (1_000, 10_000, 100_000)
+# Of a full and of a quick study.
+_SHAPES = ("knot", "terrain"), ("knot",)
+_SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000), (1_000, 10_000, 100_000)
+_FRONTIERS = (4, 16, 64, 256, 512, 1024, 2048, 4096, 8192), (4, 16, 64, 256)
 # A curve needs two.
 _LEAST_SIZES = 2
 _SCAN, _GROWTH = "scan", "growth"
@@ -33,8 +34,6 @@ _PHASES = ("load", "build", "upload", "kernel", "download")
 # The report's frame begins with the build.
 _FRAME = _PHASES[1:]
 
-_FRONTIERS = (4, 16, 64, 256, 512, 1024, 2048, 4096, 8192)
-_QUICK_FRONTIERS = (4, 16, 64, 256)
 _FRONTIER_TIMES = ("build_ms", "kernel_ms", "total_ms")
 
 _SHADINGS = {"drill": "lambert", "bunny": "lambert+shadow", "dragon": "lambert+shadow"}
@@ -53,18 +52,14 @@ class Scenes(Experiment):
     weight = 4
 
     def cases(self, scale: Scale) -> list[Case]:
-        scans = [
-            {"part": _SCAN, "mesh": mesh, "builder": builder}
-            for mesh in dict.fromkeys(map(scale.mesh, SCANS))
-            for builder in _BUILDERS
-        ]
+        scans = cross(part=[_SCAN], mesh=map(scale.mesh, SCANS), builder=_BUILDERS)
         growing = [
-            {"part": _GROWTH, "mesh": f"{shape}-{size}", "builder": "sah"}
-            for shape in scale.pick(_SHAPES, _SHAPES[:1])
-            for number, size in enumerate(scale.pick(_SIZES, _QUICK_SIZES))
+            f"{shape}-{size}"
+            for shape in scale.pick(*_SHAPES)
+            for number, size in enumerate(scale.pick(*_SIZES))
             if number < _LEAST_SIZES or size <= scale.most_triangles
         ]
-        return [*scans, *growing]
+        return [*scans, *cross(part=[_GROWTH], mesh=growing, builder=["sah"])]
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         name = case["mesh"]
@@ -88,11 +83,10 @@ class Scenes(Experiment):
         caption = f"Build with 1 and with {results.cores} workers. The report: {published('scenes.source')}."
         columns = ("mesh", "builder", "triangles", "1 worker, ms", f"{results.cores} workers, ms", "speed-up", "report")
         yield Table(caption, columns, rows)
-        growth = [
-            (case["mesh"].partition("-")[0], results.count(case, "triangles") or 1,
-             *results.summaries(case, "build_ms", "kernel_ms"))
-            for case in results.find(part=_GROWTH)
-        ]  # fmt: skip
+        growth = []
+        for case in results.find(part=_GROWTH):
+            build_and_trace = results.summaries(case, "build_ms", "kernel_ms")
+            growth.append((case["mesh"].partition("-")[0], results.count(case, "triangles") or 1, *build_and_trace))
         yield Table(self.say(results, "growth", _PICTURE), ("mesh", "triangles", "build, ms", "kernel, ms"), growth)
         points: list[Point] = []
         exponents: Rows = []
@@ -100,8 +94,7 @@ class Scenes(Experiment):
             sizes, *of_work = zip(*(row[1:] for row in growth if row[0] == shape), strict=True)
             for work, summaries in zip(("build", "trace"), of_work, strict=True):
                 points += [(f"{shape}, {work}", *point) for point in zip(sizes, summaries, strict=True)]
-            medians = ([summary.median for summary in summaries] for summaries in of_work)
-            exponents.append((shape, *(growth_exponent(sizes, times) for times in medians)))
+            exponents.append((shape, *(growth_exponent(sizes, [ms.median for ms in times]) for times in of_work)))
         x = Axis("triangles", is_log=True)
         yield Figure("Growth with the number of triangles.", points, Axis("ms", is_log=True), x)
         caption = "Growth exponent p of time = c n^p, fitted to the medians: 1 is linear, 0 is constant."
@@ -120,12 +113,8 @@ class Resolution(Experiment):
     weight = 5
 
     def cases(self, scale: Scale) -> list[Case]:
-        mesh = scale.mesh(scale.pick("dragon", "bunny"))
-        return [
-            {"mesh": mesh, "picture": picture, "traversal": traversal}
-            for picture in scale.pick([*_PICTURES], [*_PICTURES][:2])
-            for traversal in (_ONE, _ALL, _DEVICE)
-        ]
+        mesh, pictures = scale.mesh(scale.pick("dragon", "bunny")), scale.pick([*_PICTURES], [*_PICTURES][:2])
+        return cross(mesh=[mesh], picture=pictures, traversal=(_ONE, _ALL, _DEVICE))
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         name, size = case["mesh"], _PICTURES[case["picture"]]
@@ -148,8 +137,7 @@ class Resolution(Experiment):
         return Sample({**times, "kernel_ms": kernel_ms, "trace_wall_ms": trace_wall_ms, "rays": len(rays[0])})
 
     def present(self, results: Results) -> Iterator[Part]:
-        rows = []
-        gains = []
+        rows, gains = [], []
         for picture in results.distinct("picture"):
             cases = results.by("traversal", picture=picture)
             for name, case in cases.items():
@@ -179,7 +167,7 @@ class Breakdown(Experiment):
     weight = 3
 
     def cases(self, scale: Scale) -> list[Case]:
-        return [{"mesh": scale.mesh("dragon"), "builder": builder} for builder in _BUILDERS]
+        return cross(mesh=[scale.mesh("dragon")], builder=_BUILDERS)
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         begin = time.perf_counter()
@@ -193,18 +181,18 @@ class Breakdown(Experiment):
         return Sample({"load_ms": load_ms, **phases, "frame_ms": frame_ms, "build_share": build_ms / frame_ms})
 
     def present(self, results: Results) -> Iterator[Part]:
-        report_ms = {**published("breakdown.ms"), "frame": published("breakdown.ms.total")}
-        cases, phases = results.by("builder"), (*_PHASES, "frame")
-        times = {phase: [results.summary(case, f"{phase}_ms") for case in cases.values()] for phase in phases}
-        rows: Rows = [(f"{phase}, ms", *of_phase, report_ms.get(phase)) for phase, of_phase in times.items()]
+        report_ms, cases = published("breakdown.ms"), results.by("builder")
+        times = {
+            phase: [*(results.summary(case, f"{phase}_ms") for case in cases.values()), report_ms.get(phase)]
+            for phase in (*_PHASES, "frame")
+        }
+        rows: Rows = [(f"{phase}, ms", *of_phase) for phase, of_phase in times.items()]
         shares = [results.summary(case, "build_share").scaled(100) for case in cases.values()]
         rows.append(("build, % of the frame", *shares, 100 * published("breakdown.share.build")))
         columns = ("phase", *(f"builder {name}" for name in cases), REPORT)
         yield Table(self.say(results, "table", _LARGE_PICTURE), columns, rows)
-        points: list[Point] = [
-            (builder, phase, times[phase][number]) for number, builder in enumerate(cases) for phase in _FRAME
-        ]
-        points += [(REPORT, phase, report_ms[phase]) for phase in _FRAME]
+        series = (*cases, REPORT)
+        points = [(name, phase, times[phase][column]) for column, name in enumerate(series) for phase in _FRAME]
         yield Figure("The parts of a frame.", points, Axis("ms", is_log=True))
 
 
@@ -219,8 +207,7 @@ class Frontier(Experiment):
     weight = 8
 
     def cases(self, scale: Scale) -> list[Case]:
-        mesh = scale.mesh(scale.pick("dragon", "bunny"))
-        return [{"mesh": mesh, "frontier": frontier} for frontier in scale.pick(_FRONTIERS, _QUICK_FRONTIERS)]
+        return cross(mesh=[scale.mesh(scale.pick("dragon", "bunny"))], frontier=scale.pick(*_FRONTIERS))
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         bvh, values = bench.build(case["mesh"], "frontier", frontier=case["frontier"])
@@ -271,7 +258,7 @@ class Gallery(Experiment):
 
     def present(self, results: Results) -> Iterator[Part]:
         text = f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {results.cores} workers."
-        rows = [
+        rows: Rows = [
             (case["mesh"], case["shading"], results.count(case, "triangles"), results.summary(case, "kernel_ms"))
             for case in results.cases
         ]

@@ -12,26 +12,25 @@ from numpy.typing import NDArray
 from ...geometry import Mesh
 from ...support.files import temporary_folder
 from ..bench import Bench
-from ..engines import ENGINES, Rival, Trimesh, open_engine
+from ..engines import ENGINES, Rival, Trimesh
 from ..experiment import Experiment
 from ..machine import list_missing
 from ..page import Axis, Figure, Part, Rows, Table
-from ..samples import Case, NotMeasuredError, Results, Sample
+from ..samples import Case, NotMeasuredError, Results, Sample, cross
 from ..scale import Scale
 from ..statistics import Summary
 
 # A closed tube, mountains, an architectural scene, clouds of overlapping parts, a sphere: unlike in size and kind.
-_SHAPES = (("palace", 200_000), ("terrain", 500_000), ("blobs", 100_000), ("boxes", 50_000), ("icosphere", 20_000))
-_QUICK_SHAPES = (("palace", 50_000), ("terrain", 50_000), ("blobs", 30_000), ("boxes", 10_000))
-_SCANS = ("drill", "bunny", "dragon")
-_QUICK_SCANS = ("drill", "bunny")
-
-_PICTURE = (1280, 720)
-_QUICK_PICTURE = (320, 180)
-_POINTS = 200_000
-_QUICK_POINTS = 20_000
-# A quick study gives slow engines meshes that are smaller by this factor.
-_QUICK_SHARE = 8
+# Each constant: of a full and of a quick study.
+_SHAPES = (
+    (("palace", 200_000), ("terrain", 500_000), ("blobs", 100_000), ("boxes", 50_000), ("icosphere", 20_000)),
+    (("palace", 50_000), ("terrain", 50_000), ("blobs", 30_000), ("boxes", 10_000)),
+)
+_SCANS = ("drill", "bunny", "dragon"), ("drill", "bunny")
+_PICTURE = (1280, 720), (320, 180)
+_POINTS = 200_000, 20_000
+# Divisor of the largest mesh of a slow engine.
+_SHARE = 1, 8
 _SEED = 1
 
 _OURS = "clbvh"
@@ -59,14 +58,8 @@ class Peers(Experiment):
     weight = 10
 
     def cases(self, scale: Scale) -> list[Case]:
-        meshes = [scale.mesh(name) for name in scale.pick(_SCANS, _QUICK_SCANS)]
-        meshes += [scale.shape(*shape) for shape in scale.pick(_SHAPES, _QUICK_SHAPES)]
-        return [
-            {"mesh": mesh, "query": query, "engine": engine}
-            for mesh in [*dict.fromkeys(meshes)][: scale.most_meshes]
-            for query in QUERIES
-            for engine in ENGINES
-        ]
+        meshes = [*map(scale.mesh, scale.pick(*_SCANS)), *(scale.shape(*shape) for shape in scale.pick(*_SHAPES))]
+        return cross(mesh=[*dict.fromkeys(meshes)][: scale.most_meshes], query=QUERIES, engine=ENGINES)
 
     def measure(self, bench: Bench, case: Case) -> Sample:
         name, query, mesh = case["engine"], case["query"], case["mesh"]
@@ -75,13 +68,13 @@ class Peers(Experiment):
             raise NotMeasuredError(f"{missing} is not installed: run 'pip install {missing.replace(',', '')}'")
         if not engine.has(query):
             raise NotMeasuredError(f"{name} has no such query")
-        limit = engine.most_triangles and bench.scale.pick(engine.most_triangles, engine.most_triangles // _QUICK_SHARE)
-        if limit is not None and bench.mesh(mesh).face_count > limit:
-            raise NotMeasuredError(f"{name} would take too long for a mesh of more than {limit:,} triangles")
+        limit = engine.most_triangles / bench.scale.pick(*_SHARE)
+        if bench.mesh(mesh).face_count > limit:
+            raise NotMeasuredError(f"{name} would take too long for a mesh of more than {limit:,.0f} triangles")
         if name == _OURS:
             _ = bench.device
         folder = bench.once(("shared", mesh), lambda: _share(bench, mesh))
-        rival = bench.open(("engine", name), lambda: Rival(open_engine, name, str(folder)))
+        rival = bench.open(("engine", name), lambda: Rival(name, str(folder)))
         bench.rest_before(name)
         wall_ms, (items, answers) = rival.measure(query)
         values = {"wall_ms": wall_ms, "items": items, "answers": answers}
@@ -94,9 +87,8 @@ class Peers(Experiment):
             versions = [f"{one} {results.machine.get(one, 'not installed')}" for one in engine.packages or (_OURS,)]
             engines.append((name, ", ".join(versions), engine.threads))
         yield Table("The engines.", ("engine", "version", "threads of a query"), engines)
-        count = results.scale.pick(_POINTS, _QUICK_POINTS) // results.scale.shrink
-        picture = results.scale.pick(_PICTURE, _QUICK_PICTURE)
-        yield self.say(results, "method", picture, count, Trimesh.most_items)
+        count = results.scale.pick(*_POINTS) // results.scale.shrink
+        yield self.say(results, "method", results.scale.pick(*_PICTURE), count, Trimesh.most_items)
         points = [
             (name, case["mesh"], figure_of(results, case))
             for name in names
@@ -124,7 +116,7 @@ def _share(bench: Bench, name: str) -> Path:
     """Write mesh, rays and points to files that all engines read, and return their folder."""
     folder = bench.open(("folder", name), lambda: temporary_folder(Path(tempfile.gettempdir()), "clbvh-study-"))
     mesh = bench.mesh(name)
-    origins, directions = bench.rays(name, bench.scale.pick(_PICTURE, _QUICK_PICTURE))
+    origins, directions = bench.rays(name, bench.scale.pick(*_PICTURE))
     generator = np.random.default_rng(_SEED)
     order = generator.permutation(len(origins))
     rays = {
@@ -132,7 +124,7 @@ def _share(bench: Bench, name: str) -> Path:
         "shuffled": (origins[order], directions[order]),
         "scattered": _scatter(mesh, len(order), generator),
     }
-    points = _choose_points(mesh, bench.scale.pick(_POINTS, _QUICK_POINTS) // bench.scale.shrink, generator)
+    points = _choose_points(mesh, bench.scale.pick(*_POINTS) // bench.scale.shrink, generator)
     for item, arrays in {**rays, "points": (points,)}.items():
         # Engines that take float32 get the same numbers as those that take float64.
         np.save(folder / f"{item}.npy", np.asarray(arrays, np.float32))
