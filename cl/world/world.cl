@@ -16,6 +16,7 @@
 // keep: files that both branches need are expanded before them
 #include "boxes/aabb.cl"
 #include "math/pairs.cl"
+#include "math/vectors.cl"
 #include "traversal/entry_point.cl"
 #if !LONE
 #include "instances/start.cl"
