@@ -20,19 +20,19 @@ from ..builders.build import build
 from ..builders.processes.pool import SubtreePool
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
-from ..device.session import DeviceSession
 from ..geometry import Mesh
 from ..rendering.cameras.camera import Camera
 from ..rendering.cameras.framing import frame_mesh
 from ..rendering.image_files import write_picture
-from ..rendering.kernel_view import make_kernel_view
-from ..rendering.painters import FrameRenderer, OneRayPainter
-from ..rendering.view import View
+from ..rendering.options import RenderOptions
+from ..rendering.renderer import Renderer
 from ..support.host_threads import usable_cores
-from ..trace.device_tree import DeviceTree
 from .machine import Machine
 from .samples import NotMeasuredError
 from .scale import Scale, load_named_mesh
+
+# The phases of a frame on the device.
+FRAME_PHASES = ("upload", "kernel", "download")
 
 # Phases of a build are quantities with this prefix.
 PHASE = "phase."
@@ -156,16 +156,11 @@ class Bench(ExitStack):
     def draw(self, mesh: str, bvh: Bvh, size: Size, *, layout: str = "auto", shading: str = "lambert") -> Frame:
         """Upload a tree, draw one picture with it, and take everything off the device again."""
         width, height = self.scale.picture(*size)
-        camera = self.camera(mesh, size)
-        wanted = View(width=width, height=height, shading=shading, up=camera.up)
-        view = make_kernel_view(wanted, camera, bvh.mesh)
-        with DeviceSession(self.device) as session:
-            tree = DeviceTree(session, bvh.mesh, bvh, layout)
-            colours, hits = FrameRenderer(session, tree).render(view, OneRayPainter(session, tree))
-            times_ms = session.times.sums_ms()
-        rgb = np.ascontiguousarray(colours[..., :3])
-        digest = hashlib.blake2b(rgb.tobytes() + hits.tobytes(), digest_size=_DIGEST_BYTES)
-        return Frame(rgb, digest.hexdigest(), {name: float(ms) for name, ms in times_ms.items()})
+        with Renderer(bvh, options=RenderOptions(device=self.device, layout=layout)) as renderer:
+            picture = renderer.render(camera=self.camera(mesh, size), shading=shading, width=width, height=height)
+        digest = hashlib.blake2b(picture.rgb.tobytes() + picture.found.tobytes(), digest_size=_DIGEST_BYTES)
+        times_ms = {phase: renderer.timings[phase] + picture.timings[phase] for phase in FRAME_PHASES}
+        return Frame(picture.rgb, digest.hexdigest(), times_ms)
 
     def keep_picture(self, name: str, rgb: NDArray[np.uint8]) -> str:
         """Write a picture beside the samples, and return the name of its file."""

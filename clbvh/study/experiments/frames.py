@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from ...rendering.heat_map import draw_heat_map_of
 from ...support.host_threads import HostThreads, usable_cores
 from ...trace.check.visits import HostTraversal
-from ..bench import Bench
+from ..bench import FRAME_PHASES, Bench
 from ..experiment import Experiment, curve, published
 from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
 from ..samples import Case, Results, Sample, cross
@@ -30,9 +30,8 @@ _SCAN, _GROWTH = "scan", "growth"
 _PICTURES = {"800 x 450": _PICTURE, "1080p": (1920, 1080), "4K": _LARGE_PICTURE}
 _ONE, _ALL, _DEVICE = "host, 1 core", "host, all cores", "device"
 
-_PHASES = ("load", "build", "upload", "kernel", "download")
 # The report's frame begins with the build.
-_FRAME = _PHASES[1:]
+_FRAME = ("build", *FRAME_PHASES)
 
 _FRONTIER_TIMES = ("build_ms", "kernel_ms", "total_ms")
 
@@ -176,7 +175,7 @@ class Breakdown(Experiment):
         bvh, values = bench.build(case["mesh"], case["builder"])
         frame = bench.draw(case["mesh"], bvh, _LARGE_PICTURE)
         build_ms = values["build_ms"]
-        phases = {"build_ms": build_ms, **{f"{phase}_ms": frame.times_ms[phase] for phase in _FRAME[1:]}}
+        phases = {"build_ms": build_ms, **{f"{phase}_ms": ms for phase, ms in frame.times_ms.items()}}
         frame_ms = sum(phases.values())
         return Sample({"load_ms": load_ms, **phases, "frame_ms": frame_ms, "build_share": build_ms / frame_ms})
 
@@ -184,7 +183,7 @@ class Breakdown(Experiment):
         report_ms, cases = published("breakdown.ms"), results.by("builder")
         times = {
             phase: [*(results.summary(case, f"{phase}_ms") for case in cases.values()), report_ms.get(phase)]
-            for phase in (*_PHASES, "frame")
+            for phase in ("load", *_FRAME, "frame")
         }
         rows: Rows = [(f"{phase}, ms", *of_phase) for phase, of_phase in times.items()]
         shares = [results.summary(case, "build_share").scaled(100) for case in cases.values()]
