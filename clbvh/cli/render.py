@@ -81,11 +81,11 @@ def _write(picture: Picture, output: list[Path], hits: Path | None, heatmap: str
     if heatmap is not None:
         from ..rendering.heat_map import draw_heat_map_of
 
-        pixels = draw_heat_map_of(picture.world, picture.camera, pixels.shape[1], pixels.shape[0], heatmap)
+        pixels = draw_heat_map_of(picture.scene, picture.camera, pixels.shape[1], pixels.shape[0], heatmap)
     for path in output:
         write_picture(path, pixels)
     if hits is not None:
-        state = picture.world.state
+        state = picture.scene.state
         write_hits(hits, picture.hits, state.names, state.instance_names)
     return (time.perf_counter() - begin) * 1e3
 

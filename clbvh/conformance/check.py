@@ -25,10 +25,10 @@ from ..rendering.cameras.camera import Camera
 from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..structs import LAYOUT_WIDTHS
-from ..trace.device_tree import BRUTE
 from ..trace.hits.hits import AllHits, Hits
 from ..trace.launch import device_casts_all
 from ..trace.tracer import Tracer
+from ..trace.world.trees import BRUTE
 from .cases import Case, make_cases
 from .expected import EXPECTED_PATH, Expected, ExpectedAnswers, digest_of, load_expected, store_expected
 

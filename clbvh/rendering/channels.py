@@ -50,7 +50,7 @@ class Subject:
     @property
     def shapes(self) -> Sequence[Shape]:
         """The shapes by geometry id."""
-        return self.picture.world.state.shapes
+        return self.picture.scene.state.shapes
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
@@ -178,7 +178,7 @@ CHANNELS = {
     "primitive_id": _id("primitive_id", lambda subject: subject.hits.prim_id),
     "barycentric": Channel(_find_barycentric, "vector", _vector("barycentric", "UV")),
     "uv": Channel(
-        lambda each: find_texture_coordinates(each.hits, each.picture.world.state.shapes), "vector", _vector("uv", "UV")
+        lambda each: find_texture_coordinates(each.hits, each.picture.scene.state.shapes), "vector", _vector("uv", "UV")
     ),
     "motion": Channel(lambda each: each.next_pose.find_motion(each.picture), "vector", _vector("motion", "XY")),
 }
@@ -322,7 +322,7 @@ class NextPose:
         """Return the surface in the second pose; None if no instance moves."""
         if not len(self._ids):
             return None
-        state = picture.world.state
+        state = picture.scene.state
         if (newest := int(self._ids.max())) >= state.instance_count:
             raise SceneError(f"instance {newest} was placed after the renderer was opened: open another one")
         state = state.with_transforms(self._ids, self._matrices)

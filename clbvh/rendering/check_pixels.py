@@ -31,7 +31,7 @@ def check_pixels(picture: Picture) -> Picture:
         A pixel differs; the message names the first one.
     """
     height, width = picture.found.shape
-    state = picture.world.state
+    state = picture.scene.state
     prim_counts = np.array([shape.prim_count for shape in state.shapes], np.int64)[state.geometry_ids]
     # Of one ray, about, and one test of each instance's bounding sphere.
     test_count = int(np.sort(prim_counts)[-_INSTANCES_PER_RAY:].sum()) + len(prim_counts)
@@ -56,7 +56,7 @@ def _find_differences(picture: Picture, pixels: NDArray[np.int64]) -> Sequence[D
     origins, directions = (rays.reshape(-1, 3)[pixels] for rays in picture.camera.rays(width, height))
     hits = picture.hits.take(pixels)
     # Pictures show all instances but those that no ray sees.
-    reference = Reference(picture.world.state)
+    reference = Reference(picture.scene.state)
     if picture.cut is not None:
         return _find_differences_beside(picture.cut, reference, origins, directions, hits)
     return reference.find_differences(Rays.make(origins, directions), hits)

@@ -17,9 +17,9 @@ from ..errors import ConfigError
 from ..geometry import Mesh
 from ..support.host_threads import HostThreads
 from ..trace.check.visits import HostTraversal, Visits, count_visits
+from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .image_files import GAP, GROUND, TEXT_ROWS, draw_text
-from .world import World
 
 # Quantities that `clbvh render --heatmap` can show, and the title of their bar.
 QUANTITIES = {"nodes": "NODE STEPS", "triangles": "PRIMITIVE TESTS"}
@@ -55,13 +55,15 @@ def _count_rays(traversal: HostTraversal, camera: Camera, width: int, height: in
         return traversal.count_visits(*rays, threads=threads)
 
 
-def draw_heat_map_of(world: Bvh | World, camera: Camera, width: int, height: int, quantity: str) -> NDArray[np.uint8]:
+def draw_heat_map_of(
+    world: Bvh | BuiltScene, camera: Camera, width: int, height: int, quantity: str
+) -> NDArray[np.uint8]:
     """Return the heat map of a picture of this size, of a mesh or of several objects; see `draw_heat_map`."""
     check_quantity(quantity)
     if (bvh := world if isinstance(world, Bvh) else world.bvh) is not None:
         traversal = HostTraversal(bvh)
     else:
-        assert isinstance(world, World)  # a `Bvh` has itself
+        assert isinstance(world, BuiltScene)  # a `Bvh` has itself
         assert world.top is not None
         traversal = HostTraversal.of_scene(world.state, world.trees, world.top)
     visits = _count_rays(traversal, camera, width, height)

@@ -200,7 +200,7 @@ def make_images(
     picture = render(view, keeps_film=keeps_film, on_phase=on_phase)
     pixel_bytes = _PIXEL_BYTES + sum(CHANNELS[name].pixel_bytes for name in names)
     check_memory("the images", picture.found.size * pixel_bytes, SceneError)
-    state = picture.world.state
+    state = picture.scene.state
     subject = Subject(picture, next_pose, view.smooth)
     arrays: dict[str, NDArray[Any]] = {
         name: CHANNELS[name].find(subject).astype(CHANNELS[name].dtype, copy=False) for name in names

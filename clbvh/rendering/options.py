@@ -42,7 +42,7 @@ class RenderOptions(TreeOptions):
     validate: bool = False
 
     def __post_init__(self) -> None:
-        from ..trace.device_tree import check_layout
+        from ..trace.world.trees import check_layout
 
         super().__post_init__()
         check_layout(self.layout)
@@ -50,7 +50,7 @@ class RenderOptions(TreeOptions):
     @staticmethod
     def _list_builders() -> tuple[str, ...]:
         """Return the names of all builders, and that of none."""
-        from ..trace.device_tree import BRUTE
+        from ..trace.world.trees import BRUTE
 
         return (*TreeOptions._list_builders(), BRUTE)
 

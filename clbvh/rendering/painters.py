@@ -25,11 +25,12 @@ from ..errors import DeviceMemoryError, SceneError
 from ..structs import CELL_PIXELS, VIEW
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
+from ..trace.rays.put_rays import find_entry_points
 from ..trace.running_calls import CallMemory, MemoryLoan, RunningCalls
-from ..trace.traced_tree import TracedTree, find_entry_points
+from ..trace.world.world import World
+from .built_scene import BuiltScene
 from .look_tables import LightTables, find_lights, has_cutouts, has_normal_maps, make_light_tables, make_look_tables
 from .view import View
-from .world import World
 
 # Pixels per band: 320 MiB of colours and hits on the device. A 4K picture is one band, unless its painter needs more
 # than 512 MiB for that.
@@ -96,7 +97,7 @@ class FrameRenderer:
     ----------
     session : DeviceSession
         Closed with the calls.
-    tree : DeviceTree or DeviceScene
+    world : World
         In the same session.
 
     Attributes
@@ -105,10 +106,10 @@ class FrameRenderer:
         The pictures that are being rendered.
     """
 
-    def __init__(self, session: DeviceSession, tree: TracedTree) -> None:
+    def __init__(self, session: DeviceSession, world: World) -> None:
         self.calls = RunningCalls(session, "renderer")
-        self._hit_dtype = tree.hit_dtype
-        self._band_pixels = session.fit_items(tree.hit_dtype.itemsize, BAND_PIXELS)
+        self._hit_dtype = world.hit_dtype
+        self._band_pixels = session.fit_items(world.hit_dtype.itemsize, BAND_PIXELS)
 
     def render(
         self, view: NDArray[np.void], painter: OneRayPainter | SamplePainter, times: EventTimes | None = None
@@ -189,20 +190,17 @@ _AT_THE_ROOT: dict[str, Any] = {"tiles": None, "entry_points": None}
 class _ViewEntryPoints:
     """Finds the entry points of a camera's rays, which are within a margin of pixels around each pixel's centre."""
 
-    def __init__(self, session: DeviceSession, tree: TracedTree, tile: tuple[int, int], margin: float) -> None:
-        self._tree, self._tile, self._margin = tree, tile, np.float32(margin)
-        self._kernel = build_kernel(session, "view_entry_points", tree.defines) if tree.has_entry_points else None
+    def __init__(self, session: DeviceSession, world: World, tile: tuple[int, int], margin: float) -> None:
+        self._world, self._tile, self._margin = world, tile, np.float32(margin)
+        self._kernel = build_kernel(session, "view_entry_points", world.defines) if world.has_entry_points else None
 
     def find(self, band: Band) -> dict[str, Any]:
         """Return the arguments of kernels that say where the rays of a band begin, by their names."""
         if self._kernel is None:
             return _AT_THE_ROOT
-        memory, has_instances = band.memory, self._tree.has_instances
-        return _AT_THE_ROOT | find_entry_points(
-            memory.session, self._tree, self._kernel, memory.buffer("entry points", for_mapping=False),
-            band.size, self._tile, margin=self._margin,
-            tile_buffer=memory.buffer("tiles", for_mapping=False) if has_instances else None,
-            **band.rows,
+        return find_entry_points(
+            band.memory.session, self._world, self._kernel, band.take, band.size, self._tile,
+            margin=self._margin, **band.rows,
         )  # fmt: skip
 
 
@@ -212,7 +210,7 @@ class OneRayPainter:
     Parameters
     ----------
     session : DeviceSession
-    tree : DeviceTree or DeviceScene
+    world : World
     tile : (int, int), optional
         Columns and rows of a work-group; by default those of the device's settings.
     colours : (n, 3) float, optional
@@ -236,7 +234,7 @@ class OneRayPainter:
     def __init__(
         self,
         session: DeviceSession,
-        tree: TracedTree,
+        world: World,
         tile: tuple[int, int] | None = None,
         colours: NDArray[np.floating] | None = None,
         parts: Mapping[str, int] = NO_PARTS,
@@ -244,10 +242,10 @@ class OneRayPainter:
         own = np.full((1, 3), np.nan) if colours is None else colours
         has_own = ~np.isnan(own).any(axis=1, keepdims=True)
         rows = np.concatenate((np.where(has_own, own, 0.0), has_own), axis=1).astype(np.float32)
-        self._arguments = tree.arguments | {"instance_colours": session.upload(rows)}
+        self._arguments = world.arguments | {"instance_colours": session.upload(rows)}
         self._tile = tile or session.settings.tile
-        self._kernel = build_kernel(session, "render", {**tree.defines, **parts})
-        self._entry_points = _ViewEntryPoints(session, tree, self._tile, 0.0)
+        self._kernel = build_kernel(session, "render", {**world.defines, **parts})
+        self._entry_points = _ViewEntryPoints(session, world, self._tile, 0.0)
 
     def paint(self, band: Band) -> None:
         """Fill the colours and the hits of a band."""
@@ -310,7 +308,7 @@ class _SampleShading:
     Parameters
     ----------
     session : DeviceSession
-    tree : DeviceTree or DeviceScene
+    world : World
     shading : str
         ``"studio"``, ``"ao"`` or ``"path"``.
     parts : mapping of str to int
@@ -323,14 +321,14 @@ class _SampleShading:
         Makes pixels of the film's cells; None where the film is one by pixels.
     """
 
-    def __init__(self, session: DeviceSession, tree: TracedTree, shading: str, parts: Mapping[str, int]) -> None:
+    def __init__(self, session: DeviceSession, world: World, shading: str, parts: Mapping[str, int]) -> None:
         self.tile = session.settings.tile
-        self.arguments = tree.arguments | _NO_LIGHTS
-        defines = {**tree.defines, "SHADING": SHADINGS[shading], **parts}
+        self.arguments = world.arguments | _NO_LIGHTS
+        defines = {**world.defines, "SHADING": SHADINGS[shading], **parts}
         self.kernel = build_kernel(session, "render_samples", defines)
         self.develop = build_kernel(session, _DEVELOP)
         self.join_cells = build_kernel(session, "join_cells") if shading == "path" else None
-        self.entry_points = _ViewEntryPoints(session, tree, self.tile, _FILTER_RADIUS)
+        self.entry_points = _ViewEntryPoints(session, world, self.tile, _FILTER_RADIUS)
 
 
 @dataclass
@@ -417,12 +415,12 @@ class Painters:
     ----------
     session : DeviceSession
         Owns the tables on the device.
-    tree : DeviceTree or DeviceScene
     world : World
+    scene : BuiltScene
     """
 
-    def __init__(self, session: DeviceSession, tree: TracedTree, world: World) -> None:
-        self._session, self._tree, self._world = session, tree, world
+    def __init__(self, session: DeviceSession, world: World, scene: BuiltScene) -> None:
+        self._session, self._world, self._scene = session, world, scene
         self._lock = threading.Lock()
         self._known: dict[Any, Any] = {}
 
@@ -442,7 +440,7 @@ class Painters:
         with self._lock:
             if view.shading in REPORT_SHADINGS:
                 progress.taken = 1
-                make = partial(OneRayPainter, self._session, self._tree, None, self._world.looks.colours, parts)
+                make = partial(OneRayPainter, self._session, self._world, None, self._scene.looks.colours, parts)
                 return self._keep(("one ray", *parts.values()), make)
             is_path = view.shading == "path"
             if is_path:
@@ -465,9 +463,9 @@ class Painters:
 
     def _make_shading(self, view: View, parts: dict[str, int]) -> tuple[_SampleShading, dict[str, Any]]:
         """Return a shading with its kernels compiled, and the tables of the surfaces on the device."""
-        shapes = self._world.looks.shapes
+        shapes = self._scene.looks.shapes
         parts |= {"HAS_CUTOUTS": int(has_cutouts(shapes)), "HAS_NORMAL_MAPS": int(has_normal_maps(shapes))}
-        compile_kernels = partial(_SampleShading, self._session, self._tree, view.shading, parts)
+        compile_kernels = partial(_SampleShading, self._session, self._world, view.shading, parts)
         # Side by side: a driver compiles, or loads what it has compiled, without Python's lock.
         shading, buffers = side_by_side(compile_kernels, partial(self._find_tables, view))
         return shading, buffers
@@ -478,13 +476,13 @@ class Painters:
         return buffers | self._upload(self._find_lights().arrays) if view.shading == "path" else buffers
 
     def _make_looks(self, crease_angle: float) -> dict[str, NDArray[Any]]:
-        looks = self._world.looks
-        is_light = find_lights(looks.shapes, looks.shape_ids, self._world.to_local())
+        looks = self._scene.looks
+        is_light = find_lights(looks.shapes, looks.shape_ids, self._scene.to_local())
         return make_look_tables(looks, is_light, crease_angle)
 
     def _find_lights(self) -> LightTables:
-        looks, world = self._world.looks, self._world
-        return self._keep("lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, world.to_local()))
+        looks, scene = self._scene.looks, self._scene
+        return self._keep("lights", lambda: make_light_tables(looks.shapes, looks.shape_ids, scene.to_local()))
 
     def _find_environment(self, view: View, described: NDArray[np.void]) -> dict[str, Any]:
         """Return the environment on the device, where it stays for other pictures; describe how it is seen."""

@@ -23,11 +23,10 @@ from ..trace.hits.hits import Hits
 from ..trace.hits.refine import RefinedHits, refine_closest
 from ..trace.hits.surface import Surface
 from ..trace.rays.batch import RayBatch, read_rays
-from ..trace.world.surface_arrays import lone_arrays
+from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .cut import Cut
 from .image_files import encode_picture, write_picture
-from .world import World
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +46,7 @@ class Picture:
         The device's hits through the centres of the pixels, in float32; t in local units.
     camera : Camera
         The camera of the picture.
-    world : World
+    scene : BuiltScene
         What the picture shows; for the package itself.
     device : DeviceInfo
     layout : str
@@ -87,7 +86,7 @@ class Picture:
     samples: int
     found: NDArray[np.void]
     camera: Camera
-    world: World
+    scene: BuiltScene
     device: DeviceInfo
     layout: str
     workers: int
@@ -139,8 +138,7 @@ class Picture:
 
         Computed on first use, in float64: 0.2 s for Full HD on a 2-core x86-64 server, most of it for the rays.
         """
-        surface = self.world.surface if self.mesh is None else self.mesh
-        return refine_pixels(surface, self.camera, self.found, self.cut)
+        return refine_pixels(self.scene.surface, self.camera, self.found, self.cut)
 
     @cached_property
     def depth(self) -> NDArray[np.float64]:
@@ -154,17 +152,17 @@ class Picture:
     @property
     def mesh(self) -> Mesh | None:
         """The mesh, in the scene's coordinates; None in a picture of several objects."""
-        return self.world.mesh
+        return self.scene.mesh
 
     @property
     def bvh(self) -> Bvh | None:
         """The tree of the mesh; None without a tree, and in a picture of several objects."""
-        return self.world.bvh
+        return self.scene.bvh
 
     @property
     def name(self) -> str:
         """The name of the mesh, or of what a picture of several objects shows."""
-        return self.world.name
+        return self.scene.name
 
     @property
     def _hit_count(self) -> int:
@@ -185,7 +183,7 @@ class Picture:
         """
         rays = self.found.size
         return {
-            **self.world.report(),
+            **self.scene.report(),
             "tree_from_cache": self.tree_from_cache,
             "workers": self.workers,
             "device": self.device.name,
@@ -205,12 +203,12 @@ class Picture:
 _CHUNK_PIXELS = 1 << 20
 
 
-def refine_pixels(mesh: Mesh | Surface, camera: Camera, found: NDArray[np.void], cut: Cut | None = None) -> Hits:
+def refine_pixels(surface: Surface, camera: Camera, found: NDArray[np.void], cut: Cut | None = None) -> Hits:
     """Return the hits of a picture in float64, on the primitives that the device found.
 
     Parameters
     ----------
-    mesh : Mesh or Surface
+    surface : Surface
         What the picture shows.
     camera : Camera
     found : (height, width) `structs.HIT`, or `structs.WORLD_HIT` for a scene
@@ -223,8 +221,7 @@ def refine_pixels(mesh: Mesh | Surface, camera: Camera, found: NDArray[np.void],
         Each (height, width); the rays are those of `Camera.rays`.
     """
     height, width = found.shape
-    refined = RefinedHits.make(height * width, has_instances=not isinstance(mesh, Mesh))
-    arrays = lone_arrays(mesh) if isinstance(mesh, Mesh) else mesh.arrays
+    refined = RefinedHits.make(height * width, has_instances=not surface.arrays.is_lone)
     row_count = max(1, _CHUNK_PIXELS // width)
     with HostThreads() as threads:
         for first_row in range(0, height, row_count):
@@ -232,13 +229,12 @@ def refine_pixels(mesh: Mesh | Surface, camera: Camera, found: NDArray[np.void],
             origins, directions = camera.rays(width, height, range(first_row, last_row))
             rays, _ = read_rays(origins, directions, 0.0, np.inf)
             pixels = first_row * width, last_row * width
-            of_rows = rays, arrays, found[first_row:last_row].reshape(-1), refined.part(*pixels)
+            of_rows = rays, surface.arrays, found[first_row:last_row].reshape(-1), refined.part(*pixels)
             threads.for_ranges(pixels[1] - pixels[0], partial(_refine_range, *of_rows))
             if cut is not None:
                 t = refined.t[slice(*pixels)]
                 t[:] = cut.limit(t.reshape(-1, width), origins, directions).reshape(-1)
-    only, surface = (mesh, None) if isinstance(mesh, Mesh) else (None, mesh)
-    return refined.as_hits((height, width), mesh=only, surface=surface)
+    return refined.as_hits((height, width), surface)
 
 
 def _refine_range(

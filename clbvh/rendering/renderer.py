@@ -27,6 +27,7 @@ from ..support.context_manager import ContextManager
 from ..support.host_threads import side_by_side
 from ..support.memory import check_memory
 from ..support.stopwatch import Stopwatch, add_total
+from .built_scene import BuiltScene
 from .cameras.camera import Camera
 from .kernel_view import is_lit_as_studio, make_kernel_view
 from .open_scene import SceneLike, as_scene
@@ -35,7 +36,6 @@ from .painters import FrameRenderer, Painters, Progress, open_session
 from .picture import Picture
 from .view import MAX_SAMPLES, View
 from .view_finder import ViewFinder
-from .world import World
 
 if TYPE_CHECKING:
     from .images import Images
@@ -127,8 +127,8 @@ class Renderer(ContextManager):
             state = self.scene.snapshot()
             watch.lap("load")
             enter("build")
-            self._world = World(state, self._options, source if isinstance(source, Bvh) else None)
-            self._finder = ViewFinder(self._world.bounds)
+            self._built = BuiltScene(state, self._options, source if isinstance(source, Bvh) else None)
+            self._finder = ViewFinder(self._built.bounds)
             watch.lap("build")
             enter("open the device")
 
@@ -140,15 +140,15 @@ class Renderer(ContextManager):
             _, session = side_by_side(make_world, partial(open_session, self._options.device, guessed.shading))
             on_failure.push(session)
             watch.lap("open")
-            self._tree = self._world.put(session)
-            self._frames = FrameRenderer(session, self._tree)
-            self._painters = Painters(session, self._tree, self._world)
+            self._world = self._built.put(session)
+            self._frames = FrameRenderer(session, self._world)
+            self._painters = Painters(session, self._world, self._built)
             watch.lap("layout")
             # So that the first picture takes no longer than the others.
             self._painters.painter(self.view, np.zeros(1, VIEW), Progress(1))
             upload_ms = session.times.sums_ms()["upload"]
             watch.lap("compile")
-            laps_ms, made = watch.laps_ms, self._world.made
+            laps_ms, made = watch.laps_ms, self._built.made
             phases_ms = {
                 "load": laps_ms["load"],
                 **(dict.fromkeys(("cache", "build"), 0.0) if made is None else made.timings_ms),
@@ -162,7 +162,7 @@ class Renderer(ContextManager):
             self.timings = add_total(phases_ms, watch.total_ms)
             if self._options.validate:
                 enter("validate")
-                self._world.validate()
+                self._built.validate()
             on_failure.pop_all()
         self._session = session
 
@@ -226,7 +226,7 @@ class Renderer(ContextManager):
         given = self._find_view(view, changes)
         view = self._finder.complete(given)
         camera = self._finder.camera(view)
-        is_studio_lit = is_lit_as_studio(view, camera, self._finder.bounds(view)) and not self._world.has_lamps
+        is_studio_lit = is_lit_as_studio(view, camera, self._finder.bounds(view)) and not self._built.has_lamps
         if is_studio_lit:
             # A ground would hide what is behind a transparent picture.
             has_ground = not view.transparent if view.ground is None else view.ground
@@ -242,15 +242,15 @@ class Renderer(ContextManager):
             check_memory("the film of the picture", view.width * view.height * _FILM_BYTES, SceneError)
             progress.film = np.empty((view.height, view.width, 4), np.float32)
         times = EventTimes()
-        world, space, ground = self._world, self._world.space, self._finder.ground(view, camera)
-        boxes = world.bounds.box_in(space), ground, self._finder.bounds(view).box_in(space)
+        built, space, ground = self._built, self._built.space, self._finder.ground(view, camera)
+        boxes = built.bounds.box_in(space), ground, self._finder.bounds(view).box_in(space)
         described = make_kernel_view(view, camera, space, *boxes, is_studio_lit)
         painter = self._painters.painter(view, described, progress)
         colours, found = self._frames.render(described, painter, times)
         rgb = np.empty((*found.shape, 3), np.uint8)
         for channel in range(3):  # 14 times as fast as colours[..., :3].copy()
             rgb[..., channel] = colours[..., channel]
-        own_ms, made = times.sums_ms(), world.made
+        own_ms, made = times.sums_ms(), built.made
         picture = Picture(
             rgb=rgb,
             alpha=colours[..., 3].copy(),
@@ -260,10 +260,10 @@ class Renderer(ContextManager):
             cut=view.cut,
             found=found,
             camera=camera,
-            world=world,
+            scene=built,
             device=self.device,
             layout=self.layout,
-            workers=made.workers if made is not None else int(not world.trees),
+            workers=made.workers if made is not None else int(not built.trees),
             timings=add_total({phase: own_ms.get(phase, 0.0) for phase in [*self.timings][:-2]}, watch.total_ms),
             tree_from_cache=made is not None and made.from_cache,
             notes=(*(made.notes if made is not None else ()), *self._finder.notes(given)),
@@ -306,12 +306,12 @@ class Renderer(ContextManager):
     @property
     def mesh(self) -> Mesh | None:
         """The mesh, in the scene's coordinates; None for a scene of several objects."""
-        return self._world.mesh
+        return self._built.mesh
 
     @property
     def bvh(self) -> Bvh | None:
         """The tree of the mesh; None with the builder ``"brute"``, and for a scene of several objects."""
-        return self._world.bvh
+        return self._built.bvh
 
     @property
     def device(self) -> DeviceInfo:
@@ -321,12 +321,12 @@ class Renderer(ContextManager):
     @property
     def layout(self) -> str:
         """The layout of the tree on the device."""
-        return self._tree.layout
+        return self._world.layout
 
     @property
     def memory_bytes(self) -> int:
         """Device memory that the tree and the triangles take."""
-        return self._tree.memory_bytes
+        return self._world.memory_bytes
 
     @property
     def is_closed(self) -> bool:
@@ -349,7 +349,7 @@ class Renderer(ContextManager):
         self._frames.calls.close()
 
     def __repr__(self) -> str:
-        return f"Renderer({self._world.name!r}, device={self.device.name!r}, layout={self.layout!r})"
+        return f"Renderer({self._built.name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
     @property
     def camera(self) -> Camera:

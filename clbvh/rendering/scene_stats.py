@@ -18,8 +18,8 @@ from ..geometry.corners import Boxes
 from ..layouts.device_arrays import measure_device_bytes
 from ..scene.state import SceneState
 from ..structs import BVH2_NODE, INSTANCE, LAYOUT_WIDTHS
-from ..trace.scene.top_tree import find_boxes
 from ..trace.world.surface_arrays import make_surface_arrays
+from ..trace.world.top_tree import find_boxes
 
 
 def measure_scene(state: SceneState, build_tree: Callable[[Shape], Bvh], *, traversal_cost: float) -> dict[str, Any]:

@@ -17,11 +17,12 @@ from ..device.program import build_kernel
 from ..device.session import DeviceSession, ReusableBuffer
 from ..device.settings import Settings, default_settings
 from ..geometry.shapes.make_shape import make_shape
+from ..scene.scene import Scene
 from ..structs import HIT, LAYOUT_WIDTHS, PACKED_RAY
-from ..trace.device_tree import DeviceTree
 from ..trace.rays.batch import TreeBox, read_rays
 from ..trace.rays.pack import pack_rays
-from ..trace.traced_tree import ENTRY_POINT_KERNEL, find_entry_points
+from ..trace.rays.put_rays import ENTRY_POINT_KERNEL, find_entry_points
+from ..trace.world.world import World, open_world
 from .cameras.camera import Camera
 from .cameras.framing import frame_mesh
 from .kernel_view import make_kernel_view
@@ -93,16 +94,21 @@ def tune(
     with DeviceSession(device) as session:
         chosen = default_settings(session.info)
         trials: list[Trial] = []
-        trees = {layout: DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS}
+        state = Scene(mesh).snapshot()
+        worlds = {layout: open_world(session, state, [bvh], layout) for layout in LAYOUT_WIDTHS}
         neighbours, *_ = orders = [session.upload(rays) for rays in _make_rays(camera, bvh, size)]
         ray_count = size[0] * size[1]
         results = session.allocate(ray_count * HIT.itemsize)
         largest = session.info.cl_device.max_work_group_size
 
-        def casts(tree: DeviceTree, work_group_size: int) -> Callable[[], object]:
-            kernel = build_kernel(session, "closest_hit", tree.defines)
-            starts_kernel = build_kernel(session, ENTRY_POINT_KERNEL, tree.defines) if tree.has_entry_points else None
-            buffer, work, group = ReusableBuffer(session), (ray_count, 1), (work_group_size, 1)
+        def casts(world: World, work_group_size: int) -> Callable[[], object]:
+            kernel = build_kernel(session, "closest_hit", world.defines)
+            starts_kernel = build_kernel(session, ENTRY_POINT_KERNEL, world.defines) if world.has_entry_points else None
+            work, group = (ray_count, 1), (work_group_size, 1)
+            buffer = ReusableBuffer(session)
+
+            def take(_: str, size: int) -> Any:
+                return buffer.take(size)
 
             def run() -> None:
                 for rays in orders:
@@ -112,8 +118,8 @@ def tune(
                     }  # fmt: skip
                     starts: dict[str, Any] = {"entry_points": None, "tiles": None}
                     if rays is neighbours and starts_kernel is not None:
-                        starts = find_entry_points(session, tree, starts_kernel, buffer, work, group, **described)
-                    session.run(kernel, work, group, **tree.arguments, **described, **starts, hits=results, order=None)
+                        starts = find_entry_points(session, world, starts_kernel, take, work, group, **described)
+                    session.run(kernel, work, group, **world.arguments, **described, **starts, hits=results, order=None)
 
             return run
 
@@ -121,16 +127,16 @@ def tune(
             return _choose(trials, what, _measure(session, {each: make_task(each) for each in choices}), usual)
 
         usual_size = chosen.work_group_size
-        layout = find_best("layout", chosen.layout, trees, lambda layout: casts(trees[layout], usual_size))
-        tree = trees[layout]
+        layout = find_best("layout", chosen.layout, worlds, lambda layout: casts(worlds[layout], usual_size))
+        world = worlds[layout]
         group_sizes = (each for each in _WORK_GROUP_SIZES if each <= largest)
-        work_group_size = find_best("work-group size", usual_size, group_sizes, partial(casts, tree))
+        work_group_size = find_best("work-group size", usual_size, group_sizes, partial(casts, world))
 
         wanted = View(width=size[0], height=size[1], shading="lambert+shadow", up=camera.up)
         view = make_kernel_view(wanted, camera, mesh)
 
         def draws(tile: tuple[int, int]) -> Callable[[], object]:
-            return partial(FrameRenderer(session, tree).render, view, OneRayPainter(session, tree, tile))
+            return partial(FrameRenderer(session, world).render, view, OneRayPainter(session, world, tile))
 
         tile = find_best("tile", chosen.tile, (each for each in _TILES if each[0] * each[1] <= largest), draws)
         # Rays with the best work-groups, and the picture with the best tiles.

@@ -1,23 +1,23 @@
 """What a tracer shares with its queries, and its changes: vertices and transforms that move between queries.
 
-How trees follow is in `device_tree` and `scene/moving_scene`.
+How trees follow is in `world/changes.py`.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
-from typing import cast
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from numpy.typing import ArrayLike
 
-from ..errors import ConfigError
-from ..geometry import Mesh
+from ..errors import ConfigError, SceneError
+from ..geometry import Mesh, Spheres
 from ..scene.handles import Geometry, Instance
 from ..support.context_manager import ContextManager
-from .device_tree import DeviceTree, TreeCopies
-from .launch import Caster
-from .scene.moving_scene import MovingScene
+from .launch import Call, Caster
+from .world.changes import Changes
+from .world.world import World
 
 
 class Moves(ContextManager):
@@ -25,10 +25,7 @@ class Moves(ContextManager):
 
     # Each query reads it once, because a move replaces it.
     _caster: Caster
-    # Of a tracer of a mesh: its trees on the device, the one in use and the one that a move writes.
-    _copies: TreeCopies | None
-    # Of a tracer of a scene.
-    _scene: MovingScene | None
+    _changes: Changes
     # Held by a move, so that two of them do not write at the same time.
     _updating: threading.Lock
 
@@ -72,12 +69,12 @@ class Moves(ContextManager):
         ...     tracer.closest_hit([[0.25, 0.25, 3]], [[0, 0, -1]]).t
         array([2.])
         """
-        if self._scene is not None:
+        if self._caster.world.mesh is None:
             raise ConfigError("a tracer of a scene moves one geometry: call set_vertices(geometry, vertices)")
-        copies = cast(TreeCopies, self._copies)
-        with self._caster.open_call() as call, self._updating:
+        with self._changing() as (call, world):
             mesh = self.mesh.with_vertices(vertices)
-            self._caster = copies.move(self._caster, mesh, call.memory.session)
+            moved = self._changes.set_shape(world, 0, mesh, call.session, call.threads, rebuilds=False)
+            self._caster = self._caster.at(moved)
 
     def set_transforms(self, instances: Instance | int | Iterable[Instance | int], transforms: ArrayLike) -> None:
         """Move instances of a scene: only the tree over the instances is built anew.
@@ -117,9 +114,8 @@ class Moves(ContextManager):
         ...     before, tracer.any_hit([[0, 0, 5], [9, 0, 5]], [[0, 0, -1], [0, 0, -1]])
         (array([ True]), array([False,  True]))
         """
-        scene = self._known_scene()
-        with self._caster.open_call() as call, self._updating:
-            self._caster = scene.set_transforms(self._caster, instances, transforms, call.memory.session)
+        with self._changing() as (call, world):
+            self._caster = self._caster.at(self._changes.set_transforms(world, instances, transforms, call.session))
 
     def set_vertices(self, geometry: Geometry, vertices: ArrayLike) -> None:
         """Move the vertices of a geometry of a scene: its tree is refitted, or built anew where that pays.
@@ -157,9 +153,12 @@ class Moves(ContextManager):
         ...     tracer.any_hit([[0.7, 0, 5], [9.7, 0, 5], [9.4, 0, 5]], [0, 0, -1])
         array([False, False,  True])
         """
-        scene = self._known_scene()
-        with self._caster.open_call() as call, self._updating:
-            self._caster = scene.set_vertices(self._caster, geometry, vertices, call.memory.session)
+        with self._changing() as (call, world):
+            geometry_id, shape = self._changes.find_shape(world, geometry)
+            moved = shape.with_spheres(vertices) if isinstance(shape, Spheres) else shape.with_vertices(vertices)
+            self._caster = self._caster.at(
+                self._changes.set_shape(world, geometry_id, moved, call.session, call.threads)
+            )
 
     @property
     def mesh(self) -> Mesh:
@@ -170,7 +169,7 @@ class Moves(ContextManager):
         ConfigError
             The tracer has a scene of several objects.
         """
-        mesh = self._caster.tree.mesh
+        mesh = self._caster.world.mesh
         if mesh is None:
             raise ConfigError("a tracer of a scene has no single mesh: see scene.geometries")
         return mesh
@@ -183,8 +182,7 @@ class Moves(ContextManager):
         this factor, and a new tree would share part of it: larger triangles cost more in any tree. From about 2 on, a
         new tracer may be faster.
         """
-        tree: object = self._caster.tree
-        return tree.sah_growth if isinstance(tree, DeviceTree) else 1.0
+        return 1.0 if self._caster.world.mesh is None else self._changes.sah_growth(0)
 
     def set_spheres(self, geometry: Geometry, centres: ArrayLike, radii: ArrayLike | None = None) -> None:
         """Move the spheres of a geometry of a scene: their tree is refitted, or built anew where that pays.
@@ -222,11 +220,17 @@ class Moves(ContextManager):
         ...     tracer.closest_hit([[0, 0, 5], [4, 0, 5]], [0, 0, -1]).t
         array([3. , 4.5])
         """
-        scene = self._known_scene()
-        with self._caster.open_call() as call, self._updating:
-            self._caster = scene.set_spheres(self._caster, geometry, centres, radii, call.memory.session)
+        with self._changing() as (call, world):
+            geometry_id, shape = self._changes.find_shape(world, geometry)
+            if not isinstance(shape, Spheres):
+                raise SceneError(f"{geometry!r} is a mesh and has no spheres: call set_vertices(geometry, vertices)")
+            moved = shape.with_spheres(centres, radii)
+            self._caster = self._caster.at(
+                self._changes.set_shape(world, geometry_id, moved, call.session, call.threads)
+            )
 
-    def _known_scene(self) -> MovingScene:
-        if self._scene is None:
-            raise ConfigError("this tracer has no instances: open it with a clbvh.Scene, or call update(vertices)")
-        return self._scene
+    @contextmanager
+    def _changing(self) -> Iterator[tuple[Call, World]]:
+        """Give memory for a change, and the newest world, while no other change is at work."""
+        with self._caster.open_call() as call, self._updating:
+            yield call, self._caster.world

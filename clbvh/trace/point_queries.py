@@ -19,7 +19,6 @@ from .points.ambient_occlusion import Hemispheres, check_sampling, find_open_sha
 from .points.queries import SeenPoints, closest_points, is_contained, signed_distances
 from .points.refine import ClosestPoints
 from .rays.pieces import Progress
-from .scene.device_scene import DeviceScene
 
 
 class PointQueries(Moves):
@@ -256,15 +255,14 @@ class PointQueries(Moves):
         """Return points with the instances that are visible to them."""
         chosen = None
         if geometry is not None or instance is not None:
-            chosen = self._known_scene().choose_instances(geometry, instance)
+            chosen = self._changes.choose_instances(geometry, instance)
         return SeenPoints.read(points, mask, chosen)
 
     def _warn_if_open(self, query: str, caster: Caster, seen: SeenPoints) -> None:
         """Warn once that a mesh has no inside, on behalf of the public method `query`."""
         if self._has_warned:
             return
-        tree: object = caster.tree
-        shapes = tree.shapes_of(seen.instance_ids) if isinstance(tree, DeviceScene) else [caster.tree.mesh]
+        shapes = caster.world.shapes_of(seen.instance_ids)
         shape = next((shape for shape in shapes if not shape.is_watertight), None)
         if shape is None:
             return

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError
 from .hits.all_hits import find_all_hits
-from .hits.closest import count_hits, find_any_hits, find_closest_hits, find_closest_prims
+from .hits.closest import NO_LIMIT, count_hits, find_any_hits, find_closest_hits, find_closest_prims
 from .hits.hits import AllHits, Hits
-from .launch import NO_LIMIT, Caster
+from .launch import Caster
 from .moves import Moves
 from .rays.batch import RayBatch, read_rays
 from .rays.pieces import Progress
@@ -206,9 +206,9 @@ class RayQueries(Moves):
         What has no instances on the device is seen by every mask but 0.
         """
         # Read once, because an update may replace it by one that masks differently.
-        caster = self._caster.of_rays
+        caster = self._caster
         batch, shape = read_rays(origins, directions, t_min, t_max, mask)
-        if batch.mask is not None and not caster.tree.has_instances:
+        if batch.mask is not None and caster.world.is_lone:
             batch, shape = read_rays(origins, directions, t_min, np.where(np.asarray(mask) == 0, -np.inf, t_max))
         return caster, batch, shape
 

@@ -11,15 +11,15 @@ from typing import TypeAlias
 from ..bvh import Bvh
 from ..device.info import DeviceInfo
 from ..device.session import DeviceSession
-from ..geometry import MeshLike, as_mesh
+from ..geometry import Mesh, MeshLike, as_mesh
 from ..scene.scene import Scene
-from .device_tree import DeviceTree, TreeCopies, check_layout
+from ..scene.state import SceneState
 from .launch import Caster
 from .point_queries import PointQueries
 from .ray_queries import RayQueries
-from .rays.batch import TreeBox
-from .scene.device_scene import DeviceScene
-from .scene.moving_scene import MovingScene
+from .world.changes import Changes
+from .world.trees import check_layout
+from .world.world import open_world
 
 Traceable: TypeAlias = Scene | Bvh | MeshLike
 """Anything that rays can be cast at: a `Scene`, a `Bvh`, or a `MeshLike`."""
@@ -67,21 +67,17 @@ class Tracer(RayQueries, PointQueries):
         layout: str = "auto",
     ) -> None:
         check_layout(layout)
-        self._scene = _open_scene(source) if isinstance(source, Scene) else None
-        bvh = None if isinstance(source, Scene) else _find_tree(source)
-        self._updating = threading.Lock()
+        scene = source if isinstance(source, Scene) else Scene(_find_mesh(source))
+        state = scene.snapshot()
+        bvhs = [source] if isinstance(source, Bvh) else _build_trees(state)
         session = DeviceSession(device)
-        tree: DeviceTree | DeviceScene
         try:
-            if self._scene is not None:
-                tree, box = self._scene.open(session, layout)
-            elif bvh is not None:
-                tree, box = DeviceTree(session, bvh.mesh, bvh, layout), TreeBox.around(bvh)
+            self._caster = Caster(session, open_world(session, state, bvhs, layout))
         except BaseException:
             session.close()
             raise
-        self._caster = Caster(session, tree, box)
-        self._copies = TreeCopies(self._caster) if self._scene is None else None
+        self._changes = Changes(scene, state)
+        self._updating = threading.Lock()
 
     @property
     def device(self) -> DeviceInfo:
@@ -91,15 +87,12 @@ class Tracer(RayQueries, PointQueries):
     @property
     def layout(self) -> str:
         """The layout that the tree has on the device."""
-        return self._caster.tree.layout
+        return self._caster.world.layout
 
     @property
     def memory_bytes(self) -> int:
         """Device memory that trees, primitives and instances take; the first `update` of a mesh doubles it."""
-        tree = self._caster.tree
-        return (
-            tree.memory_bytes if self._copies is None or not isinstance(tree, DeviceTree) else self._copies.memory_bytes
-        )
+        return self._caster.world.memory_bytes + self._changes.memory_bytes
 
     @property
     def timings_ms(self) -> dict[str, float]:
@@ -130,24 +123,17 @@ class Tracer(RayQueries, PointQueries):
         self._caster.close()
 
     def __repr__(self) -> str:
-        mesh = self._caster.tree.mesh
+        mesh = self._caster.world.mesh
         name = "scene" if mesh is None else mesh.name
         return f"Tracer({name!r}, device={self.device.name!r}, layout={self.layout!r})"
 
 
-def _open_scene(contents: Scene) -> MovingScene:
-    """Return the scene with the trees of its geometries."""
-    from ..builders.build import build_shape, build_top
-
-    return MovingScene(contents, build_shape, build_top)
+def _find_mesh(source: Bvh | MeshLike) -> Mesh:
+    return source.mesh if isinstance(source, Bvh) else as_mesh(source, or_else="a clbvh.Bvh")
 
 
-def _find_tree(source: Bvh | MeshLike) -> Bvh:
-    """Return the tree of a tracer's source."""
-    if isinstance(source, Bvh):
-        return source
-    mesh = as_mesh(source, or_else="a clbvh.Bvh")
-    # Not above: a tracer of a finished tree needs no builder.
-    from ..builders.build import build
+def _build_trees(state: SceneState) -> list[Bvh]:
+    # Imported here: a tracer of a finished tree needs no builder.
+    from ..builders.build import build_shape
 
-    return build(mesh)
+    return [build_shape(shape) for shape in state.shapes]

@@ -26,8 +26,8 @@ from ...device.context import check_process, is_inherited
 from ...device.info import DeviceInfo
 from ...errors import ConfigError, QueryError
 from ...geometry import Mesh
-from ...trace.device_tree import check_layout
 from ...trace.tracer import Tracer
+from ...trace.world.trees import check_layout
 
 Known = TypeVar("Known")
 

@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
-from ...layouts.device_arrays import make_bvh2_nodes, make_device_arrays
+from ...errors import SceneError
+from ...geometry import Mesh
+from ...layouts.device_arrays import DeviceArrays, list_prims, make_bvh2_nodes, make_device_arrays
 from ...scene.state import SceneState
 from ...structs import (
     BVH2_COUNT,
@@ -31,6 +33,7 @@ from ...structs import (
     NO_PRIM,
     PACKED_RAY,
     PACKED_RAY_LANES,
+    PRIM_KINDS,
     RAY_LOW,
     SPHERE,
     TRIANGLE_LANES,
@@ -42,10 +45,9 @@ from ..host.lanes import cross_corners, make_host_ray, pick, shear_corner
 from ..host.walk import FIELD_COUNT, walk
 from ..rays.batch import TreeBox, read_rays
 from ..rays.pack import pack_rays
-from ..scene.device_scene import arrange_geometries, blocks_by_kind, list_ranges
-from ..scene.top_tree import make_records
-from ..traced_tree import WideArrays
 from ..world.surface_arrays import make_surface_arrays
+from ..world.top_tree import make_records
+from ..world.trees import WideArrays
 
 # Rays that a thread takes at a time: rays of one picture differ much in their steps, so threads take many small shares.
 _CHUNK_RAYS = 1 << 12
@@ -541,3 +543,40 @@ def _enter(instances, index, origin, direction, t_min, t_max, inside):
     inside.t_mins[0] = max(t_min - shift, 0.0)
     inside.t_maxs[0] = t_max - shift
     return shift
+
+
+def arrange_geometries(state: SceneState, trees: Sequence[Bvh] | None, layout: str) -> list[DeviceArrays]:
+    """Return the arrays of each geometry; without trees, those have none, whatever the layout."""
+    if trees is None:
+        return [list_prims(shape) for shape in state.shapes]
+    return [make_device_arrays(bvh, layout) for bvh, shape in zip(trees, state.shapes, strict=True)]
+
+
+def list_ranges(state: SceneState, arrays: Sequence[DeviceArrays]) -> NDArray[np.int32]:
+    """Return where the arrays of `arrange_geometries` are in the joined ones, (n, 4), see `make_records`.
+
+    Raises
+    ------
+    SceneError
+        More nodes or blocks than int32 counts.
+    """
+    rows = []
+    first_node, first_blocks = 0, [0] * len(PRIM_KINDS)
+    for shape, own in zip(state.shapes, arrays, strict=True):
+        kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
+        rows.append((first_node, first_blocks[kind], len(own.blocks), kind))
+        first_node += len(own.nodes)
+        first_blocks[kind] += len(own.blocks)
+    most = np.iinfo(np.int32).max
+    if max(first_node, *first_blocks) > most:
+        raise SceneError(f"the scene has {first_node:,} nodes, and the device counts up to {most:,}")
+    return np.array(rows, np.int32)
+
+
+def blocks_by_kind(ranges: NDArray[np.int32], arrays: Sequence[DeviceArrays]) -> dict[str, list[NDArray[np.void]]]:
+    """Return the blocks of all arrays by the kind of their primitives, see `structs.PRIM_KINDS`."""
+    blocks: dict[str, list[NDArray[np.void]]] = {name: [] for name in PRIM_KINDS}
+    names = list(PRIM_KINDS)
+    for own, kind in zip(arrays, ranges[:, 3].tolist(), strict=True):
+        blocks[names[kind]].append(own.blocks)
+    return blocks

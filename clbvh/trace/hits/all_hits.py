@@ -14,16 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import HIT_PRIM_ID, NO_PRIM, WORLD_HIT, WORLD_HIT_INSTANCE_ID
+from ...structs import HIT_PRIM_ID, NO_PRIM, WORLD_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ...support.loop_functions import prefetch
-from ..launch import FIRST_HITS, Call, Caster, cut_smaller_when_full
+from ..launch import Call, Caster, Query, cut_smaller_when_full
 from ..rays.batch import RayBatch, check_room
 from ..rays.pieces import Progress, RayPiece
+from ..rays.put_rays import cut_batch, put_rays
 from ..world.surface_arrays import SurfaceArrays
 from .hits import AllHits
 from .refine import RefinedHits, store_hits
 from .refine_block import BLOCK_HITS, PREFETCH_HITS, RefineBlock, locate, refine_block
+
+FIRST_HITS = Query("first_hits", "hits")
 
 # Hits on the device at a time: 32 MiB. A single ray with more gets the room it needs.
 MOST_SLOTS = 2**21
@@ -93,7 +96,7 @@ def find_crossings(
     with caster.open_call() as call:
         search = _Search(call, max_hits, progress, np.zeros(count, np.int32), np.zeros(count, np.int64))
         # One slot more than a ray can have crossings is never taken.
-        most_slots = caster.tree.most_crossings + 1
+        most_slots = caster.world.most_hits + 1
         rays, ray_ids, slots = batch, None, min(FIRST_SLOTS, most_slots)
         while rays.ray_count > 0:
             crowded = _search_round(search, rays, ray_ids, shape, slots)
@@ -102,7 +105,7 @@ def find_crossings(
             slots = min(slots * SLOT_GROWTH, most_slots)
 
     segment_begins = running_sums(np.array([len(segment) for segment in search.segments], np.int64))
-    found = np.empty((segment_begins[-1], caster.tree.hit_dtype.itemsize // 8), np.int64)
+    found = np.empty((segment_begins[-1], caster.world.hit_dtype.itemsize // 8), np.int64)
 
     def join(begin: int, segment: NDArray[np.int64]) -> None:
         found[begin : begin + len(segment)] = segment
@@ -119,10 +122,10 @@ def _search_round(
     `ray_ids` are the indices of the rays among the user's; None for all of them.
     """
     call, wanted = search.call, slots if search.max_hits is None else min(slots, search.max_hits)
-    most_rays = max(1, call.fit(call.hit_dtype, MOST_SLOTS) // wanted)
+    most_rays = max(1, call.fit(call.world.hit_dtype, MOST_SLOTS) // wanted)
     crowded = [np.empty(0, np.int64)]
-    for piece in call.cut_rays(batch, shape, most_rays=most_rays, progress=search.progress):
-        packed = call.pack_rays(batch, piece, in_ray_order=False)
+    for piece in cut_batch(call, batch, shape, most_rays=most_rays, progress=search.progress):
+        packed = put_rays(call, batch, piece, in_ray_order=False)
         with call.cast(FIRST_HITS, packed, results_per_item=wanted, slots=np.int32(wanted)) as kept:
             crowded += _compact_piece(
                 search, piece, ray_ids, kept.view(np.int64).reshape(-1, wanted, kept.dtype.itemsize // 8)
@@ -220,18 +223,17 @@ def find_all_hits(
     crossings = find_crossings(caster, batch, shape, max_hits, progress)
     offsets = running_sums(crossings.counts)
     total = int(offsets[-1])
-    tree, surface = caster.tree, caster.tree.surface
-    refined = RefinedHits.make(total, has_instances=tree.hit_dtype == WORLD_HIT)
+    world = caster.world
+    refined = RefinedHits.make(total, has_instances=not world.is_lone)
     locations = np.empty((total, 3)) if with_locations else None
 
     def refine(begin: int, end: int) -> None:
-        _refine_rays(batch, surface, crossings, begin, end, int(offsets[begin]), refined, locations)
+        _refine_rays(batch, world.arrays, crossings, begin, end, int(offsets[begin]), refined, locations)
 
     # Ranges of rays with about equally many crossings.
     begins = np.searchsorted(offsets, [begin for begin, _ in caster.threads.ranges(total)]).tolist()
     caster.threads.run(refine, list(itertools.pairwise([0, *begins[1:], batch.ray_count])))
-    hits = refined.as_hits((total,), mesh=tree.mesh, surface=tree.scene_surface)
-    return AllHits._of(hits, offsets, locations)
+    return AllHits._of(refined.as_hits((total,), world.surface), offsets, locations)
 
 
 def _refine_rays(

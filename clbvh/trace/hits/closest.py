@@ -2,113 +2,108 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...structs import PACKED_RAY_LANES, WORLD_HIT
+from ...structs import PACKED_RAY_LANES
 from ...support.compiled import compiled
-from ..host.walk import FIELD_COUNT, walk
-from ..launch import ANY_HIT, CLOSEST_HIT, COUNT_HITS, NO_LIMIT, Call, Caster, Query, cut_smaller_when_full
+from ..host.walk import FIELD_COUNT, cast_on_host, walk
+from ..launch import Caster, Query, cut_smaller_when_full
 from ..rays.batch import RayBatch, TreeBox, check_room
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
 from ..rays.pieces import Progress
-from ..traced_tree import WideArrays
+from ..rays.put_rays import cut_batch, put_rays
+from ..world.surface_arrays import SurfaceArrays
+from ..world.trees import WideArrays
 from .hits import Hits
 from .refine import RefinedHits, refine_closest, refine_found
 from .refine_block import RefineBlock
 
 Shape = tuple[int, ...]
 
-# t, u, v, prim_id, is_front and, in a scene, instance_id of a ray.
+CLOSEST_HIT = Query("closest_hit", "hits")
+ANY_HIT = Query("any_hit", "blocked", np.dtype(np.uint8))
+COUNT_HITS = Query("count_hits", "counts", np.dtype(np.int32))
+
+# "All of them", for a kernel that stops at a number of hits.
+NO_LIMIT = np.iinfo(np.int32).max
+
+# t, u, v, prim_id, is_front and, with instances, instance_id of a ray.
 _HIT_BYTES = 33
 
 
 @cut_smaller_when_full
 def find_closest_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> Hits:
     """Return the closest hit of each ray in float64; see `Tracer.closest_hit`."""
-    count = batch.ray_count
+    count, world = batch.ray_count, caster.world
     check_room(count, _HIT_BYTES)
-    tree, surface = caster.tree, caster.tree.surface
-    refined = RefinedHits.make(count, has_instances=tree.hit_dtype == WORLD_HIT)
+    refined = RefinedHits.make(count, has_instances=not world.is_lone)
     with caster.open_call() as call:
-        if (host_tree := call.on_host(count)) is not None:
-            call.run_on_host(_find_closest_on_host, host_tree, call.box, batch, surface, refined)
+        if (tree := call.on_host(count)) is not None:
+            call.run_on_host(_find_closest_on_host, tree, world.box, batch, world.arrays, refined)
             if progress is not None:
                 progress(count, count)
         else:
-            for begin, found in _cast_pieces(call, CLOSEST_HIT, batch, shape, progress):
-
-                def refine(first: int, last: int, begin: int = begin, found: NDArray[np.void] = found) -> None:
-                    rays = begin + first, begin + last
-                    refine_closest(batch.part(*rays), surface, found[first:last], refined.part(*rays))
-
-                caster.threads.for_ranges(len(found), refine)
-    return refined.as_hits(shape, mesh=tree.mesh, surface=tree.scene_surface)
+            for piece in cut_batch(call, batch, shape, progress=progress):
+                with call.cast(CLOSEST_HIT, put_rays(call, batch, piece)) as found:
+                    refine = partial(_refine_range, batch, piece.begin, world.arrays, found, refined)
+                    call.threads.for_ranges(len(found), refine)
+    return refined.as_hits(shape, world.surface)
 
 
-@cut_smaller_when_full
+def _refine_range(
+    batch: RayBatch,
+    begin: int,
+    arrays: SurfaceArrays,
+    found: NDArray[np.void],
+    hits: RefinedHits,
+    first: int,
+    last: int,
+) -> None:
+    rays = begin + first, begin + last
+    refine_closest(batch.part(*rays), arrays, found[first:last], hits.part(*rays))
+
+
 def find_closest_prims(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.int32]:
     """Return the face of the closest hit of each ray; see `Tracer.closest_prim`."""
-    check_room(batch.ray_count, 4)
-    prim_id = np.empty(batch.ray_count, np.int32)
-    for begin, found in _cast_rays(caster, CLOSEST_HIT, batch, shape, progress):
-
-        def copy(first: int, last: int, begin: int = begin, prims: NDArray[np.int32] = found["prim_id"]) -> None:
-            prim_id[begin + first : begin + last] = prims[first:last]
-
-        caster.threads.for_ranges(len(found), copy)
-    return prim_id.reshape(shape)
+    return _answer(caster, CLOSEST_HIT, np.int32, batch, shape, progress)
 
 
-@cut_smaller_when_full
 def find_any_hits(caster: Caster, batch: RayBatch, shape: Shape, progress: Progress | None) -> NDArray[np.bool_]:
     """Return whether each ray hits anything; see `Tracer.any_hit`."""
-    check_room(batch.ray_count, 1)
-    is_blocked = np.empty(batch.ray_count, np.bool_)
-    for begin, found in _cast_rays(caster, ANY_HIT, batch, shape, progress):
-        is_blocked[begin : begin + len(found)] = found
-    return is_blocked.reshape(shape)
+    return _answer(caster, ANY_HIT, np.bool_, batch, shape, progress)
 
 
-@cut_smaller_when_full
 def count_hits(
     caster: Caster, batch: RayBatch, shape: Shape, max_hits: int | None, progress: Progress | None
 ) -> NDArray[np.int32]:
     """Return the number of hits of each ray, `max_hits` at most; see `Tracer.count_hits`."""
-    check_room(batch.ray_count, 4)
-    counts = np.empty(batch.ray_count, np.int32)
-    most = np.int32(max_hits or NO_LIMIT)
-    for begin, found in _cast_rays(caster, COUNT_HITS, batch, shape, progress, max_hits=most):
-        counts[begin : begin + len(found)] = found
-    return counts.reshape(shape)
+    return _answer(caster, COUNT_HITS, np.int32, batch, shape, progress, max_hits=np.int32(max_hits or NO_LIMIT))
 
 
-def _cast_rays(
-    caster: Caster, query: Query, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Yield the results of each piece of a batch, in the order of the rays, and the index of its first ray.
-
-    Results are valid until the next ones are asked for.
-    """
+@cut_smaller_when_full
+def _answer(
+    caster: Caster, query: Query, dtype: Any, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
+) -> NDArray[Any]:
+    """Return what a kernel finds for each ray; of hits, the primitive."""
+    count = batch.ray_count
+    check_room(count, np.dtype(dtype).itemsize)
+    answers = np.empty(count, dtype)
     with caster.open_call() as call:
-        if (tree := call.on_host(batch.ray_count)) is not None:
-            yield 0, call.cast_on_host(tree, query, batch, **arguments)
+        if (tree := call.on_host(count)) is not None:
+            most_hits = 0 if query is CLOSEST_HIT else int(arguments.get("max_hits", 1))
+            answers[:] = call.run_on_host(cast_on_host, tree, caster.world.box, batch, most_hits)
             if progress is not None:
-                progress(batch.ray_count, batch.ray_count)
+                progress(count, count)
         else:
-            yield from _cast_pieces(call, query, batch, shape, progress, **arguments)
-
-
-def _cast_pieces(
-    call: Call, query: Query, batch: RayBatch, shape: Shape, progress: Progress | None, **arguments: Any
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Yield what the device finds, as `_cast_rays`."""
-    for piece in call.cut_rays(batch, shape, progress=progress):
-        with call.cast(query, call.pack_rays(batch, piece), **arguments) as found:
-            yield piece.begin, found
+            for piece in cut_batch(call, batch, shape, progress=progress):
+                with call.cast(query, put_rays(call, batch, piece), **arguments) as found:
+                    part = found["prim_id"] if query.dtype is None else found
+                    answers[piece.begin : piece.begin + len(found)] = part
+    return answers.reshape(shape)
 
 
 def _find_closest_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, surface: Any, hits: RefinedHits) -> None:

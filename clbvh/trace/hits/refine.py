@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Mesh
 from ...structs import HIT_PRIM_ID, NO_PRIM, WORLD_HIT_INSTANCE_ID
 from ...support.compiled import compiled
 from ..rays.batch import RayRows
@@ -48,13 +47,13 @@ class RefinedHits(NamedTuple):
         part = slice(begin, end)
         return RefinedHits(*(values[part] for values in self))  # type: ignore[arg-type]
 
-    def as_hits(self, shape: tuple[int, ...], *, mesh: Mesh | None, surface: Surface | None = None) -> Hits:
-        """Return the hits of rays of a leading shape, on a mesh or in a scene."""
+    def as_hits(self, shape: tuple[int, ...], surface: Surface) -> Hits:
+        """Return the hits of rays of a leading shape."""
         t, u, v = (values.reshape(shape) for values in (self.t, self.u, self.v))
         return Hits(
-            t, u, v, self.prim_id.reshape(shape), mesh,
+            t, u, v, self.prim_id.reshape(shape), surface.lone_mesh,
             is_front=self.is_front.reshape(shape), surface=surface,
-            known_instance_id=self.instance_id.reshape(shape) if mesh is None else None,
+            known_instance_id=None if surface.arrays.is_lone else self.instance_id.reshape(shape),
         )  # fmt: skip
 
 

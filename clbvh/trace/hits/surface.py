@@ -57,6 +57,11 @@ class Surface:
         """Return the surface of one mesh in the file's coordinates."""
         return cls(lone_arrays(mesh), (mesh,), (mesh.name,))
 
+    @property
+    def lone_mesh(self) -> Mesh | None:
+        """The mesh, if it is all that there is."""
+        return self.shapes[0] if self.arrays.is_lone and isinstance(self.shapes[0], Mesh) else None
+
     @cached_property
     def scene_reach(self) -> float:
         """Half the largest side of the box around all instances, in world units."""

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...structs import (
-    HIT,
     HIT_PRIM_ID,
     NO_PRIM,
     PACKED_RAY_DIRECTION,
@@ -29,7 +28,7 @@ from ...structs import (
 from ...support.compiled import compiled
 from ..rays.batch import RayBatch, TreeBox
 from ..rays.pack import ALL_GOOD, NO_LOWS, explain_bad_ray, write_packed
-from ..traced_tree import WideArrays
+from ..world.trees import WideArrays
 from .lanes import count_others, cross_corners, lowest_bit, make_host_ray, meet_boxes, pass_edges, shear_corner
 
 
@@ -48,8 +47,8 @@ def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings
 
     Returns
     -------
-    (n,) `structs.HIT` or int32
-        Of a hit, nothing but `prim_id` is valid.
+    (n,) int32
+        The primitive of the closest hit, `NO_PRIM` on a miss; or the number of crossings.
 
     Raises
     ------
@@ -59,7 +58,7 @@ def cast_on_host(tree: WideArrays, box: TreeBox, batch: RayBatch, most_crossings
     found, bad = _find(tree, box, batch, most_crossings)
     if bad != ALL_GOOD:
         raise explain_bad_ray(batch, bad)
-    return found[:, ANSWER] if most_crossings else found.view(HIT).reshape(-1)
+    return found[:, ANSWER]
 
 
 def count_steps(tree: WideArrays, box: TreeBox, batch: RayBatch) -> float:

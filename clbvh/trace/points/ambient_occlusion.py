@@ -29,9 +29,10 @@ from ..hits.offsets import DOUBLE_ROUNDING, ROUNDING
 from ..launch import Caster, Query, cut_smaller_when_full
 from ..rays.batch import Broadcast, TreeBox, broadcast_shape, check_room, read_lengths, read_masks, read_vectors
 from ..rays.pieces import Progress
-from .pack import find_point_order, take_masks, take_points
+from .pack import cut_points_of, find_point_order, put_points, take_masks, take_points
 
 AMBIENT_OCCLUSION = Query("ambient_occlusion", "open_counts", np.dtype(np.int32))
+SCENE_AMBIENT_OCCLUSION = Query("scene_ambient_occlusion", "open_counts", np.dtype(np.int32))
 
 # Rays of a launch: between launches Ctrl-C is seen, and drivers of GPUs that draw the screen end long ones. On a
 # 2-core x86-64 server it is about a second of work.
@@ -71,23 +72,23 @@ def find_open_shares(
     check_room(count, 8, "points")
     shares = np.empty(count)
     lost_count = 0
-    in_scene = caster.tree.has_instances
+    in_scene = not caster.world.is_lone
     with caster.open_call() as call:
         most_points = max(_LEAST_POINTS, _LAUNCH_RAYS // rays)
-        for begin, end in call.cut_points(count, progress, dtype=HEMISPHERE, most_points=most_points):
-            rows = hemispheres.take(begin, end, call.box)
-            order = find_point_order(rows.points, call.box, call.threads)
+        for begin, end in cut_points_of(call, count, progress, dtype=HEMISPHERE, most_points=most_points):
+            rows = hemispheres.take(begin, end, call.world.box)
+            order = find_point_order(rows.points, call.world.box, call.threads)
 
             def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-                pack_hemispheres(rows, call.box, order[first:last], begin, packed, in_scene=in_scene)  # noqa: B023
+                pack_hemispheres(rows, call.world.box, order[first:last], begin, packed, in_scene=in_scene)  # noqa: B023
 
-            batch = call.pack_points(end - begin, pack, dtype=HEMISPHERE)
+            batch = put_points(call, end - begin, pack, dtype=HEMISPHERE)
             open_counts = np.zeros(end - begin, np.int64)
             step = max(1, _LAUNCH_RAYS // (end - begin))
             for first_ray in range(0, rays, step):
                 ray_count = min(step, rays - first_ray)
                 with call.cast(
-                    AMBIENT_OCCLUSION, batch,
+                    SCENE_AMBIENT_OCCLUSION if in_scene else AMBIENT_OCCLUSION, batch,
                     first_ray=np.int32(first_ray), ray_count=np.int32(ray_count), seed=np.uint32(seed),
                 ) as found:  # fmt: skip
                     open_counts[order] += found

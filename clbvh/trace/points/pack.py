@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 from ...errors import QueryError
 from ...geometry.morton import SPREAD_BITS
 from ...structs import (
+    PACKED_POINT,
     PACKED_POINT_LANES,
+    SCENE_POINT,
     SCENE_POINT_MASK,
     SCENE_POINT_POSITION_LOW,
     SCENE_POINT_SPARE,
@@ -18,7 +21,9 @@ from ...structs import (
 from ...support.compiled import compiled
 from ...support.host_threads import HostThreads
 from ...support.key_order import order_by_keys
+from ..launch import Batch, Call
 from ..rays.batch import Broadcast, TreeBox, too_far
+from ..rays.pieces import CHUNK_RAYS, Progress, cut_points
 
 # A point farther away than this many times half the box's size is moved to that distance, towards the centre. From
 # there on, the closest triangle depends on little but the direction: by half of half the size over this number. A
@@ -169,3 +174,24 @@ def _make_keys(points, centre, half, scale, keys):
             cell = 0 if not position > 0.0 else _CELLS - 1 if position >= _CELLS else int(position)
             key |= SPREAD_BITS[cell] << axis
         keys[point] = key
+
+
+def cut_points_of(
+    call: Call, count: int, progress: Progress | None, *, dtype: np.dtype | None = None, most_points: int = CHUNK_RAYS
+) -> Iterator[tuple[int, int]]:
+    """Yield the chunks in which a call casts points, of a dtype as in `put_points`; see `pieces.cut_points`."""
+    fitting = call.fit(dtype or _point_dtype(call), min(most_points, CHUNK_RAYS))
+    return cut_points(count, most_points=fitting, progress=progress)
+
+
+def put_points(
+    call: Call, count: int, pack: Callable[[int, int, NDArray[np.void]], None], *, dtype: np.dtype | None = None
+) -> Batch:
+    """Put points on the device: `pack` writes a range of them."""
+    points = call.fill("points", dtype or _point_dtype(call), count, pack)
+    work_group = (call.session.settings.work_group_size, 1)
+    return Batch(count, (count, 1), work_group, {"points": points, "point_count": np.int32(count)})
+
+
+def _point_dtype(call: Call) -> np.dtype:
+    return PACKED_POINT if call.world.is_lone else SCENE_POINT

@@ -8,25 +8,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import copy
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...structs import NO_PRIM, WORLD_PRIM
 from ..hits.closest import count_hits
-from ..launch import CLOSEST_POINT, Call, Caster, Query, cut_smaller_when_full
+from ..launch import Call, Caster, Query, cut_smaller_when_full
 from ..rays.batch import Broadcast, TreeBox, check_room, read_masks, read_points, read_rays
 from ..rays.pieces import Progress, cut_points
-from ..scene.top_tree import prune_top
-from .pack import find_point_order, pack_points, take_masks, take_points
+from ..world.top_tree import prune_top
+from ..world.world import with_instances
+from .pack import cut_points_of, find_point_order, pack_points, put_points, take_masks, take_points
 from .refine import ClosestPoints, FoundPoints, refine_points
 
-_SCENE_CLOSEST_POINT = Query("closest_point", "prims", WORLD_PRIM)
-_INSIDE = Query("inside", "inside", np.dtype(np.uint8))
-_DEPTH = Query("depth", "prims", WORLD_PRIM)
+CLOSEST_POINT = Query("closest_point", "prim_ids", np.dtype(np.int32))
+_SCENE_CLOSEST_POINT = Query("scene_closest_point", "prims", WORLD_PRIM)
+_INSIDE = Query("scene_inside", "inside", np.dtype(np.uint8))
+_DEPTH = Query("scene_depth", "prims", WORLD_PRIM)
 
 # Distance, point and ids of a point.
 _POINT_BYTES = 40
@@ -79,7 +80,7 @@ class SeenPoints(NamedTuple):
 
 def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> ClosestPoints:
     """Return the closest points of what is visible; see `Tracer.closest_point`."""
-    shape, is_scene = seen.points.shape, caster.tree.has_instances
+    shape, is_scene = seen.points.shape, not caster.world.is_lone
     with select_instances(caster, seen.instance_ids if is_scene else None) as selected:
         found = _find_points(selected, _SCENE_CLOSEST_POINT if is_scene else CLOSEST_POINT, seen, progress)
     distance, point = found.distance.reshape(shape), found.point.reshape(*shape, 3)
@@ -87,7 +88,7 @@ def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None =
     if is_scene:
         geometry_id = np.full(shape, NO_PRIM, np.int32)
         is_found = instance_id != NO_PRIM
-        geometry_id[is_found] = caster.tree.surface.geometry_id[instance_id[is_found]]
+        geometry_id[is_found] = caster.world.arrays.geometry_id[instance_id[is_found]]
         return ClosestPoints(distance, point, prim_id, geometry_id, instance_id)
     hidden = seen.hidden()
     if hidden is None:
@@ -101,7 +102,7 @@ def closest_points(caster: Caster, seen: SeenPoints, progress: Progress | None =
 
 def is_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether something visible contains each point; see `Tracer.contains`."""
-    if caster.tree.has_instances:
+    if not caster.world.is_lone:
         with select_instances(caster, seen.instance_ids) as selected:
             return _find_inside_instances(selected, seen, progress)
     inside, hidden = _find_inside(caster, seen.points, progress), seen.hidden()
@@ -110,7 +111,7 @@ def is_contained(caster: Caster, seen: SeenPoints, progress: Progress | None = N
 
 def signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None = None) -> NDArray[np.float64]:
     """Return the signed distance to the surface of what is visible; see `Tracer.signed_distance`."""
-    if caster.tree.has_instances:
+    if not caster.world.is_lone:
         with select_instances(caster, seen.instance_ids) as selected:
             signed = -_find_points(selected, _SCENE_CLOSEST_POINT, seen, progress).distance
             depth = _find_points(selected, _DEPTH, seen, None)
@@ -124,7 +125,7 @@ def signed_distances(caster: Caster, seen: SeenPoints, progress: Progress | None
 def _find_inside(caster: Caster, points: Broadcast, progress: Progress | None = None) -> NDArray[np.bool_]:
     """Return whether each point is inside a closed mesh; see `Tracer.contains`."""
     check_room(math.prod(points.shape), 1, "points")
-    box, is_inside = caster.box, np.zeros(math.prod(points.shape), np.bool_)
+    box, is_inside = caster.world.box, np.zeros(math.prod(points.shape), np.bool_)
     with caster.open_call():  # refuses a closed tracer, even without points
         pass
     for begin, end in cut_points(len(is_inside), progress=progress):
@@ -161,15 +162,13 @@ def select_instances(caster: Caster, instance_ids: NDArray[np.integer] | None) -
     if instance_ids is None:
         yield caster
         return
-    scene: Any = caster.tree
+    world = caster.world
+    assert world.top is not None
     # The call keeps the device open.
     with caster.open_call() as call:
-        pruned = prune_top(scene.top, instance_ids)
-        selected = copy(scene)
-        selected.arguments = scene.arguments | {
-            name: call.memory.session.upload(array) for name, array in pruned.items()
-        }
-        yield caster.over(selected, caster.box)
+        pruned = prune_top(world.top, instance_ids)
+        buffers = {name: call.session.upload(array) for name, array in pruned.items()}
+        yield caster.at(with_instances(world, buffers))
 
 
 @cut_smaller_when_full
@@ -177,15 +176,15 @@ def _find_points(caster: Caster, query: Query, seen: SeenPoints, progress: Progr
     """Return the points of the primitives that a query finds, refined."""
     count = math.prod(seen.points.shape)
     check_room(count, _POINT_BYTES, "points")
-    found, tree = FoundPoints.make(count), cast(Any, caster.tree)
+    found, world = FoundPoints.make(count), caster.world
     with caster.open_call() as call:
         metrics, arguments = None, {}
-        if tree.has_instances:
-            metrics, arguments["metrics"] = tree.metrics.on(caster.session, call.memory.session)
+        if world.metrics is not None:
+            metrics, arguments["metrics"] = world.metrics.on(caster.session, call.session)
         for begin, chunk, order in _cut(call, seen.points, progress):
             part = found.part(begin, begin + len(chunk))
             with _cast(call, query, seen.masks, begin, chunk, order, **arguments) as prims:
-                ranges = partial(_refine_range, chunk, tree.surface, metrics, call.box, order, prims, part)
+                ranges = partial(_refine_range, chunk, world.arrays, metrics, world.box, order, prims, part)
                 call.threads.for_ranges(len(chunk), ranges)
     return found
 
@@ -201,9 +200,9 @@ def _cut(
     call: Call, points: Broadcast, progress: Progress | None
 ) -> Iterator[tuple[int, NDArray[Any], NDArray[np.int32]]]:
     """Yield the begin of each chunk of points, the chunk, and the order in which to cast it."""
-    for begin, end in call.cut_points(math.prod(points.shape), progress):
-        chunk = take_points(points, begin, end, call.box)
-        yield begin, chunk, find_point_order(chunk, call.box, call.threads)
+    for begin, end in cut_points_of(call, math.prod(points.shape), progress):
+        chunk = take_points(points, begin, end, call.world.box)
+        yield begin, chunk, find_point_order(chunk, call.world.box, call.threads)
 
 
 @contextmanager
@@ -220,7 +219,7 @@ def _cast(
     chunk_masks = take_masks(masks, begin, begin + len(chunk))
 
     def pack(first: int, last: int, packed: NDArray[np.void]) -> None:
-        pack_points(chunk, chunk_masks, call.box, order[first:last], packed)
+        pack_points(chunk, chunk_masks, call.world.box, order[first:last], packed)
 
-    with call.cast(query, call.pack_points(len(chunk), pack), **arguments) as results:
+    with call.cast(query, put_points(call, len(chunk), pack), **arguments) as results:
         yield results

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh import Bvh
 from ...errors import QueryError
+from ...geometry import Shape
 from ...geometry.arrays import has_masked_values
 from ...support.compiled import compiled
 from ...support.memory import check_memory
@@ -93,6 +94,11 @@ class TreeBox(NamedTuple):
         root = bvh.nodes[0]
         half = np.maximum(np.abs(root["aabb_min"]), np.abs(root["aabb_max"])).astype(np.float64)
         return cls(bvh.shape.origin, bvh.shape.scale, half)
+
+    @classmethod
+    def of_shape(cls, shape: Shape) -> TreeBox:
+        """Return the box around a shape without a tree."""
+        return cls(shape.origin, shape.scale, np.abs(shape.local_box).max(axis=0).astype(np.float64))
 
 
 def read_rays(

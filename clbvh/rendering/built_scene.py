@@ -1,4 +1,4 @@
-"""What a renderer shows: the objects of a scene at one moment, and their trees."""
+"""What a renderer shows: the objects of a scene at one moment, their trees, and what is known of both."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..builders.build import build_top, leaf_limit
+from ..builders.build import leaf_limit
 from ..builders.options import MAX_DEPTH
 from ..builders.tree_cache import BuildResult, get_tree
 from ..bvh import Bvh, sah_cost, validate_tree
@@ -17,11 +17,9 @@ from ..errors import ConfigError, SceneError
 from ..geometry import Mesh
 from ..geometry.corners import Bounded
 from ..scene.state import SceneState, dress_shapes
-from ..trace.device_tree import BRUTE, DeviceTree
 from ..trace.hits.surface import Surface
-from ..trace.scene.device_scene import DeviceScene
-from ..trace.traced_tree import TracedTree
-from ..trace.world.surface_arrays import make_surface_arrays
+from ..trace.world.trees import BRUTE
+from ..trace.world.world import World, open_world
 from .cameras.bounds import SceneBounds
 from .look_tables import Looks
 from .options import RenderOptions
@@ -30,8 +28,8 @@ from .options import RenderOptions
 BRUTE_LIMIT = 100_000
 
 
-class World:
-    """The objects of a scene at one moment, with their trees. A mesh that is placed once, where it is, has no instance.
+class BuiltScene:
+    """The objects of a scene at one moment, with their trees.
 
     Parameters
     ----------
@@ -44,11 +42,13 @@ class World:
     ----------
     state : SceneState
     mesh : Mesh or None
-        The only mesh, in its place; None for a scene of several objects, or of one that is moved or has a colour.
+        The only mesh, in its place; None for a scene of several objects, or of one that is moved.
     trees : tuple of Bvh
         One for each geometry; none with the builder ``"brute"``.
     top : Bvh or None
         The tree over the instances; None for the only mesh.
+    surface : Surface
+        What hits are refined on, once `put` was called.
     made : BuildResult or None
         The sums over the trees that were made here, and one of them.
 
@@ -64,11 +64,11 @@ class World:
         if state.instance_count == 0:
             raise SceneError("the scene is empty: add a geometry and place it, as in scene.place(scene.add(mesh))")
         self.state, self._options = state, options
-        shape = state.shapes[0]
-        is_lone = state.is_one_mesh and state.geometry_count == 1 and not state.materials
-        self.mesh = shape if is_lone and isinstance(shape, Mesh) and np.isnan(state.colours).all() else None
+        shape = state.lone_shape
+        self.mesh = shape if isinstance(shape, Mesh) and state.geometry_count == 1 else None
         self.trees: tuple[Bvh, ...] = ()
         self.top: Bvh | None = None
+        self.surface: Surface
         self.made: BuildResult | None = None
         if options.builder == BRUTE:
             if (count := self._count_placed()) > BRUTE_LIMIT:
@@ -111,13 +111,6 @@ class World:
         return names[0] if len(names) == 1 else f"{self.state.instance_count:,} instances"
 
     @cached_property
-    def surface(self) -> Surface:
-        """The surface of all instances, on which hits are refined."""
-        state = self.state
-        arrays = make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
-        return Surface(arrays, state.shapes, state.names)
-
-    @cached_property
     def bounds(self) -> SceneBounds:
         """Where everything is."""
         if self.mesh is not None:
@@ -128,19 +121,13 @@ class World:
     @property
     def space(self) -> Bounded:
         """The shape whose local coordinates are those of pictures: the only one, or the boxes of the instances."""
-        if self.mesh is not None:
-            return self.mesh
-        assert self.top is not None  # made by `put`
-        return self.top.shape
+        return self.state.shapes[0] if self.top is None else self.top.shape
 
-    def put(self, session: DeviceSession) -> TracedTree:
+    def put(self, session: DeviceSession) -> World:
         """Put everything on the device."""
-        if self.mesh is not None:
-            return DeviceTree(session, self.mesh, self.bvh, self._options.chosen_layout)
-        layout, trees = self._options.chosen_layout, self.trees or None
-        tree = DeviceScene(session, self.state, trees, build_top, layout, surface=self.surface.arrays)
-        self.top = tree.top.bvh
-        return tree
+        world = open_world(session, self.state, self.trees or None, self._options.chosen_layout)
+        self.top, self.surface = None if world.top is None else world.top.bvh, world.surface
+        return world
 
     def validate(self) -> None:
         """Raise `ValidationError` unless all trees are right."""

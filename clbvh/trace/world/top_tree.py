@@ -8,7 +8,6 @@ to prune the tree over all; and to hide the rest there makes a point look for th
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +19,7 @@ from ...geometry.corners import Boxes
 from ...layouts.device_arrays import make_bvh2_nodes
 from ...structs import INSTANCE, NODE, NODE_COUNT, NODE_FIRST, NODE_LANES, NODE_MAX
 from ...support.compiled import compiled
-from ..world.surface_arrays import SurfaceArrays
-
-BuildTree = Callable[[Boxes], Bvh]
+from .surface_arrays import SurfaceArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +40,7 @@ class TopTree:
     bvh: Bvh
 
     @classmethod
-    def build(
-        cls, arrays: SurfaceArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32], build_tree: BuildTree
-    ) -> TopTree:
+    def build(cls, arrays: SurfaceArrays, ranges: NDArray[np.int32], masks: NDArray[np.uint32]) -> TopTree:
         """Build the tree over the instances of a scene; see `make_records`.
 
         Raises
@@ -53,7 +48,10 @@ class TopTree:
         SceneError
             An instance is too small beside the scene.
         """
-        bvh = build_tree(Boxes.from_arrays(*find_boxes(arrays), "the instances"))
+        # Imported here: a lone shape needs no builder.
+        from ...builders.build import build_top
+
+        bvh = build_top(Boxes.from_arrays(*find_boxes(arrays), "the instances"))
         return cls(make_bvh2_nodes(bvh), make_records(arrays, ranges, masks, bvh), bvh)
 
 

@@ -1,0 +1,362 @@
+"""The trees of all shapes in a device's memory: their nodes and their primitives, joined in a few buffers.
+
+They do not change. A shape that moves gets new buffers: the trees of the others are copied on the device, and its own
+is written there. Buffers that no world uses any more are written next, so a shape that moves again and again needs two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from threading import Lock
+from typing import Any, NamedTuple, Self
+from weakref import ref
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh import Bvh
+from ...device.session import DeviceSession
+from ...errors import ConfigError, SceneError
+from ...geometry import Mesh, Shape
+from ...layouts.device_arrays import DeviceArrays, list_prims, make_device_arrays
+from ...structs import ENTRY_POINT_LAYOUTS, LAYOUT_WIDTHS, PRIM_KINDS
+from ..rays.batch import TreeBox
+
+BRUTE = "brute"
+
+# Trees of up to a million triangles share one compiled kernel for each layout: a compilation takes a second or two on
+# PoCL. The dragon's tree needs 29, 48 and 72 entries. A longer stack costs no time: on PoCL 3.0 the bunny's kernels
+# with 16 to 128 entries perform alike. Deeper trees get the next multiple of the step.
+_COMMON_STACK = {"bvh2": 32, "bvh4": 64, "bvh8": 96}
+_STACK_STEP = 16
+
+# A tree that needs a longer stack is refused: it would not fit a work-item's private memory. The trees of our builders,
+# at most 64 levels deep, need less in any layout.
+_LONGEST_STACK = 1024
+
+# The buffer of the blocks of each kind of primitives, by its number, and the most items that the device counts.
+_BLOCK_BUFFERS = {PRIM_KINDS["triangles"]: "blocks", PRIM_KINDS["spheres"]: "spheres"}
+_MOST_ITEMS = np.iinfo(np.int32).max
+
+
+class WideArrays(NamedTuple):
+    """A tree in the layout `bvh4` or `bvh8` as 4-byte lanes: floats, and the same as integers.
+
+    Attributes
+    ----------
+    nodes : (N * 7 * width,) float32
+    node_ints : (N * 7 * width,) int32
+    blocks : (G * 10 * width,) float32
+    block_ints : (G * 10 * width,) int32
+    slots : tuple of int
+        0 to width - 1: the type tells the compiler the width, so that loops over children become vector instructions.
+    stack_size : int
+    """
+
+    nodes: NDArray[np.float32]
+    node_ints: NDArray[np.int32]
+    blocks: NDArray[np.float32]
+    block_ints: NDArray[np.int32]
+    slots: tuple[int, ...]
+    stack_size: int
+
+    @classmethod
+    def of(cls, nodes: NDArray[Any], blocks: NDArray[Any], width: int, stack_size: int) -> Self:
+        """Return views of `structs.WIDE_NODES[width]` and `structs.TRIANGLE_BLOCKS[width]`, or of their bytes."""
+        node_lanes, block_lanes = (items.view(np.float32).reshape(-1) for items in (nodes, blocks))
+        for lanes in (node_lanes, block_lanes):
+            lanes.flags.writeable = False
+        return cls(
+            node_lanes, node_lanes.view(np.int32), block_lanes, block_lanes.view(np.int32), tuple(range(width)),
+            stack_size,
+        )  # fmt: skip
+
+
+def check_layout(layout: str) -> None:
+    """Raise `ConfigError` unless this is ``"auto"`` or the layout of a tree."""
+    known = ("auto", *LAYOUT_WIDTHS)
+    if layout not in known:
+        raise ConfigError(f"layout must be one of {', '.join(known)}, not '{layout}'")
+
+
+def pad_stack(layout: str, needed: int, depth: int) -> int:
+    """Return the size of the stack to compile in, where the tree needs one of `needed` entries.
+
+    Raises
+    ------
+    ConfigError
+        The tree, `depth` levels deep, needs more than a work-item has.
+    """
+    if needed > _LONGEST_STACK:
+        raise ConfigError(
+            f"the tree is {depth} levels deep: as {layout} it needs a stack of {needed} entries, and the traversal's "
+            f"holds {_LONGEST_STACK}"
+        )
+    return max(_COMMON_STACK.get(layout, _STACK_STEP), _STACK_STEP * math.ceil(needed / _STACK_STEP))
+
+
+class Tree(NamedTuple):
+    """Where the arrays of one shape are in the joined ones.
+
+    Attributes
+    ----------
+    kind : int
+        One of `structs.PRIM_KINDS`.
+    first_node, node_count, first_block, block_count : int
+    stack_size : int
+        Most entries on the stack of a traversal, as it is compiled in.
+    """
+
+    kind: int
+    first_node: int
+    node_count: int
+    first_block: int
+    block_count: int
+    stack_size: int
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceTrees:
+    """The trees of all shapes in the memory of a device.
+
+    Attributes
+    ----------
+    session : DeviceSession
+        Owns the buffers.
+    layout : str
+    trees : tuple of Tree
+        By geometry id.
+    buffers : dict of str to buffer
+        nodes, blocks and spheres, as the kernels call them, see cl/world/world.cl.
+    dtypes : dict of str to dtype
+        Of the items of those buffers that are not empty.
+    box : TreeBox
+        Around the first tree.
+    """
+
+    session: DeviceSession
+    layout: str
+    trees: tuple[Tree, ...]
+    buffers: dict[str, Any]
+    dtypes: dict[str, np.dtype]
+    box: TreeBox
+    _host_view: HostView = field(default_factory=lambda: HostView(), repr=False)
+
+    @classmethod
+    def upload(cls, session: DeviceSession, shapes: Sequence[Shape], bvhs: Sequence[Bvh] | None, layout: str) -> Self:
+        """Put trees on a device.
+
+        Parameters
+        ----------
+        session : DeviceSession
+        shapes : sequence of Mesh or Spheres
+        bvhs : sequence of Bvh, or None
+            One for each shape; None for the layout ``"brute"``.
+        layout : str
+
+        Raises
+        ------
+        ConfigError
+            A tree is too deep.
+        SceneError
+            There are more nodes or primitives than int32 counts.
+        DeviceError
+            The trees do not fit the device.
+        """
+        arrays = [
+            list_prims(shape) if bvhs is None else make_device_arrays(bvhs[geometry_id], layout)
+            for geometry_id, shape in enumerate(shapes)
+        ]
+        depths = [0] * len(arrays) if bvhs is None else [bvh.depth for bvh in bvhs]
+        trees: list[Tree] = []
+        joined: dict[str, list[NDArray[np.void]]] = {"nodes": [], **{name: [] for name in _BLOCK_BUFFERS.values()}}
+        for shape, own, depth in zip(shapes, arrays, depths, strict=True):
+            trees.append(_describe(shape, own, layout, depth))
+            joined["nodes"].append(own.nodes)
+            joined[_BLOCK_BUFFERS[trees[-1].kind]].append(own.blocks)
+        buffers = {}
+        for name, parts in joined.items():
+            whole = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.empty(0, np.float32)
+            buffers[name] = session.upload(whole)
+        dtypes = {name: parts[0].dtype for name, parts in joined.items() if parts}
+        box = TreeBox.of_shape(shapes[0]) if bvhs is None else TreeBox.around(bvhs[0])
+        return cls(session, layout, _place(trees), buffers, dtypes, box)
+
+    @property
+    def ranges(self) -> NDArray[np.int32]:
+        """(G, 4) int32: first node, first block, number of blocks and kind of each tree."""
+        return np.array([(tree.first_node, tree.first_block, tree.block_count, tree.kind) for tree in self.trees], "i4")
+
+    @property
+    def has_spheres(self) -> bool:
+        """Whether a shape is a group of spheres."""
+        return any(tree.kind == PRIM_KINDS["spheres"] for tree in self.trees)
+
+    @property
+    def stack_size(self) -> int:
+        """Size of the stack to compile in."""
+        return max(tree.stack_size for tree in self.trees)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of all buffers."""
+        return sum(self._sizes().values())
+
+    def _sizes(self) -> dict[str, int]:
+        """Return the bytes of each buffer."""
+        sizes = dict.fromkeys(self.buffers, 0)
+        for tree in self.trees:
+            for name, _, count in _list_arrays(tree):
+                sizes[name] += count * self.dtypes[name].itemsize
+        return sizes
+
+    @contextmanager
+    def mapped(
+        self, session: DeviceSession, geometry_id: int, *, write: bool
+    ) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
+        """Map the nodes and the blocks of a shape into the host's memory; see `DeviceSession.mapped`."""
+        nodes, blocks = (
+            session.mapped(self.buffers[name], count, self.dtypes[name], write=write, first=first)
+            for name, first, count in _list_arrays(self.trees[geometry_id])
+        )
+        with nodes as node_array, blocks as block_array:
+            yield node_array, block_array
+
+    def on_host(self) -> WideArrays | None:
+        """Return the tree of a lone mesh as the host sees it, without a copy; None if it does not, or not as lanes."""
+        info = self.session.info
+        if info.kind != "cpu" or info.is_simulator or self.layout not in ENTRY_POINT_LAYOUTS:
+            return None
+        return self._host_view.open(self)
+
+    def with_room(self, session: DeviceSession, geometry_id: int, tree: Tree, retired: RetiredBuffers) -> DeviceTrees:
+        """Return the trees in which one is yet to be written: in other buffers, with copies of all other trees.
+
+        Parameters
+        ----------
+        session : DeviceSession
+            A branch of the owner, for this thread.
+        geometry_id : int
+        tree : Tree
+            The numbers of its nodes and blocks.
+        retired : RetiredBuffers
+            Those that may be written.
+        """
+        trees = _place([*self.trees[:geometry_id], tree, *self.trees[geometry_id + 1 :]])
+        moved = replace(self, trees=trees, buffers=dict(self.buffers), _host_view=HostView())
+        sizes = moved._sizes()
+        old_counts = {name: count for name, _, count in _list_arrays(self.trees[geometry_id])}
+        for name, first, count in _list_arrays(trees[geometry_id]):
+            item_bytes = self.dtypes[name].itemsize
+            begin, old_end = first * item_bytes, (first + old_counts[name]) * item_bytes
+            moved.buffers[name] = target = retired.take(self.session, name, sizes[name])
+            source = self.buffers[name]
+            session.copy(source, target, begin)
+            end = begin + count * item_bytes
+            session.copy(source, target, sizes[name] - end, source_begin=old_end, target_begin=end)
+        return moved
+
+
+def _describe(shape: Shape, arrays: DeviceArrays, layout: str, depth: int) -> Tree:
+    """Return a tree that is not yet in its place."""
+    kind = PRIM_KINDS["triangles" if isinstance(shape, Mesh) else "spheres"]
+    return Tree(kind, 0, len(arrays.nodes), 0, len(arrays.blocks), pad_stack(layout, arrays.stack_size, depth))
+
+
+def describe_tree(shape: Shape, bvh: Bvh, layout: str) -> tuple[Tree, DeviceArrays]:
+    """Return a tree that is not yet in its place, and its arrays."""
+    arrays = make_device_arrays(bvh, layout)
+    return _describe(shape, arrays, layout, bvh.depth), arrays
+
+
+def _place(trees: Sequence[Tree]) -> tuple[Tree, ...]:
+    """Return the trees one behind the other."""
+    placed = []
+    ends = dict.fromkeys(("nodes", *_BLOCK_BUFFERS.values()), 0)
+    for tree in trees:
+        blocks = _BLOCK_BUFFERS[tree.kind]
+        placed.append(tree._replace(first_node=ends["nodes"], first_block=ends[blocks]))
+        ends["nodes"] += tree.node_count
+        ends[blocks] += tree.block_count
+    if max(ends.values()) > _MOST_ITEMS:
+        raise SceneError(f"the scene has {max(ends.values()):,} nodes, and the device counts up to {_MOST_ITEMS:,}")
+    return tuple(placed)
+
+
+def _list_arrays(tree: Tree) -> list[tuple[str, int, int]]:
+    """Return the buffers of a tree's nodes and of its blocks, where they begin, and their numbers."""
+    return [
+        ("nodes", tree.first_node, tree.node_count),
+        (_BLOCK_BUFFERS[tree.kind], tree.first_block, tree.block_count),
+    ]
+
+
+class HostView:
+    """The first tree of a device that shares its memory with the host, once a query has asked for it."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._arrays: WideArrays | None = None
+        self._held: list[NDArray[np.uint8]] = []
+
+    def open(self, trees: DeviceTrees) -> WideArrays:
+        """Return the arrays; for calls that are running: they are valid until the last world with them is gone."""
+        if self._arrays is None:
+            with self._lock:
+                if self._arrays is None:
+                    sizes = trees._sizes()
+                    for name in ("nodes", "blocks"):
+                        self._held.append(trees.session.hold_mapped(trees.buffers[name], sizes[name]))
+                    nodes, blocks = self._held
+                    self._arrays = WideArrays.of(nodes, blocks, LAYOUT_WIDTHS[trees.layout], trees.stack_size)
+        return self._arrays
+
+    def close(self, session: DeviceSession) -> None:
+        """Let the arrays go, which nobody may use any more."""
+        while self._held:
+            session.end_mapping(self._held.pop())
+
+
+class RetiredBuffers:
+    """Buffers of earlier trees: those that no query uses any more may be written; for one change at a time."""
+
+    def __init__(self) -> None:
+        # The trees, what they share with no newer ones (name, size, buffer), and their view; the oldest first.
+        self._retired: list[tuple[ref[DeviceTrees], list[tuple[str, int, Any]], HostView]] = []
+        self._free: list[tuple[str, int, Any]] = []
+
+    def add(self, trees: DeviceTrees, newer: DeviceTrees) -> None:
+        """Keep the buffers of trees that newer ones do not share, for later."""
+        sizes = trees._sizes()
+        own = [(name, sizes[name], each) for name, each in trees.buffers.items() if newer.buffers[name] is not each]
+        self._retired.append((ref(trees), own, trees._host_view))
+
+    def take(self, session: DeviceSession, name: str, size: int) -> Any:
+        """Return a buffer of a size: one that is free, or a new one. Other free ones of the name are released.
+
+        Raises
+        ------
+        DeviceError
+            The device has no room for another one.
+        """
+        # In order: trees may share buffers with older ones that a query still uses.
+        while self._retired and self._retired[0][0]() is None:
+            _, own, view = self._retired.pop(0)
+            view.close(session)
+            self._free += own
+        known = [each for each in self._free if each[0] == name]
+        self._free = [each for each in self._free if each[0] != name]
+        taken = next((buffer for _, known_size, buffer in known if known_size == size), None)
+        for _, _, buffer in known:
+            if buffer is not taken:
+                session.release(buffer)
+        return session.allocate(size, writable=False) if taken is None else taken
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of all buffers."""
+        retired = [each for _, own, _ in self._retired for each in own]
+        return sum(size for _, size, _ in retired + self._free)

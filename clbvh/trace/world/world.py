@@ -1,0 +1,241 @@
+"""What rays and points are cast at: shapes with their trees on a device, instances, and the tree over these.
+
+A world is a value. A mesh, a tree or a group of spheres is a world of one shape; where that is in its own place, seen
+by every mask but 0, the world is lone: its kernels know of no instances, and nothing else differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh import Bvh
+from ...device.session import DeviceSession
+from ...errors import SceneError
+from ...geometry import Mesh, Shape
+from ...scene.state import SceneState
+from ...structs import ENTRY_POINT_LAYOUTS, FAR_RADII, HIT, LAYOUTS, WORLD_HIT
+from ..hits.surface import Surface
+from ..rays.batch import TreeBox
+from ..rays.pack import NEAR_SHARE
+from .metrics import LazyMetrics
+from .surface_arrays import SurfaceArrays, lone_arrays, make_surface_arrays, move_instances
+from .top_tree import TopTree
+from .trees import BRUTE, DeviceTrees, WideArrays, check_layout
+
+# No builder's tree is deeper, so that all worlds share one compiled kernel.
+_TOP_STACK_SIZE = 64
+
+# Room for the rounding of the distance that is compared with the radius.
+_ROUNDING_ROOM = 1 - 2.0**-10
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Shapes and instances in the memory of a device, at one moment.
+
+    Attributes
+    ----------
+    state : SceneState
+        At least one instance.
+    trees : DeviceTrees
+        By geometry id.
+    arrays : SurfaceArrays
+        The same in float64, for hits and points.
+    box : TreeBox
+        Around everything; its local coordinates are those of rays and points on the device.
+    top : TopTree or None
+        The tree over the instances; None of a lone shape.
+    top_buffers : dict of str to buffer
+        The arrays of `top`, as the kernels call them.
+    metrics : LazyMetrics or None
+        What distances need of the instances; None of a lone shape.
+    """
+
+    state: SceneState
+    trees: DeviceTrees
+    arrays: SurfaceArrays
+    box: TreeBox
+    top: TopTree | None
+    top_buffers: dict[str, Any]
+    metrics: LazyMetrics | None
+
+    @property
+    def is_lone(self) -> bool:
+        """Whether there is one shape, in its own place."""
+        return self.top is None
+
+    @property
+    def layout(self) -> str:
+        """Name of the layout of the shapes' trees; that over the instances is `bvh2` in any case."""
+        return self.trees.layout
+
+    @cached_property
+    def arguments(self) -> dict[str, Any]:
+        """What every kernel is told of the world, by the names of its arguments; see cl/world/world.cl."""
+        buffers = self.trees.buffers
+        if self.top is not None:
+            return {**buffers, "block_count": np.int32(0), **self.top_buffers}
+        tree = self.trees.trees[0]
+        blocks = buffers["spheres" if self.trees.has_spheres else "blocks"]
+        nothing = dict.fromkeys(("top_nodes", "instances", "spheres"))
+        return {"nodes": buffers["nodes"], "blocks": blocks, "block_count": np.int32(tree.block_count), **nothing}
+
+    @cached_property
+    def defines(self) -> dict[str, int]:
+        """Macros of every kernel that traverses the world."""
+        trees = self.trees
+        defines = {"LAYOUT": LAYOUTS[trees.layout], "STACK_SIZE": trees.stack_size, "LONE": int(self.is_lone)}
+        defines["HAS_SPHERES"] = int(trees.has_spheres)
+        return defines if self.is_lone else defines | {"TOP_STACK_SIZE": _TOP_STACK_SIZE}
+
+    @property
+    def hit_dtype(self) -> np.dtype:
+        """Of hits on the device."""
+        return HIT if self.is_lone else WORLD_HIT
+
+    @property
+    def has_entry_points(self) -> bool:
+        """Whether rays may begin elsewhere than at the root, see cl/traversal/entry_point.cl."""
+        return self.layout in ENTRY_POINT_LAYOUTS
+
+    @property
+    def node_bytes(self) -> int:
+        """Size of a node."""
+        return self.trees.dtypes["nodes"].itemsize
+
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of all buffers."""
+        top = 0 if self.top is None else self.top.nodes.nbytes + self.top.instances.nbytes
+        return self.trees.memory_bytes + top
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """The mesh of a lone world; None of others."""
+        shape = self.state.shapes[0]
+        return shape if self.is_lone and isinstance(shape, Mesh) else None
+
+    @cached_property
+    def surface(self) -> Surface:
+        """What hits know of the world."""
+        return Surface(self.arrays, self.state.shapes, self.state.names)
+
+    @cached_property
+    def prim_count(self) -> int:
+        """Primitives of all instances."""
+        counts = np.array([shape.prim_count for shape in self.state.shapes], np.int64)
+        return int(counts[self.state.geometry_ids].sum())
+
+    @property
+    def most_hits(self) -> int:
+        """Most hits that a ray can have: one with each triangle, two with each sphere."""
+        return self.prim_count if self.mesh is not None else 2 * self.prim_count
+
+    @property
+    def advances_rays(self) -> bool:
+        """Whether a ray may begin so far from an instance that it is advanced, see cl/instances/instance.cl."""
+        if self.top is None:
+            return False
+        # The centre of an instance lies in the box, and no packed ray begins farther from that along an axis.
+        farthest = (NEAR_SHARE + 1) * float(self.box.half.max())
+        return float(self.top.instances["radius"].min()) * FAR_RADII * _ROUNDING_ROOM < farthest
+
+    def on_host(self) -> WideArrays | None:
+        """Return the tree as the host sees it, for calls that are running; None where it does not."""
+        return None if self.mesh is None else self.trees.on_host()
+
+    def shapes_of(self, instance_ids: NDArray[np.integer] | None) -> list[Shape]:
+        """Return the shapes that some instances place, or all of them for None."""
+        geometry_ids = self.state.geometry_ids if instance_ids is None else self.state.geometry_ids[instance_ids]
+        return [self.state.shapes[geometry_id] for geometry_id in np.unique(geometry_ids)]
+
+    def with_transforms(self, state: SceneState, session: DeviceSession) -> World:
+        """Return the world with other transforms; all but the tree over the instances is shared.
+
+        Parameters
+        ----------
+        state : SceneState
+        session : DeviceSession
+            A branch of the owner's, for this thread.
+        """
+        arrays = None if self.is_lone else move_instances(self.arrays, state.transforms)
+        return place(self.trees, state, session, arrays)
+
+
+def is_lone(state: SceneState) -> bool:
+    """Return whether a scene is one shape in its own place; others that nothing places may come behind it."""
+    return isinstance(state.lone_shape, Mesh) and int(state.geometry_ids[0]) == 0
+
+
+def open_world(session: DeviceSession, state: SceneState, bvhs: Sequence[Bvh] | None, layout: str = "auto") -> World:
+    """Put a scene on a device.
+
+    Parameters
+    ----------
+    session : DeviceSession
+        Owns the buffers.
+    state : SceneState
+        At least one instance.
+    bvhs : sequence of Bvh, or None
+        The tree of each geometry. None: no tree but the one over the instances, and the layout ``"brute"``, whatever is
+        asked: each primitive of an instance is tested against each ray that meets its box.
+    layout : str
+        Of the geometries' trees; ``"auto"`` takes what suits the device.
+
+    Raises
+    ------
+    SceneError
+        The scene is empty, or an instance is too small beside the scene.
+    ConfigError
+        An unknown layout, or a tree that is too deep.
+    DeviceError
+        The scene does not fit the device.
+    """
+    if state.instance_count == 0:
+        raise SceneError("the scene has no instance: place a geometry, as in scene.place(scene.add(mesh))")
+    check_layout(layout)
+    chosen = BRUTE if bvhs is None else session.settings.layout if layout == "auto" else layout
+    trees = DeviceTrees.upload(session, state.shapes, bvhs, chosen)
+    return place(trees, state, session)
+
+
+def place(trees: DeviceTrees, state: SceneState, session: DeviceSession, arrays: SurfaceArrays | None = None) -> World:
+    """Return the world of trees on a device and the instances of a scene.
+
+    Parameters
+    ----------
+    trees : DeviceTrees
+    state : SceneState
+    session : DeviceSession
+        The owner of the trees, or a branch of it.
+    arrays : SurfaceArrays, optional
+        Of the state, if they are there already.
+
+    Raises
+    ------
+    SceneError
+        An instance is too small beside the scene.
+    DeviceError
+        The device has no room for the tree over the instances.
+    """
+    if is_lone(state):
+        return World(state, trees, lone_arrays(state.shapes[0]), trees.box, None, {}, None)
+    arrays = arrays or make_surface_arrays(state.shapes, state.geometry_ids, state.transforms)
+    top = TopTree.build(arrays, trees.ranges, state.masks)
+    buffers = {}
+    for name, array in (("top_nodes", top.nodes), ("instances", top.instances)):
+        buffers[name] = trees.session.allocate(array.nbytes, writable=False)
+        session.write(buffers[name], array)
+    metrics = LazyMetrics(arrays, float(top.bvh.shape.scale))
+    return World(state, trees, arrays, TreeBox.around(top.bvh), top, buffers, metrics)
+
+
+def with_instances(world: World, top_buffers: dict[str, Any]) -> World:
+    """Return the world with other arrays of the tree over the instances: of some of them, see `prune_top`."""
+    return replace(world, top_buffers=top_buffers)
