@@ -50,8 +50,7 @@ _EYE_ASIDE, _EYE_AWAY = (0.125, 0.0625), 2.25
 
 def answer_rays(case: Case, bvh: Bvh, layout: str, device: DeviceInfo) -> Iterator[tuple[str, Answer]]:
     """Yield each query about rays and points, and its answer."""
-    origins, directions, t_min, t_max = case.rays
-    rays: dict[str, Any] = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
+    rays = case.rays._asdict()
     with Tracer(bvh, device=device, layout=layout) as tracer, device_casts_all():
         answers: dict[str, Answer] = {
             "closest_hit": _describe_hits(tracer.closest_hit(**rays)),
@@ -186,28 +185,23 @@ def check_device(
         raise ConfigError(f"'{unknown[0]}' is no mesh of the conformance check: there are {', '.join(digests)}")
     compared: Counter[tuple[str, str]] = Counter()
     differences: list[Difference] = []
-    unusable: list[str] = []
-    for case in make_cases():
-        if meshes and case.name not in meshes:
-            continue
-        if digests.get(case.name) != digest_of(case):
-            unusable.append(case.name)
-            continue
+    cases = [case for case in make_cases() if not meshes or case.name in meshes]
+    usable = [case for case in cases if digests.get(case.name) == digest_of(case)]
+    for case in usable:
         for layout, query, answer in answer_case(case, device, layouts):
             compared[layout, query] += len(answer)
             differences += compare_answer(layout, query, case.name, answer, expected[case.name][query])
-    return Conformance(device, compared, tuple(differences), tuple(unusable))
+    unusable = tuple(case.name for case in cases if case not in usable)
+    return Conformance(device, compared, tuple(differences), unusable)
 
 
 def answer_case(case: Case, device: DeviceInfo, layouts: Sequence[str]) -> Iterator[tuple[str, str, Answer]]:
     """Yield layout, query and answer of everything that is asked about a case."""
     bvh = build(case.mesh)
     for layout in layouts:
-        if layout != BRUTE:
-            for query, answer in answer_rays(case, bvh, layout, device):
+        for ask in (answer_pictures,) if layout == BRUTE else (answer_rays, answer_pictures):
+            for query, answer in ask(case, bvh, layout, device):
                 yield layout, query, answer
-        for query, answer in answer_pictures(case, bvh, layout, device):
-            yield layout, query, answer
 
 
 def compare_answer(layout: str, query: str, mesh: str, answer: Answer, stored: dict[str, Expected]) -> list[Difference]:
@@ -230,7 +224,7 @@ def collect_expected(cases: Sequence[Case], device: DeviceInfo) -> ExpectedAnswe
     """
     answers: ExpectedAnswers = {}
     for case in cases:
-        of_case = answers.setdefault(case.name, {})
+        of_case = answers[case.name] = {}
         for layout, query, answer in answer_case(case, device, ALL_LAYOUTS):
             stored = of_case.setdefault(query, {part: Expected.of(values) for part, values in answer.items()})
             differences = compare_answer(layout, query, case.name, answer, stored)

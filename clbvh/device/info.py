@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-# A CPU's vector unit works within a work-item, a GPU's across work-items.
-_LAYOUT_OF_KIND = {"gpu": "bvh2", "accelerator": "bvh2", "cpu": "bvh8"}
-_LAYOUT_OF_ANY = "bvh2"
-
 
 @dataclass(frozen=True)
 class DeviceInfo:
@@ -77,7 +73,8 @@ class DeviceInfo:
     @property
     def layout(self) -> str:
         """The tree layout that suits this kind of device; a session uses the measured one, if there is one."""
-        return _LAYOUT_OF_KIND.get(self.kind, _LAYOUT_OF_ANY)
+        # A CPU's vector unit works within a work-item, a GPU's across work-items.
+        return "bvh8" if self.kind == "cpu" else "bvh2"
 
     def as_dict(self) -> dict[str, Any]:
         """Return all fields that JSON can hold, and `layout`.

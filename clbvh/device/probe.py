@@ -74,8 +74,7 @@ def _try(number: int) -> dict[str, Any]:
     import numpy as np
 
     from .pocl_linker import explain_missing_linker
-    from .preference import pick_device
-    from .select import import_pyopencl, survey_devices
+    from .select import import_pyopencl, pick_device, survey_devices
 
     cl = import_pyopencl()
     device = pick_device(survey_devices().devices, number)

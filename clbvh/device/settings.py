@@ -19,8 +19,7 @@ from .info import DeviceInfo
 
 # GPUs run at least one whole warp or wavefront. On CPUs the rays of a work-group share an entry point, see
 # cl/traversal/entry_point.cl: fewer rays make a narrower beam.
-_WORK_GROUP_SIZE = 64
-_WORK_GROUP_SIZE_OF_KIND = {"cpu": 32}
+_WORK_GROUP_SIZE, _WORK_GROUP_SIZE_ON_CPU = 64, 32
 
 # A square, whose rays visit similar nodes.
 _TILE = (8, 8)
@@ -57,7 +56,7 @@ class Settings:
 
 def default_settings(info: DeviceInfo) -> Settings:
     """Return the settings that suit the kind of device; no file is read."""
-    return Settings(info.layout, _WORK_GROUP_SIZE_OF_KIND.get(info.kind, _WORK_GROUP_SIZE))
+    return Settings(info.layout, _WORK_GROUP_SIZE_ON_CPU if info.kind == "cpu" else _WORK_GROUP_SIZE)
 
 
 def find_settings(info: DeviceInfo) -> Settings:

@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 
 from ..device.info import DeviceInfo
-from ..device.select import choose_device, survey_devices
+from ..device.select import choose_device, list_devices
 from ..errors import DeviceError
 from ..support.compiled import digest_sources
 from ..support.files import write_atomically
@@ -58,8 +58,6 @@ class Machine:
     ----------
     facts : dict of str to str
         By the name that the page shows.
-    devices : tuple of DeviceInfo
-        All usable OpenCL devices.
     device : DeviceInfo or None
         The one that is measured; None if there is none.
     problem : str
@@ -67,7 +65,6 @@ class Machine:
     """
 
     facts: dict[str, str]
-    devices: tuple[DeviceInfo, ...]
     device: DeviceInfo | None
     problem: str = ""
 
@@ -90,10 +87,10 @@ def describe_machine(device: str | None = None) -> Machine:
     DeviceError
         A device was asked for, and there is no such one.
     """
-    devices: tuple[DeviceInfo, ...] = ()
+    devices: list[DeviceInfo] = []
     chosen, problem = None, ""
     try:
-        devices = tuple(info for info in survey_devices().devices if info.is_available)
+        devices = [info for info in list_devices() if info.is_available]
         chosen = choose_device(device)
     except DeviceError as error:
         if device is not None:
@@ -111,7 +108,7 @@ def describe_machine(device: str | None = None) -> Machine:
         "device kind": "missing" if chosen is None else chosen.kind,
         **{f"device {info.number}": _describe(info) for info in devices},
     }
-    return Machine(facts, devices, chosen, problem)
+    return Machine(facts, chosen, problem)
 
 
 def find_version(package: str) -> str | None:

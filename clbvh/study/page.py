@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 HTML, RESULTS, README = "page.html.jinja", "results.md.jinja", "readme.md.jinja"
 _CAPTIONS = "captions.md.jinja"
 
-# What a cell of a table can be. A summary shows its median and its range.
+# What a cell of a table can be. A summary shows its median and its range; None, or not a number, is no figure.
 Cell = str | int | float | Summary | None
-Rows = list[tuple[Cell, ...]]
 
 _DIGITS, _MOST_DECIMALS = 3, 6
 _MISSING = "\u2013"  # a dash
@@ -39,7 +38,7 @@ REPORT = "the report"
 
 # The series, x or the name of the bar, and the value: a summary has an error bar from its smallest to its largest
 # sample. None and summaries of no samples are left out.
-Point = tuple[str, Any, Summary | float | None]
+Point = tuple[str, Any, Any]
 
 _MARKERS = ("o", "s", "D", "^", "v", "P")
 
@@ -72,12 +71,11 @@ class Table:
     columns : sequence of str
         The headings, with units.
     rows : sequence of sequence of Cell
-        None, or not a number, where there is no figure.
     """
 
     caption: str
     columns: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[Any]]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ..errors import ConfigError
 from ..support.files import write_atomically
 from .experiments.peers import QUERIES, figure_of, lead_of
 from .machine import FILE_NAME as MACHINES_NAME, read_machines
-from .page import README, RESULTS, Rows, Table, render
+from .page import README, RESULTS, Table, render
 from .registry import EXPERIMENTS
 from .samples import FILE_NAME as SAMPLES_NAME, Results, SampleFile
 from .scale import FULL, QUICK, TINY
@@ -57,8 +57,7 @@ def write_readme_table(study: dict[str, Results]) -> str:
     triangles = {mesh: results.count(case, "items") or 0 for mesh, case in builds.items()}
     meshes = sorted(triangles, key=lambda mesh: triangles[mesh])
     engines = results.distinct("engine")
-    leads: Rows = []
-    rows: Rows = []
+    leads, rows = [], []
     for query, title in QUERIES.items():
         by_mesh = [results.by("engine", mesh=mesh, query=query) for mesh in meshes]
         ratios = [lead_of(results, cases) for cases in by_mesh]

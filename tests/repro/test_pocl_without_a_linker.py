@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from clbvh.device import pocl_linker
-from clbvh.device.preference import number_devices
+from clbvh.device.select import number_devices
 
 from ..cli.command import refuses, run_process
 from ..unit.device.made_up_devices import INTEL_CPU, POCL_3

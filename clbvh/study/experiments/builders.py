@@ -10,7 +10,7 @@ from ..bench import PHASE, Bench
 from ..experiment import Experiment, curve, published
 from ..ladder_work import count_ladder_work
 from ..machine import EVENTS, count_build, find_counter_problem
-from ..page import REPORT, Axis, Figure, Part, Point, Rows, Table
+from ..page import REPORT, Axis, Figure, Part, Point, Table
 from ..samples import Case, Results, Sample, cross
 from ..scale import Scale
 from ..statistics import amdahl_speedup, fit_amdahl
@@ -201,7 +201,7 @@ class Counters(Experiment):
         measured = {name: case for name, case in cases.items() if results.quantities(case, "instructions")}
         if first := next(iter(measured), ""):
             columns = ("variant", *EVENTS, *(f"{event}: {first} over this" for event in EVENTS))
-            rows: Rows = []
+            rows = []
             for name, case in measured.items():
                 ratios = [results.ratio(measured[first], case, event) for event in EVENTS.values()]
                 rows.append((name, *results.summaries(case, *EVENTS.values()), *ratios))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain
 
 import numpy as np
 
-from ...device.select import survey_devices
+from ...device.select import choose_device, list_devices
 from ...errors import DeviceError
 from ...layouts.device_arrays import measure_device_bytes
 from ...rendering.heat_map import QUANTITIES, count_picture, draw_heat_map
@@ -16,7 +15,7 @@ from ...trace.check.visits import HostTraversal, count_wide_visits
 from ...trace.tracer import Tracer
 from ..bench import Bench
 from ..experiment import Experiment, published
-from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
+from ..page import REPORT, Axis, Figure, Part, Picture, Table
 from ..samples import Case, Results, Sample, cross
 from ..scale import Scale
 from ..statistics import lane_use
@@ -81,9 +80,7 @@ class Layouts(Experiment):
         return dict(zip(_COUNTS.values(), (bytes_per_triangle, *means), strict=True))
 
     def present(self, results: Results) -> Iterator[Part]:
-        builders: Rows = []
-        layouts: Rows = []
-        points: list[Point] = []
+        builders, layouts, points = [], [], []
         for mesh in results.distinct("mesh"):
             cases = results.by("builder", mesh=mesh, part="builder")
             for name, case in cases.items():
@@ -134,16 +131,12 @@ class Divergence(Experiment):
 
     def present(self, results: Results) -> Iterator[Part]:
         report_lanes, report_use = published("divergence.width"), 100 * published("divergence.lane_use")
-        steps: Rows = []
-        rows: Rows = []
-        points: list[Point] = []
+        steps, rows, points = [], [], []
         for case in results.cases:
             names = case["mesh"], case["builder"]
-            of_quantities = [
-                (results.summary(case, f"{quantity}_mean").median, results.count(case, f"{quantity}_most"))
-                for quantity in QUANTITIES
-            ]
-            steps.append((*names, *chain(*of_quantities)))
+            means = [results.summary(case, f"{quantity}_mean").median for quantity in QUANTITIES]
+            most = [results.count(case, f"{quantity}_most") for quantity in QUANTITIES]
+            steps.append((*names, means[0], most[0], means[1], most[1]))
             uses = {group: 100 * results.summary(case, "{}_{}".format(*group)).median for group in _GROUPS}
             rows.append((*names, *uses.values()))
             points += [(", ".join(names), f"{lanes} lanes", uses["tile", lanes]) for lanes in _LANES]
@@ -175,7 +168,7 @@ class Devices(Experiment):
     def cases(self, scale: Scale) -> list[Case]:
         mesh = scale.mesh(scale.pick("dragon", "bunny"))
         try:
-            devices = [info for info in survey_devices().devices if info.is_available and not info.is_simulator]
+            devices = [info for info in list_devices() if info.is_available and not info.is_simulator]
         except DeviceError:
             devices = []
         return [
@@ -185,7 +178,7 @@ class Devices(Experiment):
         ]
 
     def measure(self, bench: Bench, case: Case) -> Sample:
-        info = next(one for one in bench.machine.devices if one.number == case["number"])
+        info = choose_device(case["number"])
         mesh, layout = case["mesh"], case["layout"]
         bench.rest_before(case["device"])
         key = ("tracer", info.number, layout)
@@ -202,8 +195,7 @@ class Devices(Experiment):
         return Sample(values)
 
     def present(self, results: Results) -> Iterator[Part]:
-        rows: Rows = []
-        points: list[Point] = []
+        rows, points = [], []
         for case in results.cases:
             times = [results.summary(case, f"{query}_kernel_ms").scaled(1e3) for query in _QUERIES]
             speeds = [summary.rate(results.summary(case, "rays").median) for summary in times]

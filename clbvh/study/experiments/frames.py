@@ -10,7 +10,7 @@ from ...support.host_threads import HostThreads, usable_cores
 from ...trace.check.visits import HostTraversal
 from ..bench import FRAME_PHASES, Bench
 from ..experiment import Experiment, curve, published
-from ..page import REPORT, Axis, Figure, Part, Picture, Point, Rows, Table
+from ..page import REPORT, Axis, Figure, Part, Picture, Point, Table
 from ..samples import Case, Results, Sample, cross
 from ..scale import SCANS, Scale, load_named_mesh, scan_of
 from ..statistics import Summary, growth_exponent
@@ -73,7 +73,7 @@ class Scenes(Experiment):
 
     def present(self, results: Results) -> Iterator[Part]:
         says, times = published("scenes.says"), ("one_worker_ms", "all_workers_ms")
-        rows: Rows = []
+        rows = []
         for case in results.find(part=_SCAN):
             one, every = (results.values(case, quantity) for quantity in times)
             speedup = Summary.of([alone / shared for alone, shared in zip(one, every, strict=True)])
@@ -87,8 +87,7 @@ class Scenes(Experiment):
             build_and_trace = results.summaries(case, "build_ms", "kernel_ms")
             growth.append((case["mesh"].partition("-")[0], results.count(case, "triangles") or 1, *build_and_trace))
         yield Table(self.say(results, "growth", _PICTURE), ("mesh", "triangles", "build, ms", "kernel, ms"), growth)
-        points: list[Point] = []
-        exponents: Rows = []
+        points, exponents = [], []
         for shape in dict.fromkeys(shape for shape, *_ in growth):
             sizes, *of_work = zip(*(row[1:] for row in growth if row[0] == shape), strict=True)
             for work, summaries in zip(("build", "trace"), of_work, strict=True):
@@ -185,7 +184,7 @@ class Breakdown(Experiment):
             phase: [*(results.summary(case, f"{phase}_ms") for case in cases.values()), report_ms.get(phase)]
             for phase in ("load", *_FRAME, "frame")
         }
-        rows: Rows = [(f"{phase}, ms", *of_phase) for phase, of_phase in times.items()]
+        rows = [(f"{phase}, ms", *of_phase) for phase, of_phase in times.items()]
         shares = [results.summary(case, "build_share").scaled(100) for case in cases.values()]
         rows.append(("build, % of the frame", *shares, 100 * published("breakdown.share.build")))
         columns = ("phase", *(f"builder {name}" for name in cases), REPORT)
@@ -257,7 +256,7 @@ class Gallery(Experiment):
 
     def present(self, results: Results) -> Iterator[Part]:
         text = f"Pictures of {results.scale.size_of(*_PICTURE)}; trees by {results.cores} workers."
-        rows: Rows = [
+        rows = [
             (case["mesh"], case["shading"], results.count(case, "triangles"), results.summary(case, "kernel_ms"))
             for case in results.cases
         ]

@@ -15,7 +15,7 @@ from ..bench import Bench
 from ..engines import ENGINES, Rival, Trimesh
 from ..experiment import Experiment
 from ..machine import list_missing
-from ..page import Axis, Figure, Part, Rows, Table
+from ..page import Axis, Figure, Part, Table
 from ..samples import Case, NotMeasuredError, Results, Sample, cross
 from ..scale import Scale
 from ..statistics import Summary
@@ -96,8 +96,7 @@ class Peers(Experiment):
         ]
         yield Figure("Closest hit of coherent rays.", points, Axis("million rays per second", is_log=True))
         for mesh in results.distinct("mesh"):
-            speeds: Rows = []
-            answers: Rows = []
+            speeds, answers = [], []
             for query, title in QUERIES.items():
                 cases = results.by("engine", mesh=mesh, query=query)
                 of_engines = [cases.get(name) for name in names]

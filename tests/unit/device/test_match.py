@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from clbvh.device.preference import number_devices, pick_device
+from clbvh.device.select import number_devices, pick_device
 from clbvh.errors import DeviceError
 
 from .made_up_devices import (

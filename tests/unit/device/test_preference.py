@@ -4,7 +4,7 @@ from itertools import permutations
 
 import pytest
 
-from clbvh.device.preference import number_devices, pick_device
+from clbvh.device.select import number_devices, pick_device
 
 from .made_up_devices import (
     BOARD,

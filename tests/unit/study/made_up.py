@@ -9,7 +9,7 @@ from clbvh.study.machine import Machine
 from clbvh.study.page import Table
 from clbvh.study.samples import Sample
 
-MACHINE = Machine({"processor": "abacus", "cores": "2", "system": "beads", "python": "3"}, (), None, "no device")
+MACHINE = Machine({"processor": "abacus", "cores": "2", "system": "beads", "python": "3"}, None, "no device")
 
 
 def make_experiment(measure: Callable[[dict], dict] = lambda case: {"wall_ms": 1.0}, **fields) -> Experiment:

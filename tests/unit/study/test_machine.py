@@ -8,7 +8,7 @@ from clbvh.study.machine import Machine, describe_machine, find_version, keep_ma
 
 
 def make(**facts):
-    return Machine({"cores": "2", **facts}, (), None)
+    return Machine({"cores": "2", **facts}, None)
 
 
 def test_changes_are_named(tmp_path):
