@@ -1,13 +1,12 @@
 """The queries of a tracer in a scene whose trees are given, or left out."""
 
 from clbvh import Tracer
-from clbvh.builders.build import build_top
 from clbvh.device.session import DeviceSession
-from clbvh.trace.device_tree import BRUTE
 from clbvh.trace.launch import Caster
 from clbvh.trace.point_queries import PointQueries
 from clbvh.trace.ray_queries import RayQueries
-from clbvh.trace.scene.device_scene import DeviceScene
+from clbvh.trace.world.trees import BRUTE
+from clbvh.trace.world.world import open_world
 
 
 class StateTracer(RayQueries, PointQueries):
@@ -15,8 +14,7 @@ class StateTracer(RayQueries, PointQueries):
 
     def __init__(self, state, device, trees=None):
         session = DeviceSession(device)
-        tree = DeviceScene(session, state, trees, build_top)
-        self._caster = Caster(session, tree, tree.box)
+        self._caster = Caster(session, open_world(session, state, trees))
 
     def close(self):
         self._caster.close()

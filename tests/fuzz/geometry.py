@@ -18,18 +18,18 @@ from numpy.typing import NDArray
 from clbvh import Bvh, Mesh, build
 from clbvh.device.session import DeviceSession
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.hits.all_hits import find_all_hits
 from clbvh.trace.hits.closest import count_hits, find_any_hits, find_closest_hits
 from clbvh.trace.launch import Caster
 from clbvh.trace.points.queries import SeenPoints, closest_points
-from clbvh.trace.rays.batch import TreeBox, read_points, read_rays
+from clbvh.trace.rays.batch import read_points, read_rays
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
 from ..kernel.casting import STACK_SIZE
 from ..mesh_reference import find_differences, find_wrong_crossings
 from ..rays import hard_rays, random_rays
 from ..soup import make_soup
+from ..worlds import mesh_on_device
 from .readers import Reader
 
 _SEED_BYTES = 8
@@ -92,14 +92,14 @@ def _move(mesh: Mesh, origins: NDArray[np.float64], directions: NDArray[np.float
 @contextmanager
 def _open(session: DeviceSession, bvh: Bvh, layout: str | None) -> Iterator[Caster]:
     """Open a caster for a tree in a layout; without one, for its mesh without a tree."""
-    tree = DeviceTree(session, bvh.mesh, bvh, layout) if layout else DeviceTree(session, bvh.mesh, None)
-    # One stack size for all trees, so that they share their kernels.
-    tree.defines["STACK_SIZE"] = max(STACK_SIZE, tree.defines["STACK_SIZE"])
-    caster = Caster(session, tree, TreeBox.around(bvh))
-    try:
-        yield caster
-    finally:
-        caster.release()
+    with mesh_on_device(session, bvh.mesh, bvh if layout else None, layout or "auto") as world:
+        # One stack size for all trees, so that they share their kernels.
+        world.defines["STACK_SIZE"] = max(STACK_SIZE, world.defines["STACK_SIZE"])
+        caster = Caster(session, world)
+        try:
+            yield caster
+        finally:
+            caster.release()
 
 
 def _ask(caster: Caster, rays: Rays, points: NDArray[np.float64], limits: Rays) -> dict[str, Any]:

@@ -5,13 +5,13 @@ from contextlib import contextmanager
 import numpy as np
 
 from clbvh.structs import HIT, LAYOUT_WIDTHS, NO_PRIM, WIDE_NODES
-from clbvh.trace.device_tree import DeviceTree
+from clbvh.trace.rays.put_rays import ENTRY_POINT_KERNEL, find_entry_points
 
+from ..worlds import mesh_on_device
 from .packed_rays import make_rays
 from .programs import find_kernel
 
 FLAT_TILE = (64, 1)
-TILES_PER_GROUP = (16, 1)
 NO_LIMIT = np.iinfo(np.int32).max
 
 # The results of each kernel: the argument's name and the dtype of one result.
@@ -32,19 +32,15 @@ def open_caster(session, mesh, bvh, layout="auto", *, row_length=None, tile=FLAT
 
     `row_length` is the number of rays in a row, all of them without it.
     """
-    tree = DeviceTree(session, mesh, bvh, layout)
-    try:
-        yield Caster(session, mesh, tree, row_length, tile, with_entry_points)
-    finally:
-        for name in ("nodes", "blocks"):
-            session.release(tree.arguments[name])
+    with mesh_on_device(session, mesh, bvh, layout) as world:
+        yield Caster(session, mesh, world, row_length, tile, with_entry_points)
 
 
 class Caster:
     """A function from a query and rays to its results; see `open_caster`."""
 
-    def __init__(self, session, mesh, tree, row_length, tile, with_entry_points):
-        self._session, self._mesh, self._tree = session, mesh, tree
+    def __init__(self, session, mesh, world, row_length, tile, with_entry_points):
+        self._session, self._mesh, self._world = session, mesh, world
         self._row_length, self._tile, self._with_entry_points = row_length, tile, with_entry_points
 
     def __call__(self, query, origins, directions, t_min=0.0, t_max=np.inf, max_hits=NO_LIMIT):
@@ -57,10 +53,11 @@ class Caster:
     def find_entry_points(self, origins, directions):
         """The entry points of all tiles, as nodes."""
         with self._on_device(self._make_rays(origins, directions)) as (rays, work_size):
-            buffer, count = self._write_entry_points(rays, work_size)
-            found = np.zeros(count, WIDE_NODES[LAYOUT_WIDTHS[self._tree.layout]])
-            self._session.download(buffer, found)
-            self._session.release(buffer)
+            starts = self._find_starts(rays, work_size)
+            tile_count = np.prod([-(-length // edge) for length, edge in zip(work_size, self._tile, strict=True)])
+            found = np.zeros(tile_count, WIDE_NODES[LAYOUT_WIDTHS[self._world.layout]])
+            self._session.download(starts["entry_points"], found)
+            self._session.release(starts["entry_points"])
         return found
 
     def _make_rays(self, origins, directions, *limits):
@@ -82,15 +79,15 @@ class Caster:
         results = np.zeros(results_per_ray * len(packed), dtype)
         with self._on_device(packed) as (rays, work_size):
             buffer = self._session.upload(results)
-            entry_points = None
-            if self._with_entry_points and self._tree.has_entry_points:
-                entry_points, _ = self._write_entry_points(rays, work_size)
+            starts = {"entry_points": None, "tiles": None}
+            if self._with_entry_points and self._world.has_entry_points:
+                starts = self._find_starts(rays, work_size)
             self._session.run(
-                self._kernel(name), work_size, self._tile, **self._tree.arguments, **rays, order=None,
-                entry_points=entry_points, **{argument: buffer}, **numbers,
+                self._kernel(name), work_size, self._tile, **self._world.arguments, **rays, order=None, **starts,
+                **{argument: buffer}, **numbers,
             )  # fmt: skip
             self._session.download(buffer, results)
-            for held in (buffer, entry_points):
+            for held in (buffer, starts["entry_points"]):
                 if held is not None:
                     self._session.release(held)
         return results
@@ -101,24 +98,20 @@ class Caster:
         row_length = self._row_length or len(packed)
         rays = self._session.upload(packed)
         try:
-            yield (
-                {"rays": rays, "ray_count": np.int32(len(packed)), "row_length": np.int32(row_length)},
-                (row_length, -(-len(packed) // row_length)),
-            )
+            counts = {"ray_count": np.int32(len(packed)), "row_length": np.int32(row_length)}
+            described = {"rays": rays, "lows": None, "low_step": np.int32(0), **counts}
+            yield described, (row_length, -(-len(packed) // row_length))
         finally:
             self._session.release(rays)
 
-    def _write_entry_points(self, rays, work_size):
-        """The buffer of the tiles' entry points, and their number."""
-        columns, rows = (-(-length // edge) for length, edge in zip(work_size, self._tile, strict=True))
-        buffer = self._session.allocate(columns * rows * self._tree.node_bytes)
-        tile_width, tile_height = map(np.int32, self._tile)
-        self._session.run(
-            self._kernel("tile_entry_points"), (columns, rows), TILES_PER_GROUP, nodes=self._tree.arguments["nodes"],
-            **rays, tile_width=tile_width, tile_height=tile_height, entry_points=buffer,
+    def _find_starts(self, rays, work_size):
+        """The arguments that say where the rays of each tile begin."""
+        kernel = self._kernel(ENTRY_POINT_KERNEL)
+        return find_entry_points(
+            self._session, self._world, kernel, lambda _, size: self._session.allocate(size), work_size, self._tile,
+            **rays,
         )  # fmt: skip
-        return buffer, columns * rows
 
     def _kernel(self, name):
-        stack_size = max(STACK_SIZE, self._tree.defines["STACK_SIZE"])
-        return find_kernel(self._session, "ray_kernels", name, self._tree.defines | {"STACK_SIZE": stack_size})
+        stack_size = max(STACK_SIZE, self._world.defines["STACK_SIZE"])
+        return find_kernel(self._session, "ray_kernels", name, self._world.defines | {"STACK_SIZE": stack_size})

@@ -8,11 +8,11 @@ from clbvh.geometry import Mesh
 from clbvh.geometry.shapes.make_shape import make_shape
 from clbvh.layouts.device_arrays import make_device_arrays
 from clbvh.structs import HIT, LAYOUT_WIDTHS, LAYOUTS, NO_PRIM
-from clbvh.trace.device_tree import DeviceTree
 
 from ..chain import make_chain
 from ..rays import centred, hard_rays, mesh_as_on_device
 from ..soup import make_soup
+from ..worlds import open_mesh
 from .casting import STACK_SIZE, open_caster
 
 RAYS = 30_000
@@ -106,7 +106,7 @@ CHAIN = STACK_SIZE + 1
 def test_the_stack_is_as_deep_as_the_tree(session, leaf_side, toward):
     """Seen from the far end every leaf is on the stack when the traversal reaches the last node: it is full."""
     mesh, bvh = make_chain(CHAIN, leaf_side)
-    assert DeviceTree(session, mesh, bvh, "bvh2").defines["STACK_SIZE"] == bvh.depth == STACK_SIZE
+    assert open_mesh(session, mesh, bvh, "bvh2").defines["STACK_SIZE"] == bvh.depth == STACK_SIZE
     x, y = np.random.default_rng(27).uniform(0, 2, (2, 2000))
     distinct = np.abs(x + y - 2) > 1e-3
     x, y = x[distinct], y[distinct]

@@ -12,11 +12,11 @@ from hypothesis import Phase, given, strategies as st
 from clbvh import build
 from clbvh.rendering.painters import FrameRenderer, OneRayPainter
 from clbvh.structs import LAYOUT_WIDTHS, NO_PRIM, VIEW
-from clbvh.trace.device_tree import DeviceTree
 
 from ..grazing import MESHES, RAYS, make_mesh, make_rays
 from ..kernel.casting import open_caster
 from ..profiles import examples
+from ..worlds import mesh_on_device
 
 # A long run casts a million rays.
 RAYS_PER_KIND = 500
@@ -124,12 +124,8 @@ def draw(opened):
     """A function from a mesh, its tree, a layout and a view to the hits of a picture."""
 
     def run(mesh, bvh, layout, view):
-        tree = DeviceTree(opened, mesh, bvh, layout)
-        try:
-            return FrameRenderer(opened, tree).render(view, OneRayPainter(opened, tree, (8, 8)))[1]
-        finally:
-            for name in ("nodes", "blocks"):
-                opened.release(tree.arguments[name])
+        with mesh_on_device(opened, mesh, bvh, layout) as world:
+            return FrameRenderer(opened, world).render(view, OneRayPainter(opened, world, (8, 8)))[1]
 
     return run
 

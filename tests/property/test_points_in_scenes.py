@@ -8,7 +8,7 @@ from hypothesis import given
 
 from clbvh.errors import OpenMeshWarning
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.device_tree import BRUTE
+from clbvh.trace.world.trees import BRUTE
 
 from ..profiles import examples, seeds
 from ..scene_points import ScenePoints

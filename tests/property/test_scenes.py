@@ -12,7 +12,7 @@ from clbvh.trace.check import intersections
 from clbvh.trace.check.instances import Tolerance, find_instances
 from clbvh.trace.check.intersections import Rays, find_intersections
 from clbvh.trace.check.reference import Reference
-from clbvh.trace.device_tree import BRUTE
+from clbvh.trace.world.trees import BRUTE
 
 from ..all_hits_reference import find_wrong_crossings
 from ..profiles import examples, seeds

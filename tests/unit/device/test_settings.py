@@ -86,7 +86,7 @@ def test_tracers_and_pictures_use_it(session, info):
 
     from clbvh import Tracer, build, make_shape
     from clbvh.rendering.painters import FrameRenderer, OneRayPainter
-    from clbvh.trace.device_tree import DeviceTree
+    from tests.worlds import open_mesh
 
     mesh = make_shape("icosphere", triangles=320)
     rays = np.tile([[0.0, 0.0, 0.0]], (100, 1)), np.random.default_rng(0).normal(size=(100, 3))
@@ -102,13 +102,13 @@ def test_tracers_and_pictures_use_it(session, info):
             run(self, kernel, work_size, work_group, **arguments)
 
     with Recorded(info) as session:
-        tree = DeviceTree(session, mesh, build(mesh))
+        world = open_mesh(session, mesh, build(mesh))
         from clbvh.structs import VIEW
 
         view = np.zeros(1, VIEW)
         view["width"], view["height"], view["forward"] = 20, 10, (0, 0, 1)
-        FrameRenderer(session, tree).render(view, OneRayPainter(session, tree))
-        FrameRenderer(session, tree).render(view, OneRayPainter(session, tree, (2, 2)))
+        FrameRenderer(session, world).render(view, OneRayPainter(session, world))
+        FrameRenderer(session, world).render(view, OneRayPainter(session, world, (2, 2)))
     assert [group for name, group in launched if name == "render"] == [(16, 4), (2, 2)]
     with Tracer(build(mesh), device=info) as tuned:
         assert tuned.layout == "bvh4"

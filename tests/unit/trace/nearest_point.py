@@ -5,10 +5,11 @@ import trimesh
 
 from clbvh import build
 from clbvh.structs import LAYOUT_WIDTHS
-from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import Caster
 from clbvh.trace.points.queries import SeenPoints, closest_points
-from clbvh.trace.rays.batch import TreeBox, read_points
+from clbvh.trace.rays.batch import read_points
+
+from ...worlds import open_mesh
 
 # The device chooses the triangle in float32, after about sixteen roundings.
 CHOICE = 16 * 2.0**-24
@@ -31,8 +32,8 @@ def distance_to_triangles(corners, points):
 def check_tree_and_brute_agree(session, mesh, points, **options):
     """Compare the bytes of what is found with a tree, in any layout, and without; return the faces."""
     bvh = build(mesh, **options)
-    trees = [DeviceTree(session, mesh, None), *(DeviceTree(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
-    casters = [Caster(session, tree, TreeBox.around(bvh)) for tree in trees]
+    worlds = [open_mesh(session, mesh), *(open_mesh(session, mesh, bvh, layout) for layout in LAYOUT_WIDTHS)]
+    casters = [Caster(session, world) for world in worlds]
     try:
         expected, *found = (closest_points(caster, SeenPoints(read_points(points), None, None)) for caster in casters)
     finally:

@@ -12,8 +12,9 @@ from clbvh.rendering.cameras.bounds import SceneBounds
 from clbvh.rendering.kernel_view import make_kernel_view
 from clbvh.rendering.painters import FrameRenderer, OneRayPainter
 from clbvh.rendering.view_finder import ViewFinder
-from clbvh.trace.device_tree import DeviceTree
 from clbvh.trace.launch import MOST_HALVINGS
+
+from ...worlds import open_mesh
 
 QUERIES = {
     "closest_hit": lambda tracer, rays: tracer.closest_hit(*rays),
@@ -93,18 +94,18 @@ def test_other_errors_of_a_device_are_not_tried_again(mesh, rays, session, monke
 
 def test_a_picture_is_drawn_in_narrower_bands(mesh, session, limit):
     with DeviceSession(session.info) as opened:
-        tree = DeviceTree(opened, mesh, build(mesh))
+        world = open_mesh(opened, mesh, build(mesh))
         settings = View(width=64, height=48, shading="lambert+shadow", up="y")
         view = make_kernel_view(settings, ViewFinder(SceneBounds.of_mesh(mesh)).camera(settings), mesh)
-        painter = OneRayPainter(opened, tree)
-        renderer = FrameRenderer(opened, tree)
+        painter = OneRayPainter(opened, world)
+        renderer = FrameRenderer(opened, world)
         expected = renderer.render(view, painter)
-        renderer = FrameRenderer(opened, tree)  # without the other one's memory
+        renderer = FrameRenderer(opened, world)  # without the other one's memory
         limit(10_000)  # a row of hits takes 1 KB
         for found, wanted in zip(renderer.render(view, painter), expected, strict=True):
             np.testing.assert_array_equal(found, wanted)
         assert limit.refused
-        renderer = FrameRenderer(opened, tree)
+        renderer = FrameRenderer(opened, world)
         limit(500)
         with pytest.raises(DeviceMemoryError, match="cannot hold a buffer"):
             renderer.render(view, painter)

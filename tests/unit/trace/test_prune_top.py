@@ -9,7 +9,7 @@ import clbvh
 from clbvh.builders.build import build_tree
 from clbvh.geometry.corners import Boxes
 from clbvh.structs import INSTANCE
-from clbvh.trace.scene.top_tree import prune_top
+from clbvh.trace.world.top_tree import prune_top
 
 
 def top_over(count, leaf_size, seed):

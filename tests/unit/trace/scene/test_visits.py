@@ -10,7 +10,7 @@ from clbvh.builders.build import build_shape, build_top
 from clbvh.geometry.corners import Boxes
 from clbvh.support.host_threads import HostThreads
 from clbvh.trace.check.visits import HostTraversal, count_visits
-from clbvh.trace.scene.top_tree import find_boxes
+from clbvh.trace.world.top_tree import find_boxes
 from clbvh.trace.world.surface_arrays import make_surface_arrays
 
 from ..scene_states import affine, make_state, random_linear
