@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from clbvh.integrations.trimesh import install
-from clbvh.integrations.trimesh.tracers import MeshTracer
+from clbvh.integrations.trimesh.tracers import FollowingTracer
 
 PAGE = Path(__file__).parents[2] / "docs" / "trimesh.md"
 
@@ -90,8 +90,8 @@ def calls(monkeypatch):
 
         return counted
 
-    for method in (MeshTracer.ask, MeshTracer.find_tree):
-        monkeypatch.setattr(MeshTracer, method.__name__, count(method))
+    for method in (FollowingTracer.ask, FollowingTracer.find_tree):
+        monkeypatch.setattr(FollowingTracer, method.__name__, count(method))
     return called
 
 

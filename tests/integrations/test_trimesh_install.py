@@ -15,8 +15,8 @@ import trimesh
 
 from clbvh.errors import ConfigError, DeviceError
 from clbvh.integrations import trimesh as engine
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, following_tracer, tracers
-from clbvh.integrations.trimesh.following_tracer import open_tracers
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, tracers
+from clbvh.integrations.trimesh.tracers import open_tracers
 
 RAY = [[0.1, 0.2, 5]], [[0, 0, -1]]
 PATCHED = ("closest_point", "signed_distance", "longest_ray", "max_tangent_sphere", "thickness")
@@ -290,7 +290,7 @@ class TestMemory:
         assert alive() is None
         assert session() is None
         assert open_tracers() == {}
-        assert dict(tracers._Tracers.kept) == {}
+        assert dict(tracers.kept) == {}
 
     @pytest.mark.parametrize("use", ["install", "by hand", "functions"])
     def test_200_meshes_in_a_loop(self, use):
@@ -311,7 +311,7 @@ class TestMemory:
                 most = max(most, len(open_tracers()))
         finally:
             gc.enable()
-        assert 1 < most <= following_tracer._TREES_PER_COLLECTION + 1
+        assert 1 < most <= tracers._TREES_PER_COLLECTION + 1
 
     def test_trees_in_use_leave_a_full_device(self, monkeypatch, session):
         engine.install()
@@ -319,7 +319,7 @@ class TestMemory:
         meshes[0].ray.intersects_any(*RAY)
         (first,) = open_tracers()
         size = first.open_tracer.memory_bytes
-        monkeypatch.setattr(following_tracer, "_MEMORY_SHARE", 3.5 * size / session.info.memory_bytes)
+        monkeypatch.setattr(tracers, "_MEMORY_SHARE", 3.5 * size / session.info.memory_bytes)
         for mesh in meshes * 2:
             assert mesh.contains([[0, 0, 0]])[0]
             assert sum(tracer.open_tracer.memory_bytes for tracer in open_tracers()) <= 3.5 * size

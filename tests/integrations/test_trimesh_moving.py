@@ -8,7 +8,7 @@ import trimesh
 
 from clbvh.device import program
 from clbvh.errors import DeviceError, MeshError
-from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, following_tracer, tracers as mesh_tracer
+from clbvh.integrations.trimesh import ProximityQuery, RayMeshIntersector, tracers
 from clbvh.trace.tracer import Tracer
 
 FRAMES = 8
@@ -34,8 +34,8 @@ def work(monkeypatch):
         function = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *a, **k: done.append(name) or function(*a, **k))
 
-    note(mesh_tracer, "build")
-    note(following_tracer, "Tracer")
+    note(tracers, "build")
+    note(tracers, "Tracer")
     note(program, "_compile")
     return done
 
@@ -212,8 +212,8 @@ def test_threads_that_ask_about_a_mesh_that_has_moved(torus):
 
 def test_a_second_copy_counts_as_memory(torus, monkeypatch):
     """The memory bound is checked at the first update, which takes memory, and at no later one."""
-    looked, make_room = [], following_tracer.make_room
-    monkeypatch.setattr(following_tracer, "make_room", lambda tracer: looked.append(tracer) or make_room(tracer))
+    looked, make_room = [], tracers.make_room
+    monkeypatch.setattr(tracers, "make_room", lambda *newest: looked.append(newest) or make_room(*newest))
     counts = []
     for frame in range(4):
         torus.ray.intersects_first(*RAYS)

@@ -15,7 +15,7 @@ from clbvh.integrations.trimesh import (
     RayMeshIntersector,
     install,
     is_installed,
-    tracers as mesh_tracer,
+    tracers,
 )
 from clbvh.trace.points.queries import GENERIC_DIRECTIONS
 
@@ -256,7 +256,7 @@ class TestChanges:
     def test_a_mesh_that_moves_is_refitted(self, box, monkeypatch):
         ray = [[0.1, 0.2, 5]], [[0, 0, -1]]
         assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(0.5)
-        monkeypatch.setattr(mesh_tracer, "build", None)
+        monkeypatch.setattr(tracers, "build", None)
         for lift in (1.0, -0.25):
             box.apply_translation([0, 0, lift])
             assert box.ray.intersects_location(*ray)[0][0, 2] == pytest.approx(box.bounds[1, 2])

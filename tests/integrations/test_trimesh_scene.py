@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from clbvh import Scene
 from clbvh.errors import ConfigError, MeshError, QueryError, SceneError
-from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, scene_tracer
+from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay, tracers
 from clbvh.trace.tracer import Tracer
 
 TO = trimesh.transformations.translation_matrix
@@ -51,14 +52,19 @@ def rays():
 
 @pytest.fixture
 def work(monkeypatch):
-    """What was opened, moved and deformed."""
+    """What was opened of a scene, moved and deformed."""
     done = []
+    new_tracer = tracers.Tracer
+
+    def open_tracer(source, **options):
+        done.extend(["Tracer"] * isinstance(source, Scene))
+        return new_tracer(source, **options)
 
     def note(owner, name):
         function = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *a, **k: done.append(name) or function(*a, **k))
 
-    note(scene_tracer.SceneTracer, "_open_new")
+    monkeypatch.setattr(tracers, "Tracer", open_tracer)
     note(Tracer, "set_transforms")
     note(Tracer, "set_vertices")
     return done
@@ -184,12 +190,12 @@ class TestChanges:
         for step in range(3):
             ray.scene.graph.update("crate", matrix=TO([1 - step, 0.2 * step, 0.4]))
             check_like_flattened(ray, rays)
-        assert work == ["_open_new", *["set_transforms"] * 3]
+        assert work == ["Tracer", *["set_transforms"] * 3]
 
     def test_nothing_is_done_without_a_change(self, ray, rays, work):
         for _ in range(3):
             ray.intersects_any(*rays)
-        assert work == ["_open_new"]
+        assert work == ["Tracer"]
 
     def test_vertices_that_move(self, ray, rays, work):
         ray.intersects_any(*rays)
@@ -197,14 +203,14 @@ class TestChanges:
         for _ in range(2):
             torus.vertices *= [1.1, 0.9, 1.2]
             check_like_flattened(ray, rays)
-        assert work == ["_open_new", *["set_vertices"] * 2]
+        assert work == ["Tracer", *["set_vertices"] * 2]
 
     def test_both_at_once(self, ray, rays, work):
         ray.intersects_any(*rays)
         ray.scene.geometry["box"].vertices *= 1.5
         ray.scene.graph.update("ball", matrix=TO([0, 0, 1]))
         check_like_flattened(ray, rays)
-        assert work == ["_open_new", "set_transforms", "set_vertices"]
+        assert work == ["Tracer", "set_transforms", "set_vertices"]
 
     @pytest.mark.parametrize("change", ["faces", "node", "geometry of a node", "delete", "base frame", "replaced"])
     def test_other_changes(self, ray, rays, work, change):
@@ -225,7 +231,7 @@ class TestChanges:
         check_like_flattened(ray, rays)
         assert len(ray.nodes) == {"node": 6, "delete": 4}.get(change, 5)
         # Another base frame moves all nodes.
-        assert work == ["_open_new", "set_transforms" if change == "base frame" else "_open_new"]
+        assert work == ["Tracer", "set_transforms" if change == "base frame" else "Tracer"]
 
     def test_a_scene_that_goes_back(self, ray, rays):
         before = ray.intersects_first(*rays)

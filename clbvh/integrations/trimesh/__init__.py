@@ -6,8 +6,7 @@ module ``trimesh.proximity``. See docs/trimesh.md.
 
 from .install import Installation, install, is_installed, uninstall
 from .proximity import ProximityQuery, closest_point, signed_distance
-from .ray import RayMeshIntersector
-from .scene_ray import SceneRay
+from .ray import RayMeshIntersector, SceneRay
 from .thickness import longest_ray, max_tangent_sphere, reach, thickness
 
 __all__ = [

@@ -15,19 +15,14 @@ import trimesh
 from trimesh import proximity as trimesh_proximity
 
 from ...device.info import DeviceInfo
-from . import proximity, thickness
-from .following_tracer import EngineOptions, read_options
-from .proximity import ProximityQuery
+from .proximity import ProximityQuery, closest_point, signed_distance
 from .ray import RayMeshIntersector
-from .tracers import Installed, find_tracer, forget_kept
+from .thickness import longest_ray, max_tangent_sphere, thickness
+from .tracers import EngineOptions, Installed, find_tracer, kept, read_options
 
 # Functions of `trimesh.proximity`, which its own classes and other modules of trimesh look up there when called.
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "closest_point": proximity.closest_point,
-    "signed_distance": proximity.signed_distance,
-    "longest_ray": thickness.longest_ray,
-    "max_tangent_sphere": thickness.max_tangent_sphere,
-    "thickness": thickness.thickness,
+    each.__name__: each for each in (closest_point, signed_distance, longest_ray, max_tangent_sphere, thickness)
 }
 
 
@@ -56,7 +51,7 @@ class Installation:
             if self._before is None:
                 uninstall()
             else:
-                install(device=self._before.device, layout=self._before.layout)
+                install(**self._before._asdict())
 
 
 def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> Installation:
@@ -103,7 +98,11 @@ def install(*, device: DeviceInfo | str | int | None = None, layout: str = "auto
         before = Installed.options
         Installed.options = options
         if before is None:
-            _patch()
+            for name, function in _FUNCTIONS.items():
+                _originals[name] = getattr(trimesh_proximity, name)
+                setattr(trimesh_proximity, name, function)
+            for engine in _ENGINES:
+                setattr(trimesh.Trimesh, engine.name, engine)
         return Installation(before)
 
 
@@ -121,10 +120,16 @@ def uninstall() -> None:
     False
     """
     with _lock:
-        if Installed.options is not None:
-            Installed.options = None
-            _restore()
-            forget_kept()
+        if Installed.options is None:
+            return
+        Installed.options = None
+        for name, function in _FUNCTIONS.items():
+            if getattr(trimesh_proximity, name) is function:
+                setattr(trimesh_proximity, name, _originals[name])
+        for engine in _ENGINES:
+            if trimesh.Trimesh.__dict__.get(engine.name) is engine:
+                delattr(trimesh.Trimesh, engine.name)
+        kept.clear()
 
 
 def is_installed() -> bool:
@@ -183,33 +188,14 @@ def _is_of_trimesh(engine: Any) -> bool:
 
 def _make_ray_engine(mesh: Any, options: EngineOptions) -> RayMeshIntersector:
     find_tracer(mesh, options, keep=True)
-    return RayMeshIntersector(mesh, device=options.device, layout=options.layout)
+    return RayMeshIntersector(mesh, **options._asdict())
 
 
 # Reentrant: a context manager holds it while it installs or uninstalls.
 _lock = threading.RLock()
 _originals: dict[str, Callable[..., Any]] = {}
-_PROPERTIES = (
+_ENGINES = (
     _EngineProperty("ray", _make_ray_engine),
     # It looks its options up: the ray engine may have been assigned by hand.
     _EngineProperty("nearest", lambda mesh, _: ProximityQuery(mesh)),
 )
-
-
-def _patch() -> None:
-    """Put our functions and properties into trimesh."""
-    for name, function in _FUNCTIONS.items():
-        _originals[name] = getattr(trimesh_proximity, name)
-        setattr(trimesh_proximity, name, function)
-    for stand_in in _PROPERTIES:
-        setattr(trimesh.Trimesh, stand_in.name, stand_in)
-
-
-def _restore() -> None:
-    """Take out of trimesh what is still ours."""
-    for name, function in _FUNCTIONS.items():
-        if getattr(trimesh_proximity, name) is function:
-            setattr(trimesh_proximity, name, _originals[name])
-    for stand_in in _PROPERTIES:
-        if trimesh.Trimesh.__dict__.get(stand_in.name) is stand_in:
-            delattr(trimesh.Trimesh, stand_in.name)

@@ -18,10 +18,9 @@ from ...device.info import DeviceInfo
 from ...errors import QueryError
 from ...trace.points.refine import ClosestPoints
 from ...trace.tracer import Tracer
-from .following_tracer import EngineOptions, read_options
 from .nearest import choose_facing, find_nearest_vertices
 from .ray import RayMeshIntersector, read_points
-from .tracers import FollowedTree, MeshTracer, find_tracer, options_for, read_mesh
+from .tracers import EngineOptions, FollowedMesh, FollowingTracer, find_tracer, options_for, read_mesh, read_options
 
 
 class ProximityQuery:
@@ -161,15 +160,15 @@ class ProximityQuery:
     def _find_closest(self, points: NDArray[np.float64]) -> ClosestPoints:
         """Return the closest points on the faces that trimesh chooses."""
 
-        def find(tracer: Tracer, tree: FollowedTree) -> ClosestPoints:
+        def find(tracer: Tracer, known: FollowedMesh) -> ClosestPoints:
             closest = tracer.closest_point(points)
-            choose_facing(points, tree.mesh, tree.vertex_faces, tol.merge, closest)
+            choose_facing(points, known.mesh, known.vertex_faces, tol.merge, closest)
             return closest
 
         closest: ClosestPoints = self._find_tracer().ask(self._mesh, find)
         return closest
 
-    def _find_tracer(self) -> MeshTracer:
+    def _find_tracer(self) -> FollowingTracer:
         return find_tracer(self._mesh, self._found_options(), keep=True)
 
     def _found_options(self) -> EngineOptions:

@@ -1,42 +1,150 @@
-"""The ray engine of a `trimesh.Trimesh`: assign it to ``mesh.ray``, and all ray queries of trimesh use it.
+"""The ray engines of a mesh and of a scene of trimesh: assign a mesh's to ``mesh.ray``, and all ray queries use it.
 
-Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pyembree.RayMeshIntersector``.
+Names, arguments, defaults, orders and dtypes are those of trimesh 5's ``ray_pyembree.RayMeshIntersector``. Where that
+one returns triangles, the engine of a scene also returns nodes.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from copy import copy
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from ...device.info import DeviceInfo
-from ...errors import MeshError, QueryError
+from ...errors import MeshError, QueryError, SceneError
 from ...trace.hits.hits import AllHits
 from ...trace.points.queries import GENERIC_DIRECTIONS
-from .following_tracer import EngineOptions, FollowingTracer, read_options
-from .tracers import MeshTracer, find_tracer, read_mesh
+from .tracers import find_tracer, read_mesh, read_options
 
-# Most hits of a ray, unless the caller says otherwise: trimesh's default.
-MAX_HITS = 100
+# Points whose rays are cast at a time; the crossings of a scene's are on the host.
+_POINTS_AT_ONCE = 2**18
 
 
-class RayEngine(ABC):
-    """What the ray engines of a mesh and of a scene share: a tracer that follows it, and copies.
+class RayEngine:
+    """The ray queries of a mesh or a scene of trimesh, which a tracer follows.
 
     Any number of threads may use one object, as long as none changes the mesh or the scene meanwhile.
+
+    Attributes
+    ----------
+    options : EngineOptions
+        The device and the layout that were asked for.
     """
 
     def __init__(self, thing: Any, device: DeviceInfo | str | int | None, layout: str) -> None:
-        self._thing = thing
-        self._options = read_options(device, layout)
-        self._tracer = self._find_tracer()
+        self._thing, self.options = thing, read_options(device, layout)
+        self._is_scene = isinstance(thing, trimesh.Scene)
+        self._tracer = find_tracer(thing, self.options, keep=False)
 
-    @abstractmethod
-    def _find_tracer(self) -> FollowingTracer[Any]:
-        """Return the tracer of the engine."""
+    def intersects_location(
+        self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True
+    ) -> tuple[NDArray[Any], ...]:
+        """Return where rays hit the mesh or the scene.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length; of a scene in its base frame.
+        multiple_hits : bool
+            All hits of each ray, up to 100, or only the first one.
+
+        Returns
+        -------
+        locations : (m, 3) float64
+        index_ray : (m,) int64
+        index_tri : (m,) int64
+            All rays' first hits in the order of the rays, then all second hits, and so on.
+        index_node : (m,) int64
+            Only of a scene; `index_tri` are faces of the geometry that was hit.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay
+        >>> engine = RayMeshIntersector(trimesh.creation.box())
+        >>> locations, index_ray, index_tri = engine.intersects_location([[0.1, 0.2, 5]], [[0, 0, -1]])
+        >>> locations
+        array([[ 0.1,  0.2,  0.5],
+               [ 0.1,  0.2, -0.5]])
+        >>> index_ray
+        array([0, 0])
+        >>> engine = SceneRay(trimesh.Scene(trimesh.creation.box()))
+        >>> locations, index_ray, index_tri, index_node = engine.intersects_location([[0.1, 0.2, 5]], [[0, 0, -1]])
+        >>> locations
+        array([[ 0.1,  0.2,  0.5],
+               [ 0.1,  0.2, -0.5]])
+        """
+        index_tri, index_ray, *index_node, locations = self.intersects_id(
+            ray_origins, ray_directions, multiple_hits, return_locations=True
+        )
+        return locations, index_ray, index_tri, *index_node
+
+    def intersects_id(
+        self,
+        ray_origins: ArrayLike,
+        ray_directions: ArrayLike,
+        multiple_hits: bool = True,
+        max_hits: int = 100,
+        return_locations: bool = False,
+    ) -> tuple[NDArray[Any], ...]:
+        """Return which triangles rays hit, and of which nodes.
+
+        Parameters
+        ----------
+        ray_origins, ray_directions : (n, 3) float
+            Directions of any length; of a scene in its base frame.
+        multiple_hits : bool
+            All hits of each ray, or only the first one.
+        max_hits : int
+            Hits of each ray at most.
+        return_locations : bool
+
+        Returns
+        -------
+        index_tri : (m,) int64
+        index_ray : (m,) int64
+            All rays' first hits in the order of the rays, then all second hits, and so on.
+        index_node : (m,) int64
+            Only of a scene; `index_tri` are faces of the geometry that was hit.
+        locations : (m, 3) float64
+            Only with `return_locations`.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay
+        >>> engine = RayMeshIntersector(trimesh.creation.box())
+        >>> index_tri, index_ray = engine.intersects_id([[0.1, 0.2, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
+        >>> index_ray
+        array([0, 0])
+        >>> ray = SceneRay(trimesh.Scene([trimesh.creation.box(), trimesh.creation.icosphere(radius=2)]))
+        >>> index_tri, index_ray, index_node = ray.intersects_id([[0.1, 0.2, 5]], [[0, 0, -1]])
+        >>> index_node
+        array([1, 0, 0, 1])
+        """
+        rays = read_rays(ray_origins, ray_directions)
+        if max_hits < 1:
+            rays, max_hits = (rays[0][:0], rays[1][:0]), 1
+        if not (multiple_hits or return_locations or self._is_scene):
+            first = self._cast("closest_prim", rays)
+            index_ray = np.flatnonzero(first >= 0)
+            return first[index_ray].astype(np.int64), index_ray
+        if multiple_hits:
+            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=return_locations)
+            order, index_ray = order_by_depth(hits)
+        else:
+            hits = self._cast("closest_hit", rays)
+            order = index_ray = np.flatnonzero(hits.is_hit)
+        found = [hits.prim_id[order].astype(np.int64), index_ray]
+        if self._is_scene:
+            found.append(hits.instance_id[order].astype(np.int64))
+        if return_locations:
+            found.append(hits.locations[order])
+        return tuple(found)
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
         """Return (n,) bool: whether each ray hits anything.
@@ -55,46 +163,84 @@ class RayEngine(ABC):
         """
         return self._cast("any_hit", read_rays(ray_origins, ray_directions))
 
-    @property
-    def options(self) -> EngineOptions:
-        """The device and the layout that were asked for."""
-        return self._options
+    def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Return (n,) bool: whether the mesh, or any mesh of the scene, contains points; on a surface it is either.
 
-    def close(self) -> None:
-        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
-        self._tracer.close()
+        Parameters
+        ----------
+        points : (n, 3) float
+            Of a scene in its base frame.
 
-    def _find_hits(
-        self, origins: ArrayLike, directions: ArrayLike, multiple_hits: bool, max_hits: int, with_locations: bool
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Return triangles, rays, nodes and locations: all first hits in the order of the rays, all second hits, ..."""
-        rays = read_rays(origins, directions)
-        if max_hits < 1:
-            rays, max_hits = (rays[0][:0], rays[1][:0]), 1
-        if multiple_hits:
-            hits = self._cast("all_hits", rays, max_hits=int(max_hits), with_locations=with_locations)
-            order, index_ray = order_by_depth(hits)
+        Notes
+        -----
+        A point is inside when rays from it in two opposite directions leave the mesh an odd number of times. In a
+        closed mesh they always agree. Where they do not, a point from which one of them meets nothing is outside, and
+        the others get another pair of rays. In a scene each node is asked on its own, so a point in two meshes that
+        overlap is inside.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from clbvh.integrations.trimesh import RayMeshIntersector, SceneRay
+        >>> RayMeshIntersector(trimesh.creation.box()).contains_points([[0, 0, 0], [1, 1, 1]])
+        array([ True, False])
+        >>> ray = SceneRay(trimesh.Scene([trimesh.creation.box(), trimesh.creation.icosphere(radius=2)]))
+        >>> ray.contains_points([[0, 0, 0], [0, 1, 1], [3, 0, 0]])
+        array([ True,  True, False])
+        """
+        points = read_points(points)
+        contains = np.zeros(len(points), np.bool_)
+        if self._is_scene:
+            is_candidate = np.isfinite(points)
+        elif self._thing.bounds is None:
+            raise MeshError("a mesh without faces contains no points: give the mesh faces first")
         else:
-            hits = self._cast("closest_hit", rays)
-            order = index_ray = np.flatnonzero(hits.is_hit)
-        locations = hits.locations[order] if with_locations else np.empty((0, 3))
-        return hits.prim_id[order].astype(np.int64), index_ray, hits.instance_id[order].astype(np.int64), locations
+            is_candidate = (points > self._thing.bounds[0]) & (points < self._thing.bounds[1])
+        candidates = np.flatnonzero(is_candidate.all(axis=1))
+        for begin in range(0, len(candidates), _POINTS_AT_ONCE):
+            undecided, pending = candidates[begin : begin + _POINTS_AT_ONCE], None
+            for direction in GENERIC_DIRECTIONS:
+                pairs, ahead, behind = self._count_hits(points, undecided, direction)
+                if pending is not None:
+                    is_pending = np.isin(pairs, pending, assume_unique=True)
+                    pairs, ahead, behind = pairs[is_pending], ahead[is_pending], behind[is_pending]
+                contains[pairs[(ahead & behind & 1) == 1] >> 32] = True
+                # A node that one of the rays does not meet is left by the other.
+                pending = pairs[((ahead ^ behind) & 1 == 1) & (ahead > 0) & (behind > 0)]
+                pending = pending[~contains[pending >> 32]]
+                if len(pending) == 0:
+                    break
+                undecided = np.unique(pending >> 32)
+        return contains
+
+    def _count_hits(
+        self, points: NDArray[np.float64], chosen: NDArray[np.int64], direction: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.integer], NDArray[np.integer]]:
+        """Return pairs ``point << 32 | node`` for chosen points, and how often rays there and back meet the node."""
+        query = "all_hits" if self._is_scene else "count_hits"
+        there, back = (self._cast(query, (points[chosen], way[None])) for way in (direction, -direction))
+        if not self._is_scene:
+            return chosen << 32, there, back
+        met = [(chosen[hits.ray_id] << 32) | hits.instance_id for hits in (there, back)]
+        pairs, index = np.unique(np.concatenate(met), return_inverse=True)
+        ahead, behind = (np.bincount(each, minlength=len(pairs)) for each in np.split(index, [len(there)]))
+        return pairs, ahead, behind
 
     def _cast(self, query: str, rays: tuple[NDArray[Any], NDArray[Any]], **more: Any) -> Any:
         """Run a query of the tracer; rays that it refuses hit nothing."""
         return self._tracer.cast(self._thing, query, rays, **more)
 
+    def close(self) -> None:
+        """Give the device's memory back, after the queries of other threads; the next query takes it again."""
+        self._tracer.close()
+
     def __repr__(self) -> str:
         tracer = self._tracer.open_tracer
-        device, layout = self._options if tracer is None else (tracer.device.name, tracer.layout)
+        device, layout = self.options if tracer is None else (tracer.device.name, tracer.layout)
         return f"clbvh.{type(self).__name__}({self._thing!r}, device={device!r}, layout={layout!r})"
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"_thing": self._thing, "_options": self._options}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._tracer = self._find_tracer()
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), **self.options._asdict()), (self._thing,)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         # The same mesh, as trimesh's engine has it: a copy of a mesh makes an engine of its own.
@@ -157,88 +303,6 @@ class RayMeshIntersector(RayEngine):
         """The `trimesh.Trimesh`."""
         return self._thing
 
-    def intersects_location(
-        self, ray_origins: ArrayLike, ray_directions: ArrayLike, multiple_hits: bool = True
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return where rays hit the mesh.
-
-        Parameters
-        ----------
-        ray_origins, ray_directions : (n, 3) float
-            Directions of any length.
-        multiple_hits : bool
-            All hits of each ray, up to 100, or only the first one.
-
-        Returns
-        -------
-        locations : (m, 3) float64
-        index_ray : (m,) int64
-        index_tri : (m,) int64
-            All rays' first hits in the order of the rays, then all second hits, and so on.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import RayMeshIntersector
-        >>> engine = RayMeshIntersector(trimesh.creation.box())
-        >>> locations, index_ray, index_tri = engine.intersects_location([[0.1, 0.2, 5]], [[0, 0, -1]])
-        >>> locations
-        array([[ 0.1,  0.2,  0.5],
-               [ 0.1,  0.2, -0.5]])
-        >>> index_ray
-        array([0, 0])
-        """
-        index_tri, index_ray, locations = self.intersects_id(
-            ray_origins, ray_directions, multiple_hits=multiple_hits, return_locations=True
-        )
-        return locations, index_ray, index_tri
-
-    def intersects_id(
-        self,
-        ray_origins: ArrayLike,
-        ray_directions: ArrayLike,
-        multiple_hits: bool = True,
-        max_hits: int = MAX_HITS,
-        return_locations: bool = False,
-    ) -> tuple[NDArray[Any], ...]:
-        """Return which triangles rays hit.
-
-        Parameters
-        ----------
-        ray_origins, ray_directions : (n, 3) float
-            Directions of any length.
-        multiple_hits : bool
-            All hits of each ray, or only the first one.
-        max_hits : int
-            Hits of each ray at most.
-        return_locations : bool
-
-        Returns
-        -------
-        index_tri : (m,) int64
-        index_ray : (m,) int64
-            All rays' first hits in the order of the rays, then all second hits, and so on.
-        locations : (m, 3) float64
-            Only with `return_locations`.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> from clbvh.integrations.trimesh import RayMeshIntersector
-        >>> engine = RayMeshIntersector(trimesh.creation.box())
-        >>> index_tri, index_ray = engine.intersects_id([[0.1, 0.2, 5], [3, 0, 5]], [[0, 0, -1]] * 2)
-        >>> index_ray
-        array([0, 0])
-        """
-        if not (multiple_hits or return_locations) and max_hits > 0:
-            first = self.intersects_first(ray_origins, ray_directions)
-            index_ray = np.flatnonzero(first >= 0)
-            return first[index_ray].astype(np.int64), index_ray
-        index_tri, index_ray, _, locations = self._find_hits(
-            ray_origins, ray_directions, multiple_hits, max_hits, return_locations
-        )
-        return (index_tri, index_ray, locations) if return_locations else (index_tri, index_ray)
-
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
         """Return (n,) int32: the first triangle that each ray hits, -1 if there is none.
 
@@ -257,45 +321,108 @@ class RayMeshIntersector(RayEngine):
         """
         return self._cast("closest_prim", read_rays(ray_origins, ray_directions))
 
-    def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return (n,) bool: whether the mesh contains points; on its surface the answer is either.
+
+class SceneRay(RayEngine):
+    """Ray queries of all triangle meshes of a scene, where its nodes place them, on an OpenCL device.
+
+    Parameters
+    ----------
+    scene : trimesh.Scene
+        It may change later. When nodes have moved, only the tree over the nodes is built anew; when only vertices of a
+        mesh have moved, its tree is refitted; after other changes the next query builds all trees. Changes are found by
+        trimesh's own hashes. Paths and point clouds are left out.
+    device : DeviceInfo, str, int or None
+        See `clbvh.Tracer`.
+    layout : str
+        See `clbvh.Tracer`.
+
+    Raises
+    ------
+    SceneError
+        The argument is no scene. By the first query: a node has a singular transform, or there is no mesh.
+    ConfigError
+        An unknown layout, or a device of another type.
+
+    Notes
+    -----
+    A hit is named by `index_tri`, the face in ``scene.geometry[name]``, and `index_node`, which indexes `nodes` and
+    `geometries`. One hit per surface crossing of each node. Rays without direction, or that are not finite, hit
+    nothing. Any number of threads may use one object, as long as none changes the scene meanwhile.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> from clbvh.integrations.trimesh import SceneRay
+    >>> scene = trimesh.Scene()
+    >>> box = trimesh.creation.box()
+    >>> _ = scene.add_geometry(box, node_name="left", geom_name="crate")
+    >>> _ = scene.graph.update("right", geometry="crate", matrix=trimesh.transformations.translation_matrix([3, 0, 0]))
+    >>> ray = SceneRay(scene)
+    >>> down = [[3, 0.1, 5], [0.1, 0, 5]], [[0, 0, -1], [0, 0, -1]]
+    >>> locations, index_ray, index_tri, index_node = ray.intersects_location(*down)
+    >>> locations[:2]
+    array([[3. , 0.1, 0.5],
+           [0.1, 0. , 0.5]])
+    >>> ray.nodes[index_node], ray.geometries[index_node]
+    (array(['right', 'left', 'right', 'left'], dtype=object), array(['crate', 'crate', 'crate', 'crate'], dtype=object))
+
+    The scene moves:
+
+    >>> _ = scene.graph.update("right", matrix=trimesh.transformations.translation_matrix([0, 0, 3]))
+    >>> index_tri, index_node = ray.intersects_first(*down)
+    >>> index_node
+    array([-1,  1], dtype=int32)
+    """
+
+    def __init__(self, scene: Any, *, device: DeviceInfo | str | int | None = None, layout: str = "auto") -> None:
+        if not isinstance(scene, trimesh.Scene):
+            raise SceneError(
+                f"expected a trimesh.Scene, not {type(scene).__name__}: for one mesh, use RayMeshIntersector"
+            )
+        super().__init__(scene, device, layout)
+
+    @property
+    def scene(self) -> Any:
+        """The `trimesh.Scene`."""
+        return self._thing
+
+    @property
+    def nodes(self) -> NDArray[np.object_]:
+        """(n,) object: the names of the nodes that place a triangle mesh, by `index_node`, as the scene is now."""
+        nodes = self._tracer.nodes(self.scene)
+        return np.fromiter((node for node, _ in nodes), object, len(nodes))
+
+    @property
+    def geometries(self) -> NDArray[np.object_]:
+        """(n,) object: the name of each node's geometry, a key of ``scene.geometry``, as the scene is now."""
+        nodes = self._tracer.nodes(self.scene)
+        return np.fromiter((geometry for _, geometry in nodes), object, len(nodes))
+
+    def intersects_first(
+        self, ray_origins: ArrayLike, ray_directions: ArrayLike
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Return the first triangle that each ray hits, and its node.
 
         Parameters
         ----------
-        points : (n, 3) float
+        ray_origins, ray_directions : (n, 3) float
+            In the scene's base frame; directions of any length.
 
-        Notes
-        -----
-        A point is inside when rays from it in two opposite directions leave the mesh an odd number of times. In a
-        closed mesh they always agree. Where they do not, a point from which one of them meets nothing is outside, and
-        the others get another pair of rays.
+        Returns
+        -------
+        index_tri, index_node : (n,) int32
+            Of each ray, -1 if it hits nothing.
 
         Examples
         --------
         >>> import trimesh
-        >>> from clbvh.integrations.trimesh import RayMeshIntersector
-        >>> RayMeshIntersector(trimesh.creation.box()).contains_points([[0, 0, 0], [1, 1, 1]])
-        array([ True, False])
+        >>> from clbvh.integrations.trimesh import SceneRay
+        >>> scene = trimesh.Scene({"tri": trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])})
+        >>> SceneRay(scene).intersects_first([[0.2, 0.2, 1], [0.9, 0.9, 1]], [[0, 0, -1]] * 2)
+        (array([ 0, -1], dtype=int32), array([ 0, -1], dtype=int32))
         """
-        points = read_points(points)
-        if self.mesh.bounds is None:
-            raise MeshError("a mesh without faces contains no points: give the mesh faces first")
-        contains = np.zeros(len(points), np.bool_)
-        undecided = np.flatnonzero(((points > self.mesh.bounds[0]) & (points < self.mesh.bounds[1])).all(axis=1))
-        for direction in GENERIC_DIRECTIONS:
-            if len(undecided) == 0:
-                break
-            there, back = (
-                self._cast("count_hits", (points[undecided], np.tile(sign * direction, (len(undecided), 1))))
-                for sign in (1, -1)
-            )
-            agree = there % 2 == back % 2
-            contains[undecided] = agree & (there % 2 == 1)
-            undecided = undecided[~agree & (there > 0) & (back > 0)]
-        return contains
-
-    def _find_tracer(self) -> MeshTracer:
-        return find_tracer(self.mesh, self._options, keep=False)
+        hits = self._cast("closest_hit", read_rays(ray_origins, ray_directions))
+        return hits.prim_id, hits.instance_id
 
 
 def order_by_depth(hits: AllHits) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
