@@ -90,9 +90,7 @@ class World:
     def defines(self) -> dict[str, int]:
         """Macros of every kernel that traverses the world."""
         trees = self.trees
-        defines = {"LAYOUT": LAYOUTS[trees.layout], "STACK_SIZE": trees.stack_size, "LONE": int(self.is_lone)}
-        defines["HAS_SPHERES"] = int(trees.has_spheres)
-        return defines if self.is_lone else defines | {"TOP_STACK_SIZE": _TOP_STACK_SIZE}
+        return make_defines(trees.layout, trees.stack_size, is_lone=self.is_lone, has_spheres=trees.has_spheres)
 
     @property
     def hit_dtype(self) -> np.dtype:
@@ -166,6 +164,13 @@ class World:
         """
         arrays = None if self.is_lone else move_instances(self.arrays, state.transforms)
         return place(self.trees, state, session, arrays)
+
+
+def make_defines(layout: str, stack_size: int, *, is_lone: bool, has_spheres: bool) -> dict[str, int]:
+    """Return the macros of every kernel that traverses a world; see cl/world/world.cl."""
+    defines = {"LAYOUT": LAYOUTS[layout], "STACK_SIZE": stack_size, "LONE": int(is_lone)}
+    defines["HAS_SPHERES"] = int(has_spheres)
+    return defines if is_lone else defines | {"TOP_STACK_SIZE": _TOP_STACK_SIZE}
 
 
 def is_lone(state: SceneState) -> bool:
